@@ -1,0 +1,24 @@
+"""A smooth metal of refractive index a and extinction b: a mirror weighted by Fresnel reflectance."""
+
+import warp as wp
+
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample
+from wrt.kernels.fresnel import fresnel_conductor
+
+
+@wp.func
+def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    """Return zero: no direction but the mirrored one."""
+    return wp.vec3(0.0)
+
+
+@wp.func
+def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return zero."""
+    return 0.0
+
+
+@wp.func
+def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    """Return the mirrored direction."""
+    return mirror_sample(wo, fresnel_conductor(wo[2], bsdf.a, bsdf.b))

@@ -1,0 +1,38 @@
+"""A smooth boundary between two transparent media: a[0] = n_inside / n_outside.
+
+Reflection and refraction by the exact Fresnel equations, chosen in their proportion. Radiance is
+scaled by (n_i / n_t)² on refraction, because a refracted beam fills another solid angle.
+"""
+
+import warp as wp
+
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample
+from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
+
+
+@wp.func
+def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    """Return zero: no direction but the reflected and the refracted one."""
+    return wp.vec3(0.0)
+
+
+@wp.func
+def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return zero."""
+    return 0.0
+
+
+@wp.func
+def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    """Return the reflected or the refracted direction."""
+    eta = bsdf.a[0]
+    if not bsdf.front:
+        eta = 1.0 / eta
+    s = mirror_sample(wo, wp.vec3(1.0))
+    if u_lobe >= fresnel_dielectric(wo[2], eta):
+        scale = 1.0 / eta
+        cos_t = wp.sqrt(wp.max(0.0, cos_transmitted_squared(wo[2], eta)))
+        s.wi = wp.vec3(-wo[0] * scale, -wo[1] * scale, -cos_t)
+        s.weight = wp.vec3(scale * scale)
+        s.eta = eta
+    return s

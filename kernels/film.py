@@ -1,0 +1,54 @@
+"""The film: per pixel the sums from which mean, variance and count are read.
+
+Sums are kept in double precision and added one sample at a time, so that any split into passes
+gives the same bits and a hundred thousand samples lose nothing.
+"""
+
+import warp as wp
+
+
+@wp.struct
+class FilmData:
+    """Row-major arrays, one entry a pixel.
+
+    `rays` and `rejected` only report: rays traced, and samples that were not finite and counted
+    as black.
+    """
+
+    total: wp.array(dtype=wp.vec3d)
+    total_of_squares: wp.array(dtype=wp.vec3d)
+    count: wp.array(dtype=wp.int32)
+    rays: wp.array(dtype=wp.int64)
+    rejected: wp.array(dtype=wp.int32)
+
+
+@wp.func
+def is_finite_color(c: wp.vec3) -> bool:
+    """Return whether all three channels are finite."""
+    return wp.isfinite(c[0]) and wp.isfinite(c[1]) and wp.isfinite(c[2])
+
+
+@wp.kernel(enable_backward=False)
+def film_noise(
+    first_row: int,
+    width: int,
+    film: FilmData,
+    mean_out: wp.array(dtype=wp.float64),
+    variance_out: wp.array(dtype=wp.float64),
+):
+    """Sum over each row the pixels' means and the variances of those means, all channels together."""
+    row = first_row + wp.tid()
+    mean = wp.float64(0.0)
+    variance = wp.float64(0.0)
+    for x in range(width):
+        pixel = row * width + x
+        n = wp.float64(film.count[pixel])
+        if n > wp.float64(1.0):
+            total = film.total[pixel]
+            squares = film.total_of_squares[pixel]
+            for c in range(3):
+                m = total[c] / n
+                mean += m
+                variance += wp.max(squares[c] / n - m * m, wp.float64(0.0)) / (n - wp.float64(1.0))
+    mean_out[row] = mean
+    variance_out[row] = variance

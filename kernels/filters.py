@@ -1,0 +1,17 @@
+"""Reconstruction filters by importance sampling (Ernst et al. 2006): every sample has weight one.
+
+Each sample is moved inside its own pixel's filter by the inverse of the filter's cumulative
+distribution, tabulated by the host, so nothing is ever splatted to a neighbour.
+"""
+
+import warp as wp
+
+
+@wp.func
+def filter_offset(table: wp.array(dtype=float), u: float) -> float:
+    """Return the offset from the pixel's centre, in pixels, for one axis."""
+    last = table.shape[0] - 1
+    x = u * float(last)
+    i = wp.min(int(x), last - 1)
+    f = x - float(i)
+    return table[i] * (1.0 - f) + table[i + 1] * f

@@ -1,0 +1,75 @@
+"""Rays, local frames, and leaving a surface."""
+
+import warp as wp
+
+# Wächter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing
+# Gems (2019), section 6.2.2.4: the offset is a number of units in the last place of each
+# coordinate, and near the origin, where those vanish, a small absolute distance.
+_NEAR_ORIGIN = wp.constant(1.0 / 32.0)
+_NEAR_SCALE = wp.constant(1.0 / 65536.0)
+_ULP_SCALE = wp.constant(256.0)
+
+
+@wp.struct
+class Ray:
+    """A half-line; `direction` is a unit vector."""
+
+    origin: wp.vec3
+    direction: wp.vec3
+
+
+@wp.struct
+class Frame:
+    """Orthonormal axes; `n` is the local z."""
+
+    s: wp.vec3
+    t: wp.vec3
+    n: wp.vec3
+
+
+@wp.func
+def make_frame(n: wp.vec3) -> Frame:
+    """Return a frame around the unit vector n (Duff et al. 2017, listing 3)."""
+    sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    frame = Frame()
+    frame.s = wp.vec3(1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0])
+    frame.t = wp.vec3(b, sign + n[1] * n[1] * a, -n[1])
+    frame.n = n
+    return frame
+
+
+@wp.func
+def to_local(frame: Frame, v: wp.vec3) -> wp.vec3:
+    """Return world vector v in the frame's coordinates."""
+    return wp.vec3(wp.dot(v, frame.s), wp.dot(v, frame.t), wp.dot(v, frame.n))
+
+
+@wp.func
+def to_world(frame: Frame, v: wp.vec3) -> wp.vec3:
+    """Return a vector in the frame's coordinates in the world's."""
+    return frame.s * v[0] + frame.t * v[1] + frame.n * v[2]
+
+
+@wp.func
+def _offset_coordinate(p: float, n: float) -> float:
+    ulps = int(_ULP_SCALE * n)
+    if p < 0.0:
+        ulps = -ulps
+    moved = wp.cast(wp.cast(p, wp.int32) + ulps, wp.float32)
+    if wp.abs(p) < _NEAR_ORIGIN:
+        return p + _NEAR_SCALE * n
+    return moved
+
+
+@wp.func
+def offset_from_surface(p: wp.vec3, n: wp.vec3) -> wp.vec3:
+    """Return p moved just off its surface, to the side that the geometric normal n points to."""
+    return wp.vec3(_offset_coordinate(p[0], n[0]), _offset_coordinate(p[1], n[1]), _offset_coordinate(p[2], n[2]))
+
+
+@wp.func
+def luminance(c: wp.vec3) -> float:
+    """Return the luminance Y of linear Rec. 709 RGB."""
+    return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]

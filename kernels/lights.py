@@ -1,0 +1,88 @@
+"""Sampling the lights for next-event estimation."""
+
+import warp as wp
+
+from wrt.kernels.environment import image_radiance, sample_image
+from wrt.kernels.geometry import offset_from_surface
+from wrt.kernels.scene_data import (
+    LIGHT_DIRECTIONAL,
+    LIGHT_ENVIRONMENT,
+    LIGHT_POINT,
+    LIGHT_TRIANGLE,
+    SceneData,
+)
+from wrt.kernels.intersect import INFINITE_DISTANCE
+from wrt.kernels.warps import sample_alias, square_to_triangle
+
+
+@wp.struct
+class LightSample:
+    """A way to a light.
+
+    `wi` is the unit vector from the surface, `distance` how far the way must be free, `radiance`
+    what arrives divided by the probability of this choice: by `pdf` per solid angle for lights
+    that have an extent, by the probability of the light alone where `delta`.
+    """
+
+    wi: wp.vec3
+    distance: float
+    radiance: wp.vec3
+    pdf: float
+    delta: bool
+
+
+@wp.func
+def triangle_light_pdf(probability: float, cross_length: float, distance2: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point uniform on a triangle of area cross_length / 2."""
+    return probability * 2.0 * distance2 / (cross_length * cos_light)
+
+
+@wp.func
+def sample_light(scene: SceneData, position: wp.vec3, u: wp.vec4, u_environment: wp.vec4) -> LightSample:
+    """Return a way from `position` to a light; its radiance is zero where nothing arrives."""
+    sample = LightSample()
+    sample.radiance = wp.vec3(0.0)
+    light = scene.lights[sample_alias(scene.light_thresholds, scene.light_aliases, u[0], u[1])]
+    if light.kind == LIGHT_TRIANGLE:
+        p0 = scene.points[scene.indices[3 * light.triangle]]
+        e1 = scene.points[scene.indices[3 * light.triangle + 1]] - p0
+        e2 = scene.points[scene.indices[3 * light.triangle + 2]] - p0
+        b = square_to_triangle(wp.vec2(u[2], u[3]))
+        normal = wp.cross(e1, e2)
+        cross_length = wp.length(normal)
+        normal = normal / cross_length
+        point = p0 + e1 * b[0] + e2 * b[1]
+        cos_light = wp.dot(normal, position - point)
+        if cos_light < 0.0 and light.two_sided != 0:
+            cos_light = -cos_light
+            normal = -normal
+        if cos_light > 0.0:
+            way = offset_from_surface(point, normal) - position
+            distance2 = wp.dot(way, way)
+            sample.distance = wp.sqrt(distance2)
+            sample.wi = way / sample.distance
+            cos_light = -wp.dot(sample.wi, normal)
+            if cos_light > 0.0:
+                sample.pdf = triangle_light_pdf(light.probability, cross_length, distance2, cos_light)
+                sample.radiance = light.value / sample.pdf
+    elif light.kind == LIGHT_POINT:
+        way = light.place - position
+        distance2 = wp.dot(way, way)
+        sample.distance = wp.sqrt(distance2)
+        sample.delta = True
+        if distance2 > 0.0:
+            sample.wi = way / sample.distance
+            sample.radiance = light.value / (distance2 * light.probability)
+    elif light.kind == LIGHT_DIRECTIONAL:
+        sample.wi = light.place
+        sample.distance = INFINITE_DISTANCE
+        sample.delta = True
+        sample.radiance = light.value / light.probability
+    elif light.kind == LIGHT_ENVIRONMENT:
+        s = sample_image(scene.environment, u_environment)
+        sample.wi = s.wi
+        sample.distance = INFINITE_DISTANCE
+        sample.pdf = s.pdf * light.probability
+        if sample.pdf > 0.0:
+            sample.radiance = image_radiance(scene.environment, s.wi) / sample.pdf
+    return sample

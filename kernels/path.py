@@ -1,0 +1,198 @@
+"""Unidirectional path tracing with next-event estimation and multiple importance sampling.
+
+Kajiya (1986); Veach (1997), chapters 9 and 10.
+"""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.bsdf import make_bsdf
+from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.environment import image_pdf, image_radiance
+from wrt.kernels.features import Features
+from wrt.kernels.geometry import Ray, offset_from_surface, to_local, to_world
+from wrt.kernels.intersect import NO_HIT, Hit, closest_hit, occluded
+from wrt.kernels.lights import sample_light, triangle_light_pdf
+from wrt.kernels.sampler import BLOCK_BSDF, BLOCK_ENVIRONMENT, BLOCK_LIGHT, Sampler, sample_4d, vertex_block
+from wrt.kernels.scene_data import SceneData, ShapeRecord
+from wrt.kernels.surface import Surface, add_texture_coordinates, surface_at
+from wrt.kernels.textures import slot_color
+
+# How light that both samplings can find is shared between them.
+STRATEGY_MIS = wp.constant(0)
+STRATEGY_LIGHT = wp.constant(1)
+STRATEGY_BSDF = wp.constant(2)
+
+# Paths shorter than this are never ended by roulette; then survival follows the throughput.
+ROULETTE_DEPTH = wp.constant(5)
+ROULETTE_LIMIT = wp.constant(0.95)
+
+
+@wp.struct
+class PathSettings:
+    """What does not need a kernel of its own."""
+
+    max_depth: int
+    strategy: int
+
+
+@wp.struct
+class PathResult:
+    """The radiance along a ray, and how many rays it took."""
+
+    radiance: wp.vec3
+    rays: int
+
+
+@wp.func
+def mis_weight(strategy: int, pdf_this: float, pdf_other: float, this: int) -> float:
+    """Return the weight of the sampling `this` by the power heuristic (Veach 1997, eq. 9.13)."""
+    if strategy != STRATEGY_MIS:
+        return wp.where(strategy == this, 1.0, 0.0)
+    a = pdf_this * pdf_this
+    return a / (a + pdf_other * pdf_other)
+
+
+@wp.func
+def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> float:
+    """Return the weight of light found by following the BSDF; bsdf_pdf 0 stands for a delta."""
+    if bsdf_pdf == 0.0 or light_pdf == 0.0:
+        return 1.0
+    return mis_weight(strategy, bsdf_pdf, light_pdf, STRATEGY_BSDF)
+
+
+@wp.func
+def hit_light_pdf(scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray) -> float:
+    """Return the density with which `sample_light` would have chosen the point that was hit."""
+    light = scene.lights[shape.first_light + hit.triangle - shape.first_triangle]
+    p0 = scene.points[scene.indices[3 * hit.triangle]]
+    e1 = scene.points[scene.indices[3 * hit.triangle + 1]] - p0
+    e2 = scene.points[scene.indices[3 * hit.triangle + 2]] - p0
+    cos_light = -wp.dot(surface.normal, ray.direction)
+    return triangle_light_pdf(light.probability, wp.length(wp.cross(e1, e2)), hit.t * hit.t, cos_light)
+
+
+@functools.cache
+def make_trace_path(features: Features) -> wp.Function:
+    """Return the device function that follows one path, with only what `features` names."""
+    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
+    textured = features.textured
+    has_environment = features.environment != "none"
+    image_environment = features.environment == "image"
+
+    @wp.func
+    def bsdf_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> Bsdf:
+        material = scene.materials[shape.material]
+        bsdf = Bsdf()
+        bsdf.model = material.model
+        bsdf.front = surface.front
+        if wp.static(textured):
+            bsdf.a = slot_color(scene, scene.slots[material.first_slot], surface.uv, surface.color)
+            bsdf.b = slot_color(scene, scene.slots[material.first_slot + 1], surface.uv, surface.color)
+        else:
+            bsdf.a = scene.slots[material.first_slot].value
+            bsdf.b = scene.slots[material.first_slot + 1].value
+        return bsdf
+
+    @wp.func
+    def environment_seen(scene: SceneData, direction: wp.vec3, last_pdf: float, strategy: int) -> wp.vec3:
+        if wp.static(image_environment):
+            light_pdf = float(0.0)
+            if last_pdf > 0.0:
+                light_pdf = image_pdf(scene.environment, direction) * scene.environment.light_probability
+            return image_radiance(scene.environment, direction) * emitter_hit_weight(strategy, last_pdf, light_pdf)
+        return scene.environment.radiance
+
+    @wp.func
+    def trace_path(scene: SceneData, camera_ray: Ray, sampler: Sampler, settings: PathSettings) -> PathResult:
+        ray = camera_ray
+        radiance = wp.vec3(0.0)
+        throughput = wp.vec3(1.0)
+        eta_scale = float(1.0)
+        last_pdf = float(0.0)
+        rays = int(0)
+        depth = int(0)
+        while depth < settings.max_depth:
+            hit = closest_hit(scene, ray)
+            rays += 1
+            depth += 1
+
+            # Environment
+            if hit.triangle == NO_HIT:
+                if wp.static(has_environment):
+                    seen = environment_seen(scene, ray.direction, last_pdf, settings.strategy)
+                    radiance += wp.cw_mul(throughput, seen)
+                break
+
+            surface = surface_at(scene, ray, hit)
+            shape = scene.shapes[surface.shape]
+
+            # Emission
+            if shape.first_light >= 0:
+                if surface.front or shape.two_sided != 0:
+                    weight = float(1.0)
+                    if last_pdf > 0.0:
+                        light_pdf = hit_light_pdf(scene, shape, hit, surface, ray)
+                        weight = emitter_hit_weight(settings.strategy, last_pdf, light_pdf)
+                    radiance += wp.cw_mul(throughput, shape.emission) * weight
+            if depth >= settings.max_depth:
+                break
+
+            # Material
+            if wp.static(textured):
+                surface = add_texture_coordinates(scene, hit, surface)
+            bsdf = bsdf_at(scene, shape, surface)
+            wo = to_local(surface.frame, -ray.direction)
+
+            # Emitter sampling
+            if scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf):
+                leave = offset_from_surface(surface.position, surface.normal)
+                u_environment = wp.vec4()
+                if wp.static(image_environment):
+                    u_environment = sample_4d(sampler, vertex_block(depth, BLOCK_ENVIRONMENT))
+                light = sample_light(scene, leave, sample_4d(sampler, vertex_block(depth, BLOCK_LIGHT)), u_environment)
+                wi = to_local(surface.frame, light.wi)
+                # A shading normal must not let light through: both normals must agree on the side.
+                if wp.dot(light.wi, surface.normal) > 0.0 and wi[2] > 0.0:
+                    arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
+                    if not light.delta:
+                        pdf = bsdf_pdf(bsdf, wo, wi)
+                        arriving = arriving * mis_weight(settings.strategy, light.pdf, pdf, STRATEGY_LIGHT)
+                    if wp.max(arriving) > 0.0:
+                        shadow = Ray()
+                        shadow.origin = leave
+                        shadow.direction = light.wi
+                        rays += 1
+                        if not occluded(scene, shadow, light.distance):
+                            radiance += wp.cw_mul(throughput, arriving)
+
+            # BSDF sampling
+            u = sample_4d(sampler, vertex_block(depth, BLOCK_BSDF))
+            s = bsdf_sample(bsdf, wo, wp.vec2(u[0], u[1]), u[2])
+            throughput = wp.cw_mul(throughput, s.weight)
+            eta_scale *= s.eta * s.eta
+            last_pdf = s.pdf
+            direction = to_world(surface.frame, s.wi)
+            side = wp.where(s.wi[2] > 0.0, 1.0, -1.0)
+            if wp.dot(direction, surface.normal) * side <= 0.0:
+                break
+            ray.origin = offset_from_surface(surface.position, surface.normal * side)
+            ray.direction = wp.normalize(direction)
+
+            # Stopping criterion: the throughput without the squeeze of solid angles inside glass
+            survival = wp.max(throughput) * eta_scale
+            if survival == 0.0:
+                break
+            if depth >= ROULETTE_DEPTH:
+                survival = wp.min(survival, ROULETTE_LIMIT)
+                if u[3] >= survival:
+                    break
+                throughput = throughput / survival
+
+        result = PathResult()
+        result.radiance = radiance
+        result.rays = rays
+        return result
+
+    return trace_path

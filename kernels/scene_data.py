@@ -1,0 +1,108 @@
+"""The scene as the device sees it: flat arrays, never edited once uploaded."""
+
+import warp as wp
+
+# What a colour slot of a material reads.
+SLOT_CONSTANT = wp.constant(0)
+SLOT_IMAGE = wp.constant(1)
+SLOT_VERTEX_COLOR = wp.constant(2)
+
+# Which kind of light an entry of `lights` is.
+LIGHT_TRIANGLE = wp.constant(0)
+LIGHT_POINT = wp.constant(1)
+LIGHT_DIRECTIONAL = wp.constant(2)
+LIGHT_ENVIRONMENT = wp.constant(3)
+
+
+@wp.struct
+class MaterialRecord:
+    """A reflection model's number (see `kernels.bsdf`) and where its colour slots begin."""
+
+    model: int
+    first_slot: int
+
+
+@wp.struct
+class ColorSlot:
+    """A colour, and by `source` what multiplies it: nothing, an image, or the vertex colour."""
+
+    value: wp.vec3
+    source: int
+    image: int
+
+
+@wp.struct
+class ImageRecord:
+    """Where an image's texels lie in `texels`."""
+
+    first: int
+    width: int
+    height: int
+
+
+@wp.struct
+class ShapeRecord:
+    """What all triangles of one shape share."""
+
+    material: int
+    first_triangle: int
+    first_light: int  # light number of its first triangle; -1 where it does not emit
+    emission: wp.vec3
+    two_sided: int
+
+
+@wp.struct
+class LightRecord:
+    """One entry of the light table.
+
+    `value` is radiance (triangle), intensity (point) or irradiance (directional); `place` is the
+    position of a point light and the direction that directional light comes from.
+    """
+
+    kind: int
+    triangle: int
+    place: wp.vec3
+    value: wp.vec3
+    two_sided: int
+    probability: float
+
+
+@wp.struct
+class EnvironmentData:
+    """A constant radiance, or an image in latitude-longitude layout with its sampling table."""
+
+    radiance: wp.vec3
+    texels: wp.array(dtype=wp.vec3)
+    width: int
+    height: int
+    cos_rotation: float
+    sin_rotation: float
+    thresholds: wp.array(dtype=float)
+    aliases: wp.array(dtype=int)
+    probabilities: wp.array(dtype=float)
+    light_probability: float
+
+
+@wp.struct
+class SceneData:
+    """Everything that a path needs to know of a scene."""
+
+    # Geometry, all shapes in world space
+    mesh: wp.uint64
+    points: wp.array(dtype=wp.vec3)
+    indices: wp.array(dtype=int)
+    normals: wp.array(dtype=wp.vec3)
+    uvs: wp.array(dtype=wp.vec2)
+    colors: wp.array(dtype=wp.vec3)
+    triangle_shape: wp.array(dtype=int)
+    # Materials
+    shapes: wp.array(dtype=ShapeRecord)
+    materials: wp.array(dtype=MaterialRecord)
+    slots: wp.array(dtype=ColorSlot)
+    images: wp.array(dtype=ImageRecord)
+    texels: wp.array(dtype=wp.vec3)
+    # Lights
+    lights: wp.array(dtype=LightRecord)
+    light_thresholds: wp.array(dtype=float)
+    light_aliases: wp.array(dtype=int)
+    environment: EnvironmentData

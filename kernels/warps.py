@@ -1,0 +1,51 @@
+"""Maps from the unit square to the domains that are sampled, each with its density."""
+
+import warp as wp
+
+PI = wp.constant(3.14159265358979)
+TWO_PI = wp.constant(6.28318530717959)
+INV_PI = wp.constant(0.318309886183791)
+
+
+@wp.func
+def square_to_disk(u: wp.vec2) -> wp.vec2:
+    """Return a point on the unit disk, density 1/π (concentric map, Shirley and Chiu 1997)."""
+    a = 2.0 * u[0] - 1.0
+    b = 2.0 * u[1] - 1.0
+    if a == 0.0 and b == 0.0:
+        return wp.vec2(0.0, 0.0)
+    if wp.abs(a) > wp.abs(b):
+        phi = 0.25 * PI * (b / a)
+        return wp.vec2(a * wp.cos(phi), a * wp.sin(phi))
+    phi = 0.5 * PI - 0.25 * PI * (a / b)
+    return wp.vec2(b * wp.cos(phi), b * wp.sin(phi))
+
+
+@wp.func
+def square_to_cosine_hemisphere(u: wp.vec2) -> wp.vec3:
+    """Return a direction around +z, density cosθ/π (Malley's method)."""
+    d = square_to_disk(u)
+    z = wp.sqrt(wp.max(0.0, 1.0 - d[0] * d[0] - d[1] * d[1]))
+    return wp.vec3(d[0], d[1], z)
+
+
+@wp.func
+def square_to_triangle(u: wp.vec2) -> wp.vec2:
+    """Return barycentric (u, v) uniform over a triangle (Heitz 2019, low-distortion map)."""
+    if u[1] > u[0]:
+        b0 = 0.5 * u[0]
+        return wp.vec2(b0, u[1] - b0)
+    b1 = 0.5 * u[1]
+    return wp.vec2(u[0] - b1, b1)
+
+
+@wp.func
+def sample_alias(
+    thresholds: wp.array(dtype=float), aliases: wp.array(dtype=int), u_slot: float, u_keep: float
+) -> int:
+    """Return an index drawn from an alias table (Walker 1977; Vose 1991)."""
+    n = thresholds.shape[0]
+    i = wp.min(int(u_slot * float(n)), n - 1)
+    if u_keep < thresholds[i]:
+        return i
+    return aliases[i]

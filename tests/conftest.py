@@ -1,0 +1,85 @@
+"""Options, fixtures and the report shared by all tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+Report = Callable[..., None]
+"""report(claim, measured, expected=..., p=...): one row of the table at the end of the run."""
+
+_rows: pytest.StashKey[list[tuple[str, str, str, str]]] = pytest.StashKey()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--device",
+        choices=["cpu", "cuda", "auto"],
+        default="auto",
+        help="where kernels run: cpu, cuda (cpu as well), or auto: cuda too where there is one (default)",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_rows] = []
+
+
+def _devices(config: pytest.Config) -> list[str]:
+    choice = config.getoption("--device")
+    if choice == "cpu":
+        return ["cpu"]
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    if choice == "auto" and wp.get_cuda_device_count() == 0:
+        return ["cpu"]
+    return ["cpu", "cuda:0"]
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "device" in metafunc.fixturenames:
+        metafunc.parametrize("device", _devices(metafunc.config), scope="session")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _quiet_warp() -> None:
+    """Keep what Warp says about compiling out of the tests' output."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+
+
+@pytest.fixture
+def report(request: pytest.FixtureRequest) -> Report:
+    """Return a function that adds a row to the table at the end of the run."""
+    rows = request.config.stash[_rows]
+
+    def add(claim: str, measured: object, expected: object = "", *, p: float | None = None) -> None:
+        shown = [f"{x:.6g}" if isinstance(x, float) else str(x) for x in (measured, expected)]
+        rows.append((f"{request.node.name}: {claim}", shown[0], shown[1], "" if p is None else f"{p:.3g}"))
+
+    return add
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    rows = terminalreporter.config.stash[_rows]
+    if not rows:
+        return
+    table = [("claim", "measured", "expected", "p"), *rows]
+    widths = [max(len(row[i]) for row in table) for i in range(4)]
+    terminalreporter.section("measured")
+    for row in table:
+        terminalreporter.write_line("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)))
+
+
+@pytest.fixture(scope="session")
+def assets() -> Path:
+    """Return the folder of large test assets, which lies beside the repository on some machines."""
+    folder = ROOT.parent / "shared" / "assets"
+    if not folder.is_dir():
+        pytest.skip(f"no test assets at {folder}")
+    return folder

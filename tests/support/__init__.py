@@ -1,0 +1,1 @@
+"""What the tests share: statistics, and a bridge to an independent renderer."""

@@ -1,0 +1,110 @@
+"""wrt: a progressive, physically based ray tracer for triangle meshes.
+
+The public names below are imported on first use, so that ``import wrt`` stays instant.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wrt._version import __version__
+
+# Kernels and sample meshes live beside this package in the source tree and inside it in an
+# installed one (see package-dir in pyproject.toml). In a checkout, `wrt` may be found here even
+# though another copy is installed, so both layouts must resolve `wrt.kernels` and `wrt.meshes`.
+_here = Path(__file__).resolve().parent
+if not (_here / "kernels").is_dir() and (_here.parent / "kernels").is_dir():
+    __path__.append(str(_here.parent))
+
+if TYPE_CHECKING:
+    from wrt.api import load, render
+    from wrt.camera import PerspectiveCamera
+    from wrt.environment import ConstantEnvironment, ImageEnvironment
+    from wrt.errors import InputError
+    from wrt.formats.images import load_image, save_image
+    from wrt.formats.meshes import load_mesh
+    from wrt.lights import DirectionalLight, PointLight
+    from wrt.materials import Conductor, Dielectric, Diffuse, Material, Mirror
+    from wrt.mesh import Mesh
+    from wrt.renderer import Progress, Renderer
+    from wrt.scene import RenderSettings, Scene, Shape
+    from wrt.shapes import box, polygon, quad, sphere
+    from wrt.textures import ImageTexture, VertexColor
+
+_EXPORTS = {
+    "ConstantEnvironment": "wrt.environment",
+    "Conductor": "wrt.materials",
+    "Dielectric": "wrt.materials",
+    "Diffuse": "wrt.materials",
+    "DirectionalLight": "wrt.lights",
+    "ImageEnvironment": "wrt.environment",
+    "ImageTexture": "wrt.textures",
+    "InputError": "wrt.errors",
+    "Material": "wrt.materials",
+    "Mesh": "wrt.mesh",
+    "Mirror": "wrt.materials",
+    "PerspectiveCamera": "wrt.camera",
+    "PointLight": "wrt.lights",
+    "Progress": "wrt.renderer",
+    "Renderer": "wrt.renderer",
+    "RenderSettings": "wrt.scene",
+    "Scene": "wrt.scene",
+    "Shape": "wrt.scene",
+    "VertexColor": "wrt.textures",
+    "box": "wrt.shapes",
+    "load": "wrt.api",
+    "load_image": "wrt.formats.images",
+    "load_mesh": "wrt.formats.meshes",
+    "polygon": "wrt.shapes",
+    "quad": "wrt.shapes",
+    "render": "wrt.api",
+    "save_image": "wrt.formats.images",
+    "sphere": "wrt.shapes",
+}
+
+__all__ = [
+    "ConstantEnvironment",
+    "Conductor",
+    "Dielectric",
+    "Diffuse",
+    "DirectionalLight",
+    "ImageEnvironment",
+    "ImageTexture",
+    "InputError",
+    "Material",
+    "Mesh",
+    "Mirror",
+    "PerspectiveCamera",
+    "PointLight",
+    "Progress",
+    "RenderSettings",
+    "Renderer",
+    "Scene",
+    "Shape",
+    "VertexColor",
+    "__version__",
+    "box",
+    "load",
+    "load_image",
+    "load_mesh",
+    "polygon",
+    "quad",
+    "render",
+    "save_image",
+    "sphere",
+]
+
+
+def __getattr__(name: str) -> Any:
+    module = _EXPORTS.get(name)
+    if module is None:
+        raise AttributeError(f"module 'wrt' has no attribute {name!r}")
+    value = getattr(importlib.import_module(module), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

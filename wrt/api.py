@@ -1,0 +1,97 @@
+"""One line from anything renderable to a picture."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.mesh import Mesh
+from wrt.scene import Scene, Shape
+
+
+def load(source: Any, *, triangles: int | None = None, up: str | None = None) -> Scene:
+    """Return the scene that `source` stands for.
+
+    Args:
+        source: the name of a built-in scene, the path of a scene file (.toml) or of a mesh (OBJ,
+            PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
+            Meshes are put into a studio (see `wrt.presentation`).
+        triangles: size of the procedural meshes of a scene that has some.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z; by default y, and z for STL
+            and OFF, whose programs mostly mean that.
+
+    Raises:
+        InputError: where the source cannot be used, naming it and the cause.
+    """
+    if isinstance(source, Scene):
+        return source
+    if isinstance(source, Mesh):
+        return _present([Shape(source, name=source.name)], up or "y")
+    if isinstance(source, (str, os.PathLike)):
+        return _load_path(source, triangles, up)
+    from wrt.formats.meshes import from_trimesh
+
+    return _present(from_trimesh(source), up or "y")
+
+
+def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | None) -> Scene:
+    from wrt import meshes
+
+    path = Path(source)
+    builtin = isinstance(source, str) and source in meshes.scene_names() and not path.is_file()
+    if builtin:
+        path = meshes.scene_path(str(source))
+    if path.suffix.lower() == ".toml":
+        if up is not None:
+            raise InputError(f"{source}: an up axis goes with a mesh, not with a scene")
+        from wrt.formats.scene_toml import load_scene
+
+        return load_scene(path, triangles=triangles)
+    if triangles is not None:
+        raise InputError(f"{source}: a number of triangles goes with a scene that has a procedural mesh")
+    if not path.suffix and not path.exists():
+        names = ", ".join(meshes.scene_names())
+        raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
+    from wrt.formats.meshes import load_shapes
+
+    return _present(load_shapes(path), up or ("z" if path.suffix.lower() in (".stl", ".off") else "y"))
+
+
+def _present(shapes: list[Shape], up: str) -> Scene:
+    from wrt.presentation import present
+
+    return present(shapes, up=up)
+
+
+def render(
+    source: Any,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    spp: int | None = None,
+    time: float | None = None,
+    device: str = "cpu",
+    seed: int = 0,
+    threads: int | None = None,
+    max_depth: int | None = None,
+) -> NDArray[np.float32]:
+    """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance.
+
+    The other arguments are those of `wrt.Renderer` and its `passes`.
+
+    Raises:
+        InputError: where something given cannot be used.
+    """
+    from wrt.renderer import Renderer
+
+    renderer = Renderer(
+        load(source), width=width, height=height, device=device, seed=seed, threads=threads, max_depth=max_depth
+    )
+    for _ in renderer.passes(spp=spp, time=time):
+        pass
+    return renderer.image()

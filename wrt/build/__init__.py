@@ -1,0 +1,1 @@
+"""From a scene's description to the arrays that kernels read."""

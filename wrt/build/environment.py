@@ -1,0 +1,73 @@
+"""The environment's texels and the table that samples them by brightness."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.build.alias import make_alias_table
+from wrt.environment import ConstantEnvironment, ImageEnvironment
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Weights of linear Rec. 709 RGB in the luminance Y."""
+
+
+def environment_kind(environment: ConstantEnvironment | ImageEnvironment | None) -> str:
+    """Return "none", "constant" or "image"; what is black is none."""
+    if environment is None:
+        return "none"
+    if isinstance(environment, ConstantEnvironment):
+        return "constant" if any(environment.radiance) else "none"  # type: ignore[arg-type]
+    return "image" if environment.scale > 0.0 and environment.pixels.any() else "none"
+
+
+def texel_weights(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return (H, W) luminance times solid angle of each texel, as bilinear interpolation spreads it.
+
+    The mean of the interpolated image over one texel is its texels weighted 1/8, 3/4, 1/8 along
+    each axis, so no texel that receives light from a neighbour is left with a density of zero.
+    """
+    luminance = pixels.astype(np.float64) @ LUMINANCE
+    rows = np.pad(luminance, ((1, 1), (0, 0)), mode="edge")
+    luminance = 0.125 * rows[:-2] + 0.75 * rows[1:-1] + 0.125 * rows[2:]
+    columns = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap")
+    luminance = 0.125 * columns[:, :-2] + 0.75 * columns[:, 1:-1] + 0.125 * columns[:, 2:]
+    height, width = luminance.shape
+    edges = np.cos(np.linspace(0.0, math.pi, height + 1))
+    solid_angle = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
+    return luminance * solid_angle[:, None]
+
+
+def upload_environment(environment: ConstantEnvironment | ImageEnvironment | None, device: str) -> tuple[Any, float]:
+    """Return the device's EnvironmentData and the integral of luminance over all directions.
+
+    The integral is 0 for environments that are sampled by the BSDF alone: a constant one is found
+    best by following the surface's own lobe.
+    """
+    import warp as wp
+
+    from wrt.kernels.scene_data import EnvironmentData
+
+    data = EnvironmentData()
+    data.cos_rotation = 1.0
+    kind = environment_kind(environment)
+    if kind == "none":
+        return data, 0.0
+    if isinstance(environment, ConstantEnvironment):
+        data.radiance = wp.vec3(*environment.radiance)  # type: ignore[misc]
+        return data, 0.0
+    assert isinstance(environment, ImageEnvironment)
+    pixels = environment.pixels * np.float32(environment.scale)
+    weights = texel_weights(pixels)
+    table = make_alias_table(weights.ravel())
+    data.height, data.width = pixels.shape[:2]
+    data.texels = wp.array(pixels.reshape(-1, 3), dtype=wp.vec3, device=device)
+    angle = math.radians(environment.rotation_degrees)
+    data.cos_rotation, data.sin_rotation = math.cos(angle), math.sin(angle)
+    data.thresholds = wp.array(table.thresholds, dtype=float, device=device)
+    data.aliases = wp.array(table.aliases, dtype=int, device=device)
+    data.probabilities = wp.array(table.probabilities.astype(np.float32), dtype=float, device=device)
+    return data, float(weights.sum())

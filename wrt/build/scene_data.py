@@ -1,0 +1,173 @@
+"""From a Scene to SceneData: everything flattened, checked and uploaded once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wrt.build.alias import make_alias_table
+from wrt.build.environment import environment_kind, upload_environment
+from wrt.build.lights import light_table
+from wrt.errors import InputError
+from wrt.materials import Material
+from wrt.mesh import Mesh
+from wrt.scene import Scene
+from wrt.textures import ImageTexture, VertexColor
+
+SLOTS_PER_MATERIAL = 2
+"""Colours a reflection model may read: `a` and `b` of kernels/bsdf/record.py."""
+
+
+@dataclass(frozen=True)
+class BuiltScene:
+    """A scene on a device.
+
+    Attributes:
+        data: the SceneData struct that kernels take.
+        features: what the scene uses, to choose the kernel by.
+        mesh: the wp.Mesh behind `data.mesh`, which must live as long as it.
+    """
+
+    data: Any
+    features: Any
+    mesh: Any
+
+
+def build_scene(scene: Scene, device: str) -> BuiltScene:
+    """Upload a scene to a device ("cpu", "cuda:0").
+
+    Raises:
+        InputError: where the scene has no shapes, or more triangles or vertices than an int counts.
+    """
+    import warp as wp
+
+    from wrt.kernels.features import Features
+    from wrt.kernels.scene_data import LightRecord, SceneData, ShapeRecord
+
+    if not scene.shapes:
+        raise InputError("the scene has no shapes to render")
+    meshes = [shape.mesh for shape in scene.shapes]
+    textured = any(
+        isinstance(slot, (ImageTexture, VertexColor)) for shape in scene.shapes for slot in shape.material.slots()
+    )
+    data = SceneData()
+    mesh = _upload_geometry(data, meshes, device, textured=textured)
+    material_numbers = _upload_materials(data, [shape.material for shape in scene.shapes], device)
+
+    counts = np.array([len(m.faces) for m in meshes])
+    first_triangles = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    data.triangle_shape = wp.array(np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device)
+
+    data.environment, flux = upload_environment(scene.environment, device)
+    lights, first_lights, weights = light_table(scene, first_triangles, flux, LightRecord.numpy_dtype())
+    if weights.sum() > 0.0:
+        table = make_alias_table(weights)
+        lights["probability"] = table.probabilities
+        data.light_thresholds = wp.array(table.thresholds, dtype=float, device=device)
+        data.light_aliases = wp.array(table.aliases, dtype=int, device=device)
+        data.lights = wp.array(lights, dtype=LightRecord, device=device)
+        if flux > 0.0:
+            data.environment.light_probability = float(table.probabilities[-1])
+    else:
+        first_lights[:] = -1
+        data.lights = wp.zeros(0, dtype=LightRecord, device=device)
+
+    shapes = np.zeros(len(scene.shapes), ShapeRecord.numpy_dtype())
+    shapes["material"] = material_numbers
+    shapes["first_triangle"] = first_triangles
+    shapes["first_light"] = first_lights
+    shapes["emission"] = [shape.emission for shape in scene.shapes]
+    shapes["two_sided"] = [shape.two_sided_emission for shape in scene.shapes]
+    data.shapes = wp.array(shapes, dtype=ShapeRecord, device=device)
+
+    models = tuple(sorted({shape.material.model for shape in scene.shapes}))
+    return BuiltScene(data, Features(models, textured, environment_kind(scene.environment)), mesh)
+
+
+def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bool) -> Any:
+    import warp as wp
+
+    vertex_counts = [len(m.vertices) for m in meshes]
+    if sum(vertex_counts) >= 2**31 or 3 * sum(len(m.faces) for m in meshes) >= 2**31:
+        raise InputError("the scene has more than 2^31 triangle corners or vertices")
+    first_vertices = np.concatenate([[0], np.cumsum(vertex_counts)[:-1]]).astype(np.int32)
+    points = np.concatenate([m.vertices for m in meshes])
+    indices = np.concatenate([m.faces + first for m, first in zip(meshes, first_vertices, strict=True)])
+    data.points = wp.array(points, dtype=wp.vec3, device=device)
+    data.indices = wp.array(indices.ravel(), dtype=int, device=device)
+
+    def attribute(name: str, width: int, default: float) -> np.ndarray:
+        arrays = [getattr(m, name) for m in meshes]
+        return np.concatenate(
+            [
+                np.full((n, width), default, np.float32) if a is None else a
+                for a, n in zip(arrays, vertex_counts, strict=True)
+            ]
+        )
+
+    data.normals = wp.array(attribute("normals", 3, 0.0), dtype=wp.vec3, device=device)
+    if textured:
+        data.uvs = wp.array(attribute("uvs", 2, 0.0), dtype=wp.vec2, device=device)
+        data.colors = wp.array(attribute("colors", 3, 1.0), dtype=wp.vec3, device=device)
+    mesh = wp.Mesh(points=data.points, indices=data.indices, bvh_constructor="sah")
+    data.mesh = mesh.id
+    return mesh
+
+
+def _upload_materials(data: Any, materials: list[Material], device: str) -> np.ndarray:
+    """Upload each distinct material once; return the number of every shape's."""
+    import warp as wp
+
+    from wrt.kernels.bsdf import MODEL_NUMBERS
+    from wrt.kernels.scene_data import (
+        SLOT_CONSTANT,
+        SLOT_IMAGE,
+        SLOT_VERTEX_COLOR,
+        ColorSlot,
+        ImageRecord,
+        MaterialRecord,
+    )
+
+    numbers: dict[int, int] = {}
+    unique: list[Material] = []
+    for material in materials:
+        if id(material) not in numbers:
+            numbers[id(material)] = len(unique)
+            unique.append(material)
+
+    records = np.zeros(len(unique), MaterialRecord.numpy_dtype())
+    slots = np.zeros(len(unique) * SLOTS_PER_MATERIAL, ColorSlot.numpy_dtype())
+    images: list[ImageTexture] = []
+    image_numbers: dict[int, int] = {}
+    for i, material in enumerate(unique):
+        records[i] = (MODEL_NUMBERS[material.model], i * SLOTS_PER_MATERIAL)
+        for k, value in enumerate(material.slots()):
+            slot = slots[i * SLOTS_PER_MATERIAL + k : i * SLOTS_PER_MATERIAL + k + 1]
+            slot["value"], slot["source"] = 1.0, SLOT_CONSTANT
+            if isinstance(value, ImageTexture):
+                if id(value) not in image_numbers:
+                    image_numbers[id(value)] = len(images)
+                    images.append(value)
+                slot["source"], slot["image"] = SLOT_IMAGE, image_numbers[id(value)]
+            elif isinstance(value, VertexColor):
+                slot["source"] = SLOT_VERTEX_COLOR
+            else:
+                slot["value"] = value
+    data.materials = wp.array(records, dtype=MaterialRecord, device=device)
+    data.slots = wp.array(slots, dtype=ColorSlot, device=device)
+
+    if images:
+        table = np.zeros(len(images), ImageRecord.numpy_dtype())
+        sizes = np.array([image.pixels.shape[0] * image.pixels.shape[1] for image in images])
+        if sizes.sum() >= 2**31:
+            raise InputError("the scene's textures have more than 2^31 texels")
+        table["first"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        table["height"] = [image.pixels.shape[0] for image in images]
+        table["width"] = [image.pixels.shape[1] for image in images]
+        data.images = wp.array(table, dtype=ImageRecord, device=device)
+        data.texels = wp.array(
+            np.concatenate([image.pixels.reshape(-1, 3) for image in images]), dtype=wp.vec3, device=device
+        )
+    return np.array([numbers[id(material)] for material in materials])

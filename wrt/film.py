@@ -1,0 +1,93 @@
+"""The host's side of the film: what has been seen so far, per pixel."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.device import Device
+
+STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
+"""The arrays that make up a film's state; the rays traced only report on this run."""
+
+
+class Film:
+    """Sums of samples and of their squares, and their number, for each pixel of a picture."""
+
+    def __init__(self, width: int, height: int, device: Device) -> None:
+        """Start an empty film of width x height pixels on a device."""
+        import warp as wp
+
+        from wrt.kernels.film import FilmData
+
+        self.width, self.height, self.device = width, height, device
+        pixels = width * height
+        self.data = FilmData()
+        self.data.total = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
+        self.data.total_of_squares = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
+        self.data.count = wp.zeros(pixels, dtype=wp.int32, device=device.name)
+        self.data.rejected = wp.zeros(pixels, dtype=wp.int32, device=device.name)
+        self.data.rays = wp.zeros(pixels, dtype=wp.int64, device=device.name)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return copies of all that must be kept to go on later, by name."""
+        return {name: getattr(self.data, name).numpy().copy() for name in STATE_ARRAYS}
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Go on from a state; arrays must have the shapes and types that `state` gives."""
+        import warp as wp
+
+        for name in STATE_ARRAYS:
+            target = getattr(self.data, name)
+            wp.copy(target, wp.array(state[name], dtype=target.dtype, device=self.device.name))
+
+    @property
+    def counts(self) -> NDArray[np.int32]:
+        """(H, W) int32 samples in each pixel."""
+        return self.data.count.numpy().reshape(self.height, self.width)
+
+    @property
+    def rays(self) -> int:
+        """Rays traced since this film was made."""
+        return int(self.data.rays.numpy().sum())
+
+    @property
+    def rejected(self) -> int:
+        """Samples that were not finite and counted as black."""
+        return int(self.data.rejected.numpy().sum())
+
+    def mean(self) -> NDArray[np.float32]:
+        """Return (H, W, 3) float32 linear radiance; black where there are no samples yet."""
+        n = np.maximum(self.data.count.numpy(), 1)[:, None]
+        mean = (self.data.total.numpy() / n).astype(np.float32)
+        return mean.reshape(self.height, self.width, 3)
+
+    def variance(self) -> NDArray[np.float64]:
+        """Return (H, W, 3) float64 variance of the mean; NaN below two samples."""
+        n = self.data.count.numpy().astype(np.float64)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = self.data.total.numpy() / n
+            spread = np.maximum(self.data.total_of_squares.numpy() / n - mean * mean, 0.0)
+            variance = np.where(n > 1.0, spread / (n - 1.0), np.nan)
+        return variance.reshape(self.height, self.width, 3)
+
+    def noise(self) -> float | None:
+        """Return the picture's relative noise: root mean square standard error over mean radiance.
+
+        None before any pixel has two samples, or where the picture is black.
+        """
+        import warp as wp
+
+        from wrt.kernels.film import film_noise
+
+        mean = wp.zeros(self.height, dtype=wp.float64, device=self.device.name)
+        variance = wp.zeros(self.height, dtype=wp.float64, device=self.device.name)
+        self.device.launch(film_noise, self.height, [self.width, self.data, mean, variance])
+        total = float(mean.numpy().sum())
+        if total <= 0.0:
+            return None
+        values = 3 * self.width * self.height
+        return math.sqrt(float(variance.numpy().sum()) / values) / (total / values)

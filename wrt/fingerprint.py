@@ -1,0 +1,51 @@
+"""Digests of a scene's parts, by which a checkpoint knows its scene again."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from wrt.scene import Scene
+
+
+def scene_fingerprint(scene: Scene) -> dict[str, str]:
+    """Return a hexadecimal digest of each part of the scene that a picture depends on.
+
+    Names are for people and do not count.
+    """
+    return {
+        "geometry": _digest([shape.mesh for shape in scene.shapes]),
+        "materials": _digest([shape.material for shape in scene.shapes]),
+        "emission": _digest([(shape.emission, shape.two_sided_emission) for shape in scene.shapes]),
+        "lights": _digest(scene.lights),
+        "environment": _digest(scene.environment),
+        "camera": _digest(scene.camera),
+    }
+
+
+def _digest(value: Any) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    _feed(digest, value)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: Any) -> None:
+    """Add a value to a digest so that different values give different bytes."""
+    if dataclasses.is_dataclass(value):
+        digest.update(f"<{type(value).__name__}>".encode())
+        for field in dataclasses.fields(value):
+            if field.name != "name":
+                digest.update(f".{field.name}=".encode())
+                _feed(digest, getattr(value, field.name))
+    elif isinstance(value, np.ndarray):
+        digest.update(f"array{value.dtype.str}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif isinstance(value, (list, tuple)):
+        digest.update(f"[{len(value)}]".encode())
+        for item in value:
+            _feed(digest, item)
+    else:
+        digest.update(f"{type(value).__name__}:{value!r};".encode())

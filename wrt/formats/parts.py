@@ -1,0 +1,215 @@
+"""What every mesh reader returns, and how it becomes shapes: one place for all the repairs."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.materials import Diffuse
+from wrt.mesh import Mesh
+from wrt.normals import with_normals
+from wrt.scene import Shape
+from wrt.textures import ColorSource, ImageTexture, VertexColor
+
+DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
+"""Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
+
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
+
+
+class InputWarning(UserWarning):
+    """A file is used, but something in it was left out; the message is one line."""
+
+
+def warn(message: str) -> None:
+    """Warn with an InputWarning; the line that it points to is never of interest."""
+    warnings.warn(message, InputWarning, stacklevel=3)
+
+
+@dataclass
+class Part:
+    """Triangles of one material as a reader found them: unchecked.
+
+    Attributes:
+        name: for messages.
+        vertices: (N, 3) positions.
+        faces: (M, 3) vertex indices.
+        normals: (N, 3) or None; need not be unit or finite.
+        uvs: (N, 2) or None, v up.
+        colors: (N, 3) or None, linear Rec. 709; need not be finite.
+        face_colors: (M, 3) or None, like `colors`.
+        reflectance: a constant, or an image laid over `uvs`; None where the file names none.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: IntArray
+    normals: FloatArray | None = None
+    uvs: FloatArray | None = None
+    colors: FloatArray | None = None
+    face_colors: FloatArray | None = None
+    reflectance: ColorSource | None = None
+
+
+def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> list[Shape]:
+    """Check and repair parts, give them normals, and return a shape for each that has triangles.
+
+    Args:
+        path: the file, for messages.
+        parts: what the reader found.
+        crease_degrees: see `wrt.normals.with_normals`; None leaves meshes without normals flat.
+
+    Raises:
+        InputError: on vertices that are not finite, faces that name none, or nothing left.
+    """
+    repaired = [_repaired(path, part) for part in parts if len(part.faces)]
+    repaired = [part for part in repaired if len(part.faces)]
+    if not repaired:
+        raise InputError(f"{path}: no triangles in it; there is nothing to render")
+    meshes = [_mesh(path, part) for part in repaired]
+    if crease_degrees is not None:
+        meshes = _smooth(meshes, crease_degrees)
+    return [_shape(part, mesh) for part, mesh in zip(repaired, meshes, strict=True)]
+
+
+def merge(meshes: list[Mesh], name: str) -> Mesh:
+    """Return one mesh of all triangles in order.
+
+    Attributes that only some have are filled in: zeros for `uvs`, white for `colors`; `normals`
+    stay only where all have them.
+    """
+    if len(meshes) == 1:
+        return replace(meshes[0], name=name)
+    offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    normals = [m.normals for m in meshes if m.normals is not None]
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces.astype(np.int64) + o for m, o in zip(meshes, offsets, strict=True)]),
+        np.concatenate(normals) if len(normals) == len(meshes) else None,
+        _filled(meshes, "uvs", 2, 0.0),
+        _filled(meshes, "colors", 3, 1.0),
+        name,
+    )
+
+
+def _filled(meshes: list[Mesh], field: str, width: int, value: float) -> NDArray[np.float32] | None:
+    arrays = [getattr(m, field) for m in meshes]
+    if all(a is None for a in arrays):
+        return None
+    return np.concatenate(
+        [np.full((len(m.vertices), width), value, np.float32) if a is None else a for m, a in zip(meshes, arrays)]
+    )
+
+
+def _repaired(path: str, part: Part) -> Part:
+    """Return a part of used, finite vertices and faces that have three different corners."""
+    faces = np.asarray(part.faces).astype(np.int64)
+    count = len(part.vertices)
+    if faces.min() < 0 or faces.max() >= count:
+        bad = faces.min() if faces.min() < 0 else faces.max()
+        raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = np.asarray(part.vertices).astype(np.float32)
+    used = np.zeros(count, bool)
+    used[faces] = True
+    bad_rows = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
+    if len(bad_rows):
+        values = " ".join(f"{x:g}" for x in np.asarray(part.vertices)[bad_rows[0]])
+        raise InputError(f"{path}: vertex {bad_rows[0]} (counted from 0) is {values}; positions must be finite")
+    colors, face_colors, uvs = part.colors, part.face_colors, part.uvs
+    if colors is not None and not np.isfinite(np.asarray(colors)[used]).all():
+        warn(f"{path}: vertex colours are left out, as some are not finite")
+        colors = None
+    if face_colors is not None and not np.isfinite(face_colors).all():
+        warn(f"{path}: face colours are left out, as some are not finite")
+        face_colors = None
+    if uvs is not None and not np.isfinite(np.asarray(uvs)[used]).all():
+        warn(f"{path}: texture coordinates are left out, as some are not finite")
+        uvs = None
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    # Corners at one position make no area; thin triangles that have some are left alone.
+    solid = ~((a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1))
+    faces = faces[solid]
+    return replace(
+        part,
+        vertices=vertices,
+        faces=faces,
+        colors=colors,
+        face_colors=None if face_colors is None else np.asarray(face_colors)[solid],
+        uvs=uvs,
+    )
+
+
+def _mesh(path: str, part: Part) -> Mesh:
+    """Return a part as a mesh of only the vertices it uses; normals may still be zero."""
+    used, faces = np.unique(part.faces, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+
+    def pick(array: FloatArray | None) -> NDArray[np.float32] | None:
+        if array is None:
+            return None
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(array)[used].astype(np.float32)
+
+    normals, colors = pick(part.normals), pick(part.colors)
+    if normals is not None:
+        # Zero stands for "none": with_normals computes those.
+        normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
+    if colors is not None:
+        colors = np.clip(colors, 0.0, 1.0)
+    vertices = pick(part.vertices)
+    assert vertices is not None
+    return Mesh(vertices, faces, normals, pick(part.uvs), colors, f"{Path(path).name}: {part.name}")
+
+
+def _smooth(meshes: list[Mesh], crease_degrees: float) -> list[Mesh]:
+    """Give every mesh normals; the ones without are smoothed together, so no seam shows between materials."""
+    bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None]
+    result = [mesh if mesh.normals is None else with_normals(mesh, crease_degrees) for mesh in meshes]
+    if not bare:
+        return result
+    whole = with_normals(merge([meshes[i] for i in bare], "mesh"), crease_degrees)
+    stop = 0
+    for i in bare:
+        start, stop = stop, stop + len(meshes[i].faces)
+        used, faces = np.unique(whole.faces[start:stop], return_inverse=True)
+        picked = {
+            field: getattr(whole, field)[used] if getattr(meshes[i], field) is not None else None
+            for field in ("uvs", "colors")
+        }
+        assert whole.normals is not None
+        result[i] = Mesh(whole.vertices[used], faces.reshape(-1, 3), whole.normals[used], name=meshes[i].name, **picked)
+    return result
+
+
+def _shape(part: Part, mesh: Mesh) -> Shape:
+    """Choose the material: a texture if it can be laid, else colours, else the constant."""
+    reflectance = part.reflectance
+    if isinstance(reflectance, ImageTexture):
+        if mesh.uvs is not None:
+            return Shape(mesh, Diffuse(reflectance), name=mesh.name)
+        # Without coordinates the texture's average is the best constant.
+        average = np.clip(reflectance.pixels.mean(axis=(0, 1), dtype=np.float64), 0.0, 1.0)
+        reflectance = tuple(float(x) for x in average)
+    if part.face_colors is not None:
+        corners = mesh.faces.reshape(-1)
+        colors = np.repeat(np.clip(part.face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
+        split = Mesh(
+            mesh.vertices[corners],
+            np.arange(len(corners)).reshape(-1, 3),
+            None if mesh.normals is None else mesh.normals[corners],
+            None if mesh.uvs is None else mesh.uvs[corners],
+            colors,
+            mesh.name,
+        )
+        return Shape(split, Diffuse(VertexColor()), name=mesh.name)
+    if mesh.colors is not None:
+        return Shape(mesh, Diffuse(VertexColor()), name=mesh.name)
+    return Shape(mesh, Diffuse(DEFAULT_REFLECTANCE if reflectance is None else reflectance), name=mesh.name)

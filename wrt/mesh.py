@@ -1,0 +1,112 @@
+"""Triangle meshes as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles by index, with optional attributes at the vertices.
+
+    Attributes:
+        vertices: (N, 3) float32 positions, metres.
+        faces: (M, 3) int32 vertex indices; counter-clockwise seen from the front.
+        normals: (N, 3) float32 shading normals, or None for flat triangles.
+        uvs: (N, 2) float32 texture coordinates, v up, or None.
+        colors: (N, 3) float32 linear Rec. 709, or None.
+        name: where it came from, for messages.
+
+    Raises:
+        InputError: on wrong shapes, no triangles, indices out of range, or values not finite.
+    """
+
+    vertices: NDArray[np.float32] = field(repr=False)
+    faces: NDArray[np.int32] = field(repr=False)
+    normals: NDArray[np.float32] | None = field(default=None, repr=False)
+    uvs: NDArray[np.float32] | None = field(default=None, repr=False)
+    colors: NDArray[np.float32] | None = field(default=None, repr=False)
+    name: str = "mesh"
+
+    def __post_init__(self) -> None:
+        vertices = self._float_array("vertices", self.vertices, 3)
+        count = len(vertices)
+        faces = np.asarray(self.faces)
+        if faces.ndim != 2 or faces.shape[1] != 3:
+            raise InputError(f"{self.name}: faces must be (M, 3), not {faces.shape}")
+        if len(faces) == 0:
+            raise InputError(f"{self.name}: the mesh has no triangles")
+        if faces.dtype.kind not in "iu":
+            raise InputError(f"{self.name}: faces must be integers, not {faces.dtype}")
+        low, high = int(faces.min()), int(faces.max())
+        if low < 0 or high >= count:
+            bad = low if low < 0 else high
+            raise InputError(f"{self.name}: a face names vertex {bad}, but there are {count} vertices")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int32))
+        for name, width in (("normals", 3), ("uvs", 2), ("colors", 3)):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            array = self._float_array(name, value, width)
+            if len(array) != count:
+                raise InputError(f"{self.name}: {len(array)} {name} for {count} vertices")
+            object.__setattr__(self, name, array)
+
+    def _float_array(self, what: str, value: ArrayLike, width: int) -> NDArray[np.float32]:
+        with np.errstate(over="ignore"):
+            array = np.ascontiguousarray(value, dtype=np.float32)
+        if array.ndim != 2 or array.shape[1] != width:
+            raise InputError(f"{self.name}: {what} must be (N, {width}), not {array.shape}")
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if len(bad):
+            raise InputError(f"{self.name}: {what} must be finite; number {bad[0]} is {array[bad[0]].tolist()}")
+        return array
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 lowest and highest corner of the vertices that faces use."""
+        used = self.vertices[np.unique(self.faces)].astype(np.float64)
+        return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    def transformed(self, matrix: ArrayLike) -> Mesh:
+        """Return a copy moved by a (4, 4) or (3, 4) affine matrix, normals and winding kept right."""
+        m = np.asarray(matrix, dtype=np.float64)
+        if m.shape not in ((4, 4), (3, 4)) or not np.isfinite(m).all():
+            raise InputError(f"{self.name}: a transform must be a finite 4x4 matrix")
+        linear, offset = m[:3, :3], m[:3, 3]
+        determinant = float(np.linalg.det(linear))
+        if determinant == 0.0:
+            raise InputError(f"{self.name}: the transform is not invertible")
+        vertices = self.vertices.astype(np.float64) @ linear.T + offset
+        normals = self.normals
+        if normals is not None:
+            moved = normals.astype(np.float64) @ np.linalg.inv(linear)
+            length = np.linalg.norm(moved, axis=1, keepdims=True)
+            normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+        faces = self.faces if determinant > 0.0 else self.faces[:, ::-1]
+        return Mesh(vertices.astype(np.float32), faces, normals, self.uvs, self.colors, self.name)
+
+    def scaled(self, factor: float) -> Mesh:
+        """Return a copy scaled about the origin."""
+        return self.transformed(np.diag([factor, factor, factor, 1.0]))
+
+    def translated(self, offset: ArrayLike) -> Mesh:
+        """Return a copy moved by `offset`, metres."""
+        m = np.eye(4)
+        m[:3, 3] = offset
+        return self.transformed(m)
+
+    def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
+        """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
+        x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+        k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        angle = np.deg2rad(degrees)
+        m = np.eye(4)
+        m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+        return self.transformed(m)

@@ -1,0 +1,306 @@
+"""The progressive renderer: passes over a film until there are enough."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt._version import __version__
+from wrt.build.camera import build_camera
+from wrt.build.environment import environment_kind
+from wrt.build.filters import filter_table
+from wrt.build.scene_data import build_scene
+from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
+from wrt.device import Device
+from wrt.errors import InputError
+from wrt.film import Film
+from wrt.fingerprint import scene_fingerprint
+from wrt.framing import frame_camera
+from wrt.scene import RenderSettings, Scene
+from wrt.values import integer, number
+
+STRATEGIES = ("mis", "light", "bsdf")
+"""How light that both samplings find is weighed: shared, or left to one of them alone."""
+
+MAX_SPP = 2**31 - 1
+PASS_SECONDS = 0.4
+"""How long a pass should take: long enough to cost nothing, short enough to watch and to stop."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What one pass has come to.
+
+    Attributes:
+        pass_index: passes since `Renderer.passes` was called, from 1.
+        spp: samples in every pixel so far.
+        target_spp: samples per pixel asked for; None where only time limits.
+        seconds: rendering time since `Renderer.passes` was called.
+        seconds_left: estimate of the time still needed.
+        paths_per_second: camera paths a second since `Renderer.passes` was called.
+        rays_per_second: rays of every kind a second, likewise.
+        noise: root mean square standard error of the picture over its mean radiance, or None
+            while pixels have only one sample.
+    """
+
+    pass_index: int
+    spp: int
+    target_spp: int | None
+    seconds: float
+    seconds_left: float | None
+    paths_per_second: float
+    rays_per_second: float
+    noise: float | None
+
+
+class Renderer:
+    """Traces a scene pass after pass; the picture gets better with each and can be had at any time.
+
+    The picture depends on scene, size, seed, sample count, device and version alone: bit for bit
+    the same for any number of threads, any split into passes, and after any stop and resume.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        width: int | None = None,
+        height: int | None = None,
+        device: str = "cpu",
+        seed: int = 0,
+        threads: int | None = None,
+        max_depth: int | None = None,
+        filter: str | None = None,
+        strategy: str = "mis",
+    ) -> None:
+        """Build a scene for a device and compile its kernel.
+
+        Args:
+            scene: what to render; later changes to it are not seen.
+            width: pixels; by default the scene's own setting, as for height, max_depth and filter.
+            height: pixels.
+            device: "cpu", "cuda" or "cuda:N".
+            seed: 0 to 2³² − 1; other seeds give statistically independent pictures.
+            threads: CPU threads; by default all cores.
+            max_depth: most segments in a path.
+            filter: reconstruction filter, see `wrt.scene.FILTERS`.
+            strategy: "mis", or "light" or "bsdf" to find surface and image lights by only one of both.
+
+        Raises:
+            InputError: on values that cannot be used, an empty scene, or a device that is not there.
+        """
+        given = {"width": width, "height": height, "max_depth": max_depth, "filter": filter}
+        self.settings: RenderSettings = dataclasses.replace(
+            scene.settings, **{k: v for k, v in given.items() if v is not None}
+        )
+        self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
+        if strategy not in STRATEGIES:
+            raise InputError(f"strategy must be one of {', '.join(STRATEGIES)}, not {strategy!r}")
+        self.strategy = strategy
+        self.scene = dataclasses.replace(scene, shapes=list(scene.shapes), lights=list(scene.lights))
+        if not scene.shapes:
+            raise InputError("the scene has no shapes to render")
+        if self.scene.camera is None:
+            self.scene.camera = frame_camera(self.scene.bounds, self.width / self.height)
+        if not _has_light(self.scene):
+            warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
+
+        self.device = Device(device, threads=threads)
+        self.film = Film(self.width, self.height, self.device)
+        self._built = build_scene(self.scene, self.device.name)
+        self.seconds_compile, self._kernel, self._inputs = self._prepare()
+        self.seconds_render = 0.0
+        self.paths = 0
+
+    def _prepare(self) -> tuple[float, Any, list[Any]]:
+        import warp as wp
+
+        from wrt.kernels.path import PathSettings
+        from wrt.kernels.render import make_render_kernel
+
+        path = PathSettings()
+        path.max_depth = self.settings.max_depth
+        path.strategy = STRATEGIES.index(self.strategy)
+        assert self.scene.camera is not None
+        camera = build_camera(self.scene.camera, self.width, self.height)
+        table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
+        kernel = make_render_kernel(self._built.features)
+        seconds = self.device.compile(kernel)
+        return seconds, kernel, [self.seed, camera, table, self._built.data, path, self.film.data]
+
+    @property
+    def width(self) -> int:
+        """Picture width, pixels."""
+        return self.settings.width
+
+    @property
+    def height(self) -> int:
+        """Picture height, pixels."""
+        return self.settings.height
+
+    @property
+    def threads(self) -> int:
+        """CPU threads in use; 1 on CUDA."""
+        return self.device.threads
+
+    @property
+    def spp(self) -> int:
+        """Samples that every pixel has at least."""
+        return int(self.film.counts.min())
+
+    @property
+    def rays(self) -> int:
+        """Rays of every kind traced by this renderer."""
+        return self.film.rays
+
+    def passes(self, *, spp: int | None = None, time: float | None = None) -> Iterator[Progress]:
+        """Render until every pixel has `spp` samples or `time` seconds are over, whichever is first.
+
+        Yields after each pass, the first of one sample a pixel. Stopping early, by leaving the loop
+        or by KeyboardInterrupt, leaves a film that can be looked at, saved and gone on with.
+
+        Args:
+            spp: total samples per pixel, those already there counted in; by default the scene's
+                setting, or without limit where `time` is given.
+            time: seconds of rendering; the pass that runs then is finished.
+        """
+        if spp is None and time is None:
+            spp = self.settings.spp
+        if spp is not None:
+            spp = integer(spp, "spp", minimum=1, maximum=MAX_SPP)
+        if time is not None:
+            time = number(time, "time", above=0.0)
+        return self._passes(spp, time)
+
+    def _passes(self, spp: int | None, limit: float | None) -> Iterator[Progress]:
+        target = MAX_SPP if spp is None else spp
+        seconds = 0.0
+        paths = 0
+        rays_before = self.rays
+        done = self.spp
+        pass_index = 0
+        step = 1
+        while done < target:
+            pass_index += 1
+            done = min(done + step, target)
+            before = int(self.film.counts.sum(dtype=np.int64))
+            started = time.perf_counter()
+            try:
+                self.device.launch(self._kernel, self.width * self.height, [done, *self._inputs])
+            finally:
+                elapsed = time.perf_counter() - started
+                traced = int(self.film.counts.sum(dtype=np.int64)) - before
+                seconds += elapsed
+                paths += traced
+                self.seconds_render += elapsed
+                self.paths += traced
+            yield self._progress(pass_index, done, spp, seconds, limit, paths, self.rays - rays_before)
+            if limit is not None and seconds >= limit:
+                return
+            per_sample = elapsed * self.width * self.height / max(traced, 1)
+            # At most double, so that the first pictures come quickly one after the other.
+            step = max(1, min(2 * step, int(PASS_SECONDS / max(per_sample, 1e-9))))
+            if limit is not None:
+                step = max(1, min(step, int((limit - seconds) / max(per_sample, 1e-9))))
+
+    def _progress(
+        self, index: int, done: int, spp: int | None, seconds: float, limit: float | None, paths: int, rays: int
+    ) -> Progress:
+        left = None
+        if spp is not None:
+            left = (spp - done) * seconds * self.width * self.height / max(paths, 1)
+        if limit is not None:
+            left = min(max(limit - seconds, 0.0), left if left is not None else limit)
+        return Progress(
+            pass_index=index,
+            spp=done,
+            target_spp=spp,
+            seconds=seconds,
+            seconds_left=left,
+            paths_per_second=paths / max(seconds, 1e-9),
+            rays_per_second=rays / max(seconds, 1e-9),
+            noise=self.film.noise(),
+        )
+
+    def image(self) -> NDArray[np.float32]:
+        """Return (H, W, 3) float32 linear radiance as estimated so far."""
+        return self.film.mean()
+
+    def variance(self) -> NDArray[np.float64]:
+        """Return (H, W, 3) float64 variance of the estimate; NaN below two samples."""
+        return self.film.variance()
+
+    def save_checkpoint(self, path: str | os.PathLike[str]) -> None:
+        """Write all that is needed to go on later, atomically.
+
+        Raises:
+            InputError: where the path cannot be written.
+            OSError: where writing fails.
+        """
+        write_checkpoint(path, self._identity(), self.film.state())
+
+    @classmethod
+    def resume(
+        cls, path: str | os.PathLike[str], scene: Scene, *, device: str = "cpu", threads: int | None = None
+    ) -> Renderer:
+        """Return a renderer that goes on from a checkpoint, with its size, seed and settings.
+
+        Raises:
+            InputError: where the file is not a checkpoint, or of another scene or version.
+        """
+        header, arrays = read_checkpoint(path)
+        options = {key: header.get(key) for key in ("width", "height", "seed", "max_depth", "filter", "strategy")}
+        try:
+            renderer = cls(scene, device=device, threads=threads, **options)  # type: ignore[arg-type]
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        renderer.restore(path, header, arrays)
+        return renderer
+
+    def load_checkpoint(self, path: str | os.PathLike[str]) -> None:
+        """Go on from a checkpoint of this very scene, size, seed and settings.
+
+        Raises:
+            InputError: naming what differs.
+        """
+        self.restore(path, *read_checkpoint(path))
+
+    def restore(self, path: str | os.PathLike[str], header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        """Take over the content of a checkpoint read from `path`."""
+        require_same(path, header, self._identity())
+        for name, array in self.film.state().items():
+            found = arrays.get(name)
+            if found is None or found.shape != array.shape or found.dtype != array.dtype:
+                raise InputError(f"{path}: damaged, its array {name!r} is missing or of another shape")
+        self.film.restore(arrays)
+
+    def _identity(self) -> dict[str, Any]:
+        import warp as wp
+
+        return {
+            "wrt": __version__,
+            "warp": wp.config.version,
+            "width": self.width,
+            "height": self.height,
+            "seed": self.seed,
+            "max_depth": self.settings.max_depth,
+            "filter": self.settings.filter,
+            "strategy": self.strategy,
+            "scene": scene_fingerprint(self.scene),
+        }
+
+
+def _has_light(scene: Scene) -> bool:
+    return (
+        any(shape.emits for shape in scene.shapes)
+        or bool(scene.lights)
+        or environment_kind(scene.environment) != "none"
+    )

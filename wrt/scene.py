@@ -1,0 +1,142 @@
+"""The description of what is rendered: plain data, no Warp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from wrt.camera import PerspectiveCamera
+from wrt.environment import ConstantEnvironment, ImageEnvironment
+from wrt.errors import InputError
+from wrt.lights import DirectionalLight, PointLight
+from wrt.materials import Diffuse, Material
+from wrt.mesh import Mesh
+from wrt.values import ColorLike, Vec3, color, integer, number
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Light: TypeAlias = PointLight | DirectionalLight
+Environment: TypeAlias = ConstantEnvironment | ImageEnvironment
+
+FILTERS = ("box", "tent", "gaussian", "blackman-harris")
+"""Reconstruction filters by name; `kernels/filters.py` says what each is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A mesh, what it is made of, and the light it gives.
+
+    Attributes:
+        mesh: the triangles.
+        material: how it reflects.
+        emission: radiance it gives off its front, per channel, W·sr⁻¹·m⁻².
+        two_sided_emission: whether its back shines as well.
+        name: for messages.
+    """
+
+    mesh: Mesh
+    material: Material = field(default_factory=Diffuse)
+    emission: ColorLike = 0.0
+    two_sided_emission: bool = False
+    name: str = "shape"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mesh, Mesh):
+            raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}")
+        if not isinstance(self.material, Material):
+            raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
+        object.__setattr__(self, "emission", color(self.emission, f"{self.name}: emission"))
+
+    @property
+    def emits(self) -> bool:
+        """Whether it gives off any light."""
+        return any(self.emission)  # type: ignore[arg-type]
+
+
+@dataclass
+class RenderSettings:
+    """How a scene asks to be rendered; options given to the renderer win.
+
+    Attributes:
+        width, height: pixels.
+        spp: samples per pixel.
+        max_depth: most segments in a path; 1 sees emission only, 2 adds direct light.
+        filter: reconstruction filter, one of FILTERS.
+        exposure: stops (factors of two) applied when a picture is written as PNG.
+    """
+
+    width: int = 768
+    height: int = 576
+    spp: int = 64
+    max_depth: int = 64
+    filter: str = "blackman-harris"
+    exposure: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.width = integer(self.width, "width", minimum=1, maximum=65536)
+        self.height = integer(self.height, "height", minimum=1, maximum=65536)
+        self.spp = integer(self.spp, "spp", minimum=1, maximum=2**31 - 1)
+        self.max_depth = integer(self.max_depth, "max_depth", minimum=1, maximum=65536)
+        if self.filter not in FILTERS:
+            raise InputError(f"filter must be one of {', '.join(FILTERS)}, not {self.filter!r}")
+        self.exposure = number(self.exposure, "exposure", minimum=-100.0, maximum=100.0)
+
+
+@dataclass
+class Scene:
+    """Shapes, lights, an environment and a camera.
+
+    Attributes:
+        shapes: what can be hit.
+        lights: point and directional lights.
+        environment: what rays that hit nothing see; None is black.
+        camera: where the picture is taken from; None lets the renderer frame the shapes.
+        settings: how the scene asks to be rendered.
+    """
+
+    shapes: list[Shape] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
+    environment: Environment | None = None
+    camera: PerspectiveCamera | None = None
+    settings: RenderSettings = field(default_factory=RenderSettings)
+
+    def add(
+        self,
+        mesh: Mesh,
+        *,
+        material: Material | None = None,
+        emission: ColorLike = 0.0,
+        two_sided_emission: bool = False,
+        name: str | None = None,
+    ) -> Shape:
+        """Add a mesh with a material and, for a light, an emission; return the new shape."""
+        shape = Shape(
+            mesh=mesh,
+            material=Diffuse() if material is None else material,
+            emission=emission,
+            two_sided_emission=two_sided_emission,
+            name=name or getattr(mesh, "name", "shape"),
+        )
+        self.shapes.append(shape)
+        return shape
+
+    def add_light(self, light: Light) -> Light:
+        """Add a point or directional light and return it."""
+        if not isinstance(light, (PointLight, DirectionalLight)):
+            raise InputError(f"a light must be a PointLight or DirectionalLight, not {type(light).__name__}")
+        self.lights.append(light)
+        return light
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 lowest and highest corner of all shapes; zeros without shapes."""
+        if not self.shapes:
+            return np.zeros((2, 3))
+        corners = np.stack([shape.mesh.bounds for shape in self.shapes])
+        return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+
+__all__ = ["FILTERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]

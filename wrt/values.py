@@ -1,0 +1,74 @@
+"""Checks shared by everything a person types: numbers, vectors, colours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from wrt.errors import InputError
+
+Vec3: TypeAlias = tuple[float, float, float]
+"""Three finite numbers."""
+
+ColorLike: TypeAlias = float | Sequence[float]
+"""Linear Rec. 709 RGB: three numbers, or one for a grey."""
+
+
+def number(
+    value: object,
+    name: str,
+    *,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    above: float = -math.inf,
+) -> float:
+    """Return `value` as a finite float within its limits, or raise InputError naming `name`."""
+    if isinstance(value, bool) or isinstance(value, str):
+        raise InputError(f"{name} must be a number, not {value!r}")
+    try:
+        result = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, not {value!r}") from None
+    if not math.isfinite(result):
+        raise InputError(f"{name} must be finite, not {result}")
+    if result < minimum:
+        raise InputError(f"{name} must be at least {minimum:g}, not {result:g}")
+    if result <= above:
+        raise InputError(f"{name} must be greater than {above:g}, not {result:g}")
+    if result > maximum:
+        raise InputError(f"{name} must be at most {maximum:g}, not {result:g}")
+    return result
+
+
+def integer(value: object, name: str, *, minimum: int, maximum: int) -> int:
+    """Return `value` as an int within [minimum, maximum], or raise InputError naming `name`."""
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise InputError(f"{name} must be a whole number, not {value!r}")
+    result = int(value.__index__())
+    if not minimum <= result <= maximum:
+        raise InputError(f"{name} must be between {minimum} and {maximum}, not {result}")
+    return result
+
+
+def vector(value: object, name: str) -> Vec3:
+    """Return `value` as three finite floats, or raise InputError naming `name`."""
+    try:
+        items = list(value)  # type: ignore[call-overload]
+    except TypeError:
+        raise InputError(f"{name} must be three numbers, not {value!r}") from None
+    if isinstance(value, str) or len(items) != 3:
+        raise InputError(f"{name} must be three numbers, not {value!r}")
+    x, y, z = (number(item, f"{name}[{i}]") for i, item in enumerate(items))
+    return x, y, z
+
+
+def color(value: object, name: str, *, maximum: float = math.inf) -> Vec3:
+    """Return `value` as non-negative linear RGB; one number stands for a grey."""
+    if isinstance(value, (int, float)) or getattr(value, "shape", None) == ():
+        grey = number(value, name, minimum=0.0, maximum=maximum)
+        return grey, grey, grey
+    result = vector(value, name)
+    for i, item in enumerate(result):
+        number(item, f"{name}[{i}]", minimum=0.0, maximum=maximum)
+    return result
