@@ -45,14 +45,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("device", _devices(metafunc.config), scope="session")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _quiet_warp() -> None:
-    """Keep what Warp says about compiling out of the tests' output."""
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR
-
-
 @pytest.fixture
 def report(request: pytest.FixtureRequest) -> Report:
     """Return a function that adds a row to the table at the end of the run."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import queue
+import sys
+import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -22,6 +24,35 @@ def available_threads() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+
+
+def initialize_warp() -> None:
+    """Start Warp quietly.
+
+    Its native library writes a warning straight to file descriptor 2 on every machine without a
+    GPU. That line is held back; anything else it writes goes through.
+    """
+    import warp as wp
+
+    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with tempfile.TemporaryFile() as caught:
+            os.dup2(caught.fileno(), 2)
+            try:
+                wp.init()
+            finally:
+                os.dup2(kept, 2)
+            caught.seek(0)
+            for line in caught:
+                if _NO_DRIVER not in line:
+                    os.write(2, line)
+    finally:
+        os.close(kept)
 
 
 class Device:
@@ -49,11 +80,7 @@ class Device:
             raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N")
         import warp as wp
 
-        # Warp warns of a missing CUDA driver on every start; the check below says it when it matters.
-        level = max(wp.config.log_level, wp.LOG_WARNING)
-        wp.config.log_level = wp.LOG_ERROR
-        wp.init()
-        wp.config.log_level = level
+        initialize_warp()
         if kind == "cuda":
             count = wp.get_cuda_device_count()
             if count == 0:

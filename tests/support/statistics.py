@@ -2,8 +2,8 @@
 
 A Monte Carlo result is never equal to its expectation, so a test asks how improbable the result
 would be if the code were right. Where many are asked at once, each gets the smaller significance
-that keeps the whole at the one stated (Šidák 1967); a test that fails by chance once in a hundred
-runs would fail never here, as every seed is fixed.
+that keeps the whole at the one stated (Šidák 1967). Seeds are fixed, once, so that a test which
+passes goes on passing until the code changes.
 """
 
 from __future__ import annotations
@@ -221,8 +221,8 @@ def two_sample_z(
     """Return how far two means are apart, in standard errors.
 
     With `n_a` or `n_b` finite the variances count as estimated from that many samples: Welch's t (1947), turned
-    into the normal deviate of the same probability. Heavy use of small n without this would find
-    differences that are none: at 32 samples, 5 standard errors are 40 times as likely as under the normal.
+    into the normal deviate of the same probability. A plain z would find differences that are none: with 32
+    samples, 5 standard errors are 40 times as likely as under the normal distribution.
 
     Args:
         mean_a: means of the first, any shape.

@@ -1,0 +1,304 @@
+"""Images in and out: PNG and the like, OpenEXR, Radiance HDR, NumPy arrays."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.environment import ImageEnvironment
+from wrt.errors import InputError
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+PathLike = str | os.PathLike[str]
+
+OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
+"""What `save_image` writes."""
+
+
+def srgb_from_linear(values: ArrayLike) -> NDArray[np.float64]:
+    """Encode linear values in [0, 1] by the sRGB curve (IEC 61966-2-1, section 5.2).
+
+    Negative values stay linear; nothing is clipped.
+    """
+    x = np.asarray(values, np.float64)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
+
+
+def linear_from_srgb(values: ArrayLike) -> NDArray[np.float64]:
+    """Decode sRGB values in [0, 1] to linear light (IEC 61966-2-1, section 5.3)."""
+    x = np.asarray(values, np.float64)
+    return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
+    """Read an image as (H, W, 3) float32, linear Rec. 709; row 0 is the top.
+
+    OpenEXR, Radiance HDR, NumPy (.npy) and everything Pillow reads. Alpha is dropped; grey
+    becomes three equal channels.
+
+    Args:
+        path: the file.
+        linear: whether whole-number formats hold linear values; by default they hold sRGB.
+            Floating-point formats are always linear.
+
+    Raises:
+        InputError: when there is no such file or it cannot be decoded.
+    """
+    file = Path(path)
+    require_file(file)
+    suffix = file.suffix.lower()
+    reader = {".exr": _read_exr, ".hdr": _read_hdr, ".rgbe": _read_hdr, ".npy": _read_npy}.get(suffix)
+    try:
+        pixels = _read_pillow(file, linear) if reader is None else reader(file)
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - decoders fail on damaged files in ways they do not list
+        raise InputError(f"{file}: cannot be read as an image: {first_line(error)}") from None
+    if pixels.size == 0:
+        raise InputError(f"{file}: the image has no pixels")
+    return pixels
+
+
+def load_environment(path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0) -> ImageEnvironment:
+    """Read a latitude-longitude image as an environment.
+
+    Args:
+        path: the file; see `load_image`.
+        scale: multiplies the pixels.
+        rotation_degrees: see `ImageEnvironment`.
+
+    Raises:
+        InputError: when the file cannot be read, or holds negative values or values not finite.
+    """
+    pixels = load_image(path)
+    try:
+        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def require_file(path: Path) -> None:
+    """Raise InputError unless `path` is a file that may be read and holds something."""
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: is a directory, not a file")
+        with path.open("rb") as file:
+            if not file.read(1):
+                raise InputError(f"{path}: the file is empty")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+
+
+def first_line(error: BaseException) -> str:
+    """Return what an exception says in one line, or its kind where it says nothing."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    lines = str(error).strip().splitlines()
+    return lines[0].strip() if lines else type(error).__name__
+
+
+def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32]:
+    """Return a Pillow image as (H, W, 3) float32, linear Rec. 709; see `load_image`."""
+    if image.mode == "F":
+        values = np.asarray(image, np.float32)
+        return np.ascontiguousarray(np.repeat(values[:, :, None], 3, axis=2))
+    if image.mode.startswith("I"):  # 16-bit grey, held in 16 or in 32 bits
+        grey = np.clip(np.asarray(image).astype(np.float64) / 65535.0, 0.0, 1.0)
+        grey = grey if linear else linear_from_srgb(grey)
+        return np.repeat(grey.astype(np.float32)[:, :, None], 3, axis=2)
+    if image.mode == "P" and "transparency" in image.info:
+        image = image.convert("RGBA")
+    codes = np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+    table = np.arange(256) / 255.0
+    table = table if linear else linear_from_srgb(table)
+    pixels: NDArray[np.float32] = table.astype(np.float32)[codes]
+    return pixels
+
+
+def _read_pillow(path: Path, linear: bool | None) -> NDArray[np.float32]:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            # Large pictures are normal here; Pillow still refuses absurd ones.
+            warnings.simplefilter("ignore")
+            with Image.open(path) as image:
+                return pixels_of(image, linear=linear)
+    except Image.DecompressionBombError:
+        raise InputError(f"{path}: the image is too large ({2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels at most)") from None
+    except UnidentifiedImageError:
+        raise InputError(f"{path}: not an image of a known format") from None
+
+
+def _read_exr(path: Path) -> NDArray[np.float32]:
+    import OpenEXR
+
+    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    for names in (("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")):
+        if all(name in channels for name in names):
+            return np.ascontiguousarray(np.stack([channels[name].pixels for name in names], axis=2), np.float32)
+    raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(sorted(channels))}")
+
+
+def _read_hdr(path: Path) -> NDArray[np.float32]:
+    import OpenImageIO
+
+    source = OpenImageIO.ImageInput.open(str(path))
+    if source is None:
+        raise InputError(f"{path}: cannot be read as Radiance HDR: {OpenImageIO.geterror()}")
+    try:
+        pixels = source.read_image("float")
+        if pixels is None:
+            raise InputError(f"{path}: cannot be read as Radiance HDR: {source.geterror()}")
+    finally:
+        source.close()
+    return np.ascontiguousarray(pixels[:, :, :3], np.float32)
+
+
+def _read_npy(path: Path) -> NDArray[np.float32]:
+    pixels = np.load(path, allow_pickle=False)
+    if not isinstance(pixels, np.ndarray) or pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise InputError(f"{path}: the array must be (H, W, 3), not {getattr(pixels, 'shape', 'an archive')}")
+    return np.ascontiguousarray(pixels, np.float32)
+
+
+def check_output(path: PathLike) -> Path:
+    """Return the path of a picture that could be written there, so that hours of work are not lost.
+
+    Raises:
+        InputError: on a suffix that `save_image` does not write, a directory, or a folder that
+            does not exist or may not be written to.
+    """
+    file = Path(path)
+    if file.suffix.lower() not in OUTPUT_SUFFIXES:
+        known = ", ".join(OUTPUT_SUFFIXES)
+        raise InputError(f"{file}: the name of a picture must end in one of {known}")
+    if file.is_dir():
+        raise InputError(f"{file}: is a directory; name a file")
+    folder = file.parent
+    if not folder.is_dir():
+        reason = "is not a folder" if folder.exists() else "does not exist; make it first"
+        raise InputError(f"{file}: the folder {str(folder)!r} {reason}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"{file}: the folder {str(folder)!r} may not be written to")
+    return file
+
+
+def save_image(
+    path: PathLike,
+    image: ArrayLike,
+    *,
+    exposure: float = 0.0,
+    metadata: Mapping[str, object] | None = None,
+) -> None:
+    """Write a linear Rec. 709 image as PNG, OpenEXR or NumPy array, by its suffix.
+
+    The file appears whole or not at all: it is written under another name beside its place and
+    then moved there.
+
+    Args:
+        path: ends in .png (8-bit sRGB, clipped and dithered), .exr (float32 R, G, B) or .npy
+            (float32 (H, W, 3)).
+        image: (H, W, 3), row 0 at the top.
+        exposure: stops (factors of two) by which a PNG is brightened; the other two keep the
+            radiance as it is.
+        metadata: names and values, kept as text in PNG and as attributes in OpenEXR.
+
+    Raises:
+        InputError: see `check_output`; also when the image has another shape or writing fails.
+    """
+    file = check_output(path)
+    pixels = np.ascontiguousarray(image, np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
+    notes = {str(key): str(value) for key, value in (metadata or {}).items()}
+    writer = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}[file.suffix.lower()]
+    if writer is _write_png and exposure != 0.0:
+        with np.errstate(over="ignore"):
+            pixels = pixels * np.float32(2.0**exposure)
+    write_whole(file, lambda temporary: writer(temporary, pixels, notes))
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Have `write` make a file that then takes the place of `path`, or leave things as they were.
+
+    Raises:
+        InputError: when it cannot be written.
+    """
+    # Opened without mkstemp, whose files only their owner may read.
+    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        write(temporary)
+        temporary.replace(path)
+    except InputError:
+        raise
+    except (OSError, RuntimeError, ValueError, MemoryError) as error:
+        raise InputError(f"{path}: cannot be written: {first_line(error)}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def quantize(image: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    """Return (H, W, 3) linear values as 8-bit sRGB codes, clipped to [0, 1]; NaN becomes black.
+
+    Dithered, so that dark gradients do not show as bands: floor(255 v + u), where u in (0, 1) is
+    a fixed hash of column, row and channel. Values that lie on a code, 0 and 1 among them, come
+    out as that code.
+    """
+    height, width, channels = image.shape
+    codes = np.empty(image.shape, np.uint8)
+    x = np.arange(width, dtype=np.uint32)[:, None]
+    c = np.arange(channels, dtype=np.uint32)
+    columns = _hash(x ^ _hash(c + np.uint32(0x9E3779B9)))
+    for y in range(height):  # a row at a time: float64 of a whole picture would take four times its memory
+        row = np.clip(np.nan_to_num(image[y].astype(np.float64), nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
+        noise = _hash(columns + _hash(np.array(y, np.uint32)))
+        # 256 levels from 1/512 to 511/512: rounding errors of a value on a code cannot leave it.
+        u = ((noise >> np.uint32(24)).astype(np.float64) + 0.5) / 256.0
+        codes[y] = np.floor(255.0 * srgb_from_linear(row) + u).astype(np.uint8)
+    return codes
+
+
+def _hash(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Mix 32 bits (Wellons 2018, the "lowbias32" function)."""
+    x = x ^ (x >> np.uint32(16))
+    with np.errstate(over="ignore"):
+        x = x * np.uint32(0x7FEB352D)
+        x = x ^ (x >> np.uint32(15))
+        x = x * np.uint32(0x846CA68B)
+    return x ^ (x >> np.uint32(16))
+
+
+def _write_png(path: Path, pixels: NDArray[np.float32], notes: Mapping[str, str]) -> None:
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    info = PngInfo()
+    for key, value in notes.items():
+        info.add_itxt(key, value)  # UTF-8, unlike the older text chunk
+    Image.fromarray(quantize(pixels)).save(path, format="PNG", pnginfo=info)
+
+
+def _write_exr(path: Path, pixels: NDArray[np.float32], notes: Mapping[str, str]) -> None:
+    import OpenEXR
+
+    header = {**notes, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {name: np.ascontiguousarray(pixels[:, :, k]) for k, name in enumerate("RGB")}
+    OpenEXR.File(header, channels).write(str(path))
+
+
+def _write_npy(path: Path, pixels: NDArray[np.float32], notes: Mapping[str, str]) -> None:
+    del notes  # the format has no place for them
+    with path.open("xb") as file:
+        np.save(file, pixels)
