@@ -18,3 +18,9 @@ class Features:
     models: tuple[str, ...]
     textured: bool
     environment: str
+
+    @property
+    def name(self) -> str:
+        """A name that tells one variant from every other, for the kernel's module."""
+        parts = [*self.models, "textured" if self.textured else "plain", self.environment]
+        return "_".join(parts)

@@ -18,7 +18,10 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features; equal features give the same kernel."""
     trace_path = make_trace_path(features)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    # Named, not "unique": the name alone must keep variants apart, whatever Warp's hash sees.
+    module = wp.get_module(f"wrt.render.{features.name}")
+
+    @wp.kernel(module=module, enable_backward=False)
     def render_pass(
         first_pixel: int,
         target_count: int,

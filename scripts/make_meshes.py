@@ -1,8 +1,7 @@
 """Make the sample meshes: `python scripts/make_meshes.py [folder]`, by default into meshes/.
 
-`teapot.ply` is Newell's teapot (teapot_patches.py), `sweep.ply` a photographer's backdrop, `cup.ply` a
-glass of revolution. All are little-endian binary PLY, metres, y up, with normals, and the same on
-every run.
+`teapot.ply` is the Utah teapot (teapot_patches.py), `sweep.ply` a photographer's backdrop. Both are
+little-endian binary PLY, metres, y up, with normals, and the same on every run.
 """
 
 from __future__ import annotations

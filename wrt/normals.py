@@ -99,7 +99,7 @@ def _face_normals(mesh: Mesh, faces: _Int) -> tuple[_Float, _Float]:
     points = (points - points[0]) / (np.abs(points - points[0]).max() or 1.0)
     a, b, c = (points[faces[:, k]] for k in range(3))
     edges = (b - a, c - b, a - c)
-    cross = np.cross(edges[0], -edges[2])
+    cross: _Float = np.cross(edges[0], -edges[2])
     normals, twice_area = _unit(cross)
     angles = np.empty((len(faces), 3))
     for k in range(3):
@@ -159,7 +159,7 @@ def _corner_normals(groups: NDArray[np.intp], face_normals: _Float, angles: _Flo
     """Return (3M, 3) unit normals: the angle-weighted mean over each group; zero where it cancels."""
     weighted = (face_normals[:, None, :] * angles[:, :, None]).reshape(-1, 3)
     size = int(groups.max(initial=0)) + 1
-    sums = np.stack([np.bincount(groups, weights=weighted[:, k], minlength=size) for k in range(3)], axis=1)
+    sums: _Float = np.stack([np.bincount(groups, weights=weighted[:, k], minlength=size) for k in range(3)], axis=1)
     total = np.bincount(groups, weights=angles.reshape(-1), minlength=size)
     unit, length = _unit(sums)
     unit[length <= 1e-6 * total] = 0.0  # faces that look opposite ways leave only rounding

@@ -9,6 +9,7 @@ To add one, write the file, name it in MODELS, and give it a description in `wrt
 
 import functools
 from types import ModuleType
+from typing import NamedTuple
 
 import warp as wp
 
@@ -26,44 +27,74 @@ DELTA_ONLY = frozenset({"mirror", "conductor", "dielectric"})
 """Models whose `evaluate` is zero everywhere, so that sampling lights for them is useless."""
 
 
+class BsdfFunctions(NamedTuple):
+    """The device functions that dispatch on `Bsdf.model`."""
+
+    evaluate: wp.Function
+    pdf: wp.Function
+    sample: wp.Function
+    is_delta: wp.Function
+
+
 @functools.cache
-def make_bsdf(names: tuple[str, ...]) -> tuple[wp.Function, wp.Function, wp.Function, wp.Function]:
-    """Return device functions (evaluate, pdf, sample, is_delta) that know the models `names` alone."""
-    models = tuple(MODELS[name] for name in names)
-    numbers = tuple(MODEL_NUMBERS[name] for name in names)
-    delta = tuple(name in DELTA_ONLY for name in names)
-    count = len(models)
+def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
+    """Return device functions that know the models `names` alone.
 
-    @wp.func
-    def bsdf_evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-        value = wp.vec3(0.0)
-        for k in range(wp.static(count)):
-            if bsdf.model == wp.static(numbers[k]):
-                value = wp.static(models[k].evaluate)(bsdf, wo, wi)
-        return value
+    One link a model, each calling the next. Not a static loop over the models: Warp's hash of a
+    function leaves out a `wp.static` that depends on a loop variable, so kernels of different
+    scenes would be taken for one another.
+    """
+    if not names:
+        return BsdfFunctions(_no_evaluate, _no_pdf, _no_sample, _no_is_delta)
+    model = MODELS[names[0]]
+    number = MODEL_NUMBERS[names[0]]
+    delta = names[0] in DELTA_ONLY
+    model_evaluate, model_pdf, model_sample = model.evaluate, model.pdf, model.sample
+    next_evaluate, next_pdf, next_sample, next_is_delta = make_bsdf(names[1:])
+    suffix = "_".join(names)
 
-    @wp.func
-    def bsdf_pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-        value = float(0.0)
-        for k in range(wp.static(count)):
-            if bsdf.model == wp.static(numbers[k]):
-                value = wp.static(models[k].pdf)(bsdf, wo, wi)
-        return value
+    @wp.func(name=f"bsdf_evaluate_{suffix}")
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        if bsdf.model == wp.static(number):
+            return model_evaluate(bsdf, wo, wi)
+        return next_evaluate(bsdf, wo, wi)
 
-    @wp.func
-    def bsdf_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-        value = BsdfSample()
-        for k in range(wp.static(count)):
-            if bsdf.model == wp.static(numbers[k]):
-                value = wp.static(models[k].sample)(bsdf, wo, u, u_lobe)
-        return value
+    @wp.func(name=f"bsdf_pdf_{suffix}")
+    def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        if bsdf.model == wp.static(number):
+            return model_pdf(bsdf, wo, wi)
+        return next_pdf(bsdf, wo, wi)
 
-    @wp.func
-    def bsdf_is_delta(bsdf: Bsdf) -> bool:
-        value = bool(False)
-        for k in range(wp.static(count)):
-            if bsdf.model == wp.static(numbers[k]):
-                value = wp.static(delta[k])
-        return value
+    @wp.func(name=f"bsdf_sample_{suffix}")
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        if bsdf.model == wp.static(number):
+            return model_sample(bsdf, wo, u, u_lobe)
+        return next_sample(bsdf, wo, u, u_lobe)
 
-    return bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta
+    @wp.func(name=f"bsdf_is_delta_{suffix}")
+    def is_delta(bsdf: Bsdf) -> bool:
+        if bsdf.model == wp.static(number):
+            return wp.static(delta)
+        return next_is_delta(bsdf)
+
+    return BsdfFunctions(evaluate, pdf, sample, is_delta)
+
+
+@wp.func
+def _no_evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    return wp.vec3(0.0)
+
+
+@wp.func
+def _no_pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    return 0.0
+
+
+@wp.func
+def _no_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    return BsdfSample()
+
+
+@wp.func
+def _no_is_delta(bsdf: Bsdf) -> bool:
+    return True

@@ -137,6 +137,7 @@ def integrate_pdf_over_bins(
     *,
     tolerance: float = 1e-8,
     order: int = 4,
+    min_levels: int = 2,
     max_levels: int = 12,
 ) -> FloatArray:
     """Integrate a density over solid angle in the cells of `sphere_histogram`.
@@ -149,7 +150,8 @@ def integrate_pdf_over_bins(
         resolution: cells in cos θ and φ.
         tolerance: absolute, of the probability in a rectangle.
         order: Gauss points a side.
-        max_levels: most times a cell is halved; a step in the density needs them.
+        min_levels: times a cell is split in any case, lest a step that clips a corner go unseen.
+        max_levels: most times a cell is split; a step in the density needs them.
 
     Returns:
         Array of the shape `resolution`: the probability of each cell.
@@ -169,7 +171,8 @@ def integrate_pdf_over_bins(
             [np.stack(q, axis=1) for q in ((z0, zm, p0, pm), (z0, zm, pm, p1), (zm, z1, p0, pm), (zm, z1, pm, p1))]
         )
         fine = _gauss(pdf, children.reshape(-1, 4), order).reshape(4, -1)
-        split = (np.abs(fine.sum(axis=0) - coarse) > tolerance) & (level < max_levels)
+        changed = np.abs(fine.sum(axis=0) - coarse) > tolerance
+        split = (changed | (level < min_levels)) & (level < max_levels)
         np.add.at(result, cell[~split], fine.sum(axis=0)[~split])
         if not split.any():
             break

@@ -56,7 +56,7 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     file = Path(path)
     require_file(file)
     suffix = file.suffix.lower()
-    reader = {".exr": _read_exr, ".hdr": _read_hdr, ".rgbe": _read_hdr, ".npy": _read_npy}.get(suffix)
+    reader = {".exr": _read_float, ".hdr": _read_float, ".rgbe": _read_float, ".npy": _read_npy}.get(suffix)
     try:
         pixels = _read_pillow(file, linear) if reader is None else reader(file)
     except InputError:
@@ -136,34 +136,30 @@ def _read_pillow(path: Path, linear: bool | None) -> NDArray[np.float32]:
             with Image.open(path) as image:
                 return pixels_of(image, linear=linear)
     except Image.DecompressionBombError:
-        raise InputError(f"{path}: the image is too large ({2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels at most)") from None
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0)
+        raise InputError(f"{path}: the image is too large; it may have {most} pixels at most") from None
     except UnidentifiedImageError:
         raise InputError(f"{path}: not an image of a known format") from None
 
 
-def _read_exr(path: Path) -> NDArray[np.float32]:
-    import OpenEXR
-
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    for names in (("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")):
-        if all(name in channels for name in names):
-            return np.ascontiguousarray(np.stack([channels[name].pixels for name in names], axis=2), np.float32)
-    raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(sorted(channels))}")
-
-
-def _read_hdr(path: Path) -> NDArray[np.float32]:
+def _read_float(path: Path) -> NDArray[np.float32]:
+    """Read OpenEXR or Radiance HDR; OpenImageIO says what is wrong with a damaged file, in words."""
     import OpenImageIO
 
     source = OpenImageIO.ImageInput.open(str(path))
     if source is None:
-        raise InputError(f"{path}: cannot be read as Radiance HDR: {OpenImageIO.geterror()}")
+        raise InputError(f"{path}: cannot be read as an image: {' '.join(OpenImageIO.geterror().split())}")
     try:
+        names = list(source.spec().channelnames)
         pixels = source.read_image("float")
         if pixels is None:
-            raise InputError(f"{path}: cannot be read as Radiance HDR: {source.geterror()}")
+            raise InputError(f"{path}: cannot be read as an image: {' '.join(source.geterror().split())}")
     finally:
         source.close()
-    return np.ascontiguousarray(pixels[:, :, :3], np.float32)
+    for wanted in (("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")):
+        if all(name in names for name in wanted):
+            return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in wanted]], np.float32)
+    raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(names)}")
 
 
 def _read_npy(path: Path) -> NDArray[np.float32]:

@@ -143,7 +143,9 @@ def _vertices(path: Path, rows: list[list[bytes]]) -> tuple[NDArray[np.float64],
     return _numbers(path, "v", [row[:3] for row in rows], 3), None
 
 
-def _indices(path: Path, found: _Statements, counts: NDArray[np.int64], sizes: tuple[int, int, int]) -> NDArray[np.int64]:
+def _indices(
+    path: Path, found: _Statements, counts: NDArray[np.int64], sizes: tuple[int, int, int]
+) -> NDArray[np.int64]:
     """Return (C, 3) indices from 0 of position, texture coordinate and normal; -1 where not given."""
     slashes = {corner.count(b"/") for corner in found.corners}
     if len(slashes) > 1:

@@ -103,9 +103,8 @@ def _filled(meshes: list[Mesh], field: str, width: int, value: float) -> NDArray
     arrays = [getattr(m, field) for m in meshes]
     if all(a is None for a in arrays):
         return None
-    return np.concatenate(
-        [np.full((len(m.vertices), width), value, np.float32) if a is None else a for m, a in zip(meshes, arrays)]
-    )
+    pairs = zip(meshes, arrays, strict=True)
+    return np.concatenate([np.full((len(m.vertices), width), value, np.float32) if a is None else a for m, a in pairs])
 
 
 def _repaired(path: str, part: Part) -> Part:
@@ -149,8 +148,8 @@ def _repaired(path: str, part: Part) -> Part:
 
 def _mesh(path: str, part: Part) -> Mesh:
     """Return a part as a mesh of only the vertices it uses; normals may still be zero."""
-    used, faces = np.unique(part.faces, return_inverse=True)
-    faces = faces.reshape(-1, 3)
+    used, index = np.unique(part.faces, return_inverse=True)
+    faces = index.reshape(-1, 3).astype(np.int32)
 
     def pick(array: FloatArray | None) -> NDArray[np.float32] | None:
         if array is None:
@@ -179,13 +178,14 @@ def _smooth(meshes: list[Mesh], crease_degrees: float) -> list[Mesh]:
     stop = 0
     for i in bare:
         start, stop = stop, stop + len(meshes[i].faces)
-        used, faces = np.unique(whole.faces[start:stop], return_inverse=True)
+        used, index = np.unique(whole.faces[start:stop], return_inverse=True)
+        faces = index.reshape(-1, 3).astype(np.int32)
         picked = {
             field: getattr(whole, field)[used] if getattr(meshes[i], field) is not None else None
             for field in ("uvs", "colors")
         }
         assert whole.normals is not None
-        result[i] = Mesh(whole.vertices[used], faces.reshape(-1, 3), whole.normals[used], name=meshes[i].name, **picked)
+        result[i] = Mesh(whole.vertices[used], faces, whole.normals[used], name=meshes[i].name, **picked)
     return result
 
 
@@ -203,7 +203,7 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
         colors = np.repeat(np.clip(part.face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
         split = Mesh(
             mesh.vertices[corners],
-            np.arange(len(corners)).reshape(-1, 3),
+            np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
             None if mesh.normals is None else mesh.normals[corners],
             None if mesh.uvs is None else mesh.uvs[corners],
             colors,

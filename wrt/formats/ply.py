@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,7 +195,7 @@ def _binary(path: Path, body: bytes, position: int, element: _Element, order: st
     if not element.properties or element.count == 0:
         return {}, position
     # Most files have the same list lengths in every row: read as fixed records, and check that.
-    fields: list[tuple[str, Any]] = []
+    fields: list[Any] = []
     lengths = []
     cursor = position
     for k, prop in enumerate(element.properties):
@@ -239,7 +239,7 @@ def _count_at(path: Path, body: bytes, position: int, element: _Element, type_: 
 
 def _binary_rows(path: Path, body: bytes, position: int, element: _Element, order: str) -> tuple[_Columns, int]:
     """Read rows whose lists differ in length: walk the lengths, then gather all values at once."""
-    small = "little" if order == "<" else "big"
+    small: Literal["little", "big"] = "little" if order == "<" else "big"
     begins: list[list[int]] = [[] for _ in element.properties]
     counts: list[list[int]] = [[] for _ in element.properties]
     plan = [(k, int(p.count_type[1]) if p.count_type else 0, int(p.type[1])) for k, p in enumerate(element.properties)]
@@ -248,7 +248,7 @@ def _binary_rows(path: Path, body: bytes, position: int, element: _Element, orde
         for k, count_size, size in plan:
             count = 1
             if count_size:
-                count = int.from_bytes(body[position : position + count_size], small)  # type: ignore[arg-type]
+                count = int.from_bytes(body[position : position + count_size], small)
                 counts[k].append(count)
                 position += count_size
             begins[k].append(position)

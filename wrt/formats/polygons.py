@@ -73,7 +73,8 @@ def _clip_ears(points: NDArray[np.float64]) -> _Int:
     triangles = []
 
     def area(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> Any:
-        return turn * ((b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0]))
+        u, v = b - a, c - a
+        return turn * (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
 
     while len(left) > 3:
         cut = 0

@@ -1,0 +1,348 @@
+"""The sample meshes and scenes are what they claim to be, and scripts/ makes them again."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import wrt
+import wrt.meshes
+from wrt.formats.scene_toml import load_scene
+from wrt.meshes import many_triangles
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def script(name: str) -> ModuleType:
+    """Import a module of scripts/, where it finds its neighbours."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "scripts"))
+        return importlib.import_module(name)
+
+
+@pytest.fixture(scope="module")
+def maker() -> ModuleType:
+    return script("make_meshes")
+
+
+@pytest.fixture(scope="module")
+def cornell() -> wrt.scene.Scene:
+    return load_scene(wrt.meshes.scene_path("cornell-box"))
+
+
+def face_normals(mesh: wrt.Mesh) -> np.ndarray:
+    """Return (M, 3) float64 face normals, twice the area long."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def open_edges(faces: np.ndarray) -> np.ndarray:
+    """Return the (E, 2) directed edges without a partner; fail where two faces disagree on a direction."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    assert (counts == 1).all(), "two faces run the same way along an edge"
+    known = {tuple(edge) for edge in unique.tolist()}
+    return np.array([edge for edge in unique.tolist() if (edge[1], edge[0]) not in known]).reshape(-1, 2)
+
+
+def loops(edges: np.ndarray) -> list[list[int]]:
+    """Follow open edges round and return the vertices of each hole; every vertex must lie on one hole only."""
+    after = dict(edges.tolist())
+    assert len(after) == len(edges)
+    found = []
+    while after:
+        start, vertex = after.popitem()
+        loop = [start]
+        while vertex != start:
+            loop.append(vertex)
+            vertex = after.pop(vertex)
+        found.append(loop)
+    return found
+
+
+# Names
+
+
+def test_names_and_descriptions_agree_and_files_exist():
+    names = wrt.meshes.scene_names()
+    assert names == ["cornell-box", "teapot", "still-life", "many-triangles"]
+    descriptions = wrt.meshes.scene_descriptions()
+    assert list(descriptions) == names
+    assert all(text and "\n" not in text for text in descriptions.values())
+    assert all(wrt.meshes.scene_path(name).is_file() for name in names)
+
+
+def test_unknown_name_lists_the_known_ones():
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.meshes.scene_path("teepot")
+    message = str(caught.value)
+    assert "teepot" in message
+    assert all(name in message for name in wrt.meshes.scene_names())
+    assert "\n" not in message
+
+
+def test_importing_the_names_imports_no_numpy():
+    code = "import sys, wrt.meshes; wrt.meshes.scene_names(); sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+@pytest.mark.parametrize("name", wrt.meshes.scene_names())
+def test_scene_loads_lit_and_with_a_camera(name: str):
+    scene = load_scene(wrt.meshes.scene_path(name))
+    assert scene.camera is not None
+    assert scene.lights or any(shape.emits for shape in scene.shapes)
+    # What the picture is of lies inside it.
+    right, up, forward = scene.camera.frame()
+    target = np.subtract(scene.camera.target, scene.camera.origin)
+    assert abs(target @ right) < 1e-9
+    assert abs(target @ up) < 1e-9
+    assert target @ forward > 0.0
+
+
+# The teapot
+
+
+def test_control_points_keep_the_symmetry_of_the_pot(maker: ModuleType):
+    """A wrong digit would break a mirror plane, or the body's and lid's four-fold turn."""
+    patches = maker.control_points()
+    assert patches.shape == (32, 4, 4, 3)
+    for part, indices in maker.PARTS.items():
+        points = {tuple(p) for p in (patches[list(indices)].reshape(-1, 3) + 0.0).tolist()}
+        assert points == {(x, -y + 0.0, z) for x, y, z in points}, part
+        if part in ("body", "lid"):
+            assert points == {(y, -x + 0.0, z) for x, y, z in points}, part
+    assert sorted(index for indices in maker.PARTS.values() for index in indices) == list(range(32))
+
+
+def test_patches_pass_through_their_corner_points(maker: ModuleType):
+    for patch in maker.control_points():
+        points, _ = maker.evaluate(patch, 6)
+        grid = points.reshape(7, 7, 3)
+        assert np.array_equal(grid[::6, ::6], patch[::3, ::3])
+
+
+def test_patch_normals_are_those_of_finite_differences(maker: ModuleType):
+    step = 1e-5
+    inside = np.linspace(0.1, 0.9, 5)
+    for patch in maker.control_points():
+
+        def point(u: np.ndarray, v: np.ndarray, patch: np.ndarray = patch) -> np.ndarray:
+            return np.einsum("ui,vj,ijk->uvk", maker.bernstein(u)[0], maker.bernstein(v)[0], patch)
+
+        across = np.cross(
+            point(inside, inside + step) - point(inside, inside - step),
+            point(inside + step, inside) - point(inside - step, inside),
+        )
+        across /= np.linalg.norm(across, axis=2, keepdims=True)
+        _, normals = maker.evaluate(patch, 10)
+        np.testing.assert_allclose(across, normals.reshape(11, 11, 3)[1::2, 1::2], atol=1e-8)
+
+
+def test_normals_at_the_poles_point_along_the_axis(maker: ModuleType):
+    patches = maker.control_points()
+    poles = {index: patch[0, 0, 2] for index, patch in enumerate(patches) if (patch[0] == patch[0, 0]).all()}
+    assert sorted(poles) == [20, 21, 22, 23, 28, 29, 30, 31]
+    for index, height in poles.items():
+        _, normals = maker.evaluate(patches[index], 4)
+        np.testing.assert_allclose(normals[:5], [[0.0, 0.0, 1.0 if height > 0.0 else -1.0]] * 5, atol=1e-12)
+
+
+def test_parts_are_smooth_across_patch_seams(maker: ModuleType):
+    for part, indices in maker.PARTS.items():
+        pairs = [maker.evaluate(maker.control_points()[index], 8) for index in indices]
+        points, normals = (np.concatenate(arrays) for arrays in zip(*pairs, strict=True))
+        faces = np.arange(len(points) // 3 * 3).reshape(-1, 3)
+        keys = np.round(points / 1e-6).astype(np.int64)
+        _, where = np.unique(keys, axis=0, return_inverse=True)
+        where = where.reshape(-1)
+        first = np.zeros((where.max() + 1, 3))
+        first[where] = normals
+        assert len(first) < len(points), part
+        assert len(faces)
+        np.testing.assert_allclose((first[where] * normals).sum(axis=1), 1.0, atol=1e-12, err_msg=part)
+
+
+@pytest.mark.parametrize("name", ["teapot", "sweep"])
+def test_ply_is_what_the_script_makes(maker: ModuleType, tmp_path: Path, name: str):
+    maker.main(tmp_path)
+    ours, made = wrt.load_mesh(ROOT / "meshes" / f"{name}.ply"), wrt.load_mesh(tmp_path / f"{name}.ply")
+    assert np.array_equal(ours.faces, made.faces)
+    # Sums may be rounded in another order on another machine: one step of float32 at the largest coordinate.
+    np.testing.assert_allclose(ours.vertices, made.vertices, rtol=0.0, atol=2.0**-22)
+    np.testing.assert_allclose(ours.normals, made.normals, rtol=0.0, atol=2.0**-22)
+
+
+def test_teapot_is_one_pot_with_six_published_openings():
+    mesh = wrt.load_mesh(ROOT / "meshes" / "teapot.ply")
+    assert len(mesh.faces) == 32 * 20 * 20 * 2 - 8 * 20  # a patch with a pole has 20 faces fewer
+    low, high = mesh.bounds
+    assert low[1] == 0.0
+    assert high[1] == pytest.approx(0.15, abs=1e-7)
+    assert low[2] == -high[2]
+    assert high[0] > -low[0]  # the spout reaches farther than the handle
+
+    normals = face_normals(mesh)
+    area = np.linalg.norm(normals, axis=1)
+    assert area.min() > 1e-9
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+    agreement = np.einsum("mk,mck->mc", normals / area[:, None], mesh.normals[mesh.faces])
+    assert agreement.min() > 0.5
+
+    holes = loops(open_edges(mesh.faces))
+    height = 0.15 / 3.15  # metres in one of Newell's units
+    places = sorted((len(hole), *np.round(mesh.vertices[hole].mean(axis=0) / height, 2).tolist()) for hole in holes)
+    # Both ends of the handle, of the spout; then the lid's edge and the rim, a tenth of a unit apart.
+    assert [place[0] for place in places] == [40, 40, 40, 40, 80, 80]
+    radii = sorted(float(np.hypot(*mesh.vertices[hole][:, [0, 2]].T).max()) / height for hole in holes[:])
+    assert any(abs(r - 1.3) < 0.002 for r in radii)
+    assert any(abs(r - 1.4) < 0.002 for r in radii)
+
+
+def test_teapot_fronts_are_outside(maker: ModuleType):
+    """Every ray from far away meets a front first: odd ones out would be inside-out patches."""
+    trimesh = pytest.importorskip("trimesh")
+    points, _, faces = maker.teapot(steps=6)
+    pot = trimesh.Trimesh(points, faces, process=False)
+    random = np.random.default_rng(1)
+    origins = random.normal(size=(400, 3))
+    origins /= np.linalg.norm(origins, axis=1, keepdims=True)
+    toward = points[random.integers(len(points), size=400)] - origins
+    triangle, ray = pot.ray.intersects_id(origins, toward, multiple_hits=False)
+    assert len(ray) > 300
+    facing = np.einsum("ij,ij->i", pot.face_normals[triangle], toward[ray])
+    behind = facing > 0.0
+    # Through the gap round the lid, the mouth of the spout and the slit at the foot of the handle one sees insides.
+    assert behind.mean() < 0.02
+
+
+# The Cornell box
+
+
+def shape_mesh(scene: wrt.scene.Scene, name: str) -> wrt.Mesh:
+    return next(shape.mesh for shape in scene.shapes if shape.name == name)
+
+
+def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.scene.Scene):
+    """Two triangles make each published quadrilateral."""
+    for shape in cornell.shapes:
+        normals = face_normals(shape.mesh).reshape(-1, 2, 3)
+        unit = normals / np.linalg.norm(normals, axis=2, keepdims=True)
+        angle = np.degrees(np.arccos(np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -1.0, 1.0)))
+        if shape.name == "left wall":
+            # (552.8 + 556 - 549.6 - 556) mm out of plane over 548.8 mm.
+            assert angle.max() == pytest.approx(np.degrees(3.2 / 548.8), rel=0.1)
+        else:
+            assert angle.max() < 0.02, shape.name
+
+
+def test_cornell_box_fronts_face_the_room(cornell: wrt.scene.Scene):
+    middle = np.array([0.278, 0.274, 0.28])
+    for shape in cornell.shapes:
+        centers = shape.mesh.vertices[shape.mesh.faces].mean(axis=1).astype(np.float64)
+        inside = middle if "block" not in shape.name else centers.mean(axis=0)
+        toward = np.einsum("mk,mk->m", face_normals(shape.mesh), inside - centers)
+        assert (toward < 0.0 if "block" in shape.name else toward > 0.0).all(), shape.name
+    assert (face_normals(shape_mesh(cornell, "light"))[:, 1] < 0.0).all()
+
+
+def test_cornell_room_is_closed_but_for_its_front_and_blocks_but_for_their_bottom(cornell: wrt.scene.Scene):
+    def joined(meshes: list[wrt.Mesh]) -> tuple[np.ndarray, np.ndarray]:
+        corners = np.concatenate([mesh.vertices[mesh.faces].reshape(-1, 3) for mesh in meshes])
+        unique, where = np.unique(corners, axis=0, return_inverse=True)
+        return unique, where.reshape(-1, 3)
+
+    room = [shape.mesh for shape in cornell.shapes if "block" not in shape.name]
+    points, faces = joined(room)
+    edges = open_edges(faces)
+    assert len(edges) == 4
+    assert (points[edges][..., 2] == 0.0).all()
+    for name in ("short block", "tall block"):
+        points, faces = joined([shape_mesh(cornell, name)])
+        edges = open_edges(faces)
+        assert len(edges) == 4
+        assert (points[edges][..., 1] == 0.0).all()
+
+
+def test_cornell_picture_shows_red_left_and_green_right(cornell: wrt.scene.Scene):
+    right, up, _ = cornell.camera.frame()
+    origin = np.array(cornell.camera.origin)
+
+    def across(name: str) -> float:
+        return float((shape_mesh(cornell, name).vertices.mean(axis=0) - origin) @ right)
+
+    assert across("left wall") < across("tall block") < 0.0 < across("short block") < across("right wall")
+    assert up.tolist() == [0.0, 1.0, 0.0]
+    assert np.tan(np.radians(cornell.camera.fov_degrees) / 2) == pytest.approx(0.0125 / 0.035, rel=1e-12)
+
+
+def test_cornell_colors_are_those_of_the_measured_spectra(cornell: wrt.scene.Scene):
+    spectra = script("cornell_box")
+    colors = spectra.colors()
+    by_name = {shape.name: shape for shape in cornell.shapes}
+    for shape, color in (("floor", "white"), ("right wall", "green"), ("left wall", "red")):
+        np.testing.assert_allclose(by_name[shape].material.reflectance, colors[color], rtol=0.0, atol=0.5e-4)
+    np.testing.assert_allclose(by_name["light"].emission, colors["light"], rtol=5e-4)
+    # A paint that reflects half of every wavelength is half of white.
+    wavelength = np.arange(360.0, 831.0)
+    np.testing.assert_allclose(spectra.rec709(wavelength, np.full(len(wavelength), 0.5)), 0.5, rtol=1e-12)
+
+
+def test_matching_functions_have_the_areas_and_peak_of_cie_1931():
+    """The CIE tables sum to 106.86, 106.86 and 106.89 over 1 nm steps; ȳ is 1 at 555 nm."""
+    spectra = script("cornell_box")
+    wavelength = np.arange(360.0, 831.0)
+    functions = spectra.matching_functions(wavelength)
+    np.testing.assert_allclose(functions.sum(axis=1), [106.86, 106.86, 106.89], rtol=0.005)
+    assert functions[1].max() == pytest.approx(1.0, abs=0.01)
+    assert wavelength[functions[1].argmax()] == pytest.approx(555.0, abs=3.0)
+
+
+# Many triangles
+
+
+@pytest.mark.parametrize("count", [1_000, 10_000, 100_000, 1_000_000, 10_000_000])
+def test_round_counts_are_met_exactly(count: int):
+    rows, columns = many_triangles.grid_size(count)
+    assert 2 * rows * columns == count
+    assert 0.7 < rows / columns <= 1.0
+
+
+def test_other_counts_are_met_within_two_percent_and_never_exceeded():
+    for count in range(1_000, 20_000, 7):
+        rows, columns = many_triangles.grid_size(count)
+        assert 0.98 * count < 2 * rows * columns <= count
+
+
+@pytest.mark.parametrize("count", [1_000, 54_321])
+def test_terrain_is_an_upward_sheet_made_the_same_every_time(count: int):
+    mesh, again = many_triangles.terrain(count), many_triangles.terrain(count)
+    assert 0.98 * count < len(mesh.faces) <= count
+    for name in ("vertices", "faces", "normals", "colors"):
+        assert np.array_equal(getattr(mesh, name), getattr(again, name)), name
+    assert (face_normals(mesh)[:, 1] > 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+    assert mesh.colors.min() >= 0.0
+    assert mesh.colors.max() <= 1.0
+    assert len(loops(open_edges(mesh.faces))) == 1  # its rim
+    low, high = mesh.bounds
+    np.testing.assert_allclose([low[[0, 2]], high[[0, 2]]], [[-2000.0, -2000.0], [2000.0, 2000.0]])
+    assert low[1] >= 0.0
+    assert high[1] <= many_triangles.RELIEF
+
+
+def test_gradient_noise_vanishes_on_its_lattice_and_stays_within_one():
+    noise = many_triangles._gradient_noise(33, 65, 4, 0)
+    np.testing.assert_allclose(noise[::8, ::16], 0.0, atol=1e-6)
+    assert 0.2 < np.abs(noise).max() <= 1.0
+
+
+@pytest.mark.parametrize("count", [999, 10_000_001, 1e6, "many"])
+def test_terrain_refuses_other_numbers(count: object):
+    with pytest.raises(wrt.InputError, match="triangles"):
+        many_triangles.terrain(count)

@@ -1,0 +1,345 @@
+"""Scene files: TOML tables that mirror wrt's dataclasses, with errors that name the key."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt import shapes
+from wrt.camera import PerspectiveCamera
+from wrt.environment import ConstantEnvironment
+from wrt.errors import InputError
+from wrt.formats.images import PathLike, load_environment, load_image, require_file
+from wrt.formats.meshes import load_shapes
+from wrt.formats.parts import merge
+from wrt.lights import DirectionalLight, PointLight
+from wrt.materials import Conductor, Dielectric, Diffuse, Material, Mirror
+from wrt.mesh import Mesh
+from wrt.scene import RenderSettings, Scene, Shape
+from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.values import integer, number, vector
+
+Table = dict[str, Any]
+
+_MATERIALS: dict[str, type[Material]] = {
+    "diffuse": Diffuse,
+    "mirror": Mirror,
+    "conductor": Conductor,
+    "dielectric": Dielectric,
+}
+_LIGHTS: dict[str, type[PointLight] | type[DirectionalLight]] = {"point": PointLight, "directional": DirectionalLight}
+_SECTIONS = ("settings", "camera", "environment", "lights", "materials", "shapes")
+_SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", "scale", "rotate", "translate")
+
+
+def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
+    """Read a scene file.
+
+    Files that it names are found relative to it.
+
+    Args:
+        path: the TOML file.
+        triangles: replaces the number in every shape of type "many-triangles".
+
+    Raises:
+        InputError: naming the file and the key, when anything in it cannot be used, or when
+            `triangles` is given and there is no such shape.
+    """
+    file = Path(path)
+    require_file(file)
+    reader = _Reader(file, triangles)
+    with reader.at(""):
+        return reader.scene(_parse(file))
+
+
+def _parse(path: Path) -> Table:
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    try:
+        return dict(tomllib.loads(path.read_bytes().decode("utf-8")))
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not TOML: {error}") from None
+    except (RecursionError, OverflowError, ValueError) as error:
+        raise InputError(f"not TOML: {type(error).__name__}") from None
+
+
+class _Reader:
+    """Turns tables into objects and knows where in the file it is."""
+
+    def __init__(self, path: Path, triangles: int | None) -> None:
+        self.path = path
+        self.triangles = triangles
+        self.triangles_used = False
+        self.place: list[str] = []
+        self.images: dict[str, ImageTexture] = {}
+
+    @contextmanager
+    def at(self, key: str) -> Iterator[None]:
+        """Prefix errors from within by the file and the path of keys, once, at the innermost place."""
+        self.place.append(key)
+        try:
+            yield
+        except _Placed:
+            raise
+        except (InputError, OverflowError) as error:
+            where = ".".join(part for part in self.place if part).replace(".[", "[")
+            raise _Placed(": ".join(text for text in (str(self.path), where, str(error)) if text)) from None
+        finally:
+            self.place.pop()
+
+    def scene(self, tree: Table) -> Scene:
+        self.check_keys(tree, _SECTIONS)
+        scene = Scene()
+        with self.at("settings"):
+            scene.settings = self.build(RenderSettings, table_of(tree.get("settings", {})))
+        if "camera" in tree:
+            with self.at("camera"):
+                camera = table_of(tree["camera"])
+                choice(camera, {"perspective": PerspectiveCamera}, default="perspective")
+                scene.camera = self.build(PerspectiveCamera, camera)
+        if "environment" in tree:
+            with self.at("environment"):
+                scene.environment = self.environment(table_of(tree["environment"]))
+        for light in self.each(tree, "lights"):
+            scene.add_light(self.build(choice(light, _LIGHTS), light))
+        materials: dict[str, Material] = {}
+        with self.at("materials"):
+            for name, table in table_of(tree.get("materials", {})).items():
+                with self.at(name):
+                    materials[name] = self.material(table_of(table))
+        for table in self.each(tree, "shapes"):
+            scene.shapes += self.shape(table, materials)
+        if self.triangles is not None and not self.triangles_used:
+            raise InputError("a number of triangles was given, but no shape is of type 'many-triangles'")
+        return scene
+
+    def each(self, tree: Table, key: str) -> Iterator[Table]:
+        """Yield the tables of an array of tables, the place set to each in turn."""
+        with self.at(key):
+            tables = tree.get(key, [])
+            if not isinstance(tables, list):
+                raise InputError(f"must be an array of tables; write [[{key}]]")
+            for i, table in enumerate(tables):
+                with self.at(f"[{i}]"):
+                    yield table_of(table)
+
+    def check_keys(self, table: Table, known: Iterable[str], required: Iterable[str] = ()) -> None:
+        known = list(known)
+        for key in table:
+            if key not in known:
+                with self.at(key):
+                    raise InputError(f"unknown key{did_you_mean(key, known)}")
+        for key in required:
+            if key not in table:
+                raise InputError(f"the key {key!r} is missing")
+
+    def call(self, function: Callable[..., Any], table: Table, extra: Iterable[str] = ()) -> Any:
+        """Call a function or class with the table's keys as arguments; `extra` keys are somebody else's."""
+        extra = list(extra)
+        parameters = inspect.signature(function).parameters
+        required = [name for name, p in parameters.items() if p.default is inspect.Parameter.empty]
+        self.check_keys(table, [*parameters, *extra], required)
+        return function(**{key: value for key, value in table.items() if key not in extra})
+
+    def build(self, cls: type[Any], table: Table) -> Any:
+        return self.call(cls, table, extra=["type"] if "type" not in inspect.signature(cls).parameters else [])
+
+    def environment(self, table: Table) -> Any:
+        if choice(table, {"constant": "constant", "image": "image"}) == "constant":
+            return self.build(ConstantEnvironment, table)
+        self.check_keys(table, ["type", "file", "scale", "rotation_degrees"], ["file"])
+        scale = number(table.get("scale", 1.0), "scale", minimum=0.0)
+        rotation = number(table.get("rotation_degrees", 0.0), "rotation_degrees")
+        with self.at("file"):
+            return load_environment(self.beside(table["file"]), scale=scale, rotation_degrees=rotation)
+
+    def material(self, table: Table) -> Material:
+        table = dict(table)
+        cls = choice(table, _MATERIALS)
+        if "reflectance" in table:
+            with self.at("reflectance"):
+                table["reflectance"] = self.color_source(table["reflectance"])
+        result: Material = self.build(cls, table)
+        return result
+
+    def color_source(self, value: Any) -> ColorSource:
+        """Return what a reflectance stands for: a constant, vertex colours or an image."""
+        if isinstance(value, str):
+            if value != "vertex-colors":
+                raise InputError(
+                    f"must be a number, three numbers, {{ texture = FILE }} or 'vertex-colors', not {value!r}"
+                )
+            return VertexColor()
+        if not isinstance(value, dict):
+            constant: ColorSource = value
+            return constant
+        self.check_keys(value, ["texture"], ["texture"])
+        with self.at("texture"):
+            file = self.beside(value["texture"])
+            if str(file) not in self.images:
+                self.images[str(file)] = ImageTexture(load_image(file), file.name)
+            return self.images[str(file)]
+
+    def beside(self, name: Any) -> Path:
+        """Return the path of a file that the scene names."""
+        return self.path.parent / text_of(name)
+
+    def shape(self, table: Table, materials: dict[str, Material]) -> list[Shape]:
+        """Return a shape, or the several of a mesh file that keeps its own materials."""
+        made = self.meshes(table)
+        matrix = self.transform(table)
+        material = None
+        if "material" in table:
+            with self.at("material"):
+                material = materials.get(text_of(table["material"]))
+                if material is None:
+                    name = table["material"]
+                    raise InputError(f"there is no [materials.{name}]{did_you_mean(name, materials)}")
+        if material is not None and len(made) > 1:
+            made = [Shape(merge([shape.mesh for shape in made], "mesh"))]
+        name = None
+        if "name" in table:
+            with self.at("name"):
+                name = text_of(table["name"])
+        two_sided = table.get("two_sided_emission", False)
+        if not isinstance(two_sided, bool):
+            raise InputError(f"two_sided_emission must be true or false, not {two_sided!r}")
+        return [
+            Shape(
+                shape.mesh if matrix is None else shape.mesh.transformed(matrix),
+                material or shape.material,
+                table.get("emission", 0.0),
+                two_sided,
+                name or shape.name,
+            )
+            for shape in made
+        ]
+
+    def meshes(self, table: Table) -> list[Shape]:
+        """Return the meshes of a shape before its transform; those from files bring materials."""
+        makers: dict[str, Callable[..., Mesh | list[Shape]]] = {
+            "quad": shapes.quad,
+            "box": shapes.box,
+            "sphere": shapes.sphere,
+            "polygon": self.polygon,
+            "polygons": self.polygons,
+            "mesh": self.mesh_file,
+            "many-triangles": self.many_triangles,
+        }
+        made = self.call(choice(table, makers), table, extra=_SHAPE_KEYS)
+        if isinstance(made, Mesh):
+            return [Shape(made, name=f"{table['type']} {self.place[-1]}")]
+        result: list[Shape] = made
+        return result
+
+    def polygon(self, corners: Any) -> Mesh:
+        return shapes.polygon(points_of(corners, "corners"))
+
+    def polygons(self, polygons: Any) -> Mesh:
+        if not isinstance(polygons, list) or not polygons:
+            raise InputError("polygons must be an array of arrays of corners")
+        made = [shapes.polygon(points_of(corners, f"polygons[{i}]")) for i, corners in enumerate(polygons)]
+        return merge(made, "polygons")
+
+    def mesh_file(self, file: Any, smooth: Any = True) -> list[Shape]:
+        if not isinstance(smooth, bool):
+            raise InputError(f"smooth must be true or false, not {smooth!r}")
+        with self.at("file"):
+            loaded = load_shapes(self.beside(file), smooth_degrees=40.0 if smooth else None)
+        if smooth:
+            return loaded
+        return [replace(shape, mesh=replace(shape.mesh, normals=None)) for shape in loaded]
+
+    def many_triangles(self, triangles: Any) -> Mesh:
+        from wrt.meshes.many_triangles import terrain
+
+        self.triangles_used = True
+        count = integer(triangles, "triangles", minimum=1, maximum=2**31 - 1)
+        mesh: Mesh = terrain(count if self.triangles is None else self.triangles)
+        return mesh
+
+    def transform(self, table: Table) -> NDArray[np.float64] | None:
+        """Return the (4, 4) matrix of scale, then rotations in order, then translation."""
+        if not any(key in table for key in ("scale", "rotate", "translate")):
+            return None
+        matrix = np.eye(4)
+        scale = table.get("scale", 1.0)
+        factors = vector(scale, "scale") if isinstance(scale, list) else [number(scale, "scale")] * 3
+        matrix[:3, :3] = np.diag(factors)
+        if not all(factors):
+            raise InputError("scale must not be 0")
+        turns = table.get("rotate", [])
+        for i, turn in enumerate(turns if isinstance(turns, list) else [turns]):
+            with self.at("rotate" + (f"[{i}]" if isinstance(turns, list) else "")):
+                self.check_keys(table_of(turn), ["axis", "degrees"], ["axis", "degrees"])
+                matrix = rotation(turn["axis"], turn["degrees"]) @ matrix
+        matrix[:3, 3] = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
+        return matrix
+
+
+class _Placed(InputError):
+    """An InputError that already says where it happened."""
+
+
+def rotation(axis: Any, degrees: Any) -> NDArray[np.float64]:
+    """Return the (4, 4) rotation about an axis through the origin (Rodrigues' formula)."""
+    x, y, z = vector(axis, "axis")
+    length = float(np.sqrt(x * x + y * y + z * z))
+    if length == 0.0:
+        raise InputError("axis must not be zero")
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
+    angle = np.deg2rad(number(degrees, "degrees"))
+    matrix = np.eye(4)
+    matrix[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+    return matrix
+
+
+def choice(table: Table, choices: dict[str, Any], *, default: str | None = None) -> Any:
+    """Return what the table's `type` stands for."""
+    names = ", ".join(repr(name) for name in choices)
+    kind = table.get("type", default)
+    if kind is None:
+        raise InputError(f"the key 'type' is missing; it is one of {names}")
+    if not isinstance(kind, str) or kind not in choices:
+        raise InputError(f"type must be one of {names}, not {kind!r}{did_you_mean(kind, choices)}")
+    return choices[kind]
+
+
+def did_you_mean(word: Any, known: Iterable[str]) -> str:
+    """Return a hint at the known word that is nearest, if one is near."""
+    near = difflib.get_close_matches(str(word), list(known), 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def table_of(value: Any) -> Table:
+    """Return the value if it is a table."""
+    if not isinstance(value, dict):
+        raise InputError(f"must be a table, not {value!r}")
+    return value
+
+
+def text_of(value: Any) -> str:
+    """Return the value if it is text that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise InputError(f"must be a text, not {value!r}")
+    return value
+
+
+def points_of(value: Any, name: str) -> NDArray[np.float64]:
+    """Return (N, 3) points from an array of arrays."""
+    if not isinstance(value, list):
+        raise InputError(f"{name} must be an array of points, not {value!r}")
+    return np.array([vector(point, f"{name}[{i}]") for i, point in enumerate(value)]).reshape(-1, 3)
