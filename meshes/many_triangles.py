@@ -32,8 +32,8 @@ def terrain(triangles: int) -> Mesh:
     show the same mountains in more detail. Colours are snow, rock, scree and grass by height and slope.
 
     Args:
-        triangles: 1,000 to 10,000,000. The mesh has the most that a nearly square grid
-            allows without exceeding it: at most one in two hundred fewer.
+        triangles: 1,000 to 10,000,000. The mesh has the most that a nearly square grid allows
+            without exceeding it: never 2 % fewer, and exactly a thousand or a million when asked.
 
     Raises:
         InputError: on a number outside that range.
@@ -157,5 +157,5 @@ def _colors(height: Array, up: Array) -> Array:
 
 def _step(value: Array, low: float, high: float) -> Array:
     """Return 0 at `low`, 1 at `high`, a smooth cubic in between."""
-    t = np.clip((value - np.float32(low)) * np.float32(1.0 / (high - low)), 0.0, 1.0)
+    t: Array = np.clip((value - np.float32(low)) * np.float32(1.0 / (high - low)), 0.0, 1.0)
     return t * t * (np.float32(3.0) - np.float32(2.0) * t)

@@ -75,7 +75,8 @@ def rec709(wavelength: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
         spectrum: (N,) values there.
     """
     to_rgb = REC709 @ matching_functions(wavelength)
-    return (to_rgb @ spectrum) / to_rgb.sum(axis=1)
+    color: np.ndarray = (to_rgb @ spectrum) / to_rgb.sum(axis=1)
+    return color
 
 
 def colors() -> dict[str, np.ndarray]:

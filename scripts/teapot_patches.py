@@ -129,7 +129,7 @@ POINTS = """
 
 # Patches that meet smoothly, by number from 0. Handle and spout only poke into the body.
 PARTS = {
-    "body": (*range(0, 12), *range(28, 32)),
+    "body": (*range(12), *range(28, 32)),
     "handle": tuple(range(12, 16)),
     "spout": tuple(range(16, 20)),
     "lid": tuple(range(20, 28)),

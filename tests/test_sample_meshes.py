@@ -157,14 +157,12 @@ def test_parts_are_smooth_across_patch_seams(maker: ModuleType):
     for part, indices in maker.PARTS.items():
         pairs = [maker.evaluate(maker.control_points()[index], 8) for index in indices]
         points, normals = (np.concatenate(arrays) for arrays in zip(*pairs, strict=True))
-        faces = np.arange(len(points) // 3 * 3).reshape(-1, 3)
         keys = np.round(points / 1e-6).astype(np.int64)
         _, where = np.unique(keys, axis=0, return_inverse=True)
         where = where.reshape(-1)
         first = np.zeros((where.max() + 1, 3))
         first[where] = normals
         assert len(first) < len(points), part
-        assert len(faces)
         np.testing.assert_allclose((first[where] * normals).sum(axis=1), 1.0, atol=1e-12, err_msg=part)
 
 
@@ -196,29 +194,41 @@ def test_teapot_is_one_pot_with_six_published_openings():
 
     holes = loops(open_edges(mesh.faces))
     height = 0.15 / 3.15  # metres in one of Newell's units
-    places = sorted((len(hole), *np.round(mesh.vertices[hole].mean(axis=0) / height, 2).tolist()) for hole in holes)
-    # Both ends of the handle, of the spout; then the lid's edge and the rim, a tenth of a unit apart.
-    assert [place[0] for place in places] == [40, 40, 40, 40, 80, 80]
-    radii = sorted(float(np.hypot(*mesh.vertices[hole][:, [0, 2]].T).max()) / height for hole in holes[:])
-    assert any(abs(r - 1.3) < 0.002 for r in radii)
-    assert any(abs(r - 1.4) < 0.002 for r in radii)
+    # Both ends of the handle and of the spout; then the lid's edge and the rim, a tenth of a unit apart.
+    assert sorted(len(hole) for hole in holes) == [40, 40, 40, 40, 80, 80]
+    radii = [np.hypot(*mesh.vertices[hole][:, [0, 2]].T).min() / height for hole in holes if len(hole) == 80]
+    np.testing.assert_allclose(sorted(radii), [1.3, 1.4], atol=1e-5)
 
 
 def test_teapot_fronts_are_outside(maker: ModuleType):
-    """Every ray from far away meets a front first: odd ones out would be inside-out patches."""
-    trimesh = pytest.importorskip("trimesh")
-    points, _, faces = maker.teapot(steps=6)
-    pot = trimesh.Trimesh(points, faces, process=False)
+    """Rays from far away meet fronts first: a patch turned inside out would show its back."""
+    points, _, faces = maker.teapot(steps=4)
     random = np.random.default_rng(1)
-    origins = random.normal(size=(400, 3))
+    origins = random.normal(size=(500, 3))
     origins /= np.linalg.norm(origins, axis=1, keepdims=True)
-    toward = points[random.integers(len(points), size=400)] - origins
-    triangle, ray = pot.ray.intersects_id(origins, toward, multiple_hits=False)
-    assert len(ray) > 300
-    facing = np.einsum("ij,ij->i", pot.face_normals[triangle], toward[ray])
-    behind = facing > 0.0
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    toward = ((a + b + c) / 3.0)[random.integers(len(faces), size=500)] - origins
+    facing = first_facing(origins, toward, a, b, c)
+    assert (facing != 0).all()
     # Through the gap round the lid, the mouth of the spout and the slit at the foot of the handle one sees insides.
-    assert behind.mean() < 0.02
+    assert (facing < 0).mean() < 0.02
+
+
+def first_facing(origins: np.ndarray, toward: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Return, per ray, 1 if the first triangle it meets shows its front, -1 if its back, 0 if it meets none."""
+    matrix = np.stack(np.broadcast_arrays(b - a, c - a, -toward[:, None]), axis=-1)
+    determinant = np.linalg.det(matrix)
+    determinant[np.abs(determinant) < 1e-15] = np.nan  # edge-on
+    offset = origins[:, None] - a
+    normal = np.cross(b - a, c - a)
+    distance = np.einsum("rtk,tk->rt", offset, normal) / determinant
+    q = np.cross(offset, toward[:, None])
+    u = np.einsum("rtk,tk->rt", q, c - a) / determinant
+    v = np.einsum("rtk,tk->rt", q, a - b) / determinant
+    inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0)
+    first = np.where(inside, distance, np.inf).argmin(axis=1)
+    sign = -np.sign(np.einsum("rk,rk->r", normal[first], toward))
+    return np.where(inside.any(axis=1), sign, 0.0)
 
 
 # The Cornell box
@@ -229,16 +239,14 @@ def shape_mesh(scene: wrt.scene.Scene, name: str) -> wrt.Mesh:
 
 
 def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.scene.Scene):
-    """Two triangles make each published quadrilateral."""
+    """Two triangles make each published quadrilateral: how far is its fourth corner off the plane of the others?"""
     for shape in cornell.shapes:
-        normals = face_normals(shape.mesh).reshape(-1, 2, 3)
-        unit = normals / np.linalg.norm(normals, axis=2, keepdims=True)
-        angle = np.degrees(np.arccos(np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -1.0, 1.0)))
-        if shape.name == "left wall":
-            # (552.8 + 556 - 549.6 - 556) mm out of plane over 548.8 mm.
-            assert angle.max() == pytest.approx(np.degrees(3.2 / 548.8), rel=0.1)
-        else:
-            assert angle.max() < 0.02, shape.name
+        normals = face_normals(shape.mesh)[::2]
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        corners = shape.mesh.vertices[shape.mesh.faces].astype(np.float64).reshape(-1, 2, 3, 3)
+        off = np.einsum("mk,mk->m", corners[:, 1, 2] - corners[:, 0, 0], normals)
+        expected = 3.1997e-3 if shape.name == "left wall" else 0.0  # by hand from the published numbers
+        np.testing.assert_allclose(np.abs(off), expected, atol=1e-6, err_msg=shape.name)
 
 
 def test_cornell_box_fronts_face_the_room(cornell: wrt.scene.Scene):
@@ -306,7 +314,7 @@ def test_matching_functions_have_the_areas_and_peak_of_cie_1931():
 # Many triangles
 
 
-@pytest.mark.parametrize("count", [1_000, 10_000, 100_000, 1_000_000, 10_000_000])
+@pytest.mark.parametrize("count", [1_000, 100_000, 1_000_000, 10_000_000])
 def test_round_counts_are_met_exactly(count: int):
     rows, columns = many_triangles.grid_size(count)
     assert 2 * rows * columns == count

@@ -94,6 +94,8 @@ def require_file(path: Path) -> None:
         with path.open("rb") as file:
             if not file.read(1):
                 raise InputError(f"{path}: the file is empty")
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
@@ -148,18 +150,23 @@ def _read_float(path: Path) -> NDArray[np.float32]:
 
     source = OpenImageIO.ImageInput.open(str(path))
     if source is None:
-        raise InputError(f"{path}: cannot be read as an image: {' '.join(OpenImageIO.geterror().split())}")
+        raise InputError(f"{path}: cannot be read as an image: {_complaint(path, OpenImageIO.geterror())}")
     try:
         names = list(source.spec().channelnames)
         pixels = source.read_image("float")
         if pixels is None:
-            raise InputError(f"{path}: cannot be read as an image: {' '.join(source.geterror().split())}")
+            raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")
     finally:
         source.close()
     for wanted in (("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")):
         if all(name in names for name in wanted):
             return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in wanted]], np.float32)
     raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(names)}")
+
+
+def _complaint(path: Path, text: str) -> str:
+    """Return OpenImageIO's words in one line and without the path, which the message has already."""
+    return " ".join(text.replace(f" ({path})", "").split())
 
 
 def _read_npy(path: Path) -> NDArray[np.float32]:

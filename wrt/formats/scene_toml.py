@@ -113,28 +113,26 @@ class _Reader:
         if "environment" in tree:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
-        for light in self.each(tree, "lights"):
-            scene.add_light(self.build(choice(light, _LIGHTS), light))
+        self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, _LIGHTS), light)))
         materials: dict[str, Material] = {}
         with self.at("materials"):
             for name, table in table_of(tree.get("materials", {})).items():
                 with self.at(name):
                     materials[name] = self.material(table_of(table))
-        for table in self.each(tree, "shapes"):
-            scene.shapes += self.shape(table, materials)
+        self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape, materials)))
         if self.triangles is not None and not self.triangles_used:
             raise InputError("a number of triangles was given, but no shape is of type 'many-triangles'")
         return scene
 
-    def each(self, tree: Table, key: str) -> Iterator[Table]:
-        """Yield the tables of an array of tables, the place set to each in turn."""
+    def each(self, tree: Table, key: str, use: Callable[[Table], object]) -> None:
+        """Call `use` with each table of an array of tables, the place set to it."""
         with self.at(key):
             tables = tree.get(key, [])
             if not isinstance(tables, list):
                 raise InputError(f"must be an array of tables; write [[{key}]]")
             for i, table in enumerate(tables):
                 with self.at(f"[{i}]"):
-                    yield table_of(table)
+                    use(table_of(table))
 
     def check_keys(self, table: Table, known: Iterable[str], required: Iterable[str] = ()) -> None:
         known = list(known)

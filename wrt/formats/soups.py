@@ -81,6 +81,8 @@ def read_off(path: Path, data: bytes) -> list[Part]:
             raise ValueError
         colors = _off_colors([words[3:] for words in vertex_lines]) if header == b"COFF" else None
         face_colors = _off_colors([words[1 + int(words[0]) :] for words in face_lines])
+    except InputError:
+        raise
     except (ValueError, IndexError, OverflowError):
         raise InputError(f"{path}: the OFF file holds a line that cannot be read; it is damaged") from None
     corners = np.array([corner for corner_list in corner_lists for corner in corner_list], np.int64)

@@ -1,0 +1,227 @@
+"""The same scene in Mitsuba 3, an independent renderer (Jakob et al. 2022), variant scalar_rgb.
+
+What differs between the two is bridged here, exactly:
+
+- Texture rows: Mitsuba puts row 0 of a bitmap at v = 0, wrt at v = 1.
+- Environment: Mitsuba's column u = 1/2 looks along +z, wrt's along −z; Mitsuba's first and last row lie on
+  the poles, wrt's half a row beside them.
+- Reflectors are one-sided in Mitsuba unless wrapped in `twosided`; area lights shine from the side where
+  corners run counter-clockwise in both.
+
+What cannot be bridged: an interpolated normal. Mitsuba lights a surface by its shading normal alone, wrt asks
+the geometric one too. Compare flat meshes, or smooth ones whose materials are specular.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import wrt
+from wrt.materials import Material
+from wrt.scene import Shape
+from wrt.textures import ColorSource
+
+VARIANT = "scalar_rgb"
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """What Mitsuba rendered.
+
+    Attributes:
+        mean: (H, W, 3) float64 linear radiance.
+        variance: (H, W, 3) float64 variance of that mean.
+        runs: independent renderings behind the variance.
+    """
+
+    mean: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    runs: int
+
+
+def load_mitsuba() -> Any:
+    """Return the module mitsuba with its variant chosen."""
+    import mitsuba
+
+    if mitsuba.variant() != VARIANT:
+        mitsuba.set_variant(VARIANT)
+    return mitsuba
+
+
+def render_reference(
+    scene: wrt.Scene, *, width: int, height: int, max_depth: int, spp: int, runs: int = 32, seed: int = 0
+) -> Reference:
+    """Render `scene` several times in Mitsuba, each with its own random numbers.
+
+    Args:
+        scene: with a camera.
+        width: pixels.
+        height: pixels.
+        max_depth: most segments in a path, as in wrt: 1 sees emission only.
+        spp: samples per pixel of all runs together.
+        runs: independent runs, at least 2; the variance is that between them.
+        seed: of the first run.
+    """
+    mi = load_mitsuba()
+    with tempfile.TemporaryDirectory() as folder:
+        loaded = mi.load_dict(to_mitsuba(scene, folder, width=width, height=height, max_depth=max_depth))
+        images = np.stack(
+            [
+                # Mitsuba gives run n of a film the seeds n·(its blocks) and up: far apart, none is used twice.
+                np.array(mi.render(loaded, spp=max(1, spp // runs), seed=1_000_003 * (seed + run)), dtype=np.float64)
+                for run in range(runs)
+            ]
+        )
+    return Reference(images.mean(axis=0), images.var(axis=0, ddof=1) / runs, runs)
+
+
+def to_mitsuba(
+    scene: wrt.Scene, folder: str | Path, *, width: int, height: int, max_depth: int, rr_depth: int = 5
+) -> dict[str, Any]:
+    """Return `scene` as a dictionary for `mitsuba.load_dict`.
+
+    Args:
+        scene: with a camera.
+        folder: where meshes are written; it must exist until the dictionary has been loaded.
+        width: pixels.
+        height: pixels.
+        max_depth: most segments in a path.
+        rr_depth: segments after which Russian roulette may end a path.
+    """
+    result: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": rr_depth},
+        "sensor": _sensor(scene.camera, width, height),
+    }
+    for i, shape in enumerate(scene.shapes):
+        result[f"shape_{i}"] = _shape(shape, Path(folder) / f"shape_{i}.ply")
+    for i, light in enumerate(scene.lights):
+        result[f"light_{i}"] = _light(light)
+    if scene.environment is not None:
+        result["environment"] = _environment(scene.environment)
+    return result
+
+
+def _rgb(value: Any) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(x) for x in np.broadcast_to(np.asarray(value, np.float64), 3)]}
+
+
+def _sensor(camera: wrt.PerspectiveCamera | None, width: int, height: int) -> dict[str, Any]:
+    mi = load_mitsuba()
+    if camera is None:
+        raise ValueError("the scene has no camera")
+    lens: dict[str, Any] = {"type": "perspective"}
+    if camera.aperture_radius > 0.0:
+        lens = {
+            "type": "thinlens",
+            "aperture_radius": camera.aperture_radius,
+            "focus_distance": camera.distance_in_focus,
+        }
+    return {
+        **lens,
+        "fov": camera.fov_degrees,
+        "fov_axis": "y",
+        "near_clip": 1e-4 * camera.distance_in_focus,
+        "far_clip": 1e4 * camera.distance_in_focus,
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=list(camera.origin), target=list(camera.target), up=list(camera.up)
+        ),
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
+        "sampler": {"type": "independent"},
+    }
+
+
+def _shape(shape: Shape, path: Path) -> dict[str, Any]:
+    if shape.emits and shape.two_sided_emission:
+        raise NotImplementedError(f"{shape.name}: Mitsuba's area lights have one side")
+    _write_ply(shape.mesh, path)
+    result: dict[str, Any] = {
+        "type": "ply",
+        "filename": str(path),
+        "face_normals": shape.mesh.normals is None,
+        "bsdf": _bsdf(shape.material),
+    }
+    if shape.emits:
+        result["emitter"] = {"type": "area", "radiance": _rgb(shape.emission)}
+    return result
+
+
+def _write_ply(mesh: wrt.Mesh, path: Path) -> None:
+    groups = (("x y z", mesh.vertices), ("nx ny nz", mesh.normals), ("u v", mesh.uvs), ("r g b", mesh.colors))
+    names = [name for group, array in groups if array is not None for name in group.split()]
+    arrays = [array for _, array in groups if array is not None]
+    properties = "".join(f"property float {name}\n" for name in names)
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(mesh.vertices)}\n{properties}"
+        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("indices", "<i4", 3)])
+    faces["count"] = 3
+    faces["indices"] = mesh.faces
+    path.write_bytes(header.encode() + np.hstack(arrays).astype("<f4").tobytes() + faces.tobytes())
+
+
+def _color(value: ColorSource) -> dict[str, Any]:
+    mi = load_mitsuba()
+    if isinstance(value, wrt.ImageTexture):
+        return {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(np.ascontiguousarray(value.pixels[::-1])),
+            "raw": True,
+            "filter_type": "bilinear",
+            "wrap_mode": "repeat",
+        }
+    if isinstance(value, wrt.VertexColor):
+        return {"type": "mesh_attribute", "name": "vertex_color"}
+    return _rgb(value)
+
+
+def _bsdf(material: Material) -> dict[str, Any]:
+    if isinstance(material, wrt.Dielectric):
+        return {"type": "dielectric", "int_ior": material.ior, "ext_ior": material.exterior_ior}
+    if isinstance(material, wrt.Diffuse):
+        inner = {"type": "diffuse", "reflectance": _color(material.reflectance)}
+    elif isinstance(material, wrt.Mirror):
+        inner = {"type": "conductor", "material": "none", "specular_reflectance": _color(material.reflectance)}
+    elif isinstance(material, wrt.Conductor):
+        inner = {"type": "conductor", "eta": _rgb(material.eta), "k": _rgb(material.k)}
+    else:
+        raise NotImplementedError(f"no Mitsuba counterpart of {type(material).__name__}")
+    return {"type": "twosided", "bsdf": inner}
+
+
+def _light(light: wrt.PointLight | wrt.DirectionalLight) -> dict[str, Any]:
+    if isinstance(light, wrt.PointLight):
+        return {"type": "point", "position": list(light.position), "intensity": _rgb(light.intensity)}
+    return {"type": "directional", "direction": list(light.direction), "irradiance": _rgb(light.irradiance)}
+
+
+def _environment(environment: wrt.ConstantEnvironment | wrt.ImageEnvironment) -> dict[str, Any]:
+    mi = load_mitsuba()
+    if isinstance(environment, wrt.ConstantEnvironment):
+        return {"type": "constant", "radiance": _rgb(environment.radiance)}
+    # Rows at v = j / 2H for all j hold the interpolated image exactly: every second one is a row of it.
+    rows = np.pad(environment.pixels.astype(np.float64), ((1, 1), (0, 0), (0, 0)), mode="edge")
+    height = len(environment.pixels)
+    pixels = np.empty((2 * height + 1, *rows.shape[1:]))
+    pixels[1::2] = rows[1:-1]
+    pixels[0::2] = 0.5 * (rows[:-1] + rows[1:])
+    return {
+        "type": "envmap",
+        "bitmap": mi.Bitmap(pixels.astype(np.float32)),
+        "scale": environment.scale,
+        "to_world": mi.ScalarTransform4f().rotate([0, 1, 0], 180.0 + environment.rotation_degrees),
+    }

@@ -1,0 +1,296 @@
+"""Pictures have the same expectation as those of Mitsuba 3, an independent renderer.
+
+The two are compared by `image_z_test`: every pixel, blocks of pixels, and the whole. What the scenes
+show is small and lit from large lights, so that the noise of a few seconds decides over a per cent or two.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import Report
+
+import wrt
+
+pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+
+from support.mitsuba_scene import Reference, render_reference
+from support.statistics import ImageTest, image_z_test, sidak
+
+CAMERA = wrt.PerspectiveCamera(origin=(1.2, 1.6, 3.4), target=(0.0, 0.45, 0.0), fov_degrees=36.0)
+
+
+def stage(camera: wrt.PerspectiveCamera = CAMERA) -> wrt.Scene:
+    """A floor and a wall."""
+    scene = wrt.Scene(camera=camera)
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse((0.6, 0.5, 0.4)), name="floor")
+    scene.add(wrt.quad((-3, 0, -1.5), (6, 0, 0), (0, 4, 0)), material=wrt.Diffuse((0.3, 0.5, 0.7)), name="wall")
+    return scene
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float], degrees: float = 25.0) -> wrt.Mesh:
+    return wrt.box(low, high).rotated((0, 1, 0), degrees)
+
+
+def flat(mesh: wrt.Mesh) -> wrt.Mesh:
+    return wrt.Mesh(mesh.vertices, mesh.faces, uvs=mesh.uvs, name=mesh.name)
+
+
+def blocks(scene: wrt.Scene) -> wrt.Scene:
+    scene.add(box((-0.7, 0.0, -0.3), (-0.2, 0.9, 0.2)), material=wrt.Diffuse((0.7, 0.2, 0.1)))
+    scene.add(box((0.2, 0.0, 0.0), (0.8, 0.5, 0.6), -15.0), material=wrt.Diffuse(0.8))
+    return scene
+
+
+def sky(rotation_degrees: float = 37.0) -> wrt.ImageEnvironment:
+    """A small sky of random colours with a bright patch 60 degrees wide."""
+    pixels = np.random.default_rng(12).random((8, 16, 3)).astype(np.float32)
+    pixels[1:3, 5:8] = (12.0, 9.0, 6.0)
+    return wrt.ImageEnvironment(pixels, scale=0.5, rotation_degrees=rotation_degrees)
+
+
+def lamp(scene: wrt.Scene) -> wrt.Scene:
+    """A ceiling light 1.6 m wide, its front down."""
+    scene.add(wrt.quad((-0.8, 2.5, -0.8), (1.6, 0, 0), (0, 0, 1.6)), emission=(5.0, 4.5, 4.0), name="lamp")
+    return scene
+
+
+def point_light() -> wrt.Scene:
+    scene = blocks(stage())
+    scene.add_light(wrt.PointLight((0.6, 2.0, 1.2), intensity=(5.0, 4.0, 3.0)))
+    scene.add_light(wrt.PointLight((-1.5, 1.0, 1.0), power=(4.0, 8.0, 16.0)))
+    return scene
+
+
+def directional_light() -> wrt.Scene:
+    scene = blocks(stage())
+    scene.add_light(wrt.DirectionalLight((-1.0, -2.0, -1.5), irradiance=(3.0, 2.5, 2.0)))
+    return scene
+
+
+def constant_environment() -> wrt.Scene:
+    scene = blocks(stage())
+    scene.environment = wrt.ConstantEnvironment((0.5, 0.7, 1.0))
+    return scene
+
+
+def image_environment() -> wrt.Scene:
+    scene = wrt.Scene(camera=CAMERA, environment=sky())
+    scene.add(wrt.quad((-1, 0, 1), (2, 0, 0), (0, 0, -2)), material=wrt.Diffuse((0.6, 0.5, 0.4)))
+    return blocks(scene)
+
+
+def reflectors() -> wrt.Scene:
+    """A mirror block and a faceted copper ball under a lamp and a sky."""
+    scene = lamp(stage())
+    scene.environment = sky(-80.0)
+    scene.add(box((-0.8, 0.0, -0.4), (-0.2, 1.0, 0.2)), material=wrt.Mirror((0.9, 0.85, 0.8)))
+    scene.add(flat(wrt.sphere((0.4, 0.4, 0.4), 0.4, subdivisions=2)), material=wrt.Conductor())
+    return scene
+
+
+def smooth_reflector() -> wrt.Scene:
+    """A copper ball with interpolated normals, seen before a sky."""
+    scene = wrt.Scene(camera=CAMERA, environment=sky())
+    scene.add(wrt.sphere((0.0, 0.45, 0.0), 0.7, subdivisions=3), material=wrt.Conductor())
+    return scene
+
+
+def faceted_glass() -> wrt.Scene:
+    scene = lamp(stage())
+    scene.environment = wrt.ConstantEnvironment((0.5, 0.6, 0.7))
+    scene.add(flat(wrt.sphere((0.0, 0.6, 0.3), 0.55, subdivisions=2)), material=wrt.Dielectric(1.5))
+    return scene
+
+
+def glass_block() -> wrt.Scene:
+    """A glowing block inside a glass block: light leaves a dense medium on its way to the camera."""
+    scene = stage()
+    scene.environment = wrt.ConstantEnvironment(0.3)
+    scene.add(box((-0.6, 0.1, -0.6), (0.6, 1.1, 0.6)), material=wrt.Dielectric(1.8, 1.2))
+    scene.add(box((-0.2, 0.4, -0.2), (0.2, 0.8, 0.2), 60.0), material=wrt.Diffuse(0.5), emission=(1.0, 2.0, 3.0))
+    return scene
+
+
+def thin_lens() -> wrt.Scene:
+    """Glowing panes before, in and behind the plane in focus: all noise is that of the lens."""
+    camera = wrt.PerspectiveCamera(
+        origin=(0.0, 0.0, 4.0), target=(0.0, 0.1, 0.0), fov_degrees=36.0, aperture_radius=0.15, focus_distance=3.0
+    )
+    scene = wrt.Scene(camera=camera)
+    for i, z in enumerate((2.2, 1.6, 1.0, 0.0, -2.0, -5.0)):
+        # Beside one another in the picture: two rows of three, each pane a third of its place.
+        reach = (4.0 - z) * 0.3
+        x, y = (i % 3 - 1) * 0.9 * reach, (0.5 - i // 3) * reach
+        pane = wrt.quad((x - 0.2 * reach, y - 0.2 * reach, z), (0.4 * reach, 0, 0), (0, 0.4 * reach, 0))
+        scene.add(pane, material=wrt.Diffuse(0.0), emission=(1.0 + i, 2.0, 6.0 - i))
+    return scene
+
+
+def textures() -> wrt.Scene:
+    """A picture repeated over a wall, and a triangle with coloured corners."""
+    scene = wrt.Scene(camera=CAMERA, environment=wrt.ConstantEnvironment(1.0))
+    image = wrt.ImageTexture(np.random.default_rng(3).random((3, 5, 3)).astype(np.float32))
+    wall = wrt.quad((-2, -0.5, -1), (4, 0, 0), (0, 2, 0))
+    scene.add(
+        wrt.Mesh(wall.vertices, wall.faces, uvs=wall.uvs * np.float32([1.7, 1.3]) - np.float32(0.4)),
+        material=wrt.Diffuse(image),
+    )
+    corners = np.float32([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.3], [0.1, 1.1, 0.0]])
+    scene.add(
+        wrt.Mesh(
+            corners, np.array([[0, 1, 2]]), colors=np.float32([[0.9, 0.1, 0.1], [0.1, 0.9, 0.1], [0.1, 0.1, 0.9]])
+        ),
+        material=wrt.Diffuse(wrt.VertexColor()),
+    )
+    return scene
+
+
+class Case(NamedTuple):
+    """What is rendered, and how much of it."""
+
+    build: Callable[[], wrt.Scene]
+    max_depth: int
+    spp: int = 256
+    reference_spp: int = 512
+    size: tuple[int, int] = (64, 48)
+
+
+def cornell_box() -> wrt.Scene:
+    return wrt.load("cornell-box")
+
+
+CASES = {
+    "cornell-box-emission": Case(cornell_box, 1, 64, 256, (64, 64)),
+    "cornell-box-direct": Case(cornell_box, 2, size=(64, 64)),
+    "cornell-box-global": Case(cornell_box, 8, size=(64, 64)),
+    "point-light": Case(point_light, 4),
+    "directional-light": Case(directional_light, 4),
+    "constant-environment": Case(constant_environment, 4),
+    "image-environment": Case(image_environment, 4, 1024, 1024),
+    "reflectors": Case(reflectors, 6),
+    "smooth-reflector": Case(smooth_reflector, 6),
+    "faceted-glass": Case(faceted_glass, 10),
+    "glass-block": Case(glass_block, 10),
+    "thin-lens": Case(thin_lens, 1, 1024, 1024),
+    "textures": Case(textures, 3),
+}
+SIGNIFICANCE = sidak(0.01, len(CASES))
+LEAK = 0.01
+WITHOUT_DIFFUSE_REFLECTION = {"cornell-box-emission", "smooth-reflector", "thin-lens"}
+
+
+@functools.cache
+def reference(name: str) -> Reference:
+    case = CASES[name]
+    width, height = case.size
+    return render_reference(
+        case.build(), width=width, height=height, max_depth=case.max_depth, spp=case.reference_spp, seed=1
+    )
+
+
+def compare(scene: wrt.Scene, case: Case, expected: Reference, device: str, spp: int) -> ImageTest:
+    width, height = case.size
+    renderer = wrt.Renderer(
+        scene, width=width, height=height, device=device, seed=1, max_depth=case.max_depth, filter="box"
+    )
+    for _ in renderer.passes(spp=spp):
+        pass
+    return image_z_test(
+        renderer.image(),
+        renderer.variance(),
+        expected.mean,
+        expected.variance,
+        n_a=renderer.spp,
+        n_b=expected.runs,
+    )
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_picture_agrees(name: str, device: str, report: Report) -> None:
+    case = CASES[name]
+    result = compare(case.build(), case, reference(name), device, case.spp)
+    report("mean against Mitsuba, per cent", f"{100.0 * result.relative_difference[1]:+.3f}", 0, p=result.mean_p)
+    report("smallest p of 4x4 blocks; their spread", result.block_p, p=result.spread_p)
+    report("share of pixels that pass", result.pass_fraction, ">= 0.995", p=result.p_min)
+    assert result.agrees(significance=SIGNIFICANCE), result.message
+
+
+def with_a_leak(scene: wrt.Scene, share: float) -> wrt.Scene:
+    """Return the scene as seen by a renderer whose diffuse reflection loses a share of the light."""
+    shapes = []
+    for shape in scene.shapes:
+        material = shape.material
+        if isinstance(material, wrt.Diffuse):
+            reflectance = material.reflectance
+            if isinstance(reflectance, wrt.ImageTexture):
+                material = wrt.Diffuse(wrt.ImageTexture(np.float32(1.0 - share) * reflectance.pixels))
+            elif not isinstance(reflectance, wrt.VertexColor):
+                material = wrt.Diffuse(tuple((1.0 - share) * x for x in np.broadcast_to(reflectance, 3)))
+        shapes.append(dataclasses.replace(shape, material=material))
+    return dataclasses.replace(scene, shapes=shapes)
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name not in WITHOUT_DIFFUSE_REFLECTION])
+def test_a_reflection_that_loses_light_would_be_seen(name: str, report: Report) -> None:
+    """Lights seen directly stay as they are: they have no noise, and would give any change away."""
+    case = CASES[name]
+    result = compare(with_a_leak(case.build(), LEAK), case, reference(name), "cpu", case.spp)
+    smallest = min(result.mean_p, result.spread_p, result.block_p)
+    report(
+        f"{100.0 * LEAK:g} % lost: mean against Mitsuba, per cent",
+        f"{100.0 * result.relative_difference[1]:+.3f}",
+        p=smallest,
+    )
+    assert not result.agrees(significance=SIGNIFICANCE), result.message
+
+
+def with_camera(scene: wrt.Scene, **changes: float) -> wrt.Scene:
+    assert scene.camera is not None
+    return dataclasses.replace(scene, camera=dataclasses.replace(scene.camera, **changes))
+
+
+def with_material(scene: wrt.Scene, old: type[wrt.Material], new: wrt.Material) -> wrt.Scene:
+    shapes = [dataclasses.replace(s, material=new) if isinstance(s.material, old) else s for s in scene.shapes]
+    return dataclasses.replace(scene, shapes=shapes)
+
+
+MISTAKES: dict[str, tuple[str, Callable[[wrt.Scene], wrt.Scene]]] = {
+    "field of view 1 % wide": ("point-light", lambda s: with_camera(s, fov_degrees=1.01 * s.camera.fov_degrees)),
+    "aperture 3 % wide": ("thin-lens", lambda s: with_camera(s, aperture_radius=1.03 * s.camera.aperture_radius)),
+    "focus 1 % far": ("thin-lens", lambda s: with_camera(s, focus_distance=1.01 * s.camera.focus_distance)),
+    "sky turned by 1 degree": (
+        "image-environment",
+        lambda s: dataclasses.replace(s, environment=dataclasses.replace(s.environment, rotation_degrees=38.0)),
+    ),
+    "ior 1.53 for 1.5": ("faceted-glass", lambda s: with_material(s, wrt.Dielectric, wrt.Dielectric(1.53))),
+    "ratio of indices inverted": ("glass-block", lambda s: with_material(s, wrt.Dielectric, wrt.Dielectric(1.2, 1.8))),
+    "extinction 2 % high": (
+        "smooth-reflector",
+        lambda s: with_material(s, wrt.Conductor, wrt.Conductor(k=(3.990, 2.501, 2.185))),
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_would_be_seen(mistake: str, report: Report) -> None:
+    name, change = MISTAKES[mistake]
+    case = CASES[name]
+    result = compare(change(case.build()), case, reference(name), "cpu", case.spp)
+    report("p", min(result.mean_p, result.spread_p, result.block_p), f"< {sidak(SIGNIFICANCE, 3):.2g}")
+    assert not result.agrees(significance=SIGNIFICANCE), result.message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("max_depth", [2, 64])
+def test_cornell_box_agrees_to_a_fifth_of_a_per_cent(max_depth: int, device: str, report: Report) -> None:
+    case = Case(cornell_box, max_depth, 2048, 2048, (64, 64))
+    expected = render_reference(cornell_box(), width=64, height=64, max_depth=max_depth, spp=2048, runs=64, seed=2)
+    result = compare(cornell_box(), case, expected, device, case.spp)
+    report("mean against Mitsuba, per cent", f"{100.0 * result.relative_difference[1]:+.3f}", 0, p=result.mean_p)
+    assert result.agrees(), result.message

@@ -1,0 +1,376 @@
+"""The command line keeps its word: exit status, one line for an error, files whole or absent, same bytes after a kill."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from wrt import meshes
+from wrt.cli import _join_axis, _parser
+from wrt.progress import duration_text, fraction_done, noise_text, rate_text, status_text
+from wrt.renderer import Progress
+
+SMALL = ["render", "cornell-box", "--size", "32x32"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
+
+
+def _default_interrupt() -> None:
+    # A test run started in the background hands down SIGINT ignored, and wrt would rightly go on ignoring it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def start(folder: Path, *arguments: str, **options: Any) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "wrt", *arguments],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **{"preexec_fn": _default_interrupt, **options},
+    )
+
+
+def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    process = start(folder, *arguments, **options)
+    out, err = process.communicate(timeout=300)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+
+def summary_of(result: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout.splitlines()[-1])
+    assert isinstance(summary, dict)
+    return summary
+
+
+CAMERA = "[camera]\norigin = [0, 0, {z}]\ntarget = [0, 0, 0]\n"
+QUAD = '[[shapes]]\ntype = "quad"\norigin = [-1, -1, 0]\nedge_u = [2, 0, 0]\nedge_v = [0, 2, 0]\n'
+
+FILES = {
+    "empty.obj": "# no faces\nv 0 0 0\n",
+    "broken.ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\n0\n",
+    "nothing.stl": "",
+    "text.toml": "this is not TOML",
+    "unknown-key.toml": CAMERA.format(z=3) + QUAD + 'materal = "white"\n',
+    "nan-camera.toml": CAMERA.format(z="nan") + QUAD,
+    "no-shapes.toml": CAMERA.format(z=3),
+    "not-a-checkpoint": "hello",
+}
+
+ERRORS = {
+    "missing file": (["render", "absent.ply"], "absent.ply"),
+    "missing scene": (["render", "cornel-box"], "cornel-box"),
+    "mesh without faces": (["render", "empty.obj"], "empty.obj"),
+    "mesh of broken content": (["render", "broken.ply"], "broken.ply"),
+    "empty file": (["render", "nothing.stl"], "nothing.stl"),
+    "directory as input": (["render", "folder"], "folder"),
+    "unknown format": (["render", "not-a-checkpoint"], "not-a-checkpoint"),
+    "not TOML": (["render", "text.toml"], "text.toml"),
+    "unknown key": (["render", "unknown-key.toml"], "unknown-key.toml: shapes[0].materal"),
+    "camera of NaN": (["render", "nan-camera.toml"], "nan-camera.toml: camera"),
+    "scene without shapes": (["render", "no-shapes.toml"], "shapes"),
+    "directory as output": ([*SMALL, "-o", "folder"], "folder"),
+    "directory with a suffix as output": ([*SMALL, "-o", "folder.png"], "folder.png"),
+    "output in no folder": ([*SMALL, "-o", "nowhere/out.png"], "nowhere"),
+    "output of unknown format": ([*SMALL, "-o", "out.webm"], "out.webm"),
+    "zero size": (["render", "cornell-box", "--size", "0x32"], "--size"),
+    "size without height": (["render", "cornell-box", "--size", "32"], "--size"),
+    "no samples": ([*SMALL, "--spp", "0"], "--spp"),
+    "too many samples": ([*SMALL, "--spp", "3000000000"], "spp"),
+    "no time": ([*SMALL, "--time", "0"], "--time"),
+    "time of NaN": ([*SMALL, "--time", "nan"], "--time"),
+    "exposure beyond all": ([*SMALL, "--exposure", "1e9"], "exposure"),
+    "seed too large": ([*SMALL, "--seed", "4294967296"], "seed"),
+    "unknown device": ([*SMALL, "--device", "tpu"], "tpu"),
+    "device that is not there": ([*SMALL, "--device", "cuda:99"], "cuda:99"),
+    "resume from nothing": ([*SMALL, "--resume"], "--checkpoint"),
+    "resume from another file": ([*SMALL, "--checkpoint", "not-a-checkpoint", "--resume"], "not-a-checkpoint"),
+    "directory as checkpoint": ([*SMALL, "--checkpoint", "folder"], "folder"),
+    "checkpoint over the input": (["render", "text.toml", "--checkpoint", "text.toml"], "text.toml"),
+    "triangles where none are made": ([*SMALL, "--triangles", "10"], "triangles"),
+    "up axis of a scene": ([*SMALL, "--up", "z"], "up"),
+    "unknown option": ([*SMALL, "--sp", "4"], "--sp"),
+    "no command": ([], "COMMAND"),
+}
+
+
+@pytest.mark.parametrize("case", ERRORS)
+def test_unusable_input_is_one_line_and_status_2(case: str, tmp_path: Path) -> None:
+    arguments, mention = ERRORS[case]
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.png").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    result = run(tmp_path, *arguments)
+    assert result.returncode == 2, result.stderr
+    assert result.stdout == ""
+    assert re.fullmatch(r"wrt: error: [^\n]+\n", result.stderr), result.stderr
+    assert mention in result.stderr
+    assert sorted(tmp_path.rglob("*")) == before, "a refused command left files behind"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_unreadable_file_is_one_line_and_status_2(tmp_path: Path) -> None:
+    mesh = tmp_path / "secret.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh.chmod(0)
+    result = run(tmp_path, "render", "secret.obj")
+    assert result.returncode == 2
+    assert re.fullmatch(r"wrt: error: secret\.obj: [^\n]+\n", result.stderr)
+
+
+@pytest.mark.parametrize("suffix", ["png", "exr", "npy"])
+def test_file_that_cannot_be_written_is_one_line_and_status_1(suffix: str, tmp_path: Path) -> None:
+    summary_of(run(tmp_path, *SMALL, "--spp", "1", "--json", "-o", "small.png"))  # kernels are in the cache from here
+
+    def full_disk() -> None:
+        _default_interrupt()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+
+    result = run(tmp_path, *SMALL, "--spp", "1", "-o", f"big.{suffix}", preexec_fn=full_disk)
+    assert result.returncode == 1, result.stderr
+    assert re.fullmatch(rf"wrt: error: big\.{suffix}: [^\n]+\n", result.stderr), result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["small.png"]
+
+
+def test_checkpoint_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
+    def full_disk() -> None:
+        _default_interrupt()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    result = run(tmp_path, *SMALL, "--spp", "1", "--checkpoint", "state", preexec_fn=full_disk)
+    assert result.returncode == 1, result.stderr
+    assert re.fullmatch(r"wrt: error: [^\n]+\n", result.stderr), result.stderr
+    assert not (tmp_path / "state").exists()
+
+
+def test_json_summary_is_the_last_line_and_tells_the_truth(tmp_path: Path) -> None:
+    result = run(tmp_path, *SMALL, "--spp", "8", "--threads", "2", "--json", "-o", "out.npy")
+    summary = summary_of(result)
+    numbers = {"seconds_total", "seconds_compile", "seconds_render", "paths_per_second", "rays_per_second"}
+    exact = {"device": "cpu", "threads": 2, "width": 32, "height": 32, "spp": 8, "output": "out.npy"}
+    assert set(summary) == numbers | set(exact) | {"mean_radiance"}
+    assert {key: summary[key] for key in exact} == exact
+    assert all(isinstance(summary[key], float) and summary[key] > 0.0 for key in numbers)
+    assert summary["seconds_total"] > summary["seconds_compile"] + summary["seconds_render"]
+    assert summary["paths_per_second"] == pytest.approx(32 * 32 * 8 / summary["seconds_render"])
+    image = np.load(tmp_path / "out.npy")
+    assert image.shape == (32, 32, 3)
+    assert image.dtype == np.float32
+    assert summary["mean_radiance"] == pytest.approx(image.mean(axis=(0, 1), dtype=np.float64).tolist(), rel=1e-12)
+    rate = r"[\d.]+ [kMG]?\s?paths/s"
+    assert re.fullmatch(rf"out\.npy  32x32  8 spp  [\d.]+ s  {rate}  noise [\d.e+]+ %\n", result.stderr), result.stderr
+
+
+def test_quiet_says_nothing_and_the_picture_is_named_after_the_input(tmp_path: Path) -> None:
+    result = run(tmp_path, *SMALL, "--spp", "2", "--quiet")
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["cornell-box.png"]
+
+
+def test_time_limits_rendering_and_the_first_limit_reached_counts(tmp_path: Path) -> None:
+    by_time = summary_of(run(tmp_path, *SMALL, "--time", "0.5", "--json"))
+    assert by_time["seconds_render"] >= 0.5
+    assert by_time["spp"] >= 1
+    assert summary_of(run(tmp_path, *SMALL, "--time", "1000", "--spp", "3", "--json"))["spp"] == 3
+
+
+def test_warning_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "dark.toml").write_text(CAMERA.format(z=3) + QUAD)
+    result = run(tmp_path, "render", "dark.toml", "--size", "8x8", "--spp", "1", "--quiet")
+    assert result.returncode == 0
+    assert re.fullmatch(r"wrt: warning: [^\n]*no light[^\n]*\n", result.stderr), result.stderr
+
+
+def test_scenes_lists_every_scene_with_its_description(tmp_path: Path) -> None:
+    result = run(tmp_path, "scenes")
+    assert result.returncode == 0
+    listed = dict(line.split(maxsplit=1) for line in result.stdout.splitlines())
+    assert listed == meshes.scene_descriptions()
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["render", "--help"], ["--version"]])
+def test_help_imports_nothing_heavy(arguments: list[str], tmp_path: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "wrt", *arguments],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    imported = {line.rpartition("|")[2].strip() for line in result.stderr.splitlines()}
+    assert "wrt.cli" in imported
+    # Of wrt itself just what reads the options: everything else may grow heavy imports of its own.
+    assert {name for name in imported if name.partition(".")[0] == "wrt"} <= {
+        *("wrt", "wrt._version", "wrt.cli", "wrt.errors"),
+    }
+    assert not imported & {"numpy", "warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO", "json", "logging"}
+
+
+def wait_for(path: Path, process: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + 240.0
+    while not path.exists():
+        assert process.poll() is None, f"ended too early: {process.communicate()}"
+        assert time.monotonic() < deadline, f"{path.name} never came"
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+def test_killed_and_resumed_gives_the_same_bytes(tmp_path: Path) -> None:
+    samples = 4096
+    command = [*SMALL, "--spp", str(samples), "--checkpoint", "state", "--resume", "--save-every", "0.05"]
+    killed = start(tmp_path, *command, "-o", "resumed.npy")
+    wait_for(tmp_path / "state", killed)
+    killed.kill()
+    _, said = killed.communicate()
+    assert killed.returncode == -signal.SIGKILL
+    assert said == "wrt: no checkpoint state yet; starting from the beginning\n"
+
+    resumed = run(tmp_path, *command, "-o", "resumed.npy")
+    assert resumed.returncode == 0, resumed.stderr
+    found = re.match(r"wrt: going on from state, (\d+) samples per pixel\n", resumed.stderr)
+    assert found, resumed.stderr
+    assert 0 < int(found[1]) < samples, "the kill came too late to prove anything"
+
+    whole = run(tmp_path, *SMALL, "--spp", str(samples), "--threads", "1", "-o", "whole.npy")
+    assert whole.returncode == 0, whole.stderr
+    assert (tmp_path / "resumed.npy").read_bytes() == (tmp_path / "whole.npy").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupt_saves_picture_and_checkpoint(number: signal.Signals, status: int, tmp_path: Path) -> None:
+    from PIL import Image
+
+    command = [*SMALL, "--spp", "100000000", "--checkpoint", "state", "-o", "out.png"]
+    process = start(tmp_path, *command, "--save-every", "0.3")
+    wait_for(tmp_path / "out.png", process)
+    process.send_signal(number)
+    out, said = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert out == ""
+    found = re.fullmatch(r"wrt: stopped: at (\d+) samples per pixel; out\.png and state saved\n", said)
+    assert found, said
+    # Both hold what was there at the end, not what an earlier save left.
+    with Image.open(tmp_path / "out.png") as picture:
+        assert picture.size == (32, 32)
+        assert picture.text["Samples per pixel"] == found[1]  # type: ignore[attr-defined]
+    resumed = run(tmp_path, *SMALL, "--spp", "1", "--checkpoint", "state", "--resume", "-o", "out.png")
+    assert resumed.returncode == 0
+    assert resumed.stderr.startswith(f"wrt: going on from state, {found[1]} samples per pixel\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "state"]
+
+
+def test_interrupt_before_the_first_sample_leaves_no_file(tmp_path: Path) -> None:
+    process = start(
+        tmp_path, "render", "many-triangles", "--triangles", "2000000", "--size", "32x32", "--spp", "1000000"
+    )
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode in (130, -signal.SIGINT)
+    assert "wrt: error" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_checkpoint_of_another_render_is_refused(tmp_path: Path) -> None:
+    summary_of(run(tmp_path, *SMALL, "--spp", "2", "--checkpoint", "state", "--json"))
+    picture = (tmp_path / "cornell-box.png").read_bytes()
+    for other in (["--size", "16x16"], ["--seed", "1"], ["--max-depth", "2"]):
+        result = run(tmp_path, *SMALL, *other, "--spp", "4", "--checkpoint", "state", "--resume")
+        assert result.returncode == 2
+        assert re.fullmatch(r"wrt: error: state: [^\n]*differ[^\n]*\n", result.stderr), result.stderr
+    assert (tmp_path / "cornell-box.png").read_bytes() == picture
+
+
+def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
+    process = start(tmp_path, *SMALL, "--time", "0.6", stderr=theirs)
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            part = os.read(ours, 4096)
+        except OSError:  # how Linux says that the other side of a pseudo-terminal is closed
+            break
+        if not part:
+            break
+        shown += part
+    os.close(ours)
+    process.communicate(timeout=60)
+    assert process.returncode == 0
+    frames = shown.decode().split("\r")
+    assert any(re.match(r"cornell-box\s+\d+%\|.*\| +\d+/1 s  \d+ spp  pass \d+  .*paths/s", frame) for frame in frames)
+    assert "cornell-box.png  32x32" in frames[-2], "the summary stands alone on the last line"
+
+
+def progress(**changes: Any) -> Progress:
+    values: dict[str, Any] = {
+        "pass_index": 3,
+        "spp": 16,
+        "target_spp": 64,
+        "seconds": 5.0,
+        "seconds_left": 15.0,
+        "paths_per_second": 2.31e6,
+        "rays_per_second": 9e6,
+        "noise": 0.0123,
+    }
+    return Progress(**{**values, **changes})
+
+
+def test_progress_counts_the_limit_that_is_nearer() -> None:
+    assert fraction_done(progress(), time_limit=None) == 0.25
+    assert fraction_done(progress(), time_limit=10.0) == 0.5
+    assert fraction_done(progress(target_spp=None), time_limit=20.0) == 0.25
+    assert fraction_done(progress(seconds=11.0), time_limit=10.0) == 1.0
+
+
+def test_progress_text_counts_samples_or_else_seconds() -> None:
+    assert status_text(progress(), time_limit=None) == "16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"
+    by_time = progress(target_spp=None, noise=None, seconds_left=None)
+    assert status_text(by_time, time_limit=20.0) == "5/20 s  16 spp  pass 3  2.31 M paths/s"
+
+
+@pytest.mark.parametrize(
+    ("function", "value", "text"),
+    [
+        (rate_text, 12.4, "12"),
+        (rate_text, 12_400.0, "12.40 k"),
+        (rate_text, 3.2e9, "3.20 G"),
+        (noise_text, None, ""),
+        (noise_text, 0.5, "noise 50 %"),
+        (duration_text, 59.6, "1:00"),
+        (duration_text, 3725.0, "1:02:05"),
+    ],
+)
+def test_numbers_are_readable(function: Callable[[Any], str], value: object, text: str) -> None:
+    assert function(value) == text
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z", "-x", "-y", "-z"])
+def test_up_axis_may_be_negative(axis: str) -> None:
+    for arguments in (["--up", axis], [f"--up={axis}"]):
+        assert _parser().parse_args(_join_axis(["render", "mesh.ply", *arguments])).up == axis

@@ -1,0 +1,260 @@
+"""Pictures are written exactly and all or nothing, and read back as linear light."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import wrt
+from wrt.formats.images import (
+    check_output,
+    linear_from_srgb,
+    load_environment,
+    load_image,
+    quantize,
+    save_image,
+    srgb_from_linear,
+    write_whole,
+)
+
+ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
+
+
+def noise(height: int = 13, width: int = 17) -> np.ndarray:
+    return np.random.default_rng(5).random((height, width, 3)).astype(np.float32)
+
+
+def test_srgb_curve_has_its_published_values_and_inverse():
+    # IEC 61966-2-1: half of the code range is 21.4 % of the light; the two pieces meet at 0.0031308.
+    assert linear_from_srgb(0.5) == pytest.approx(0.21404114, abs=1e-8)
+    assert srgb_from_linear(0.0031308) == pytest.approx(0.04045, abs=1e-5)
+    assert srgb_from_linear(0.18) == pytest.approx(0.46135612, abs=1e-7)
+    x = np.linspace(0, 1, 1001)
+    np.testing.assert_allclose(linear_from_srgb(srgb_from_linear(x)), x, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.npy", "A.EXR"])
+def test_float_formats_keep_every_bit(tmp_path, name):
+    image = noise() * 1e3 - 100.0
+    image[0, 0] = (np.inf, 1e-30, 6e4)
+    save_image(tmp_path / name, image, exposure=3.0)
+    np.testing.assert_array_equal(load_image(tmp_path / name), image)
+
+
+def test_png_keeps_every_code_and_clips(tmp_path):
+    codes = np.random.default_rng(1).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    codes.reshape(-1)[:256] = np.arange(256)
+    path = tmp_path / "a.png"
+    save_image(path, linear_from_srgb(codes / 255.0))
+    np.testing.assert_array_equal(np.asarray(Image.open(path)), codes)
+    save_image(path, load_image(path))
+    np.testing.assert_array_equal(np.asarray(Image.open(path)), codes)
+    save_image(path, np.array([[[-1.0, 0.0, 1.0], [2.0, np.inf, np.nan]]]))
+    np.testing.assert_array_equal(np.asarray(Image.open(path)), [[[0, 0, 255], [255, 255, 0]]])
+
+
+def test_png_exposure_is_in_stops(tmp_path):
+    save_image(tmp_path / "a.png", np.full((8, 8, 3), 0.1), exposure=2.0)
+    save_image(tmp_path / "b.png", np.full((8, 8, 3), 0.4))
+    np.testing.assert_array_equal(load_image(tmp_path / "a.png"), load_image(tmp_path / "b.png"))
+
+
+def test_dither_keeps_the_mean_and_leaves_no_bands():
+    value = linear_from_srgb((100 + np.linspace(0.05, 0.95, 19)) / 255.0)
+    image = np.broadcast_to(value[:, None, None, None], (19, 128, 128, 3)).reshape(-1, 128, 3)
+    codes = quantize(image).reshape(19, -1)
+    assert set(np.unique(codes)) == {100, 101}
+    # 49152 coin flips: the mean lies within 5 standard deviations of the value.
+    np.testing.assert_allclose(codes.mean(axis=1) - 100, np.linspace(0.05, 0.95, 19), atol=5 * 0.5 / 49152**0.5)
+    np.testing.assert_array_equal(quantize(image), quantize(image.copy()))
+    # Neighbours and channels are decided independently of each other.
+    half = quantize(np.full((256, 256, 3), linear_from_srgb(100.5 / 255.0))).astype(float) - 100.5
+    for other in (np.roll(half, 1, axis=0), np.roll(half, 1, axis=1), np.roll(half, 1, axis=2)):
+        assert abs((half * other).mean()) < 0.25 * 5 / half.size**0.5
+
+
+def test_metadata_is_found_again(tmp_path):
+    import OpenEXR
+
+    notes = {"software": "wrt", "spp": 12, "scène": "boîte"}
+    save_image(tmp_path / "a.png", noise(), metadata=notes)
+    with Image.open(tmp_path / "a.png") as image:
+        assert {key: str(value) for key, value in image.text.items()} == {k: str(v) for k, v in notes.items()}
+    save_image(tmp_path / "a.exr", noise(), metadata={"software": "wrt", "spp": 12})
+    header = OpenEXR.File(str(tmp_path / "a.exr")).header()
+    assert header["software"] == "wrt"
+    assert header["spp"] == "12"
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
+def test_a_write_that_fails_changes_nothing(tmp_path, name, monkeypatch):
+    path = tmp_path / name
+    save_image(path, noise())
+    before = path.read_bytes()
+
+    def full(*_args, **_kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(wrt.InputError, match=f"{name}: cannot be written: No space left on device"):
+        save_image(path, noise() * 0.5)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_an_interrupted_write_leaves_nothing(tmp_path):
+    def interrupted(temporary: Path) -> None:
+        temporary.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(tmp_path / "a.png", interrupted)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_written_files_have_ordinary_permissions(tmp_path):
+    (tmp_path / "plain").write_bytes(b"")
+    expected = (tmp_path / "plain").stat().st_mode
+    for name in ("a.png", "a.exr", "a.npy"):
+        save_image(tmp_path / name, noise())
+        assert (tmp_path / name).stat().st_mode == expected
+
+
+def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypatch):
+    assert check_output(tmp_path / "a.png") == tmp_path / "a.png"
+    assert list(tmp_path.iterdir()) == []
+    for name in ("a.jpg", "a", ".png"):
+        with pytest.raises(wrt.InputError, match=r"must end in one of \.png, \.exr, \.npy"):
+            check_output(tmp_path / name)
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(wrt.InputError, match="is a directory"):
+        check_output(tmp_path / "folder.png")
+    with pytest.raises(wrt.InputError, match="does not exist"):
+        check_output(tmp_path / "none" / "a.png")
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(wrt.InputError, match="is not a folder"):
+        check_output(tmp_path / "file" / "a.png")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(wrt.InputError, match="may not be written to"):
+        check_output(tmp_path / "a.png")
+    monkeypatch.undo()
+    with pytest.raises(wrt.InputError, match=r"must be \(H, W, 3\)"):
+        save_image(tmp_path / "a.png", np.zeros((4, 4)))
+
+
+def test_eight_bit_modes_decode_alike(tmp_path):
+    grey = np.array([[0, 10, 128, 255]], np.uint8)
+    expected = np.repeat(linear_from_srgb(grey / 255.0)[:, :, None], 3, axis=2).astype(np.float32)
+    image = Image.fromarray(grey)
+    for mode in ("L", "LA", "RGB", "RGBA", "P"):
+        image.convert(mode).save(tmp_path / "a.png")
+        np.testing.assert_array_equal(load_image(tmp_path / "a.png"), expected, err_msg=mode)
+    linear = load_image(tmp_path / "a.png", linear=True)
+    np.testing.assert_allclose(linear[0, :, 0], grey[0] / 255.0, rtol=1e-6)
+    clear = Image.fromarray(np.array([[[200, 100, 50, 0]]], np.uint8))
+    clear.save(tmp_path / "a.png")
+    np.testing.assert_allclose(load_image(tmp_path / "a.png")[0, 0], linear_from_srgb([200 / 255, 100 / 255, 50 / 255]))
+
+
+def test_sixteen_bit_grey_keeps_its_depth(tmp_path):
+    values = np.array([[0, 1, 257, 32768, 65535]], np.uint16)
+    Image.fromarray(values).save(tmp_path / "a.png")
+    expected = linear_from_srgb(values / 65535.0).astype(np.float32)
+    np.testing.assert_array_equal(load_image(tmp_path / "a.png")[:, :, 1], expected)
+    np.testing.assert_allclose(load_image(tmp_path / "a.png", linear=True)[0, :, 0], values[0] / 65535.0, rtol=1e-6)
+
+
+def test_float_tiff_and_grey_exr_are_linear(tmp_path):
+    import OpenEXR
+
+    values = np.array([[0.25, 4.0, -1.0]], np.float32)
+    Image.fromarray(values).save(tmp_path / "a.tif")
+    np.testing.assert_array_equal(load_image(tmp_path / "a.tif")[:, :, 2], values)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Y": values}).write(str(tmp_path / "y.exr"))
+    np.testing.assert_array_equal(load_image(tmp_path / "y.exr")[:, :, 0], values)
+    OpenEXR.File(header, {"Z": values}).write(str(tmp_path / "z.exr"))
+    with pytest.raises(wrt.InputError, match=r"z\.exr: no channels R, G, B or Y in it, only Z"):
+        load_image(tmp_path / "z.exr")
+
+
+def test_radiance_hdr_decodes_shared_exponents(tmp_path):
+    # Ward 1991: (mantissa + 0.5 or 0) / 256 * 2^(exponent - 128); the mantissas here are exact.
+    pixels = bytes([128, 64, 32, 129, 255, 0, 1, 136, 0, 0, 0, 0])
+    (tmp_path / "a.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 3\n" + pixels)
+    expected = [[[1.0, 0.5, 0.25], [255.0, 0.0, 1.0], [0.0, 0.0, 0.0]]]
+    np.testing.assert_allclose(load_image(tmp_path / "a.hdr"), expected, rtol=0.005)
+
+
+@pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")
+def test_a_real_environment_loads():
+    environment = load_environment(ASSETS / "textures" / "envmap.hdr", scale=2.0, rotation_degrees=30)
+    assert environment.pixels.shape == (512, 1024, 3)
+    assert environment.pixels.max() > 100.0  # the sun, which 8 bits would have clipped
+    assert (environment.scale, environment.rotation_degrees) == (2.0, 30.0)
+    assert environment.name == "envmap.hdr"
+
+
+def test_files_that_are_no_images_are_refused(tmp_path, capfd):
+    with pytest.raises(wrt.InputError, match=r"none\.png: no such file"):
+        load_image(tmp_path / "none.png")
+    with pytest.raises(wrt.InputError, match="is a directory"):
+        load_image(tmp_path)
+    for suffix in ("png", "jpg", "exr", "hdr", "npy", "txt"):
+        path = tmp_path / f"a.{suffix}"
+        path.write_bytes(b"")
+        with pytest.raises(wrt.InputError, match="the file is empty"):
+            load_image(path)
+        path.write_bytes(b"not an image at all")
+        with pytest.raises(wrt.InputError) as caught:
+            load_image(path)
+        assert str(caught.value).startswith(f"{path}: ")
+        assert "\n" not in str(caught.value)
+        assert str(caught.value).count(str(path)) == 1
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
+def test_truncated_images_are_refused_or_whole(tmp_path, name, capfd):
+    path = tmp_path / name
+    save_image(path, noise())
+    pixels, whole = load_image(path), path.read_bytes()
+    refused = 0
+    for length in np.linspace(1, len(whole) - 1, 40).astype(int):
+        path.write_bytes(whole[:length])
+        try:
+            # Past the last pixel PNG has checksums, which decoders may do without.
+            np.testing.assert_array_equal(load_image(path), pixels)
+        except wrt.InputError:
+            refused += 1
+    assert refused >= 38
+    assert capfd.readouterr() == ("", "")
+
+
+def test_decompression_bombs_are_refused(tmp_path):
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
+    bomb = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+    (tmp_path / "bomb.png").write_bytes(bomb + chunk(b"IEND", b""))
+    with pytest.raises(wrt.InputError, match=r"bomb\.png: the image is too large"):
+        load_image(tmp_path / "bomb.png")
+
+
+def test_arrays_of_objects_are_never_unpickled(tmp_path):
+    np.save(tmp_path / "a.npy", np.array([{"x": 1}], object), allow_pickle=True)
+    with pytest.raises(wrt.InputError, match=r"a\.npy: "):
+        load_image(tmp_path / "a.npy")
+
+
+def test_environments_with_negative_light_are_refused(tmp_path):
+    save_image(tmp_path / "a.exr", noise() - 2.0)
+    with pytest.raises(wrt.InputError, match=r"a\.exr: .*not negative"):
+        load_environment(tmp_path / "a.exr")

@@ -1,0 +1,294 @@
+"""Each mesh format is read to its letter: indices, strips, polygons, colours, materials, transforms."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.meshes import SQUARE, area, area_vector, gltf_box, triangles, write
+
+import wrt
+from wrt.formats.images import linear_from_srgb, save_image
+from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_mesh, load_shapes
+from wrt.formats.polygons import split_strips, triangulate
+
+ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
+needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")
+
+
+# OBJ ----------------------------------------------------------------------------------------------
+
+
+def test_obj_reads_what_is_found_in_the_wild(tmp_path):
+    cases = {
+        "comments": SQUARE + "f 1 2 3 # here\n# f 1 2 4\nf 1 3 4\n",
+        "relative": SQUARE + "f -4 -3 -2\nf -4 -2 -1\nv 9 9 9\n",
+        "relative between": "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 1 0\nf -4 -2 -1\n",
+        "quad": SQUARE + "f 1 2 3 4\n",
+        "mixed corners": SQUARE + "vn 0 0 1\nvt 0 0\nf 1/1/1 2//1 3\nf 1/1 3 4\n",
+        "indented": "".join(f"\t {line}\n" for line in (SQUARE + "f 1 2 3 4").splitlines()),
+        "continued": SQUARE + "f 1 2 \\\n 3 4\n",
+        "windows": (SQUARE + "f 1 2 3 4\n").replace("\n", "\r\n"),
+        "old mac": (SQUARE + "f 1 2 3 4\n").replace("\n", "\r"),
+        "weights": SQUARE.replace(" 0\n", " 0 1\n") + "f 1 2 3 4\n",
+        "groups": SQUARE + "o one\ng a\ns 1\nf 1 2 3\ng b\nusemtl x\nf 1 3 4\nl 1 2\np 1\n",
+    }
+    for name, text in cases.items():
+        mesh = load_mesh(write(tmp_path, "mesh.obj", text))
+        assert len(mesh.faces) == 2, name
+        np.testing.assert_allclose(area_vector(mesh), [0, 0, 1], err_msg=name)
+        np.testing.assert_allclose(mesh.normals, np.tile([0, 0, 1], (len(mesh.vertices), 1)), atol=1e-6, err_msg=name)
+
+
+def test_obj_errors_name_the_line(tmp_path):
+    for face, message in {
+        "f 1 2 9": r"line 6: face corner '9' names a 'v' that is not there \(4 are\)",
+        "f 0 1 2": r"line 6: face corner '0' names",
+        "f -1 -2 -9": r"line 6: face corner '-9' names",
+        "f 1/1 2/1 3/2": r"line 6: face corner '3/2' names a 'vt'",
+        "f 1 2 three": r"line 6: 'three' is not a corner",
+    }.items():
+        with pytest.raises(wrt.InputError, match=message):
+            load_mesh(write(tmp_path, "mesh.obj", SQUARE + "vt 0 0\n" + face + "\n"))
+    with pytest.raises(wrt.InputError, match=r"'v' number 2 must be 3 numbers, not '1 a 0'"):
+        load_mesh(write(tmp_path, "mesh.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n"))
+
+
+def test_obj_materials_split_the_mesh_without_a_seam_in_the_shading(tmp_path):
+    save_image(tmp_path / "a picture.png", np.full((2, 2, 3), linear_from_srgb(128 / 255)))
+    write(
+        tmp_path,
+        "two words.mtl",
+        "newmtl red\nKd 0.8 0.1 0.05\nnewmtl laid\nKd 0.5 0.5 0.5\nmap_Kd -s 1 1 1 -clamp on a picture.png\n",
+    )
+    # A roof folded by 20 degrees, one side of each material.
+    y = np.tan(np.deg2rad(10))
+    text = f"mtllib two words.mtl\nv -1 0 0\nv 0 {y} 0\nv 0 {y} 1\nv -1 0 1\nv 1 0 0\nv 1 0 1\nvt 0 0\nvt 1 0\nvt 1 1\n"
+    text += "usemtl red\nf 1 4 3 2\nusemtl laid\nf 2/1 3/1 6/2 5/3\n"
+    red, laid = load_shapes(write(tmp_path, "roof.obj", text))
+    assert red.material.reflectance == pytest.approx((0.8, 0.1, 0.05))
+    assert isinstance(laid.material.reflectance, wrt.ImageTexture)
+    np.testing.assert_allclose(laid.material.reflectance.pixels, 0.5 * linear_from_srgb(128 / 255), rtol=1e-6)
+    for shape in (red, laid):
+        ridge = shape.mesh.vertices[:, 1] > 0.1
+        assert ridge.sum() == 2
+        np.testing.assert_allclose(shape.mesh.normals[ridge], [[0, 1, 0]] * 2, atol=1e-6)
+
+
+def test_obj_with_missing_material_or_image_still_loads_with_a_warning(tmp_path):
+    path = write(tmp_path, "mesh.obj", "mtllib none.mtl\n" + SQUARE + "usemtl x\nf 1 2 3 4\n")
+    with pytest.warns(InputWarning, match=r"none\.mtl.* cannot be read"):
+        assert load_shapes(path)[0].material.reflectance == DEFAULT_REFLECTANCE
+    write(tmp_path, "none.mtl", "newmtl x\nKd 0.1 0.2 0.3\nmap_Kd none.png\n")
+    with pytest.warns(InputWarning, match=r"none\.png: no such file"):
+        assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
+
+
+def test_obj_vertex_colors_are_decoded(tmp_path):
+    path = write(tmp_path, "mesh.obj", "v 0 0 0 1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0 0 0 1\nf 1 2 3\n")
+    shape = load_shapes(path)[0]
+    assert shape.material.reflectance == wrt.VertexColor()
+    grey = float(linear_from_srgb(0.5))
+    np.testing.assert_allclose(shape.mesh.colors, [[1, 0, 0], [grey] * 3, [0, 0, 1]], rtol=1e-6)
+
+
+# PLY ----------------------------------------------------------------------------------------------
+
+STRIP = [0, 1, 2, 3, 4, 5, -1, 6, 7, 8, 8, 8, 9, 9, 10, 11]
+
+
+def strip_points() -> np.ndarray:
+    """A band of four triangles, then a triangle, and further along one more, joined by none of its area."""
+    band = [[x, y, 0] for x in range(3) for y in (1, 0)]
+    return np.array([*band, [4, 0, 0], [5, 0, 0], [4, 1, 0], [7, 0, 0], [8, 0, 0], [7, 1, 0]], np.float32)
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply_strips_keep_their_winding_and_restarts(tmp_path, order):
+    points = strip_points()
+    head = f"ply\nformat {order} 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    if order == "ascii":
+        body = ("\n".join(" ".join(map(str, p)) for p in points.tolist()) + "\n").encode()
+        body += " ".join(map(str, [len(STRIP), *STRIP])).encode()
+    else:
+        end = "<" if "little" in order else ">"
+        body = points.astype(f"{end}f4").tobytes() + np.array([len(STRIP), *STRIP], f"{end}i4").tobytes()
+    mesh = load_mesh(write(tmp_path, "strip.ply", head.encode() + body), smooth_degrees=None)
+    assert area_vector(mesh) == pytest.approx([0, 0, 3.0])
+    assert area(mesh) == pytest.approx(3.0)  # so no triangle faces down, and none bridges the gaps
+
+
+def test_strips_alternate_and_restart():
+    assert split_strips(np.array([0, 1, 2, 3, -1, 4, 5, 6, 7])).tolist() == [[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7]]
+    assert split_strips(np.array([0, 1, -1, -1, 2])).tolist() == []
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_ply_polygons_of_different_sizes_with_colors_and_coordinates(tmp_path, order):
+    head = f"ply\nformat {order} 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "property float s\nproperty float t\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    head += "element face 2\nproperty list uchar uint vertex_index\nproperty short flags\nend_header\n"
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)]
+    rows = [(*p, p[0], p[1] / 2, 255, 128, k) for k, p in enumerate(points)]
+    polygons = [(4, 0, 1, 2, 3, 7), (3, 3, 2, 4, 8)]
+    if order == "ascii":
+        body = "\n".join(" ".join(map(str, row)) for row in [*rows, *polygons]).encode()
+    else:
+        body = b"".join(struct.pack("<5f3B", *row) for row in rows)
+        body += b"".join(struct.pack(f"<B{p[0]}Ih", *p) for p in polygons)
+    shape = load_shapes(write(tmp_path, "mixed.ply", head.encode() + body))[0]
+    assert len(shape.mesh.faces) == 3
+    assert area_vector(shape.mesh) == pytest.approx([0, 0, 1.5])
+    np.testing.assert_allclose(shape.mesh.uvs, shape.mesh.vertices[:, :2] * (1.0, 0.5))
+    assert shape.material.reflectance == wrt.VertexColor()
+    np.testing.assert_allclose(shape.mesh.colors[:, 1], linear_from_srgb(128 / 255), rtol=1e-6)
+
+
+def test_ply_face_colors_become_flat_patches(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 2\nproperty list uchar int vertex_indices\n"
+    head += "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    body = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n3 0 2 3 0 0 255\n"
+    shape = load_shapes(write(tmp_path, "patches.ply", head + body))[0]
+    np.testing.assert_array_equal(shape.mesh.colors[shape.mesh.faces][0], [[1, 0, 0]] * 3)
+    np.testing.assert_array_equal(shape.mesh.colors[shape.mesh.faces][1], [[0, 0, 1]] * 3)
+
+
+def test_off_colors_by_vertex_and_face(tmp_path):
+    text = "COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255\n0 1 0 255 0 0 255\n3 0 1 2\n"
+    np.testing.assert_array_equal(load_shapes(write(tmp_path, "c.off", text))[0].mesh.colors, [[1, 0, 0]] * 3)
+    text = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 0.0 1.0 0.0\n"
+    np.testing.assert_array_equal(load_shapes(write(tmp_path, "f.off", text))[0].mesh.colors, [[0, 1, 0]] * 3)
+
+
+# glTF ---------------------------------------------------------------------------------------------
+
+
+def test_gltf_nodes_factors_strips_and_normalized_integers(tmp_path):
+    points = np.array([[0, 1, 0], [0, 0, 0], [1, 1, 0], [1, 0, 0]], "<f4")
+    colors = np.array([[255, 0, 0, 255], [128, 128, 128, 255], [0, 0, 255, 255], [255] * 4], "<u1")
+    data = points.tobytes() + colors.tobytes()
+    half = 0.5**0.5
+    tree = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [
+            {"children": [1, 2], "translation": [10, 0, 0]},
+            {"mesh": 0, "rotation": [half, 0, 0, half], "scale": [2, 2, 2]},  # +90 degrees about x
+            {"mesh": 0, "scale": [-1, 1, 1]},
+        ],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.001, 0.5, 1.0, 1.0]}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "mode": 5, "material": 0}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4},
+            {"bufferView": 1, "componentType": 5121, "type": "VEC4", "count": 4, "normalized": True},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 16},
+        ],
+        "buffers": [{"byteLength": len(data), "uri": "the%20data.bin"}],
+    }
+    write(tmp_path, "the data.bin", data)
+    path = write(tmp_path, "scene.gltf", json.dumps(tree))
+    turned, mirrored = load_shapes(path)
+    # The square faces +z; a quarter turn about x takes that to -y.
+    assert area_vector(turned.mesh) == pytest.approx([0, -4, 0], abs=1e-6)
+    np.testing.assert_allclose(turned.mesh.bounds, [[10, 0, 0], [12, 0, 2]], atol=1e-6)
+    assert area_vector(mirrored.mesh) == pytest.approx([0, 0, 1])  # a mirror keeps fronts in front
+    np.testing.assert_allclose(mirrored.mesh.bounds, [[9, 0, 0], [10, 1, 0]], atol=1e-6)
+    grey = 128 / 255  # linear in this format
+    expected = np.array([[1, 0, 0], [grey] * 3, [0, 0, 1], [1, 1, 1]]) * [0.001, 0.5, 1.0]
+    np.testing.assert_allclose(turned.mesh.colors, expected, rtol=1e-6)
+
+    del tree["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
+    write(tmp_path, "scene.gltf", json.dumps(tree))
+    assert load_shapes(path)[0].material.reflectance == pytest.approx((0.001, 0.5, 1.0))
+
+    (tmp_path / "the data.bin").unlink()
+    with pytest.raises(wrt.InputError, match=r"the data\.bin.*cannot be read: No such file"):
+        load_shapes(path)
+    tree["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    write(tmp_path, "scene.gltf", json.dumps(tree))
+    with pytest.raises(wrt.InputError, match="KHR_draco_mesh_compression, which is not supported"):
+        load_shapes(path)
+    del tree["extensionsRequired"]
+    tree["nodes"][1]["children"] = [0]
+    write(tmp_path, "scene.gltf", json.dumps(tree))
+    write(tmp_path, "the data.bin", data)
+    with pytest.raises(wrt.InputError, match="circle"):
+        load_shapes(path)
+
+
+def test_gltf_sparse_accessors_are_applied(tmp_path):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    tree = gltf_box(points, np.array([[0, 1, 2]]))
+    moved = np.array([5, 0, 0], "<f4").tobytes() + np.array([1], "<u2").tobytes()
+    write(tmp_path, "moved.bin", moved)
+    tree["buffers"].append({"uri": "moved.bin", "byteLength": len(moved)})
+    tree["bufferViews"] += [
+        {"buffer": 1, "byteLength": 12},
+        {"buffer": 1, "byteOffset": 12, "byteLength": 2},
+    ]
+    tree["accessors"][0]["sparse"] = {
+        "count": 1,
+        "indices": {"bufferView": 3, "componentType": 5123},
+        "values": {"bufferView": 2},
+    }
+    mesh = load_mesh(write(tmp_path, "sparse.gltf", json.dumps(tree)))
+    assert area_vector(mesh) == pytest.approx([0, 0, 2.5])
+
+
+@needs_assets
+@pytest.mark.parametrize("name", ["Duck.glb", "AlphaBlendModeTest.glb"])
+def test_gltf_agrees_with_trimesh(name):
+    import trimesh
+
+    path = ASSETS / "meshes" / name
+    ours = load_shapes(path)
+    theirs = from_trimesh(trimesh.load_scene(path, process=False))
+    assert len(ours) == len(theirs)
+
+    def key(shape: wrt.Shape) -> tuple:
+        return (len(shape.mesh.faces), *shape.mesh.bounds.reshape(-1).round(4).tolist())
+
+    for a, b in zip(sorted(ours, key=key), sorted(theirs, key=key), strict=True):
+        np.testing.assert_allclose(triangles(a.mesh), triangles(b.mesh), rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(a.mesh.uvs[a.mesh.faces], b.mesh.uvs[b.mesh.faces], atol=1e-6)
+        if name == "Duck.glb":  # the other's are those trimesh would compute, which are not kept
+            np.testing.assert_allclose(a.mesh.normals[a.mesh.faces], b.mesh.normals[b.mesh.faces], atol=1e-4)
+        np.testing.assert_array_equal(a.material.reflectance.pixels, b.material.reflectance.pixels)
+
+
+# Polygons -----------------------------------------------------------------------------------------
+
+
+def test_concave_polygons_are_filled_exactly():
+    rng = np.random.default_rng(3)
+    for size in (4, 5, 7, 12, 31):
+        for axis in range(3):
+            angle = np.sort(rng.uniform(0, 2 * np.pi, size))
+            angle = np.linspace(0, 2 * np.pi, size, endpoint=False) + 0.5 * (angle - angle.mean()) / size
+            radius = rng.uniform(0.2, 1.0, size)
+            flat = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+            points = np.insert(flat, axis, 0.5, axis=1)
+            corners = np.arange(size)
+            cut, owner = triangulate(points, corners, np.array([size]))
+            assert len(cut) == size - 2
+            assert not owner.any()
+            mesh = wrt.Mesh(points, cut)
+            newell = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)[axis] / 2.0
+            # Positive parts that add up to the polygon's own area can neither overlap nor spill.
+            assert area_vector(mesh)[axis] == pytest.approx(newell, rel=1e-5)
+            assert area(mesh) == pytest.approx(abs(newell), rel=1e-5)
+
+
+def test_polygons_that_cross_themselves_end():
+    star = np.array([[np.cos(4 * np.pi * k / 5), np.sin(4 * np.pi * k / 5), 0.0] for k in range(5)])
+    assert len(triangulate(star, np.arange(5), np.array([5]))[0]) == 3
+    assert len(triangulate(np.zeros((6, 3)), np.arange(6), np.array([6]))[0]) == 4

@@ -1,0 +1,367 @@
+"""The command line: ``wrt render`` and ``wrt scenes``.
+
+Exit status: 0 when done; 1 when a file could not be written or memory ran out; 2 when something
+given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended a render. What goes wrong is said in
+one line on standard error. Only light modules are imported before there is work for the heavy ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import time
+from typing import TYPE_CHECKING, Any, NoReturn, cast
+
+from wrt._version import __version__
+from wrt.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from wrt.interrupts import Interrupts
+    from wrt.progress import ProgressBar
+    from wrt.renderer import Renderer
+    from wrt.scene import Scene
+
+_IMPORTED_AT = time.perf_counter()
+
+EXIT_FAILED = 1
+EXIT_UNUSABLE = 2
+
+SAVE_EVERY_SECONDS = 60.0
+"""How often a render with a checkpoint saves itself unless told otherwise."""
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+
+EXAMPLES = """\
+examples:
+  wrt render cornell-box
+  wrt render teapot.ply --spp 256 -o teapot.exr
+  wrt render room.toml --time 60 --size 1280x720
+  wrt render room.toml --spp 4096 --checkpoint room.ckpt --resume
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Args:
+        argv: the arguments; by default those of the process.
+    """
+    try:
+        options = _parser().parse_args(_join_axis(sys.argv[1:] if argv is None else list(argv)))
+        run = cast("Callable[[argparse.Namespace], int]", options.run)
+        return run(options)
+    except InputError as error:
+        _complain("error", error)
+        # A file that could not be written for want of space or of rights is no fault of the input.
+        return EXIT_FAILED if isinstance(error.__cause__, OSError) else EXIT_UNUSABLE
+    except BrokenPipeError:
+        # Whoever read our output has seen enough. Python would complain again while it shuts down.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_FAILED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _complain("error", f"{where}{error.strerror or error}")
+        return EXIT_FAILED
+    except MemoryError as error:
+        _complain("error", f"not enough memory{f': {error}' if str(error) else ''}")
+        return EXIT_FAILED
+    except KeyboardInterrupt:
+        _complain("stopped", "nothing was rendered yet")
+        return 130
+
+
+def _complain(kind: str, what: object) -> None:
+    text = " ".join(str(what).split("\n"))
+    print(f"wrt: {kind}: {text}", file=sys.stderr, flush=True)
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse, with errors in one line like all the others."""
+
+    def error(self, message: str) -> NoReturn:
+        _complain("error", f"{message} (see '{self.prog} --help')")
+        sys.exit(EXIT_UNUSABLE)
+
+
+def _join_axis(arguments: list[str]) -> list[str]:
+    """Write ``--up -z`` as ``--up=-z``, since argparse takes -z for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == "--up" and argument in AXES:
+            joined[-1] = f"--up={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="wrt",
+        description="Progressive, physically based ray tracing of triangle meshes.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"wrt {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
+
+    scenes = commands.add_parser(
+        "scenes", help="list the built-in scenes", description="List the built-in scenes.", allow_abbrev=False
+    )
+    scenes.set_defaults(run=_scenes)
+
+    render = commands.add_parser(
+        "render",
+        help="render a scene or a mesh to a picture",
+        description="Render a scene or a mesh to a picture.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    render.set_defaults(run=_render)
+    _add_render_options(render)
+    return parser
+
+
+def _add_render_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("input", metavar="INPUT", help="a built-in scene (see 'wrt scenes'), a scene file (.toml) or a mesh file")
+    add("-o", "--output", metavar="OUT", help="the picture: .png, .exr or .npy (default: INPUT's name with .png, here)")
+    add("--spp", metavar="N", type=_whole(1), help="samples per pixel in all (default: the scene's own)")
+    add("--time", metavar="SECONDS", type=_positive, help="render for so long; alone, without limit of samples")
+    add("--size", metavar="WxH", type=_size, help="pixels, such as 640x480 (default: the scene's own)")
+    add("--device", metavar="NAME", default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
+    add("--threads", metavar="N", type=_whole(1), help="CPU threads (default: every core)")
+    add("--seed", metavar="N", type=_whole(0), default=0, help="another seed, another noise (default: 0)")
+    add("--max-depth", metavar="N", type=_whole(1), help="most segments in a path (default: the scene's own)")
+    add("--exposure", metavar="STOPS", type=_finite, help="factors of two by which a PNG is brightened")
+    add("--checkpoint", metavar="FILE", help="save the render there, to go on with later")
+    add("--resume", action="store_true", help="go on from the checkpoint if there is one")
+    add(
+        "--save-every",
+        metavar="SECONDS",
+        type=_positive,
+        help=f"save checkpoint and picture this often (default: {SAVE_EVERY_SECONDS:.0f}, with --checkpoint)",
+    )
+    add("--quiet", action="store_true", help="no progress and no summary; errors and warnings only")
+    add("--json", action="store_true", help="print a summary as JSON, the last line on standard output")
+    add("--triangles", metavar="N", type=_whole(1), help="triangles of a scene with a procedural mesh")
+    add("--up", metavar="AXIS", choices=AXES, help="which axis of a mesh points up: x, y, z, -x, -y or -z")
+
+
+def _whole(minimum: int) -> Callable[[str], int]:
+    def convert(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"must be a whole number, not {text!r}") from None
+        if value < minimum:
+            raise argparse.ArgumentTypeError(f"must be at least {minimum}, not {value}")
+        return value
+
+    return convert
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number, not {text!r}") from None
+    if value != value or abs(value) == float("inf"):
+        raise argparse.ArgumentTypeError(f"must be finite, not {text}")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"must be greater than 0, not {text}")
+    return value
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition("x")
+    if not cross:
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 640x480, not {text!r}")
+    whole = _whole(1)
+    return whole(width), whole(height)
+
+
+def _scenes(options: argparse.Namespace) -> int:
+    from wrt.meshes import scene_descriptions
+
+    descriptions = scene_descriptions()
+    width = max(len(name) for name in descriptions)
+    for name, description in descriptions.items():
+        print(f"{name:<{width}}  {description}")
+    sys.stdout.flush()
+    return 0
+
+
+def _render(options: argparse.Namespace) -> int:
+    from wrt.interrupts import Interrupts
+
+    with Interrupts() as interrupts:
+        try:
+            return _render_until_interrupted(options, interrupts)
+        except KeyboardInterrupt:
+            _complain("stopped", "nothing was rendered yet")
+            return interrupts.exit_status
+
+
+def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts) -> int:
+    import dataclasses
+
+    from wrt.progress import ProgressBar
+
+    output, checkpoint = _check_paths(options)
+    with ProgressBar(output.stem, time_limit=options.time, wanted=not options.quiet) as bar, _short_warnings(bar):
+        from wrt.api import load
+        from wrt.formats.images import save_image
+
+        scene = load(options.input, triangles=options.triangles, up=options.up)
+        if options.exposure is not None:
+            scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
+        renderer = _make_renderer(options, scene, checkpoint, bar)
+
+        def save() -> None:
+            notes = {"Software": f"wrt {__version__}", "Samples per pixel": renderer.spp, "Seed": options.seed}
+            if checkpoint is not None:  # first, since the picture can be had from it again
+                renderer.save_checkpoint(checkpoint)
+            save_image(output, renderer.image(), exposure=scene.settings.exposure, metadata=notes)
+
+        save_every = options.save_every or (SAVE_EVERY_SECONDS if checkpoint else float("inf"))
+        spp = options.spp or (None if options.time else scene.settings.spp)
+        saved_at = time.monotonic()
+        stopped = False
+        try:
+            for progress in renderer.passes(spp=spp, time=options.time):
+                bar.update(progress)
+                if time.monotonic() - saved_at >= save_every:
+                    interrupts.hold(save)
+                    saved_at = time.monotonic()
+            interrupts.disarm()
+        except KeyboardInterrupt:
+            if renderer.paths == 0:
+                raise
+            stopped = True
+        save()
+    if stopped:
+        saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"
+        _complain("stopped", f"at {renderer.spp} samples per pixel; {saved}")
+        return interrupts.exit_status
+    _report(options, renderer, output)
+    return 0
+
+
+def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
+    """Return where picture and checkpoint go, once it is sure that they could be written."""
+    from pathlib import Path
+
+    from wrt.checkpoint import check_checkpoint_path
+    from wrt.formats.images import check_output
+
+    if options.resume and options.checkpoint is None:
+        raise InputError("--resume needs --checkpoint FILE, the file to go on from")
+    output = check_output(options.output or f"{Path(options.input).stem or 'picture'}.png")
+    if options.checkpoint is None:
+        return output, None
+    checkpoint = Path(options.checkpoint)
+    check_checkpoint_path(checkpoint)
+    for other, what in ((output, "the picture"), (Path(options.input), "the input")):
+        if checkpoint.resolve() == other.resolve():
+            raise InputError(f"{checkpoint}: the checkpoint would overwrite {what}; name another file")
+    return output, checkpoint
+
+
+def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path | None, bar: ProgressBar) -> Renderer:
+    from wrt.renderer import Renderer
+
+    width, height = options.size or (None, None)
+    renderer = Renderer(
+        scene,
+        width=width,
+        height=height,
+        device=options.device,
+        seed=options.seed,
+        threads=options.threads,
+        max_depth=options.max_depth,
+    )
+    if options.resume and checkpoint is not None:
+        if not checkpoint.exists():
+            bar.message(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
+        else:
+            renderer.load_checkpoint(checkpoint)
+            if not options.quiet:
+                bar.message(f"wrt: going on from {checkpoint}, {renderer.spp} samples per pixel")
+    return renderer
+
+
+@contextlib.contextmanager
+def _short_warnings(bar: ProgressBar) -> Iterator[None]:
+    """Within the context, show warnings meant for users in one line each, and no others."""
+    import warnings
+
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if issubclass(category, UserWarning):
+            bar.message("wrt: warning: " + " ".join(str(message).split("\n")))
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
+
+
+def _report(options: argparse.Namespace, renderer: Renderer, output: Path) -> None:
+    """Say what a finished render came to."""
+    from wrt.progress import noise_text, rate_text
+
+    seconds = renderer.seconds_render
+    paths_per_second = renderer.paths / seconds if seconds > 0.0 else 0.0
+    if not options.quiet:
+        parts = [
+            str(output),
+            f"{renderer.width}x{renderer.height}",
+            f"{renderer.spp} spp",
+            f"{seconds:.1f} s",
+            f"{rate_text(paths_per_second)} paths/s",
+            noise_text(renderer.film.noise()),
+        ]
+        print("  ".join(part for part in parts if part), file=sys.stderr, flush=True)
+    if options.json:
+        import json
+
+        mean = renderer.image().mean(axis=(0, 1), dtype="float64")
+        summary = {
+            "device": renderer.device.name,
+            "threads": renderer.threads,
+            "width": renderer.width,
+            "height": renderer.height,
+            "spp": renderer.spp,
+            "seconds_total": _seconds_since_start(),
+            "seconds_compile": renderer.seconds_compile,
+            "seconds_render": seconds,
+            "paths_per_second": paths_per_second,
+            "rays_per_second": renderer.rays / seconds if seconds > 0.0 else 0.0,
+            "mean_radiance": [float(channel) for channel in mean],
+            "output": str(output),
+        }
+        print(json.dumps(summary), flush=True)
+
+
+def _seconds_since_start() -> float:
+    """Return the age of this process; where the system does not tell, the time since this module was imported."""
+    imported = time.perf_counter() - _IMPORTED_AT
+    try:
+        with open("/proc/self/stat", encoding="ascii", errors="replace") as file:
+            # Fields after the program's name, which may hold spaces; the 20th is the start in clock
+            # ticks since the machine started (proc_pid_stat(5), field 22).
+            ticks = int(file.read().rpartition(")")[2].split()[19])
+        age = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, AttributeError, ValueError, IndexError):
+        return imported
+    return max(age, imported)

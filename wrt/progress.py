@@ -1,0 +1,112 @@
+"""What a person sees while a picture is rendered: a bar on the terminal, and numbers made readable."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from wrt.renderer import Progress
+
+REDRAW_SECONDS = 0.1
+"""Time between two drawings of the bar: often enough to look alive, seldom enough to cost nothing."""
+
+
+def rate_text(per_second: float) -> str:
+    """Return a rate with three or so digits and its metric prefix, such as "2.31 M"."""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if per_second >= factor:
+            return f"{per_second / factor:.2f} {prefix}"
+    return f"{per_second:.0f}"
+
+
+def noise_text(noise: float | None) -> str:
+    """Return relative noise in percent, such as "noise 1.2 %", or "" where it is not known yet."""
+    return "" if noise is None else f"noise {100.0 * noise:.2g} %"
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration as m:ss or h:mm:ss."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def fraction_done(progress: Progress, *, time_limit: float | None) -> float:
+    """Return how far a render has come, 0 to 1, by whichever of its limits is nearer."""
+    by_samples = progress.spp / progress.target_spp if progress.target_spp else 0.0
+    by_time = progress.seconds / time_limit if time_limit else 0.0
+    return min(max(by_samples, by_time), 1.0)
+
+
+def status_text(progress: Progress, *, time_limit: float | None) -> str:
+    """Return one line about a running render; without a limit of samples it counts seconds."""
+    if progress.target_spp is None and time_limit is not None:
+        head = [f"{progress.seconds:.0f}/{time_limit:.0f} s", f"{progress.spp} spp"]
+    else:
+        head = [f"{progress.spp}/{progress.target_spp} spp"]
+    parts = [
+        *head,
+        f"pass {progress.pass_index}",
+        f"{rate_text(progress.paths_per_second)} paths/s",
+        noise_text(progress.noise),
+        "" if progress.seconds_left is None else f"{duration_text(progress.seconds_left)} left",
+    ]
+    return "  ".join(part for part in parts if part)
+
+
+class ProgressBar:
+    """A bar on standard error; nothing at all where that is not a terminal, or not wanted.
+
+    Use it as a context manager: it is wiped away at the end.
+    """
+
+    def __init__(self, label: str, *, time_limit: float | None = None, wanted: bool = True) -> None:
+        """Show that work has begun.
+
+        Args:
+            label: what is being rendered.
+            time_limit: seconds of rendering after which it ends, if any.
+            wanted: False for no bar even on a terminal.
+        """
+        self._label = label.replace("{", "{{").replace("}", "}}")
+        self._time_limit = time_limit
+        self._bar: Any = None
+        self._drawn = 0.0
+        if wanted and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            waiting = f"{self._label}  getting ready; kernels are compiled the first time"
+            self._bar = tqdm(total=1.0, file=sys.stderr, leave=False, dynamic_ncols=True, bar_format=waiting)
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    def update(self, progress: Progress) -> None:
+        """Show where the render stands."""
+        now = time.monotonic()
+        if self._bar is None or now - self._drawn < REDRAW_SECONDS:
+            return
+        self._drawn = now
+        # The numbers go into the format itself: tqdm's own are about items, which there are none of.
+        self._bar.bar_format = (
+            f"{self._label} {{percentage:3.0f}}%|{{bar}}| {status_text(progress, time_limit=self._time_limit)}"
+        )
+        self._bar.n = fraction_done(progress, time_limit=self._time_limit)
+        self._bar.refresh()
+
+    def message(self, text: str) -> None:
+        """Write a line to standard error, above the bar if there is one."""
+        if self._bar is None:
+            print(text, file=sys.stderr, flush=True)
+        else:
+            self._bar.write(text, file=sys.stderr)
