@@ -23,6 +23,7 @@ _NODE_COST = wp.constant(1.0)
 MAX_SAH_DEPTH = 48
 _task_stack = wp.types.vector(length=64, dtype=int)
 _open_nodes = wp.types.vector(length=16, dtype=int)
+_bin_costs = wp.types.vector(length=16, dtype=float)
 
 
 @wp.struct
@@ -128,7 +129,7 @@ def split_node(
                 base = scratch + axis * wp.static(BINS)
                 side = empty
                 n = int(0)
-                costs = wp.types.vector(length=16, dtype=float)()
+                costs = _bin_costs()
                 for j in range(wp.static(BINS - 1)):
                     k = wp.static(BINS - 1) - j
                     side = wp.min(side, bin_boxes[base + k])

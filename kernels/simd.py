@@ -95,6 +95,7 @@ def finite_mask(v: vec8) -> int:
     float ts[4], us[4], vs[4];
     int mask = 0;
 #if defined(__clang__) && !defined(__CUDA_ARCH__)
+    {
     #pragma clang fp contract(off)
     typedef float f4 __attribute__((ext_vector_type(4), aligned(4)));
     typedef int i4 __attribute__((ext_vector_type(4)));
@@ -121,6 +122,7 @@ def finite_mask(v: vec8) -> int:
     __builtin_memcpy(ts, &t, 16);
     __builtin_memcpy(us, &tu, 16);
     __builtin_memcpy(vs, &tv, 16);
+    }
 #else
     for (int k = 0; k < 4; ++k) {
         const float* p = b + k;

@@ -131,7 +131,7 @@ def test_unreadable_file_is_refused(tmp_path):
 def test_positions_that_are_not_finite_are_refused_by_number(tmp_path):
     for word in ("nan", "inf", "1e39"):
         path = write(tmp_path, "mesh.obj", f"v 0 0 0\nv 1 {word} 0\nv 1 1 0\nf 1 2 3\n")
-        with pytest.raises(wrt.InputError, match=r"vertex 1 .* must be finite"):
+        with pytest.raises(wrt.InputError, match=r"'v' number 2 \(counted from 1\) is .* must be finite"):
             load_mesh(path)
 
 

@@ -57,8 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run(options)
     except InputError as error:
         _complain("error", error)
-        # A file that could not be written for want of space or of rights is no fault of the input.
-        return EXIT_FAILED if isinstance(error.__cause__, OSError) else EXIT_UNUSABLE
+        return EXIT_UNUSABLE
     except BrokenPipeError:
         # Whoever read our output has seen enough. Python would complain again while it shuts down.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -232,8 +231,10 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         def save() -> None:
             notes = {"Software": f"wrt {__version__}", "Samples per pixel": renderer.spp, "Seed": options.seed}
             if checkpoint is not None:  # first, since the picture can be had from it again
-                renderer.save_checkpoint(checkpoint)
-            save_image(output, renderer.image(), exposure=scene.settings.exposure, metadata=notes)
+                with _naming(checkpoint):
+                    renderer.save_checkpoint(checkpoint)
+            with _naming(output):
+                save_image(output, renderer.image(), exposure=scene.settings.exposure, metadata=notes)
 
         save_every = options.save_every or (SAVE_EVERY_SECONDS if checkpoint else float("inf"))
         spp = options.spp or (None if options.time else scene.settings.spp)
@@ -300,6 +301,17 @@ def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path |
             if not options.quiet:
                 bar.message(f"wrt: going on from {checkpoint}, {renderer.spp} samples per pixel")
     return renderer
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Within the context, have what keeps `path` from being written end as an OSError that names it."""
+    try:
+        yield
+    except InputError as error:  # names the file; and that the path was good had been seen before
+        raise OSError(str(error)) from error
+    except OSError as error:
+        raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 @contextlib.contextmanager

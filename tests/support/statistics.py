@@ -207,7 +207,7 @@ def t_test_mean(mean: ArrayLike, variance_of_mean: ArrayLike, n: ArrayLike, expe
         n: samples behind each, at least 2.
         expected: what they should be.
     """
-    z = _scores(mean, variance_of_mean, expected, 0.0, n, np.inf)
+    z = two_sample_z(mean, variance_of_mean, expected, 0.0, n_a=n)
     return np.asarray(2.0 * stats.norm.sf(np.abs(z)))
 
 
@@ -236,18 +236,6 @@ def two_sample_z(
         n_b: independent samples behind each of the second.
         floor: relative difference that counts as one standard error in itself.
     """
-    return _scores(mean_a, var_a, mean_b, var_b, n_a, n_b, floor)
-
-
-def _scores(
-    mean_a: ArrayLike,
-    var_a: ArrayLike,
-    mean_b: ArrayLike,
-    var_b: ArrayLike,
-    n_a: ArrayLike,
-    n_b: ArrayLike,
-    floor: float = 0.0,
-) -> FloatArray:
     a, va, b, vb, na, nb = np.broadcast_arrays(
         *(np.asarray(x, np.float64) for x in (mean_a, var_a, mean_b, var_b, n_a, n_b))
     )
@@ -341,7 +329,7 @@ def image_z_test(
         raise ValueError(f"pictures must be (H, W, C) and alike, not {[x.shape for x in arrays]}")
     a, va, b, vb = arrays
     na, nb = (np.broadcast_to(np.asarray(n, np.float64), shape) for n in (n_a, n_b))
-    z = _scores(a, va, b, vb, na, nb, floor)
+    z = two_sample_z(a, va, b, vb, n_a=na, n_b=nb, floor=floor)
     p = 2.0 * stats.norm.sf(np.abs(z))
     pass_fraction = float(np.mean(p > sidak(significance, z.size)))
 
@@ -403,5 +391,5 @@ def _grouped_scores(
             1.0 + np.where(s > 0.0, s**2 / total(v**2 / (n - 1.0)), np.inf)
             for s, v, n in ((sum_va, va, na), (sum_vb, vb, nb))
         )
-    scores = _scores(total(a), sum_va, total(b), sum_vb, groups_a, groups_b, floor)
+    scores = two_sample_z(total(a), sum_va, total(b), sum_vb, n_a=groups_a, n_b=groups_b, floor=floor)
     return scores, sum_va + sum_vb == 0.0

@@ -126,7 +126,8 @@ def _collapse(nodes: Any, boxes: Any, points: Any, indices: Any, device: Device)
         inner = wp.empty(n, dtype=int, device=name)
         leaves = wp.empty(n, dtype=int, device=name)
         device.launch(k.count_children, n, [level, nodes, inner, leaves])
-        inner_total, leaf_total, inner_start, leaf_start = *_sums(inner, leaves), _scan(inner), _scan(leaves)
+        inner_start, inner_total = _scan(inner)
+        leaf_start, leaf_total = _scan(leaves)
         levels.append((level, inner_start, leaf_start, node_count, leaf_count))
         node_count += n
         leaf_count += leaf_total
@@ -163,15 +164,10 @@ def _as_int(array: Any) -> Any:
     return view
 
 
-def _scan(counts: Any) -> Any:
+def _scan(counts: Any) -> tuple[Any, int]:
+    """Return the sums of the counts before each one, and of all."""
     import warp as wp
 
     start = wp.empty_like(counts)
     wp.utils.array_scan(counts, start, inclusive=False)
-    return start
-
-
-def _sums(*arrays: Any) -> list[int]:
-    import warp as wp
-
-    return [int(wp.utils.array_sum(array)) for array in arrays]
+    return start, int(start[-1:].numpy()[0] + counts[-1:].numpy()[0])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.formats.images import linear_from_srgb, load_image
-from wrt.formats.parts import Part, warn
+from wrt.formats.parts import Part, checked_positions, warn
 from wrt.formats.polygons import triangulate, unify
 from wrt.textures import ColorSource, ImageTexture
 
@@ -58,6 +58,9 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         short = int((counts < 3).sum())
         line = statements.lines[int(np.argmax(counts < 3))]
         warn(f"{path}: {short} face(s) with fewer than 3 corners left out, the first in line {line}")
+    used = np.zeros(len(vertices), bool)
+    used[index[:, 0]] = True
+    checked_positions(path, vertices, used, what="'v' number", base=1)
     triangles, owner = triangulate(vertices, index[:, 0], counts)
     materials = _materials(path, statements.libraries)
     face_material = np.array(statements.face_material)[owner]

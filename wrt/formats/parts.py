@@ -107,6 +107,24 @@ def _filled(meshes: list[Mesh], field: str, width: int, value: float) -> NDArray
     return np.concatenate([np.full((len(m.vertices), width), value, np.float32) if a is None else a for m, a in pairs])
 
 
+def checked_positions(
+    path: str | Path, vertices: FloatArray, used: NDArray[np.bool_], *, what: str = "vertex", base: int = 0
+) -> NDArray[np.float32]:
+    """Return positions as float32; readers that renumber vertices call it first, with the file's own numbers.
+
+    Raises:
+        InputError: where one of the used is not finite, naming it `what` counted from `base`.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        result = np.asarray(vertices).astype(np.float32)
+    bad = np.flatnonzero(used & ~np.isfinite(result).all(axis=1))
+    if len(bad):
+        values = " ".join(f"{x:g}" for x in np.asarray(vertices)[bad[0]])
+        number = f"{what} {bad[0] + base} (counted from {base})"
+        raise InputError(f"{path}: {number} is {values}; positions must be finite and at most 3.4e38")
+    return result
+
+
 def _repaired(path: str, part: Part) -> Part:
     """Return a part of used, finite vertices and faces that have three different corners."""
     faces = np.asarray(part.faces).astype(np.int64)
@@ -114,14 +132,9 @@ def _repaired(path: str, part: Part) -> Part:
     if faces.min() < 0 or faces.max() >= count:
         bad = faces.min() if faces.min() < 0 else faces.max()
         raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
-    with np.errstate(over="ignore", invalid="ignore"):
-        vertices = np.asarray(part.vertices).astype(np.float32)
     used = np.zeros(count, bool)
     used[faces] = True
-    bad_rows = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
-    if len(bad_rows):
-        values = " ".join(f"{x:g}" for x in np.asarray(part.vertices)[bad_rows[0]])
-        raise InputError(f"{path}: vertex {bad_rows[0]} (counted from 0) is {values}; positions must be finite")
+    vertices = checked_positions(path, part.vertices, used)
     colors, face_colors, uvs = part.colors, part.face_colors, part.uvs
     if colors is not None and not np.isfinite(np.asarray(colors)[used]).all():
         warn(f"{path}: vertex colours are left out, as some are not finite")

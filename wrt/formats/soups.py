@@ -9,7 +9,7 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.formats.images import linear_from_srgb
-from wrt.formats.parts import Part
+from wrt.formats.parts import Part, checked_positions
 from wrt.formats.polygons import triangulate
 
 _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -47,6 +47,7 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         raise InputError(f"{path}: the STL header says {count} triangles, but {held} are there; the file is truncated")
     if not len(corners):
         return []
+    checked_positions(path, corners, np.ones(len(corners), bool), what="corner")
     vertices, index = np.unique(corners + 0.0, axis=0, return_inverse=True)
     return [Part(path.stem, vertices, index.reshape(-1, 3))]
 
