@@ -383,8 +383,8 @@ def write_level(
                     for corner in range(3):
                         p = points[indices[3 * number + wp.where(n < node.count, corner, 0)]]
                         for axis in range(3):
-                            leaves_out[start + 12 * corner + 4 * axis + n] = p[axis]
-                    leaf_ids_out[start + 36 + n] = number
+                            leaves_out[start + wp.static(LEAF_SIZE) * (3 * corner + axis) + n] = p[axis]
+                    leaf_ids_out[start + wp.static(9 * LEAF_SIZE) + n] = number
                 leaf += 1
         else:
             for axis in range(3):

@@ -9,10 +9,11 @@ import warp as wp
 
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.bvh import Hit
 from wrt.kernels.environment import image_pdf, image_radiance
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray, offset_from_surface, to_local, to_world
-from wrt.kernels.intersect import NO_HIT, Hit, closest_hit, occluded
+from wrt.kernels.intersect import NO_HIT, closest_hit, occluded
 from wrt.kernels.lights import sample_light, triangle_light_pdf
 from wrt.kernels.sampler import BLOCK_BSDF, BLOCK_ENVIRONMENT, BLOCK_LIGHT, Sampler, sample_4d, vertex_block
 from wrt.kernels.scene_data import SceneData, ShapeRecord

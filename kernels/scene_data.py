@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from wrt.kernels.bvh import Bvh
+
 # What a colour slot of a material reads.
 SLOT_CONSTANT = wp.constant(0)
 SLOT_IMAGE = wp.constant(1)
@@ -88,7 +90,7 @@ class SceneData:
     """Everything that a path needs to know of a scene."""
 
     # Geometry, all shapes in world space
-    mesh: wp.uint64
+    bvh: Bvh
     points: wp.array(dtype=wp.vec3)
     indices: wp.array(dtype=int)
     normals: wp.array(dtype=wp.vec3)

@@ -3,7 +3,7 @@
 import warp as wp
 
 from wrt.kernels.geometry import Frame, Ray, make_frame
-from wrt.kernels.intersect import Hit
+from wrt.kernels.bvh import Hit
 from wrt.kernels.scene_data import SceneData
 
 

@@ -115,7 +115,7 @@ class Renderer:
 
         self.device = Device(device, threads=threads)
         self.film = Film(self.width, self.height, self.device)
-        self._built = build_scene(self.scene, self.device.name)
+        self._built = build_scene(self.scene, self.device)
         self.seconds_compile, self._kernel, self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0

@@ -141,15 +141,14 @@ def _collapse(nodes: Any, boxes: Any, points: Any, indices: Any, device: Device)
     data = Bvh()
     data.nodes = wp.empty(node_count * NODE_FLOATS, dtype=float, device=name)
     data.leaves = wp.empty(leaf_count * LEAF_FLOATS, dtype=float, device=name)
-    data.children = _as_int(data.nodes)
-    data.leaf_ids = _as_int(data.leaves)
+    children, leaf_ids = _as_int(data.nodes), _as_int(data.leaves)
     for level, inner_start, leaf_start, first_node, first_leaf in levels:
         first_child = first_node + len(level)
         device.launch(
             k.write_level,
             len(level),
             [level, nodes, boxes, points, indices, inner_start, leaf_start, first_node, first_child, first_leaf]
-            + [data.nodes, data.children, data.leaves, data.leaf_ids],
+            + [data.nodes, children, data.leaves, leaf_ids],
         )
     size = 4 * (len(data.nodes) + len(data.leaves))
     return BuiltBvh(data, len(levels), node_count, leaf_count, size)
@@ -159,9 +158,7 @@ def _as_int(array: Any) -> Any:
     """Return the same memory seen as integers."""
     import warp as wp
 
-    view = wp.array(ptr=array.ptr, shape=array.shape, dtype=int, device=array.device)
-    view._ref = array
-    return view
+    return wp.array(ptr=array.ptr, shape=array.shape, dtype=int, device=array.device)
 
 
 def _scan(counts: Any) -> tuple[Any, int]:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from wrt.build.alias import make_alias_table
+from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, upload_environment
 from wrt.build.lights import light_table
+from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material
 from wrt.mesh import Mesh
@@ -27,16 +29,14 @@ class BuiltScene:
     Attributes:
         data: the SceneData struct that kernels take.
         features: what the scene uses, to choose the kernel by.
-        mesh: the wp.Mesh behind `data.mesh`, which must live as long as it.
     """
 
     data: Any
     features: Any
-    mesh: Any
 
 
-def build_scene(scene: Scene, device: str) -> BuiltScene:
-    """Upload a scene to a device ("cpu", "cuda:0").
+def build_scene(scene: Scene, device: Device) -> BuiltScene:
+    """Upload a scene to a device and build its ray tree there.
 
     Raises:
         InputError: where the scene has no shapes, or more triangles or vertices than an int counts.
@@ -53,26 +53,27 @@ def build_scene(scene: Scene, device: str) -> BuiltScene:
         isinstance(slot, (ImageTexture, VertexColor)) for shape in scene.shapes for slot in shape.material.slots()
     )
     data = SceneData()
-    mesh = _upload_geometry(data, meshes, device, textured=textured)
-    material_numbers = _upload_materials(data, [shape.material for shape in scene.shapes], device)
+    _upload_geometry(data, meshes, device.name, textured=textured)
+    data.bvh = build_bvh(data.points, data.indices, device).data
+    material_numbers = _upload_materials(data, [shape.material for shape in scene.shapes], device.name)
 
     counts = np.array([len(m.faces) for m in meshes])
     first_triangles = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    data.triangle_shape = wp.array(np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device)
+    data.triangle_shape = wp.array(np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device.name)
 
-    data.environment, flux = upload_environment(scene.environment, device)
+    data.environment, flux = upload_environment(scene.environment, device.name)
     lights, first_lights, weights = light_table(scene, first_triangles, flux, LightRecord.numpy_dtype())
     if weights.sum() > 0.0:
         table = make_alias_table(weights)
         lights["probability"] = table.probabilities
-        data.light_thresholds = wp.array(table.thresholds, dtype=float, device=device)
-        data.light_aliases = wp.array(table.aliases, dtype=int, device=device)
-        data.lights = wp.array(lights, dtype=LightRecord, device=device)
+        data.light_thresholds = wp.array(table.thresholds, dtype=float, device=device.name)
+        data.light_aliases = wp.array(table.aliases, dtype=int, device=device.name)
+        data.lights = wp.array(lights, dtype=LightRecord, device=device.name)
         if flux > 0.0:
             data.environment.light_probability = float(table.probabilities[-1])
     else:
         first_lights[:] = -1
-        data.lights = wp.zeros(0, dtype=LightRecord, device=device)
+        data.lights = wp.zeros(0, dtype=LightRecord, device=device.name)
 
     shapes = np.zeros(len(scene.shapes), ShapeRecord.numpy_dtype())
     shapes["material"] = material_numbers
@@ -80,13 +81,13 @@ def build_scene(scene: Scene, device: str) -> BuiltScene:
     shapes["first_light"] = first_lights
     shapes["emission"] = [shape.emission for shape in scene.shapes]
     shapes["two_sided"] = [shape.two_sided_emission for shape in scene.shapes]
-    data.shapes = wp.array(shapes, dtype=ShapeRecord, device=device)
+    data.shapes = wp.array(shapes, dtype=ShapeRecord, device=device.name)
 
     models = tuple(sorted({shape.material.model for shape in scene.shapes}))
-    return BuiltScene(data, Features(models, textured, environment_kind(scene.environment)), mesh)
+    return BuiltScene(data, Features(models, textured, environment_kind(scene.environment)))
 
 
-def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bool) -> Any:
+def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bool) -> None:
     import warp as wp
 
     vertex_counts = [len(m.vertices) for m in meshes]
@@ -111,9 +112,6 @@ def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bo
     if textured:
         data.uvs = wp.array(attribute("uvs", 2, 0.0), dtype=wp.vec2, device=device)
         data.colors = wp.array(attribute("colors", 3, 1.0), dtype=wp.vec3, device=device)
-    mesh = wp.Mesh(points=data.points, indices=data.indices, bvh_constructor="sah")
-    data.mesh = mesh.id
-    return mesh
 
 
 def _upload_materials(data: Any, materials: list[Material], device: str) -> np.ndarray:
