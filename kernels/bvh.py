@@ -55,7 +55,7 @@ _TRAVERSE = (
     const float dx = fabsf(direction[0]), dy = fabsf(direction[1]), dz = fabsf(direction[2]);
     const int kz = dx > dy ? (dx > dz ? 0 : 2) : (dy > dz ? 1 : 2);
     const int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
-    const float shear[3] = {direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0f / direction[kz]};
+    const float shear[3] = {direction[kx] * inverse[kz], direction[ky] * inverse[kz], inverse[kz]};
     float hit_u = 0.0f, hit_v = 0.0f;
     int id_max = 0x7fffffff;
 
@@ -118,8 +118,7 @@ done:
 
 
 @wp.func_native(with_vectors(_TRAVERSE, LEAF_SIZE).replace("STACK_SIZE", str(STACK_SIZE)))
-def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4:
-    ...
+def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4: ...
 
 
 @wp.struct

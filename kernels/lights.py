@@ -4,6 +4,7 @@ import warp as wp
 
 from wrt.kernels.environment import image_radiance, sample_image
 from wrt.kernels.geometry import offset_from_surface
+from wrt.kernels.intersect import INFINITE_DISTANCE
 from wrt.kernels.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -11,7 +12,6 @@ from wrt.kernels.scene_data import (
     LIGHT_TRIANGLE,
     SceneData,
 )
-from wrt.kernels.intersect import INFINITE_DISTANCE
 from wrt.kernels.warps import sample_alias, square_to_triangle
 
 

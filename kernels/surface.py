@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from wrt.kernels.geometry import Frame, Ray, make_frame
 from wrt.kernels.bvh import Hit
+from wrt.kernels.geometry import Frame, Ray, make_frame
 from wrt.kernels.scene_data import SceneData
 
 

@@ -40,9 +40,7 @@ def square_to_triangle(u: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def sample_alias(
-    thresholds: wp.array(dtype=float), aliases: wp.array(dtype=int), u_slot: float, u_keep: float
-) -> int:
+def sample_alias(thresholds: wp.array(dtype=float), aliases: wp.array(dtype=int), u_slot: float, u_keep: float) -> int:
     """Return an index drawn from an alias table (Walker 1977; Vose 1991)."""
     n = thresholds.shape[0]
     i = wp.min(int(u_slot * float(n)), n - 1)

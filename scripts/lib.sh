@@ -29,7 +29,6 @@ can_make_venv() { # PYTHON: Debian packs the parts of venv apart
 find_python() { # prints the Python that .venv is made with
     local candidate found=
     if [[ -n ${PYTHON:-} ]]; then
-        is_supported "$PYTHON" || fail "PYTHON=$PYTHON does not run, or is older than Python 3.10"
         can_make_venv "$PYTHON" || fail "$PYTHON cannot make virtual environments:" \
             "on Debian and Ubuntu 'sudo apt-get install python3-venv' adds what is missing"
         printf '%s\n' "$PYTHON"
@@ -69,6 +68,9 @@ PY
 
 ensure_venv() { # [test]: makes .venv and installs wrt into it, with the test tools if asked, where needed
     local extra=${1:-plain} python now
+    if [[ -n ${PYTHON:-} ]]; then
+        is_supported "$PYTHON" || fail "PYTHON=$PYTHON does not run, or is older than Python 3.10"
+    fi
     if ! venv_is_usable; then
         python=$(find_python)
         # Only what is plainly a virtual environment is ever deleted.
@@ -87,7 +89,7 @@ ensure_venv() { # [test]: makes .venv and installs wrt into it, with the test to
     if [[ -f $STAMP && $(<"$STAMP") == "$now test" ]]; then return; fi
     if [[ -f $STAMP && $(<"$STAMP") == "$now $extra" ]]; then return; fi
     # A later `scripts/demo` must not forget that the test tools are there.
-    if [[ -f $STAMP && $(<"$STAMP") == *" test" ]]; then extra=test; fi
+    if [[ -f $STAMP && $(<"$STAMP") == *" test" ]]; then extra="test"; fi
     rm -f "$STAMP"
     local target=.
     if [[ $extra == test ]]; then target=".[test]"; fi

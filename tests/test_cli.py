@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,6 @@ from conftest import ROOT
 from wrt import meshes
 from wrt.cli import _join_axis, _parser, main
 from wrt.interrupts import Interrupts
-from wrt.progress import duration_text, fraction_done, noise_text, rate_text, status_text
-from wrt.renderer import Progress
 
 SMALL = ["render", "cornell-box", "--size", "32x32"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
@@ -353,49 +350,6 @@ def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
     frames = shown.decode().split("\r")
     assert any(re.match(r"cornell-box\s+\d+%\|.*\| +\d+/1 s  \d+ spp  pass \d+  .*paths/s", frame) for frame in frames)
     assert "cornell-box.png  32x32" in frames[-2], "the summary stands alone on the last line"
-
-
-def progress(**changes: Any) -> Progress:
-    values: dict[str, Any] = {
-        "pass_index": 3,
-        "spp": 16,
-        "target_spp": 64,
-        "seconds": 5.0,
-        "seconds_left": 15.0,
-        "paths_per_second": 2.31e6,
-        "rays_per_second": 9e6,
-        "noise": 0.0123,
-    }
-    return Progress(**{**values, **changes})
-
-
-def test_progress_counts_the_limit_that_is_nearer() -> None:
-    assert fraction_done(progress(), time_limit=None) == 0.25
-    assert fraction_done(progress(), time_limit=10.0) == 0.5
-    assert fraction_done(progress(target_spp=None), time_limit=20.0) == 0.25
-    assert fraction_done(progress(seconds=11.0), time_limit=10.0) == 1.0
-
-
-def test_progress_text_counts_samples_or_else_seconds() -> None:
-    assert status_text(progress(), time_limit=None) == "16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"
-    by_time = progress(target_spp=None, noise=None, seconds_left=None)
-    assert status_text(by_time, time_limit=20.0) == "5/20 s  16 spp  pass 3  2.31 M paths/s"
-
-
-@pytest.mark.parametrize(
-    ("function", "value", "text"),
-    [
-        (rate_text, 12.4, "12"),
-        (rate_text, 12_400.0, "12.40 k"),
-        (rate_text, 3.2e9, "3.20 G"),
-        (noise_text, None, ""),
-        (noise_text, 0.5, "noise 50 %"),
-        (duration_text, 59.6, "1:00"),
-        (duration_text, 3725.0, "1:02:05"),
-    ],
-)
-def test_numbers_are_readable(function: Callable[[Any], str], value: object, text: str) -> None:
-    assert function(value) == text
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z", "-x", "-y", "-z"])

@@ -65,8 +65,8 @@ _EXPORTS = {
 }
 
 __all__ = [
-    "ConstantEnvironment",
     "Conductor",
+    "ConstantEnvironment",
     "Dielectric",
     "Diffuse",
     "DirectionalLight",

@@ -6,8 +6,6 @@ The file is an uncompressed NumPy archive (.npz layout) of the film's arrays and
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,43 +14,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.files import PathLike, first_line, require_place, write_whole
 
 FORMAT = 1
 _HEADER = "header"
 
 
-def write_checkpoint(path: str | os.PathLike[str], header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
     """Write a checkpoint atomically: the old file stays whole until the new one is.
 
     Raises:
-        InputError: where the folder does not exist or the path is a folder.
-        OSError: where writing fails, such as on a full disk.
+        InputError: where it cannot be written, be it for the path or for a full disk.
     """
-    path = Path(path)
-    check_checkpoint_path(path)
+    file = Path(path)
+    require_place(file)
     text = np.array(json.dumps({"format": FORMAT, **header}))
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, **{_HEADER: text}, **arrays)  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+
+    def write(temporary: Path) -> None:
+        with temporary.open("xb") as handle:
+            np.savez(handle, **{_HEADER: text}, **arrays)  # type: ignore[arg-type]
+
+    write_whole(file, write)
 
 
-def check_checkpoint_path(path: str | os.PathLike[str]) -> None:
-    """Raise InputError unless a checkpoint could be written there."""
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, not a checkpoint file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-
-
-def read_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return a checkpoint's header and arrays.
 
     Raises:
@@ -66,13 +51,13 @@ def read_checkpoint(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[
             header = json.loads(str(archive[_HEADER]))
             arrays = {name: archive[name] for name in archive.files if name != _HEADER}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, TypeError) as error:
-        raise InputError(f"{path}: not a wrt checkpoint, or damaged ({error})".splitlines()[0]) from None
+        raise InputError(f"{path}: not a wrt checkpoint, or damaged ({first_line(error)})") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise InputError(f"{path}: written in another checkpoint format than this version of wrt reads")
     return header, arrays
 
 
-def require_same(path: str | os.PathLike[str], stored: dict[str, Any], wanted: dict[str, Any]) -> None:
+def require_same(path: PathLike, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
     """Raise InputError naming everything in which a stored header differs from the wanted one."""
     differences = []
     for key, value in wanted.items():

@@ -264,7 +264,7 @@ def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
     """Return where picture and checkpoint go, once it is sure that they could be written."""
     from pathlib import Path
 
-    from wrt.checkpoint import check_checkpoint_path
+    from wrt.files import require_place
     from wrt.formats.images import check_output
 
     if options.resume and options.checkpoint is None:
@@ -273,7 +273,7 @@ def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
     if options.checkpoint is None:
         return output, None
     checkpoint = Path(options.checkpoint)
-    check_checkpoint_path(checkpoint)
+    require_place(checkpoint)
     for other, what in ((output, "the picture"), (Path(options.input), "the input")):
         if checkpoint.resolve() == other.resolve():
             raise InputError(f"{checkpoint}: the checkpoint would overwrite {what}; name another file")

@@ -26,14 +26,16 @@ def available_threads() -> int:
     return os.cpu_count() or 1
 
 
-_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+# Lines that Warp writes at every start and that no user can act on: that there is no GPU (the check
+# for one says it when it matters), and that its next release will drop the oldest Python.
+_HELD_BACK = (b"Could not find or load the NVIDIA CUDA driver", b"Support for Python")
 
 
 def initialize_warp() -> None:
     """Start Warp quietly.
 
-    Its native library writes a warning straight to file descriptor 2 on every machine without a
-    GPU. That line is held back; anything else it writes goes through.
+    Its native library writes straight to file descriptor 2. The lines of _HELD_BACK are left out;
+    anything else it writes goes through.
     """
     import warp as wp
 
@@ -49,7 +51,7 @@ def initialize_warp() -> None:
                 os.dup2(kept, 2)
             caught.seek(0)
             for line in caught:
-                if _NO_DRIVER not in line:
+                if not any(text in line for text in _HELD_BACK):
                     os.write(2, line)
     finally:
         os.close(kept)

@@ -47,7 +47,8 @@ class Film:
     @property
     def counts(self) -> NDArray[np.int32]:
         """(H, W) int32 samples in each pixel."""
-        return self.data.count.numpy().reshape(self.height, self.width)
+        counts: NDArray[np.int32] = self.data.count.numpy().reshape(self.height, self.width)
+        return counts
 
     @property
     def rays(self) -> int:
@@ -62,7 +63,7 @@ class Film:
     def mean(self) -> NDArray[np.float32]:
         """Return (H, W, 3) float32 linear radiance; black where there are no samples yet."""
         n = np.maximum(self.data.count.numpy(), 1)[:, None]
-        mean = (self.data.total.numpy() / n).astype(np.float32)
+        mean: NDArray[np.float32] = (self.data.total.numpy() / n).astype(np.float32)
         return mean.reshape(self.height, self.width, 3)
 
     def variance(self) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """Materials: how a surface reflects and transmits light.
 
 Each class is a plain description. Its `model` names the file in `kernels/bsdf/` that holds its
-`eval`, `sample` and `pdf`; `slots` are the colours those functions read, in their order.
+`evaluate`, `sample` and `pdf`; `slot_names` are the colours those functions read, in their order.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ class Material:
     """Base of all materials; not used by itself."""
 
     model: ClassVar[str] = ""
+    slot_names: ClassVar[tuple[str, ...]] = ()
 
+    @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """Return the colours that the model's device functions read, at most four."""
-        raise NotImplementedError
+        """The colours that the model's device functions read, at most two: the attributes of `slot_names`."""
+        return tuple(getattr(self, name) for name in self.slot_names)
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,10 @@ class Diffuse(Material):
 
     reflectance: ColorSource = 0.18
     model: ClassVar[str] = "diffuse"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "reflectance", _reflectance(self.reflectance, "reflectance"))
-
-    def slots(self) -> tuple[ColorSource, ...]:
-        return (self.reflectance,)
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,10 @@ class Mirror(Material):
 
     reflectance: ColorSource = 1.0
     model: ClassVar[str] = "mirror"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "reflectance", _reflectance(self.reflectance, "reflectance"))
-
-    def slots(self) -> tuple[ColorSource, ...]:
-        return (self.reflectance,)
 
 
 @dataclass(frozen=True)
@@ -81,6 +79,7 @@ class Conductor(Material):
     eta: ColorLike = (0.200, 0.924, 1.102)
     k: ColorLike = (3.912, 2.452, 2.142)
     model: ClassVar[str] = "conductor"
+    slot_names: ClassVar[tuple[str, ...]] = ("eta", "k")
 
     def __post_init__(self) -> None:
         eta = color(self.eta, "eta")
@@ -88,9 +87,6 @@ class Conductor(Material):
             raise InputError(f"eta must be greater than 0 in each channel, not {eta}")
         object.__setattr__(self, "eta", eta)
         object.__setattr__(self, "k", color(self.k, "k"))
-
-    def slots(self) -> tuple[ColorSource, ...]:
-        return (self.eta, self.k)
 
 
 @dataclass(frozen=True)
@@ -107,10 +103,13 @@ class Dielectric(Material):
     ior: float = 1.5
     exterior_ior: float = 1.0
     model: ClassVar[str] = "dielectric"
+    slot_names: ClassVar[tuple[str, ...]] = ("relative_ior",)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ior", number(self.ior, "ior", above=0.0))
         object.__setattr__(self, "exterior_ior", number(self.exterior_ior, "exterior_ior", above=0.0))
 
-    def slots(self) -> tuple[ColorSource, ...]:
-        return (self.ior / self.exterior_ior,)
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index inside over outside."""
+        return self.ior / self.exterior_ior

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,11 +27,11 @@ class Mesh:
         InputError: on wrong shapes, no triangles, indices out of range, or values not finite.
     """
 
-    vertices: NDArray[np.float32] = field(repr=False)
-    faces: NDArray[np.int32] = field(repr=False)
-    normals: NDArray[np.float32] | None = field(default=None, repr=False)
-    uvs: NDArray[np.float32] | None = field(default=None, repr=False)
-    colors: NDArray[np.float32] | None = field(default=None, repr=False)
+    vertices: NDArray[Any] = field(repr=False)
+    faces: NDArray[Any] = field(repr=False)
+    normals: NDArray[Any] | None = field(default=None, repr=False)
+    uvs: NDArray[Any] | None = field(default=None, repr=False)
+    colors: NDArray[Any] | None = field(default=None, repr=False)
     name: str = "mesh"
 
     def __post_init__(self) -> None:

@@ -41,11 +41,11 @@ def with_normals(mesh: Mesh, crease_degrees: float = 40.0) -> Mesh:
         unit, length = _unit(normals_given.astype(np.float64))
         missing = ~np.isfinite(length) | (length < 1e-20)
         if missing.any():
-            computed = _smooth(mesh, faces, _positions(mesh.vertices))
+            computed = _smooth(mesh, faces, same_positions(mesh.vertices))
             unit[missing] = computed[missing]
         return replace(mesh, normals=unit.astype(np.float32))
 
-    positions = _positions(mesh.vertices)
+    positions = same_positions(mesh.vertices)
     face_normals, angles = _face_normals(mesh, faces)
     corners = positions[faces].reshape(-1)
     if len(faces) > CREASE_LIMIT or crease_degrees >= 180.0:
@@ -80,8 +80,13 @@ def _unit(vectors: _Float) -> tuple[_Float, _Float]:
     return vectors / np.where(length > 0.0, length, 1.0)[..., None], length
 
 
-def _positions(vertices: NDArray[np.float32]) -> _Int:
-    """Return (N,) an index that is the same for vertices at the same position."""
+def vertex_normals(mesh: Mesh) -> _Float:
+    """Return (N, 3) unit normals, weighted as in `with_normals`, without joins of positions or creases."""
+    return _smooth(mesh, mesh.faces.astype(np.intp), np.arange(len(mesh.vertices)))
+
+
+def same_positions(vertices: NDArray[np.float32]) -> _Int:
+    """Return (N,) an index, without gaps, that is the same for vertices at the same position."""
     bits = (vertices + np.float32(0.0)).view(np.uint32)  # adding 0 makes -0 and 0 the same
     order = np.lexsort(bits.T)
     ordered = bits[order]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 import warnings
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from wrt.build.scene_data import build_scene
 from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
 from wrt.device import Device
 from wrt.errors import InputError
+from wrt.files import PathLike
 from wrt.film import Film
 from wrt.fingerprint import scene_fingerprint
 from wrt.framing import frame_camera
@@ -97,10 +97,12 @@ class Renderer:
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
         """
-        given = {"width": width, "height": height, "max_depth": max_depth, "filter": filter}
+        given: dict[str, Any] = {"width": width, "height": height, "max_depth": max_depth, "filter": filter}
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
         )
+        if self.width * self.height >= 2**31:
+            raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
         self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         if strategy not in STRATEGIES:
             raise InputError(f"strategy must be one of {', '.join(STRATEGIES)}, not {strategy!r}")
@@ -238,19 +240,16 @@ class Renderer:
         """Return (H, W, 3) float64 variance of the estimate; NaN below two samples."""
         return self.film.variance()
 
-    def save_checkpoint(self, path: str | os.PathLike[str]) -> None:
+    def save_checkpoint(self, path: PathLike) -> None:
         """Write all that is needed to go on later, atomically.
 
         Raises:
-            InputError: where the path cannot be written.
-            OSError: where writing fails.
+            InputError: where it cannot be written.
         """
         write_checkpoint(path, self._identity(), self.film.state())
 
     @classmethod
-    def resume(
-        cls, path: str | os.PathLike[str], scene: Scene, *, device: str = "cpu", threads: int | None = None
-    ) -> Renderer:
+    def resume(cls, path: PathLike, scene: Scene, *, device: str = "cpu", threads: int | None = None) -> Renderer:
         """Return a renderer that goes on from a checkpoint, with its size, seed and settings.
 
         Raises:
@@ -265,7 +264,7 @@ class Renderer:
         renderer.restore(path, header, arrays)
         return renderer
 
-    def load_checkpoint(self, path: str | os.PathLike[str]) -> None:
+    def load_checkpoint(self, path: PathLike) -> None:
         """Go on from a checkpoint of this very scene, size, seed and settings.
 
         Raises:
@@ -273,7 +272,7 @@ class Renderer:
         """
         self.restore(path, *read_checkpoint(path))
 
-    def restore(self, path: str | os.PathLike[str], header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+    def restore(self, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take over the content of a checkpoint read from `path`."""
         require_same(path, header, self._identity())
         for name, array in self.film.state().items():

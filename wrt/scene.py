@@ -118,7 +118,7 @@ class Scene:
             material=Diffuse() if material is None else material,
             emission=emission,
             two_sided_emission=two_sided_emission,
-            name=name or getattr(mesh, "name", "shape"),
+            name=name or str(getattr(mesh, "name", "shape")),
         )
         self.shapes.append(shape)
         return shape

@@ -24,7 +24,7 @@ def number(
     above: float = -math.inf,
 ) -> float:
     """Return `value` as a finite float within its limits, or raise InputError naming `name`."""
-    if isinstance(value, bool) or isinstance(value, str):
+    if isinstance(value, (bool, str)):
         raise InputError(f"{name} must be a number, not {value!r}")
     try:
         result = float(value)  # type: ignore[arg-type]

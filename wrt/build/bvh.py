@@ -107,7 +107,8 @@ def _field(nodes: Any, field: str, index: np.ndarray) -> np.ndarray:
     import warp as wp
 
     picked = wp.indexedarray(nodes, [wp.array(index, dtype=int, device=nodes.device)])
-    return picked.numpy()[field]
+    values: np.ndarray = picked.numpy()[field]
+    return values
 
 
 def _collapse(nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:

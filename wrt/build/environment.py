@@ -38,7 +38,8 @@ def texel_weights(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
     height, width = luminance.shape
     edges = np.cos(np.linspace(0.0, math.pi, height + 1))
     solid_angle = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
-    return luminance * solid_angle[:, None]
+    weights: NDArray[np.float64] = luminance * solid_angle[:, None]
+    return weights
 
 
 def upload_environment(environment: ConstantEnvironment | ImageEnvironment | None, device: str) -> tuple[Any, float]:

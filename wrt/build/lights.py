@@ -11,6 +11,7 @@ from wrt.build.environment import LUMINANCE
 from wrt.lights import DirectionalLight, PointLight
 from wrt.scene import Scene
 
+
 def light_table(
     scene: Scene, first_triangles: NDArray[np.int64], environment_flux: float, dtype: Any
 ) -> tuple[NDArray[Any], NDArray[np.int32], NDArray[np.float64]]:
@@ -42,7 +43,9 @@ def light_table(
         records["value"] = shape.emission
         records["two_sided"] = shape.two_sided_emission
         near.append(records)
-        near_weights.append(0.5 * np.linalg.norm(cross, axis=1) * np.pi * sides * float(np.dot(shape.emission, LUMINANCE)))
+        near_weights.append(
+            0.5 * np.linalg.norm(cross, axis=1) * np.pi * sides * float(np.dot(shape.emission, LUMINANCE))
+        )
         first_lights[i] = count
         count += len(corners)
 
@@ -52,12 +55,12 @@ def light_table(
         if isinstance(light, PointLight):
             record["kind"], record["place"], record["value"] = LIGHT_POINT, light.position, light.intensity
             near.append(record)
-            near_weights.append(np.array([4.0 * np.pi * float(np.dot(light.intensity, LUMINANCE))]))
+            near_weights.append(np.array([4.0 * np.pi * float(np.dot(record["value"][0], LUMINANCE))]))
         elif isinstance(light, DirectionalLight):
             record["kind"], record["value"] = LIGHT_DIRECTIONAL, light.irradiance
             record["place"] = np.negative(light.direction)
             far.append(record)
-            far_weights.append(np.array([float(np.dot(light.irradiance, LUMINANCE))]))
+            far_weights.append(np.array([float(np.dot(record["value"][0], LUMINANCE))]))
     if environment_flux > 0.0:
         record = np.zeros(1, dtype)
         record["kind"] = LIGHT_ENVIRONMENT

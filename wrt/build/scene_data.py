@@ -50,7 +50,7 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
         raise InputError("the scene has no shapes to render")
     meshes = [shape.mesh for shape in scene.shapes]
     textured = any(
-        isinstance(slot, (ImageTexture, VertexColor)) for shape in scene.shapes for slot in shape.material.slots()
+        isinstance(slot, (ImageTexture, VertexColor)) for shape in scene.shapes for slot in shape.material.slots
     )
     data = SceneData()
     _upload_geometry(data, meshes, device.name, textured=textured)
@@ -59,7 +59,9 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
 
     counts = np.array([len(m.faces) for m in meshes])
     first_triangles = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    data.triangle_shape = wp.array(np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device.name)
+    data.triangle_shape = wp.array(
+        np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device.name
+    )
 
     data.environment, flux = upload_environment(scene.environment, device.name)
     lights, first_lights, weights = light_table(scene, first_triangles, flux, LightRecord.numpy_dtype())
@@ -141,7 +143,7 @@ def _upload_materials(data: Any, materials: list[Material], device: str) -> np.n
     image_numbers: dict[int, int] = {}
     for i, material in enumerate(unique):
         records[i] = (MODEL_NUMBERS[material.model], i * SLOTS_PER_MATERIAL)
-        for k, value in enumerate(material.slots()):
+        for k, value in enumerate(material.slots):
             slot = slots[i * SLOTS_PER_MATERIAL + k : i * SLOTS_PER_MATERIAL + k + 1]
             slot["value"], slot["source"] = 1.0, SLOT_CONSTANT
             if isinstance(value, ImageTexture):

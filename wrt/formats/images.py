@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.environment import ImageEnvironment
 from wrt.errors import InputError
+from wrt.files import PathLike, first_line, require_file, require_place, write_whole
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-PathLike = str | os.PathLike[str]
 
 OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
 """What `save_image` writes."""
@@ -84,30 +81,6 @@ def load_environment(path: PathLike, *, scale: float = 1.0, rotation_degrees: fl
         return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def require_file(path: Path) -> None:
-    """Raise InputError unless `path` is a file that may be read and holds something."""
-    try:
-        if path.is_dir():
-            raise InputError(f"{path}: is a directory, not a file")
-        with path.open("rb") as file:
-            if not file.read(1):
-                raise InputError(f"{path}: the file is empty")
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
-
-
-def first_line(error: BaseException) -> str:
-    """Return what an exception says in one line, or its kind where it says nothing."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    lines = str(error).strip().splitlines()
-    return lines[0].strip() if lines else type(error).__name__
 
 
 def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32]:
@@ -187,14 +160,7 @@ def check_output(path: PathLike) -> Path:
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
         known = ", ".join(OUTPUT_SUFFIXES)
         raise InputError(f"{file}: the name of a picture must end in one of {known}")
-    if file.is_dir():
-        raise InputError(f"{file}: is a directory; name a file")
-    folder = file.parent
-    if not folder.is_dir():
-        reason = "is not a folder" if folder.exists() else "does not exist; make it first"
-        raise InputError(f"{file}: the folder {str(folder)!r} {reason}")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"{file}: the folder {str(folder)!r} may not be written to")
+    require_place(file)
     return file
 
 
@@ -231,25 +197,6 @@ def save_image(
         with np.errstate(over="ignore"):
             pixels = pixels * np.float32(2.0**exposure)
     write_whole(file, lambda temporary: writer(temporary, pixels, notes))
-
-
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Have `write` make a file that then takes the place of `path`, or leave things as they were.
-
-    Raises:
-        InputError: when it cannot be written.
-    """
-    # Opened without mkstemp, whose files only their owner may read.
-    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
-    try:
-        write(temporary)
-        temporary.replace(path)
-    except InputError:
-        raise
-    except (OSError, RuntimeError, ValueError, MemoryError) as error:
-        raise InputError(f"{path}: cannot be written: {first_line(error)}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def quantize(image: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:

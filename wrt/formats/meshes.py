@@ -1,6 +1,6 @@
 """Mesh files and trimesh objects as wrt's shapes.
 
-OBJ, PLY, STL, OFF, glTF and GLB. No axis is turned and no unit scaled: formats do not agree on
+OBJ, PLY, STL, OFF, glTF and GLB, all loaded by trimesh. No axis is turned and no unit scaled: formats do not agree on
 either, and most do not say.
 """
 
@@ -15,22 +15,55 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.formats.gltf import read_gltf
-from wrt.formats.images import PathLike, first_line, linear_from_srgb, pixels_of, require_file
+from wrt.formats.images import PathLike, first_line, require_file
 from wrt.formats.obj import read_obj
-from wrt.formats.parts import DEFAULT_REFLECTANCE, InputWarning, Part, merge, to_shapes, warn
+from wrt.formats.parts import DEFAULT_REFLECTANCE, InputWarning, Part, merge, moved, to_shapes, warn
 from wrt.formats.ply import read_ply
-from wrt.formats.soups import read_off, read_stl
+from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
 from wrt.mesh import Mesh
+from wrt.normals import same_positions, vertex_normals
 from wrt.scene import Shape
-from wrt.textures import ColorSource, ImageTexture
+from wrt.textures import ColorSource
 
 __all__ = ["DEFAULT_REFLECTANCE", "MESH_SUFFIXES", "InputWarning", "from_trimesh", "load_mesh", "load_shapes"]
+
+
+def _read_stl(path: Path, data: bytes) -> list[Part]:
+    """Return a part for each solid, corners at one position merged."""
+    count = int.from_bytes(data[80:84], "little")
+    size = 84 + 50 * count
+    text = data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower()
+    if not text and count and len(data) < size:
+        raise InputError(f"{path}: the STL header says {count} triangles, which the file is too short for: truncated")
+    if text and b"endsolid" not in data[-4096:].lower():
+        raise InputError(f"{path}: the text of the STL file ends inside a solid; it is truncated")
+    # trimesh takes a binary file with something behind the triangles for text.
+    if not text and count:
+        data = data[:size]
+    loaded = load(path, as_text(data).encode("utf-8", "replace") if text else data, "stl")
+    parts = []
+    for fields in loaded.get("geometry", {path.stem: loaded}).values():
+        name = fields.get("metadata", {}).get("name") or path.stem
+        part = part_of(path, str(name), fields)
+        if part is not None:
+            same = same_positions(np.asarray(part.vertices, np.float32))
+            _, first = np.unique(same, return_index=True)
+            parts.append(Part(part.name, part.vertices[first], same[part.faces]))
+    return parts
+
+
+def _read_off(path: Path, data: bytes) -> list[Part]:
+    if data.lstrip()[:4].upper() == b"COFF":
+        warn(f"{path}: the vertex colours of the OFF file are left out")
+    part = part_of(path, path.stem, load(path, as_text(data), "off"))
+    return [] if part is None else [part]
+
 
 _READERS: dict[str, Callable[[Path, bytes], list[Part]]] = {
     ".obj": read_obj,
     ".ply": read_ply,
-    ".stl": read_stl,
-    ".off": read_off,
+    ".stl": _read_stl,
+    ".off": _read_off,
     ".gltf": read_gltf,
     ".glb": read_gltf,
 }
@@ -97,28 +130,21 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = 40.0) -> list[Sh
     import trimesh
 
     if isinstance(source, trimesh.Trimesh):
-        pairs = [("trimesh", source, np.eye(4))]
+        parts = [_trimesh_part("trimesh", source)]
     elif isinstance(source, trimesh.Scene):
-        pairs = []
+        parts = []
         for node in source.graph.nodes_geometry:
             matrix, name = source.graph[node]
             if isinstance(source.geometry[name], trimesh.Trimesh):
-                pairs.append((str(node), source.geometry[name], np.asarray(matrix, np.float64)))
+                part = _trimesh_part(str(node), source.geometry[name])
+                parts.append(moved(part, np.asarray(matrix, np.float64)))
     else:
         raise InputError(f"expected a trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}")
-    return to_shapes("trimesh", [_trimesh_part(*pair) for pair in pairs], smooth_degrees)
+    return to_shapes("trimesh", parts, smooth_degrees)
 
 
-def _trimesh_part(name: str, mesh: Any, matrix: NDArray[np.float64]) -> Part:
-    linear = matrix[:3, :3]
-    mirrored = np.linalg.det(linear) < 0.0
-    faces = np.asarray(mesh.faces)
-    part = Part(name, np.asarray(mesh.vertices) @ linear.T + matrix[:3, 3], faces[:, ::-1] if mirrored else faces)
-    normals = _given_normals(mesh)
-    if normals is not None:
-        a, b, c = linear
-        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-        part.normals = (normals @ cofactors.T) * (-1.0 if mirrored else 1.0)
+def _trimesh_part(name: str, mesh: Any) -> Part:
+    part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh))
     visual = mesh.visual
     if visual.kind == "texture":
         uv = visual.uv
@@ -126,44 +152,37 @@ def _trimesh_part(name: str, mesh: Any, matrix: NDArray[np.float64]) -> Part:
             part.uvs = np.asarray(uv)
         part.reflectance = _trimesh_material(name, visual.material)
     elif visual.kind == "vertex":
-        part.colors = linear_from_srgb(np.asarray(visual.vertex_colors)[:, :3] / 255.0)
+        part.colors = decoded(np.asarray(visual.vertex_colors))
     elif visual.kind == "face":
-        part.face_colors = linear_from_srgb(np.asarray(visual.face_colors)[:, :3] / 255.0)
+        part.face_colors = decoded(np.asarray(visual.face_colors))
     return part
 
 
 def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
-    """Return vertex normals that are not merely what trimesh computes from the faces."""
-    import trimesh
+    """Return vertex normals that are not merely what trimesh computes from the faces.
 
+    trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
+    them computes them, which without scipy takes a time that is quadratic in the vertices.
+    """
     if "vertex_normals" not in mesh._cache.cache:
         return None
     given = np.asarray(mesh.vertex_normals)
-    computed = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).vertex_normals
-    if given.shape != np.shape(mesh.vertices) or np.allclose(given, computed, atol=1e-6):
+    if given.shape != np.shape(mesh.vertices) or not len(mesh.faces):
         return None
-    return given
+    # The same formula as trimesh's (Thürmer and Wüthrich 1998).
+    computed = vertex_normals(Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)))
+    return None if np.allclose(given, computed, atol=1e-5) else given
 
 
 def _trimesh_material(name: str, material: Any) -> ColorSource | None:
     """Return the base colour of a trimesh material: linear factor times sRGB image."""
-    import trimesh
+    from trimesh.visual.color import DEFAULT_COLOR
 
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    image = None if is_stand_in(image) else image
     value = getattr(material, "baseColorFactor", None)
     value = getattr(material, "diffuse", None) if value is None else value
-    if value is not None and np.array_equal(value, trimesh.visual.color.DEFAULT_COLOR):
+    if value is not None and np.array_equal(value, DEFAULT_COLOR):
         value = None  # nobody chose it
-    factor = np.ones(3) if value is None else np.asarray(value)[:3] / 255.0
-    r, g, b = (float(x) for x in factor)
-    constant = None if value is None else (r, g, b)
-    if image is None:
-        return constant
-    try:
-        if image.size == (2, 2) and (np.asarray(image) == trimesh.visual.color.DEFAULT_COLOR[: len(image.mode)]).all():
-            return constant  # trimesh's stand-in for an image that is not there
-        pixels = pixels_of(image)
-    except (OSError, ValueError, SyntaxError) as error:
-        warn(f"trimesh: {name}: texture left out: {first_line(error)}")
-        return constant
-    return ImageTexture(pixels * (factor if factor.any() else np.ones(3)).astype(np.float32), name)
+    factor = None if value is None else np.asarray(value)[:3] / 255.0
+    return reflectance("trimesh", name, image, factor, {})

@@ -107,21 +107,39 @@ def _filled(meshes: list[Mesh], field: str, width: int, value: float) -> NDArray
     return np.concatenate([np.full((len(m.vertices), width), value, np.float32) if a is None else a for m, a in pairs])
 
 
-def checked_positions(
-    path: str | Path, vertices: FloatArray, used: NDArray[np.bool_], *, what: str = "vertex", base: int = 0
-) -> NDArray[np.float32]:
-    """Return positions as float32; readers that renumber vertices call it first, with the file's own numbers.
+def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
+    """Return a part moved by a (4, 4) matrix; a mirrored one is turned so that fronts stay in front."""
+    linear = matrix[:3, :3]
+    mirrored = np.linalg.det(linear) < 0.0
+    normals = part.normals
+    if normals is not None:
+        # The transposed inverse but for its scale; the cofactors exist for flattening transforms too.
+        a, b, c = linear
+        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+        normals = (np.asarray(normals, np.float64) @ cofactors.T) * (-1.0 if mirrored else 1.0)
+    vertices = np.asarray(part.vertices, np.float64) @ linear.T + matrix[:3, 3]
+    return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
+
+
+def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
+    """Raise an InputError where a face names a vertex that is not one of `count`."""
+    if faces.min() < 0 or faces.max() >= count:
+        bad = faces.min() if faces.min() < 0 else faces.max()
+        raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
+
+
+def _checked_positions(path: str, vertices: FloatArray, used: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return positions as float32.
 
     Raises:
-        InputError: where one of the used is not finite, naming it `what` counted from `base`.
+        InputError: where one of the used is not finite; by value, as loaders renumber vertices.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         result = np.asarray(vertices).astype(np.float32)
     bad = np.flatnonzero(used & ~np.isfinite(result).all(axis=1))
     if len(bad):
         values = " ".join(f"{x:g}" for x in np.asarray(vertices)[bad[0]])
-        number = f"{what} {bad[0] + base} (counted from {base})"
-        raise InputError(f"{path}: {number} is {values}; positions must be finite and at most 3.4e38")
+        raise InputError(f"{path}: a vertex is at {values}; positions must be finite and at most 3.4e38")
     return result
 
 
@@ -129,12 +147,10 @@ def _repaired(path: str, part: Part) -> Part:
     """Return a part of used, finite vertices and faces that have three different corners."""
     faces = np.asarray(part.faces).astype(np.int64)
     count = len(part.vertices)
-    if faces.min() < 0 or faces.max() >= count:
-        bad = faces.min() if faces.min() < 0 else faces.max()
-        raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
+    checked_faces(path, faces, count)
     used = np.zeros(count, bool)
     used[faces] = True
-    vertices = checked_positions(path, part.vertices, used)
+    vertices = _checked_positions(path, part.vertices, used)
     colors, face_colors, uvs = part.colors, part.face_colors, part.uvs
     if colors is not None and not np.isfinite(np.asarray(colors)[used]).all():
         warn(f"{path}: vertex colours are left out, as some are not finite")

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles, and corners with several indices made into vertices with one."""
+"""Polygons and triangle strips cut into triangles."""
 
 from __future__ import annotations
 
@@ -94,25 +94,6 @@ def _clip_ears(points: NDArray[np.float64]) -> _Int:
         del left[cut]
     triangles.append((left[0], left[1], left[2]))
     return np.array(triangles, np.int64)
-
-
-def unify(*indices: _Int) -> tuple[_Int, _Int]:
-    """Give each different combination of indices one number.
-
-    Args:
-        indices: (C,) arrays of indices, each at least -1.
-
-    Returns:
-        (C,) the number of each corner, in order of the first index; and (K,) for each number one
-        corner that has it.
-    """
-    key = indices[0].astype(np.int64)
-    for index in indices[1:]:
-        # Renumbering in between keeps the product within 64 bits for any number of corners.
-        _, key = np.unique(key, return_inverse=True)
-        key = key.reshape(-1) * (int(index.max(initial=0)) + 2) + index + 1
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    return inverse.reshape(-1), first
 
 
 def split_strips(strip: _Int) -> _Int:

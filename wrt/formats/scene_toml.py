@@ -18,7 +18,8 @@ from wrt import shapes
 from wrt.camera import PerspectiveCamera
 from wrt.environment import ConstantEnvironment
 from wrt.errors import InputError
-from wrt.formats.images import PathLike, load_environment, load_image, require_file
+from wrt.files import PathLike, require_file
+from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
 from wrt.lights import DirectionalLight, PointLight

@@ -1,0 +1,70 @@
+"""Reading files that may not be there, and writing files that are whole or not there at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+from wrt.errors import InputError
+
+PathLike: TypeAlias = str | os.PathLike[str]
+
+
+def require_file(path: Path) -> None:
+    """Raise InputError unless `path` is a file that may be read and holds something."""
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: is a directory, not a file")
+        with path.open("rb") as file:
+            if not file.read(1):
+                raise InputError(f"{path}: the file is empty")
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+
+
+def require_place(path: Path) -> None:
+    """Raise InputError unless a file could be written at `path`."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a directory; name a file")
+    folder = path.parent
+    if not folder.is_dir():
+        reason = "is not a folder" if folder.exists() else "does not exist; make it first"
+        raise InputError(f"{path}: the folder {str(folder)!r} {reason}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: the folder {str(folder)!r} may not be written to")
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Have `write` make a file that then takes the place of `path`, or leave things as they were.
+
+    Raises:
+        InputError: when it cannot be written.
+    """
+    # Opened without mkstemp, whose files only their owner may read.
+    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())  # or a crash could leave the new name with nothing behind it
+        temporary.replace(path)
+    except InputError:
+        raise
+    except (OSError, RuntimeError, ValueError, MemoryError) as error:
+        raise InputError(f"{path}: cannot be written: {first_line(error)}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def first_line(error: BaseException) -> str:
+    """Return what an exception says in one line, or its kind where it says nothing."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    lines = str(error).strip().splitlines()
+    return lines[0].strip() if lines else type(error).__name__

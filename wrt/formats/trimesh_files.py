@@ -1,0 +1,201 @@
+"""Mesh files through trimesh's loaders, as parts.
+
+trimesh's loaders are called below its Trimesh objects (a loader returns their constructor's
+arguments): the objects round colours to 8 bits, and do not tell normals that a file gives from
+normals that trimesh computes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.formats.images import first_line, linear_from_srgb, pixels_of
+from wrt.formats.parts import FloatArray, Part, checked_faces, warn
+from wrt.formats.polygons import triangulate
+from wrt.textures import ColorSource, ImageTexture
+
+Fields = dict[str, Any]
+"""What a trimesh loader returns for one mesh: arguments of trimesh.Trimesh."""
+
+# Options of map statements, such as "-s 1 1 1 -clamp on": trimesh takes them for part of the file name.
+_MAP_OPTIONS = re.compile(r"^\s*(?:-[a-z]+\s+(?:(?:on|off|[-+.\de]+)\s+)+)+", re.IGNORECASE)
+
+
+class _Beside:
+    """Gives trimesh the files that a file refers to, and remembers which were not there."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.file_name = path.name
+        self.missing: list[str] = []
+
+    def get(self, name: str) -> bytes | str:
+        # Exporters on Windows write its separators and quotes; glTF writes spaces as %20.
+        plain = _MAP_OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
+        files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
+        for file in files:
+            with contextlib.suppress(OSError, ValueError):
+                data = file.read_bytes()
+                return as_text(data) if file.suffix.lower() == ".mtl" else data
+        try:
+            return files[-1].read_bytes()
+        except (OSError, ValueError) as error:
+            what = str(files[-1])
+            self.missing.append(f"{self.path}: {what!r}, which it refers to, cannot be read: {first_line(error)}")
+            raise InputError(self.missing[-1]) from None
+
+    __getitem__ = get
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep trimesh's log and numpy's warnings off the terminal; numbers that cannot be read are an error."""
+    from trimesh.constants import log
+
+    disabled, log.disabled = log.disabled, True
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            # Where text holds no number, np.fromstring stops and only warns.
+            warnings.filterwarnings("error", message="string or file could not be read")
+            yield
+    finally:
+        log.disabled = disabled
+
+
+def as_text(data: bytes) -> str:
+    """Decode text of any encoding, so that file names in it come out as they were.
+
+    trimesh decodes UTF-8, and needs a library that may not be installed for all else.
+    """
+    return data.decode("utf-8", "surrogateescape")
+
+
+def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
+    """Return what the trimesh loader for files of `kind`, such as "obj", makes of the data.
+
+    Raises:
+        InputError: where the loader fails, for whatever reason.
+    """
+    from trimesh.exchange.load import mesh_loaders
+
+    beside = _Beside(path)
+    file = io.StringIO(data) if isinstance(data, str) else io.BytesIO(data)
+    with quiet():
+        try:
+            loaded: Fields = mesh_loaders[kind](file_obj=file, resolver=beside, **options)
+        except InputError:
+            raise
+        except Exception as error:  # noqa: BLE001 - loaders fail on damaged files in ways they do not list
+            reason = first_line(error)
+            if "could not be read" in reason:
+                reason = "there is something else where a number should be"
+            elif isinstance(error, IndexError) and "out of bounds" in reason:
+                reason = f"a face names something that is not there ({reason})"
+            raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {reason}") from None
+    for line in beside.missing:
+        warn(f"{line}; it is left out")
+    return loaded
+
+
+def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> Part | None:
+    """Return a loader's mesh as a part without material, None if it has no triangles.
+
+    Args:
+        path: the file, for messages.
+        name: the part's.
+        fields: what the loader returned; polygons of more than three corners are cut here.
+        linear: whether colours are linear; else they are sRGB.
+
+    Raises:
+        InputError: where faces name vertices that are not there.
+    """
+    faces = np.asarray(fields.get("faces", ()), np.int64)
+    if faces.ndim != 2 or faces.shape[1] < 3 or not len(faces):
+        return None
+    vertices = np.asarray(fields["vertices"])
+    count, size = faces.shape
+    checked_faces(path, faces, len(vertices))
+    owner = np.arange(count)
+    if size > 3:
+        corners = faces.reshape(-1)
+        triangles, owner = triangulate(vertices, corners, np.full(count, size))
+        faces = corners[triangles]
+    part = Part(name, vertices, faces)
+    visual = fields.get("visual")
+    colors = fields.get("vertex_colors")
+    if colors is None and visual is not None:
+        colors = visual.vertex_attributes.get("color")
+    part.normals = _matching(fields.get("vertex_normals"), len(vertices))
+    part.uvs = _matching(getattr(visual, "uv", None), len(vertices))
+    colors, face_colors = _matching(colors, len(vertices)), _matching(fields.get("face_colors"), count)
+    if colors is not None:
+        part.colors = decoded(colors, linear=linear)
+    elif face_colors is not None:
+        part.face_colors = decoded(face_colors, linear=linear)[owner]
+    return part
+
+
+def _matching(array: Any, count: int) -> NDArray[Any] | None:
+    """Return an array that has a row for each vertex or face; trimesh leaves some behind that have not."""
+    return np.asarray(array) if np.ndim(array) == 2 and len(array) == count else None
+
+
+def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
+    """Return (N, 3) linear colours; whole numbers span the range of their type."""
+    values = colors[:, :3].astype(np.float64)
+    if colors.dtype.kind in "iu":
+        values /= np.iinfo(colors.dtype).max
+    elif (values[np.isfinite(values)] > 1.0).any():
+        values /= 255.0
+    return values if linear else linear_from_srgb(values)
+
+
+def reflectance(
+    path: str | Path, name: str, image: Any, factor: Any, known: dict[int, NDArray[np.float32]]
+) -> ColorSource | None:
+    """Return a linear factor times an sRGB image, or the one of the two that is there.
+
+    Args:
+        path: the file, for messages.
+        name: of the texture.
+        image: a PIL image or None; one that cannot be decoded is left out with a warning.
+        factor: one or three numbers, or None.
+        known: pixels that are decoded already, by id of their image.
+    """
+    constant = None
+    values = np.ravel(np.asarray(() if factor is None else factor, np.float64))[:3]
+    if len(values) in (1, 3) and np.isfinite(values).all():
+        r, g, b = (float(x) for x in np.clip(np.broadcast_to(values, 3), 0.0, 1.0))
+        constant = (r, g, b)
+    if image is None:
+        return constant
+    if id(image) not in known:
+        try:
+            known[id(image)] = np.clip(pixels_of(image), 0.0, 1.0)
+        except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
+            warn(f"{path}: texture {name} left out: {first_line(error)}")
+            return constant
+    pixels = known[id(image)]
+    # Many exporters write Kd 0 0 0 beside an image; black would hide it.
+    if constant is not None and any(constant) and constant != (1.0, 1.0, 1.0):
+        pixels = pixels * np.array(constant, np.float32)
+    return ImageTexture(pixels, name)
+
+
+def is_stand_in(image: Any) -> bool:
+    """Whether the image is the patch of grey that trimesh makes where there are coordinates but no image."""
+    from trimesh.visual.material import color_image
+
+    return image is not None and np.array_equal(np.asarray(image), np.asarray(color_image()))
