@@ -29,18 +29,13 @@ class Bvh:
     leaves: wp.array(dtype=float)
 
 
-# One loop for closest hit and any hit, in C++: written in Python with the two tests as intrinsics
-# it reaches 80 to 85 % of this (Warp clears the stack for each ray and copies it about).
+# The loop is C++: written in Python with the two tests as intrinsics it reaches 80 to 85 % of this
+# (Warp clears the stack for each ray and copies it about). It comes in two pieces, which
+# `kernels/bvh_batch.py` uses as well.
 #
-# A stack entry is a child and where its box begins, as one integer whose order is that of the
-# distances (floats that are not negative sort like their bits).
-_TRAVERSE = (
-    """
-    const float* const all_nodes = (const float*)bvh.nodes.data;
-    const float* const all_leaves = (const float*)bvh.leaves.data;
-    const float pad = 1.0000005f;
-    float inverse[3], near_shift[3], far_shift[3];
-    int near_row[3], far_row[3];
+#   in:  origin, direction: float[3]
+#   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray
+RAY_SETUP = """
     for (int k = 0; k < 3; ++k) {
         // Finite, so that a ray in the plane of a box side gives 0 and not 0 times infinity.
         const float d = direction[k];
@@ -53,14 +48,22 @@ _TRAVERSE = (
     }
     // The axis along which the ray runs fastest becomes z (Woop et al. 2013, section 3.1).
     const float dx = fabsf(direction[0]), dy = fabsf(direction[1]), dz = fabsf(direction[2]);
-    const int kz = dx > dy ? (dx > dz ? 0 : 2) : (dy > dz ? 1 : 2);
-    const int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
-    const float shear[3] = {direction[kx] * inverse[kz], direction[ky] * inverse[kz], inverse[kz]};
-    float hit_u = 0.0f, hit_v = 0.0f;
-    int id_max = 0x7fffffff;
+    kz = dx > dy ? (dx > dz ? 0 : 2) : (dy > dz ? 1 : 2);
+    kx = kz == 2 ? 0 : kz + 1;
+    ky = kx == 2 ? 0 : kx + 1;
+    shear[0] = direction[kx] * inverse[kz];
+    shear[1] = direction[ky] * inverse[kz];
+    shear[2] = inverse[kz];
+"""
 
+# A stack entry is a child and where its box begins, as one integer whose order is that of the
+# distances (floats that are not negative sort like their bits).
+#   in:  current, the node to start at; t_max, id_max = NOTHING_HIT; any_hit
+#   out: t_max, id_max, hit_u, hit_v
+FOLLOW_RAY = (
+    """
     unsigned long long stack[STACK_SIZE];
-    int top = 0, current = 0;
+    int top = 0;
     for (;;) {
         if (current >= 0) {
             const float* node = all_nodes + (size_t)current * 56;
@@ -74,7 +77,8 @@ _TRAVERSE = (
                     current = children[k];
                     continue;
                 }
-                // Insert the children one by one, the nearest on top.
+                // Insert the children one by one, the nearest on top. A sorting network in vector
+                // registers was tried: at best the same on this loop's usual two or three.
                 const int bottom = top;
                 for (unsigned rest = mask; rest; rest &= rest - 1) {
                     k = LOWEST_BIT(rest);
@@ -93,7 +97,7 @@ _TRAVERSE = (
 """
     + TRIANGLE_TEST
     + """
-            if (any_hit && id_max != 0x7fffffff) break;
+            if (any_hit && id_max != NOTHING_HIT) break;
         }
         // The nearest waiting child that is still within reach.
         for (;;) {
@@ -108,8 +112,26 @@ _TRAVERSE = (
             }
         }
     }
-done:
-    const int triangle = id_max == 0x7fffffff ? -1 : id_max;
+done:;
+"""
+)
+
+_TRAVERSE = (
+    """
+    const float* const all_nodes = (const float*)bvh.nodes.data;
+    const float* const all_leaves = (const float*)bvh.leaves.data;
+    const float pad = BOX_PAD;
+    float inverse[3], near_shift[3], far_shift[3], shear[3];
+    int near_row[3], far_row[3], kx, ky, kz;
+"""
+    + RAY_SETUP
+    + """
+    float hit_u = 0.0f, hit_v = 0.0f;
+    int id_max = NOTHING_HIT, current = 0;
+"""
+    + FOLLOW_RAY
+    + """
+    const int triangle = id_max == NOTHING_HIT ? -1 : id_max;
     float as_float;
     memcpy(&as_float, &triangle, 4);
     return wp::vec_t<4, float>(as_float, t_max, hit_u, hit_v);
@@ -117,7 +139,13 @@ done:
 )
 
 
-@wp.func_native(with_vectors(_TRAVERSE, LEAF_SIZE).replace("STACK_SIZE", str(STACK_SIZE)))
+def native_code(code: str) -> str:
+    """Return C++ with this file's constants and the vector types filled in."""
+    code = code.replace("STACK_SIZE", str(STACK_SIZE)).replace("NOTHING_HIT", "0x7fffffff")
+    return with_vectors(code.replace("BOX_PAD", "1.0000005f"), LEAF_SIZE)
+
+
+@wp.func_native(native_code(_TRAVERSE))
 def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4: ...
 
 

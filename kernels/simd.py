@@ -84,9 +84,12 @@ TRIANGLE_TEST = """
         const float* p = leaf + k;
         #define AT(vertex, axis) __fsub_rn(p[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis)], origin[axis])
         const float az = AT(0, kz), bz = AT(1, kz), cz = AT(2, kz);
-        const float ax = __fsub_rn(AT(0, kx), __fmul_rn(shear[0], az)), ay = __fsub_rn(AT(0, ky), __fmul_rn(shear[1], az));
-        const float bx = __fsub_rn(AT(1, kx), __fmul_rn(shear[0], bz)), by = __fsub_rn(AT(1, ky), __fmul_rn(shear[1], bz));
-        const float cx = __fsub_rn(AT(2, kx), __fmul_rn(shear[0], cz)), cy = __fsub_rn(AT(2, ky), __fmul_rn(shear[1], cz));
+        const float ax = __fsub_rn(AT(0, kx), __fmul_rn(shear[0], az));
+        const float ay = __fsub_rn(AT(0, ky), __fmul_rn(shear[1], az));
+        const float bx = __fsub_rn(AT(1, kx), __fmul_rn(shear[0], bz));
+        const float by = __fsub_rn(AT(1, ky), __fmul_rn(shear[1], bz));
+        const float cx = __fsub_rn(AT(2, kx), __fmul_rn(shear[0], cz));
+        const float cy = __fsub_rn(AT(2, ky), __fmul_rn(shear[1], cz));
         #undef AT
         const float u = __fsub_rn(__fmul_rn(cx, by), __fmul_rn(cy, bx));
         const float v = __fsub_rn(__fmul_rn(ax, cy), __fmul_rn(ay, cx));

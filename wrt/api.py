@@ -22,8 +22,10 @@ def load(source: Any, *, triangles: int | None = None, up: str | None = None) ->
             PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
             Meshes are put into a studio (see `wrt.presentation`).
         triangles: size of the procedural meshes of a scene that has some.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z; by default y, and z for STL
-            and OFF, whose programs mostly mean that.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y, as glTF says;
+            for files that do not say, the one of y and z on which the mesh stands (see
+            `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean
+            that, and y for the others.
 
     Raises:
         InputError: where the source cannot be used, naming it and the cause.
@@ -59,7 +61,13 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
         raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
     from wrt.formats.meshes import load_shapes
 
-    return _present(load_shapes(path), up or ("z" if path.suffix.lower() in (".stl", ".off") else "y"))
+    shapes = load_shapes(path)
+    suffix = path.suffix.lower()
+    if up is None and suffix in (".obj", ".ply", ".stl", ".off"):
+        from wrt.orientation import guess_up
+
+        up = guess_up(shapes, "z" if suffix in (".stl", ".off") else "y")
+    return _present(shapes, up or "y")
 
 
 def _present(shapes: list[Shape], up: str) -> Scene:

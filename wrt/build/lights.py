@@ -36,16 +36,14 @@ def light_table(
             continue
         corners = shape.mesh.vertices[shape.mesh.faces].astype(np.float64)
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        sides = 2.0 if shape.two_sided_emission else 1.0
+        exitance = np.pi * float(np.dot(shape.emission, LUMINANCE)) * (2.0 if shape.two_sided_emission else 1.0)
         records = np.zeros(len(corners), dtype)
         records["kind"] = LIGHT_TRIANGLE
         records["triangle"] = first_triangles[i] + np.arange(len(corners))
         records["value"] = shape.emission
         records["two_sided"] = shape.two_sided_emission
         near.append(records)
-        near_weights.append(
-            0.5 * np.linalg.norm(cross, axis=1) * np.pi * sides * float(np.dot(shape.emission, LUMINANCE))
-        )
+        near_weights.append(0.5 * np.linalg.norm(cross, axis=1) * exitance)
         first_lights[i] = count
         count += len(corners)
 

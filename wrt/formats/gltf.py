@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.formats.images import first_line
+from wrt.files import first_line
 from wrt.formats.parts import Part, moved, warn
 from wrt.formats.trimesh_files import load, part_of, reflectance
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.files import PathLike, first_line, require_file
 from wrt.formats.gltf import read_gltf
-from wrt.formats.images import PathLike, first_line, require_file
 from wrt.formats.obj import read_obj
 from wrt.formats.parts import DEFAULT_REFLECTANCE, InputWarning, Part, merge, moved, to_shapes, warn
 from wrt.formats.ply import read_ply

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.formats.images import first_line, linear_from_srgb, pixels_of
+from wrt.files import first_line
+from wrt.formats.images import linear_from_srgb, pixels_of
 from wrt.formats.parts import FloatArray, Part, checked_faces, warn
 from wrt.formats.polygons import triangulate
 from wrt.textures import ColorSource, ImageTexture
@@ -29,7 +30,7 @@ Fields = dict[str, Any]
 """What a trimesh loader returns for one mesh: arguments of trimesh.Trimesh."""
 
 # Options of map statements, such as "-s 1 1 1 -clamp on": trimesh takes them for part of the file name.
-_MAP_OPTIONS = re.compile(r"^\s*(?:-[a-z]+\s+(?:(?:on|off|[-+.\de]+)\s+)+)+", re.IGNORECASE)
+_MAP_OPTIONS = re.compile(r"^\s*(?:-[a-z]+\s+(?:(?:on|off|[-+]?[.\d][-+.\de]*)\s+)+)+", re.IGNORECASE)
 
 
 class _Beside:

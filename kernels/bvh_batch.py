@@ -1,0 +1,218 @@
+"""Many rays at once: eight neighbours share the way down the tree as long as they stay together.
+
+A packet visits a node once for all its rays: each of the node's boxes is tested against eight rays,
+where a single ray tests eight boxes. The tests of a node do not wait for each other, so a coherent
+packet takes little longer than one ray. Where few rays are left in a packet, each goes on alone from
+there (Benthin et al., "Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the
+Intel MIC Architecture", 2012). On CUDA every thread follows its rays one by one.
+"""
+
+import warp as wp
+
+from wrt.kernels.bvh import FOLLOW_RAY, RAY_SETUP, Bvh, native_code
+from wrt.kernels.simd import TRIANGLE_TEST
+
+PACKET = 8
+# Rays left in a packet at which they part, measured.
+LONE_RAYS = 4
+
+_BATCH = (
+    """
+    const float* const all_nodes = (const float*)bvh.nodes.data;
+    const float* const all_leaves = (const float*)bvh.leaves.data;
+    const float pad = BOX_PAD;
+    const int first = packet * 8;
+    const int left = (int)origins.shape[0] - first, count = left < 8 ? left : 8;
+
+    struct Lane {
+        float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
+        int near_row[3], far_row[3], kx, ky, kz;
+        float hit_u, hit_v;
+        int id_max;
+    };
+    Lane lanes[8];
+    alignas(32) float reach[8];
+    for (int i = 0; i < 8; ++i) {
+        Lane& lane = lanes[i];
+        reach[i] = -1.0f;
+        lane.id_max = NOTHING_HIT;
+        lane.hit_u = lane.hit_v = 0.0f;
+        if (i >= count) continue;
+        reach[i] = t_max;
+        float* const inverse = lane.inverse;
+        float* const near_shift = lane.near_shift;
+        float* const far_shift = lane.far_shift;
+        float* const shear = lane.shear;
+        int* const near_row = lane.near_row;
+        int* const far_row = lane.far_row;
+        int &kx = lane.kx, &ky = lane.ky, &kz = lane.kz;
+        float direction[3];
+        float* const origin = lane.origin;
+        for (int k = 0; k < 3; ++k) {
+            origin[k] = origins.data[first + i][k];
+            direction[k] = directions.data[first + i][k];
+        }
+"""
+    + RAY_SETUP
+    + """
+    }
+
+    // The way of one ray from a node on.
+    const auto follow_alone = [&](int i, int current) {
+        Lane& lane = lanes[i];
+        const float *const origin = lane.origin, *const inverse = lane.inverse, *const shear = lane.shear;
+        const float *const near_shift = lane.near_shift, *const far_shift = lane.far_shift;
+        const int *const near_row = lane.near_row, *const far_row = lane.far_row;
+        const int kx = lane.kx, ky = lane.ky, kz = lane.kz;
+        float t_max = reach[i], hit_u = lane.hit_u, hit_v = lane.hit_v;
+        int id_max = lane.id_max;
+"""
+    + FOLLOW_RAY
+    + """
+        lane.hit_u = hit_u;
+        lane.hit_v = hit_v;
+        lane.id_max = id_max;
+        reach[i] = t_max;
+    };
+
+#if VECTOR_CODE
+    const auto test_leaf = [&](int i, const float* leaf) {
+        Lane& lane = lanes[i];
+        const float *const origin = lane.origin, *const shear = lane.shear;
+        const int kx = lane.kx, ky = lane.ky, kz = lane.kz;
+        float t_max = reach[i], hit_u = lane.hit_u, hit_v = lane.hit_v;
+        int id_max = lane.id_max;
+"""
+    + TRIANGLE_TEST
+    + """
+        lane.hit_u = hit_u;
+        lane.hit_v = hit_v;
+        lane.id_max = id_max;
+        reach[i] = t_max;
+    };
+
+    // Rays that run into different octants do not share boxes' near sides, nor much of their way.
+    bool together = count == 8;
+    for (int i = 1; i < count; ++i)
+        for (int k = 0; k < 3; ++k) together &= lanes[i].near_row[k] == lanes[0].near_row[k];
+    if (together) {
+        f8 inverse[3], near_shift[3], far_shift[3];
+        for (int k = 0; k < 3; ++k)
+            for (int i = 0; i < 8; ++i) {
+                inverse[k][i] = lanes[i].inverse[k];
+                near_shift[k][i] = lanes[i].near_shift[k];
+                far_shift[k][i] = lanes[i].far_shift[k];
+            }
+        const int* const near_row = lanes[0].near_row;
+        const int* const far_row = lanes[0].far_row;
+        // A stack entry: a child, and where it begins for each ray (infinity for rays that miss it).
+        alignas(32) float begins[STACK_SIZE][8];
+        int waiting[STACK_SIZE];
+        int top = 1;
+        waiting[0] = 0;
+        *(f8*)begins[0] = t_min;
+        while (top > 0) {
+            --top;
+            const int current = waiting[top];
+            const f8 limit = *(const f8*)reach;
+            unsigned rays = __builtin_bit_cast(
+                unsigned char, __builtin_convertvector(*(const f8*)begins[top] <= limit * pad, b8));
+            if (any_hit)
+                for (unsigned rest = rays; rest; rest &= rest - 1) {
+                    const int i = LOWEST_BIT(rest);
+                    if (lanes[i].id_max != NOTHING_HIT) rays &= ~(1u << i);
+                }
+            if (rays == 0) continue;
+            if (current < 0) {
+                const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
+                for (; rays; rays &= rays - 1) test_leaf(LOWEST_BIT(rays), leaf);
+                continue;
+            }
+            if (__builtin_popcount(rays) <= LONE_RAYS) {
+                for (; rays; rays &= rays - 1) follow_alone(LOWEST_BIT(rays), current);
+                continue;
+            }
+            const float* node = all_nodes + (size_t)current * 56;
+            const int* children = (const int*)(node + 48);
+            const f8 still = (*(const f8*)begins[top] <= limit * pad) ? limit : (f8)-1.0f;
+            const int bottom = top;
+            float nearest[8];
+            for (int k = 0; k < 8; ++k) {
+                const f8 tn = __builtin_elementwise_max(
+                    __builtin_elementwise_max(node[near_row[0] + k] * inverse[0] - near_shift[0],
+                                              node[near_row[1] + k] * inverse[1] - near_shift[1]),
+                    __builtin_elementwise_max(node[near_row[2] + k] * inverse[2] - near_shift[2], (f8)t_min));
+                const f8 tf = __builtin_elementwise_min(
+                    __builtin_elementwise_min(node[far_row[0] + k] * inverse[0] - far_shift[0],
+                                              node[far_row[1] + k] * inverse[1] - far_shift[1]),
+                    __builtin_elementwise_min(node[far_row[2] + k] * inverse[2] - far_shift[2], still)) * pad;
+                const unsigned mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(tn <= tf, b8));
+                if (mask == 0) continue;
+                const f8 begin = (tn <= tf) ? tn : (f8)__builtin_inff();
+                const float key = __builtin_reduce_min(begin);
+                int place = top++;
+                for (; place > bottom && nearest[place - bottom - 1] < key; --place) {
+                    *(f8*)begins[place] = *(const f8*)begins[place - 1];
+                    waiting[place] = waiting[place - 1];
+                    nearest[place - bottom] = nearest[place - bottom - 1];
+                }
+                *(f8*)begins[place] = begin;
+                waiting[place] = children[k];
+                nearest[place - bottom] = key;
+            }
+        }
+    } else
+#endif
+    for (int i = 0; i < count; ++i) follow_alone(i, 0);
+
+    for (int i = 0; i < count; ++i) {
+        const Lane& lane = lanes[i];
+        const bool hit = lane.id_max != NOTHING_HIT;
+        const int place = order.shape[0] > 0 ? order.data[first + i] : first + i;
+        triangle_out.data[place] = hit ? lane.id_max : -1;
+        if (!any_hit) {
+            t_out.data[place] = hit ? reach[i] : INFINITY;
+            uv_out.data[place] = wp::vec_t<2, float>(lane.hit_u, lane.hit_v);
+        }
+    }
+"""
+).replace("LONE_RAYS", str(LONE_RAYS))
+
+
+@wp.func_native(native_code(_BATCH))
+def _trace_packet(
+    bvh: Bvh,
+    packet: int,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    order: wp.array(dtype=int),
+    t_min: float,
+    t_max: float,
+    any_hit: bool,
+    triangle_out: wp.array(dtype=int),
+    t_out: wp.array(dtype=float),
+    uv_out: wp.array(dtype=wp.vec2),
+): ...
+
+
+@wp.kernel(enable_backward=False)
+def trace_batch(
+    first: int,
+    bvh: Bvh,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    order: wp.array(dtype=int),
+    t_min: float,
+    t_max: float,
+    any_hit: bool,
+    triangle_out: wp.array(dtype=int),
+    t_out: wp.array(dtype=float),
+    uv_out: wp.array(dtype=wp.vec2),
+):
+    """Trace rays packet by packet; `order`, if not empty, says where each ray's answer belongs.
+
+    `triangle_out` is −1 where nothing is hit; with `any_hit` only that is told.
+    """
+    _trace_packet(
+        bvh, first + wp.tid(), origins, directions, order, t_min, t_max, any_hit, triangle_out, t_out, uv_out
+    )

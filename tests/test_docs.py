@@ -1,0 +1,359 @@
+"""What README and docs say is so: examples run, commands parse, tables match the code, links lead somewhere."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import inspect
+import re
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import wrt
+from wrt.cli import EXAMPLES, _join_axis, _parser
+from wrt.environment import ConstantEnvironment
+from wrt.formats import scene_toml
+from wrt.formats.images import load_environment
+from wrt.formats.scene_toml import load_scene
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md")))
+}
+README = PAGES["README.md"]
+SCENE_FORMAT = PAGES["docs/scene-format.md"]
+ARCHITECTURE = PAGES["docs/architecture.md"]
+
+
+def blocks(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def inline_code(text: str) -> list[str]:
+    return re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL))
+
+
+def write_files(folder: Path) -> None:
+    """Write every file that an example names."""
+    ball = wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=2)
+    lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
+    (folder / "bunny.obj").write_text("\n".join(lines) + "\n")
+    rng = np.random.default_rng(0)
+    wrt.save_image(folder / "wood.png", rng.uniform(0.0, 1.0, (4, 4, 3)))
+    wrt.save_image(folder / "sky.exr", rng.uniform(0.0, 2.0, (4, 8, 3)))
+
+
+# --- Examples --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every renderer make a small picture, of few samples: what examples show is large."""
+    start, passes = wrt.Renderer.__init__, wrt.Renderer.passes
+
+    def small_start(self: wrt.Renderer, scene: wrt.Scene, **options: Any) -> None:
+        start(self, scene, **{**options, "width": 16, "height": 12})
+
+    def few_passes(self: wrt.Renderer, *, spp: int | None = None, time: float | None = None) -> Any:
+        del time
+        return passes(self, spp=max(1, (spp or 64) // 64))
+
+    monkeypatch.setattr(wrt.Renderer, "__init__", small_start)
+    monkeypatch.setattr(wrt.Renderer, "passes", few_passes)
+
+
+def test_python_examples_run_and_write_what_they_say(
+    small: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    examples = [(page, code) for page, text in PAGES.items() for code in blocks(text, "python")]
+    assert len([page for page, _ in examples if page == "README.md"]) >= 2
+    for page, code in examples:
+        names: dict[str, Any] = {}
+        exec(compile(code, page, "exec"), names)
+        written = re.findall(r'save_(?:image|checkpoint)\("([^"]+)"', code)
+        assert written
+        for name in written:
+            assert (tmp_path / name).is_file()
+        for name in written:
+            if Path(name).suffix in (".png", ".exr"):
+                assert wrt.load_image(tmp_path / name).any(), f"{page}: {name} is black"
+    assert re.fullmatch(r"(\d+ of 4 samples per pixel\n)+", capsys.readouterr().out)
+
+
+def test_the_scene_file_renders(tmp_path: Path) -> None:
+    complete, *parts = blocks(SCENE_FORMAT, "toml")
+    write_files(tmp_path)
+    (tmp_path / "room.toml").write_text(complete)
+    assert set(tomllib.loads(complete)) == set(scene_toml._SECTIONS)
+    image = wrt.render(tmp_path / "room.toml", width=24, height=16, spp=4)
+    assert np.isfinite(image).all()
+    assert (image.max(axis=2) > 0.0).mean() > 0.9
+    for part in parts:
+        (tmp_path / "part.toml").write_text(part)
+        load_scene(tmp_path / "part.toml")
+
+
+def test_the_message_shown_for_a_mistake_is_the_one_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (shown,) = re.findall(r"^    (room\.toml: .*)$", SCENE_FORMAT, re.MULTILINE)
+    write_files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    Path("room.toml").write_text(blocks(SCENE_FORMAT, "toml")[0].replace('material = "glass"', 'materal = "glass"'))
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.load("room.toml")
+    assert str(caught.value) == shown
+
+
+# --- Commands --------------------------------------------------------------------------------------
+
+
+def commands(text: str) -> list[str]:
+    lines = [line for block in blocks(text, "sh") for line in block.splitlines()]
+    return [code.strip() for code in [*lines, *inline_code(text)]]
+
+
+@pytest.mark.parametrize("page", [*PAGES, "wrt --help"])
+def test_commands_of_wrt_parse(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    text = PAGES.get(page)
+    found = [line.strip() for line in EXAMPLES.splitlines()] if text is None else commands(text)
+    found = [command for command in found if re.match(r"(python -m )?wrt ", command)]
+    if page in ("README.md", "wrt --help"):
+        assert len(found) >= 4
+    for command in found:
+        arguments = shlex.split(command, comments=True)[command.startswith("python") * 2 + 1 :]
+        status: object = 0
+        try:
+            _parser().parse_args(_join_axis(arguments))
+        except SystemExit as end:  # also of --help, whose status is 0
+            status = end.code
+        assert status == 0, f"{page}: {command}: {capsys.readouterr().err}"
+
+
+def options_of(parser: argparse.ArgumentParser) -> set[str]:
+    found: set[str] = set()
+    for action in parser._actions:
+        found |= set(action.option_strings)
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                found |= options_of(command)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_options_and_commands_of_the_repository_exist(page: str) -> None:
+    known = options_of(_parser()) | {"--device"}
+    for command in commands(PAGES[page]):
+        program, _, rest = command.partition(" ")
+        if program.startswith("scripts/") and " " not in program:
+            assert (ROOT / program).exists(), f"{page}: {command}"
+        if program.startswith(("scripts/", "--")):
+            script = (ROOT / program).read_text() if (ROOT / program).is_file() else ""
+            for option in re.findall(r"--[a-z][a-z-]*", program + " " + rest.partition("#")[0]):
+                assert option in known or option in script, f"{page}: {command}: {option}"
+
+
+# --- Tables ----------------------------------------------------------------------------------------
+
+READER = scene_toml._Reader
+TABLES: dict[str, Callable[..., Any]] = {
+    "[settings]": wrt.RenderSettings,
+    "[camera]": wrt.PerspectiveCamera,
+    "[environment] constant": ConstantEnvironment,
+    "[environment] image": load_environment,
+    "[[lights]] point": wrt.PointLight,
+    "[[lights]] directional": wrt.DirectionalLight,
+    "[materials.NAME] diffuse": wrt.Diffuse,
+    "[materials.NAME] mirror": wrt.Mirror,
+    "[materials.NAME] conductor": wrt.Conductor,
+    "[materials.NAME] dielectric": wrt.Dielectric,
+    "[[shapes]] quad": wrt.quad,
+    "[[shapes]] box": wrt.box,
+    "[[shapes]] sphere": wrt.sphere,
+    "[[shapes]] polygon": READER.polygon,
+    "[[shapes]] polygons": READER.polygons,
+    "[[shapes]] mesh": READER.mesh_file,
+    "[[shapes]] many-triangles": READER.many_triangles,
+}
+COMMON = "[[shapes]]"
+
+
+def documented() -> dict[str, dict[str, str]]:
+    """Return the tables of keys: what heading they stand under, then key and text of the default."""
+    result: dict[str, dict[str, str]] = {}
+    section = heading = ""
+    for line in SCENE_FORMAT.splitlines():
+        if found := re.match(r"## `(.+)`$", line):
+            section = heading = found[1]
+        elif found := re.match(r'### type = "(.+)"$', line):
+            heading = f"{section} {found[1]}"
+        elif found := re.match(r"\| `(\w+)` \| (.+?) \| .+ \|$", line):
+            result.setdefault(heading, {})[found[1]] = found[2]
+    return result
+
+
+def plain(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def value_of(text: str) -> Any:
+    """Return the TOML value in backticks, or None where the default is told in words."""
+    found = re.fullmatch(r"`(.+)`", text)
+    return None if found is None else tomllib.loads(f"x = {found[1]}")["x"]
+
+
+def test_every_kind_of_table_is_documented_and_no_other() -> None:
+    assert set(documented()) == {*TABLES, COMMON}
+    kinds = {"[[lights]]": scene_toml._LIGHTS, "[materials.NAME]": scene_toml._MATERIALS}
+    for section, known in kinds.items():
+        assert {f"{section} {kind}" for kind in known} == {name for name in TABLES if name.startswith(f"{section} ")}
+    with pytest.raises(wrt.InputError) as caught:
+        READER(Path("x"), None).meshes({"type": "?"})
+    shapes = set(re.findall(r"'([\w-]+)'", str(caught.value).partition(", not ")[0]))
+    assert {f"[[shapes]] {kind}" for kind in shapes} == {name for name in TABLES if name.startswith("[[shapes]] ")}
+
+
+@pytest.mark.parametrize("heading", TABLES)
+def test_keys_and_defaults_are_those_of_the_code(heading: str) -> None:
+    maker = TABLES[heading]
+    parameters = dict(inspect.signature(maker).parameters)
+    for other in ("self", "path"):
+        parameters.pop(other, None)
+    table = documented()[heading]
+    expected = set(parameters)
+    if maker is load_environment:  # whose path the file calls `file`
+        expected.add("file")
+        assert table["file"] == "required"
+    if maker is wrt.PerspectiveCamera:
+        assert table["type"] == '`"perspective"`'
+        expected.add("type")
+    assert set(table) == expected
+    for name, parameter in parameters.items():
+        if parameter.default is inspect.Parameter.empty:
+            assert table[name] == "required", name
+        elif parameter.default is None:
+            assert "`" not in table[name].replace("`target`", ""), name
+        else:
+            assert plain(value_of(table[name])) == plain(parameter.default), name
+
+
+def test_keys_of_every_shape_are_those_of_the_code() -> None:
+    table = documented()[COMMON]
+    assert set(table) == set(scene_toml._SHAPE_KEYS)
+    shape = inspect.signature(wrt.Shape).parameters
+    for name in ("emission", "two_sided_emission"):
+        assert value_of(table[name]) == shape[name].default
+    reader = READER(Path("x"), None)
+    given = {name: value_of(table[name]) for name in ("scale", "translate")}
+    np.testing.assert_array_equal(reader.transform(given), np.eye(4))
+
+
+def test_every_public_name_is_in_the_readme() -> None:
+    table = {code for code in inline_code(README) if re.fullmatch(r"\w+", code)}
+    assert set(wrt.__all__) <= table, set(wrt.__all__) - table
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_names_written_as_wrt_something_exist(page: str) -> None:
+    for code in inline_code(PAGES[page]):
+        if found := re.match(r"wrt\.(\w+)", code):
+            module = (ROOT / found[1], ROOT / "wrt" / f"{found[1]}.py")
+            assert hasattr(wrt, found[1]) or any(path.exists() for path in module), f"{page}: {code}"
+
+
+# --- Files and links -------------------------------------------------------------------------------
+
+
+def test_architecture_names_every_source_file() -> None:
+    files = {
+        path.relative_to(ROOT).as_posix() for folder in ("wrt", "kernels") for path in (ROOT / folder).rglob("*.py")
+    }
+    named = re.findall(r"^\| `([\w/.]+\.py)` \|", ARCHITECTURE, re.MULTILINE)
+    assert sorted(named) == sorted(files)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_paths_in_the_text_exist(page: str) -> None:
+    for code in inline_code(PAGES[page]):
+        path = code.split(" ")[0]
+        if re.match(r"(wrt|kernels|meshes|scripts|tests|docs)/", path) and "NAME" not in path:
+            assert (ROOT / path).exists(), f"{page}: {code}"
+
+
+def slug(heading: str) -> str:
+    """Return the anchor that GitHub gives a heading."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_pictures_lead_somewhere(page: str) -> None:
+    text = re.sub(r"^```.*?^```$", "", PAGES[page], flags=re.MULTILINE | re.DOTALL)
+    targets = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'(?:src|href)="([^"]+)"', text)
+    for target in targets:
+        if target.startswith("https://"):
+            continue
+        file, _, anchor = target.partition("#")
+        path = (ROOT / page).parent / file if file else ROOT / page
+        assert path.is_file(), f"{page}: {target}"
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in {slug(heading) for heading in headings}, f"{page}: {target}"
+
+
+def test_pictures_in_the_readme_are_of_the_scenes_it_says() -> None:
+    from wrt.meshes import scene_names
+
+    pictures = re.findall(r'src="docs/pictures/([\w-]+)\.png"', README)
+    assert pictures
+    assert set(pictures) <= set(scene_names())
+    assert all(f"`wrt render {name}`" in README for name in pictures)
+
+
+def test_readme_is_short() -> None:
+    assert len(README.splitlines()) < 120
+
+
+def test_version_has_a_place_in_the_changelog() -> None:
+    assert re.search(rf"\b{re.escape(wrt.__version__)}\b", PAGES["CHANGELOG.md"])
+
+
+# --- Layers ----------------------------------------------------------------------------------------
+
+
+def imports(path: Path) -> set[str]:
+    """Return the modules that a file imports anywhere in it."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, path
+            found.add(node.module or "")
+    return found
+
+
+def test_kernels_know_nothing_of_the_host() -> None:
+    for path in (ROOT / "kernels").rglob("*.py"):
+        found = {name for name in imports(path) if name.partition(".")[0] == "wrt" or name == "numpy"}
+        assert all(name.startswith("wrt.kernels") for name in found), path
+
+
+def test_a_scene_knows_nothing_of_warp() -> None:
+    described = ("scene", "mesh", "shapes", "materials", "textures", "lights", "environment", "camera", "values")
+    for name in described:
+        found = imports(ROOT / "wrt" / f"{name}.py")
+        assert not [module for module in found if module.startswith(("warp", "wrt.kernels", "wrt.build", "wrt.device"))]

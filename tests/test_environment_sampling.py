@@ -1,0 +1,221 @@
+"""The environment image: where its texels are, and how directions are drawn by its brightness."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import NDArray
+from support.kernels import uniforms, upload
+from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
+
+import wrt
+from wrt.build.environment import upload_environment
+from wrt.device import initialize_warp
+from wrt.kernels.environment import direction_to_uv, image_pdf, image_radiance, sample_image, uv_to_direction
+from wrt.kernels.scene_data import EnvironmentData
+
+N = 2**20
+
+
+@wp.kernel(enable_backward=False)
+def look(
+    environment: EnvironmentData,
+    direction: wp.array(dtype=wp.vec3),
+    radiance_out: wp.array(dtype=wp.vec3),
+    pdf_out: wp.array(dtype=float),
+    uv_out: wp.array(dtype=wp.vec2),
+    back_out: wp.array(dtype=wp.vec3),
+):
+    i = wp.tid()
+    radiance_out[i] = image_radiance(environment, direction[i])
+    pdf_out[i] = image_pdf(environment, direction[i])
+    uv = direction_to_uv(environment, direction[i])
+    uv_out[i] = uv
+    back_out[i] = uv_to_direction(environment, uv)
+
+
+@wp.kernel(enable_backward=False)
+def draw_directions(
+    environment: EnvironmentData,
+    u: wp.array(dtype=wp.vec4),
+    direction_out: wp.array(dtype=wp.vec3),
+    pdf_out: wp.array(dtype=float),
+):
+    i = wp.tid()
+    s = sample_image(environment, u[i])
+    direction_out[i] = s.wi
+    pdf_out[i] = s.pdf
+
+
+class Sky:
+    """An environment on a device, and what the kernels say of it."""
+
+    def __init__(self, pixels: NDArray, device: str, rotation_degrees: float = 0.0) -> None:
+        initialize_warp()
+        self.device = device
+        environment = wrt.ImageEnvironment(pixels, rotation_degrees=rotation_degrees)
+        self.data, self.flux = upload_environment(environment, device)
+
+    def look(self, directions: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """Return radiance, density, (u, v) and the direction of that (u, v)."""
+        n = len(directions)
+        out: list[Any] = [
+            wp.empty(n, dtype=dtype, device=self.device) for dtype in (wp.vec3, wp.float32, wp.vec2, wp.vec3)
+        ]
+        wp.launch(look, n, [self.data, upload(directions, wp.vec3, self.device)], out, device=self.device)
+        radiance, pdf, uv, back = (array.numpy().astype(np.float64) for array in out)
+        return radiance, pdf, uv, back
+
+    def sample(self, u: NDArray) -> tuple[NDArray, NDArray]:
+        wi = wp.empty(len(u), dtype=wp.vec3, device=self.device)
+        pdf = wp.empty(len(u), dtype=float, device=self.device)
+        wp.launch(draw_directions, len(u), [self.data, upload(u, wp.vec4, self.device)], [wi, pdf], device=self.device)
+        return wi.numpy().astype(np.float64), pdf.numpy().astype(np.float64)
+
+
+def directions(n: int, seed: int) -> NDArray[np.float64]:
+    d = np.random.default_rng(seed).normal(size=(n, 3))
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def pole_last(d: NDArray) -> NDArray:
+    """Return y up directions as z up ones, as `sphere_histogram` counts them: (z, x, y)."""
+    return d[:, [2, 0, 1]]
+
+
+def noise(height: int, width: int) -> NDArray[np.float32]:
+    return np.random.default_rng(3).random((height, width, 3), dtype=np.float32) ** 4
+
+
+def hot(height: int, width: int, y: int, x: int) -> NDArray[np.float32]:
+    pixels = np.zeros((height, width, 3), np.float32)
+    pixels[y, x] = (5.0, 3.0, 1.0)
+    return pixels
+
+
+SKIES = {
+    "noise": (noise(8, 16), 0.0),
+    "noise, turned": (noise(5, 7), 77.0),
+    "a hot pixel": (hot(8, 16, 2, 5), 0.0),
+    "a hot pixel at the zenith's seam": (hot(6, 8, 0, 0), -30.0),
+    "a sun over dim sky": (0.02 + hot(9, 12, 4, 11), 10.0),
+    "one pixel": (np.ones((1, 1, 3), np.float32), 0.0),
+}
+
+
+@pytest.mark.parametrize("name", SKIES)
+def test_directions_are_drawn_with_the_stated_density(name: str, device: str, report: Report) -> None:
+    pixels, rotation = SKIES[name]
+    sky = Sky(pixels, device, rotation)
+
+    def density(d: NDArray) -> NDArray:
+        return sky.look(d[:, [1, 2, 0]])[1]
+
+    wi, _ = sky.sample(uniforms(N, 4, seed=1))
+    expected = N * integrate_pdf_over_bins(density, tolerance=1e-7)
+    report(f"{name}: integral of the density", float(expected.sum()) / N, 1.0)
+    result = chi_square_test(sphere_histogram(pole_last(wi)), expected, tests=len(SKIES))
+    report(name, result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+
+
+@pytest.mark.parametrize("name", SKIES)
+def test_a_sample_states_the_density_of_its_direction(name: str, device: str) -> None:
+    pixels, rotation = SKIES[name]
+    sky = Sky(pixels, device, rotation)
+    u = uniforms(200_000, 4, seed=2)
+    # Within a millionth of a texel's edge, rounding may find the neighbour's density.
+    u[:, 2:] = 0.001 + 0.998 * u[:, 2:]
+    wi, pdf = sky.sample(u)
+    np.testing.assert_allclose(np.linalg.norm(wi, axis=1), 1.0, atol=1e-6)
+    assert (pdf > 0.0).all()
+    # Near a pole the density is that of a polar angle which a direction's cosine does not hold exactly.
+    away = np.abs(wi[:, 1]) < 0.9999
+    np.testing.assert_allclose(pdf[away], sky.look(wi)[1][away], rtol=2e-4)
+
+
+@pytest.mark.parametrize("name", SKIES)
+def test_samples_estimate_the_integral_of_radiance(name: str, device: str, report: Report) -> None:
+    """The mean of radiance over density is the integral, which quadrature gives as well."""
+    pixels, rotation = SKIES[name]
+    sky = Sky(pixels, device, rotation)
+    exact = integrate_pdf_over_bins(lambda d: sky.look(d[:, [1, 2, 0]])[0][:, 1], tolerance=1e-6).sum()
+    wi, pdf = sky.sample(uniforms(2**18, 4, seed=3))
+    values = sky.look(wi)[0][:, 1] / pdf
+    error = values.std(ddof=1) / np.sqrt(len(values))
+    report(f"{name}: integral of green", float(values.mean()), float(exact))
+    # Six skies: 3.5 standard errors are less than one in three hundred. The float32 sums are good to 1e-6.
+    assert abs(values.mean() - exact) < 3.5 * error + 1e-5 * exact
+
+
+@pytest.mark.parametrize("position", [(0, 0), (0, 7), (3, 0), (3, 5), (5, 3), (5, 7)])
+@pytest.mark.parametrize("rotation", [0.0, 45.0])
+def test_no_light_has_zero_density(position: tuple[int, int], rotation: float, device: str) -> None:
+    """Interpolation carries a hot pixel's light into its neighbours: they must be sampled as well."""
+    sky = Sky(hot(6, 8, *position), device, rotation)
+    radiance, pdf, _, _ = sky.look(directions(400_000, seed=4))
+    lit = radiance.max(axis=1) > 0.0
+    assert 0.01 < lit.mean() < 0.9
+    assert (pdf[lit] > 0.0).all()
+    assert (pdf >= 0.0).all()
+
+
+@pytest.mark.parametrize("rotation", [0.0, 33.0, -170.0, 720.5])
+def test_direction_and_uv_are_each_others_inverse(rotation: float, device: str, report: Report) -> None:
+    sky = Sky(noise(4, 8), device, rotation)
+    d = directions(200_000, seed=5)
+    _, _, uv, back = sky.look(d)
+    assert uv.min() >= 0.0
+    assert uv.max() <= 1.0
+    # The polar angle comes from its cosine, which holds it to eps / sin.
+    sine = np.maximum(np.sqrt(1.0 - d[:, 1] ** 2), 1e-3)
+    error = np.linalg.norm(back - d, axis=1)
+    report(f"turned by {rotation}: largest error away from the poles", float(error[sine > 0.1].max()), 0.0)
+    assert (error < 1e-6 + 4.0 * np.finfo(np.float32).eps / sine).all()
+
+
+@pytest.mark.parametrize("rotation", [0.0, 90.0, -35.0, 180.0, 400.0])
+def test_texels_lie_where_the_description_says(rotation: float, device: str) -> None:
+    """Row 0 is up; the middle is −z, columns to the right turn to +x; rotation goes counter-clockwise from above."""
+    height, width = 12, 24
+    pixels = np.arange(height * width * 3, dtype=np.float32).reshape(height, width, 3)
+    row, column = (a.ravel() for a in np.meshgrid(np.arange(height), np.arange(width), indexing="ij"))
+    polar = np.pi * (row + 0.5) / height
+    azimuth = 2.0 * np.pi * ((column + 0.5) / width - 0.5)
+    # Looking along −z, to the right is +x.
+    d = np.stack([np.sin(polar) * np.sin(azimuth), np.cos(polar), -np.sin(polar) * np.cos(azimuth)], axis=1)
+    # Seen from above (x to the right, z down the page) a turn counter-clockwise takes +z to +x.
+    angle = np.radians(rotation)
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    radiance, _, uv, _ = Sky(pixels, device, rotation).look(d @ turn.T)
+    np.testing.assert_allclose(radiance, pixels.reshape(-1, 3), rtol=1e-4, atol=5e-3)
+    np.testing.assert_allclose(uv, np.stack([(column + 0.5) / width, (row + 0.5) / height], axis=1), atol=1e-5)
+
+
+def test_columns_wrap_and_rows_end(device: str) -> None:
+    pixels = np.zeros((2, 4, 3), np.float32)
+    pixels[0, 0], pixels[0, 3], pixels[1] = 1.0, 3.0, 8.0
+    sky = Sky(pixels, device)
+    # The seam is at +z: halfway between the last column and the first.
+    polar = np.pi / 4.0
+    seam = np.array([[0.0, np.cos(polar), np.sin(polar)]])
+    np.testing.assert_allclose(sky.look(seam)[0], 2.0, atol=1e-5)
+    # At the nadir there is nothing below the last row, and it does not see the first.
+    np.testing.assert_allclose(sky.look(np.array([[0.0, -1.0, 0.0]]))[0], 8.0, atol=1e-5)
+
+
+def test_poles_have_finite_densities(device: str) -> None:
+    sky = Sky(noise(8, 16), device)
+    d = np.array([(0, 1, 0), (0, -1, 0), (1e-7, 1, 0), (0, -1, -1e-7), (0, 0, 1), (0, 0, -1)], float)
+    radiance, pdf, uv, back = sky.look(d)
+    for values in (radiance, pdf, uv, back):
+        assert np.isfinite(values).all()
+    u = np.zeros((4, 4), np.float32)
+    u[1], u[2, 3], u[3, 2:] = 1.0 - 2.0**-24, 1.0 - 2.0**-24, 1.0 - 2.0**-24
+    wi, pdf = sky.sample(u)
+    assert np.isfinite(wi).all()
+    assert np.isfinite(pdf).all()

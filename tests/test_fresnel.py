@@ -1,0 +1,144 @@
+"""Fresnel reflectance against the same law written in other ways, in double precision."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from support.kernels import map_function
+
+from wrt.kernels.fresnel import fresnel_conductor, fresnel_conductor_channel, fresnel_dielectric
+
+EPS = float(np.finfo(np.float32).eps)
+
+
+def grid(*axes: NDArray) -> list[NDArray]:
+    """Return all combinations as flat arrays, rounded to float32 so that both sides see the same numbers."""
+    return [a.ravel().astype(np.float32).astype(np.float64) for a in np.meshgrid(*axes, indexing="ij")]
+
+
+def cook_torrance(cos_i: NDArray, eta: NDArray) -> NDArray:
+    """Return reflectance in g and c (Cook and Torrance 1982); g² < 0 is total internal reflection."""
+    c = cos_i
+    g2 = eta**2 - 1.0 + c**2
+    g = np.sqrt(np.maximum(g2, 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        f = 0.5 * ((g - c) / (g + c)) ** 2 * (1.0 + ((c * (g + c) - 1.0) / (c * (g - c) + 1.0)) ** 2)
+    return np.where(g2 <= 0.0, 1.0, f)
+
+
+def complex_fresnel(cos_i: NDArray, eta: NDArray, k: NDArray) -> NDArray:
+    """Return reflectance from Snell's law and the amplitudes with a complex index (Born and Wolf, 1.5 and 14.2)."""
+    n = eta + 1j * k
+    cos_t = np.sqrt(1.0 - (1.0 - cos_i**2) / n**2 + 0j)
+    r_s = (cos_i - n * cos_t) / (cos_i + n * cos_t)
+    r_p = (n * cos_i - cos_t) / (n * cos_i + cos_t)
+    return 0.5 * (np.abs(r_s) ** 2 + np.abs(r_p) ** 2)
+
+
+COSINES = np.concatenate([np.linspace(0.001, 1.0, 500), np.cos(np.radians([45.0, 60.0, 80.0, 89.0, 89.9]))])
+INDICES = np.concatenate([np.linspace(0.3, 0.98, 60), np.linspace(1.02, 4.0, 120)])
+
+
+def test_dielectric_forms_agree(device: str, report: Report) -> None:
+    """F_s and F_p, as the kernel has them, and the form in g and c."""
+    cos_i, eta = grid(COSINES, INDICES)
+    found = map_function(fresnel_dielectric, cos_i, eta, device=device).astype(np.float64)
+    expected = cook_torrance(cos_i, eta)
+    error = np.abs(found - expected)
+    # At the critical angle reflectance has a vertical tangent: there a rounding of cos²θt by eps, the input's
+    # own precision, moves cosθt by eps / cosθt, and reflectance by four times that.
+    cos_t = np.sqrt(np.maximum(1.0 - (1.0 - cos_i**2) / eta**2, 0.0))
+    total = 1.0 - (1.0 - cos_i**2) / eta**2 < -4.0 * EPS / eta**2
+    regular = cos_t > 0.1
+    report("largest difference", float(error[regular | total].max()), 0.0)
+    report("largest difference near the critical angle", float(error[~regular & ~total].max()), 0.0)
+    assert error[regular | total].max() < 1e-6
+    near = ~regular & ~total
+    assert (error[near] < 1e-6 + 8.0 * EPS / np.maximum(eta[near] ** 2 * cos_t[near], np.sqrt(EPS))).all()
+    assert found.min() >= 0.0
+    assert found.max() <= 1.0 + EPS
+    assert (found[total] == 1.0).all()
+
+
+def test_dielectric_reflectance_is_the_same_from_both_sides(device: str) -> None:
+    """Along one path of light, in and out (Stokes)."""
+    cos_i, eta = grid(np.linspace(0.2, 1.0, 200), np.linspace(1.1, 3.0, 50))
+    cos_t = np.sqrt(1.0 - (1.0 - cos_i**2) / eta**2)
+    there = map_function(fresnel_dielectric, cos_i, eta, device=device)
+    back = map_function(fresnel_dielectric, cos_t, 1.0 / eta, device=device)
+    np.testing.assert_allclose(there, back, atol=2e-6)
+
+
+def test_conductor_is_the_complex_law(device: str, report: Report) -> None:
+    cos_i, eta, k = grid(COSINES, np.array([0.04, 0.2, 0.9, 1.1, 1.5, 3.0, 6.0]), np.array([0.0, 0.1, 1.0, 2.5, 7.0]))
+    found = map_function(fresnel_conductor_channel, cos_i, eta, k, device=device).astype(np.float64)
+    expected = complex_fresnel(cos_i, eta, k)
+    # Where k is 0 and eta below 1 the critical angle is as steep as for a dielectric.
+    steep = (k == 0.0) & (np.abs(1.0 - (1.0 - cos_i**2) / eta**2) < 0.01)
+    error = np.abs(found - expected)
+    report("largest difference", float(error[~steep].max()), 0.0)
+    assert error[~steep].max() < 2e-6
+    assert found.min() >= 0.0
+    assert found.max() <= 1.0 + 1e-6
+
+
+def test_conductor_without_absorption_is_a_dielectric(device: str, report: Report) -> None:
+    cos_i, eta = grid(COSINES, INDICES)
+    metal = map_function(fresnel_conductor_channel, cos_i, eta, np.zeros_like(eta), device=device)
+    glass = map_function(fresnel_dielectric, cos_i, eta, device=device)
+    regular = np.abs(1.0 - (1.0 - cos_i**2) / eta**2) > 0.01
+    difference = np.abs(metal.astype(np.float64) - glass)[regular]
+    report("largest difference", float(difference.max()), 0.0)
+    assert difference.max() < 2e-6
+
+
+def test_normal_incidence(device: str) -> None:
+    eta, k = grid(np.linspace(0.05, 5.0, 60), np.linspace(0.0, 8.0, 60))
+    one = np.ones_like(eta)
+    expected = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2)
+    np.testing.assert_allclose(map_function(fresnel_conductor_channel, one, eta, k, device=device), expected, atol=1e-6)
+    glass = map_function(fresnel_dielectric, one, eta, device=device)
+    np.testing.assert_allclose(glass, ((eta - 1.0) / (eta + 1.0)) ** 2, atol=1e-6)
+
+
+def test_grazing_incidence_reflects_everything(device: str) -> None:
+    eta, k = grid(np.array([0.2, 0.9, 1.1, 1.5, 3.0]), np.array([0.0, 0.5, 2.0, 6.0]))
+    for cos_i in (0.0, 1e-7, 1e-5):
+        c = np.full_like(eta, cos_i)
+        metal = map_function(fresnel_conductor_channel, c, eta, k, device=device)
+        glass = map_function(fresnel_dielectric, c, eta, device=device)
+        # Reflectance falls from 1 with a slope that is largest where the index is nearest to 1.
+        np.testing.assert_allclose(metal, 1.0, atol=1e-6 + 20.0 * cos_i)
+        np.testing.assert_allclose(glass, 1.0, atol=1e-6 + 20.0 * cos_i)
+
+
+def test_brewsters_angle_has_no_parallel_part(device: str) -> None:
+    """Where tanθ is the index, reflectance is half that of the perpendicular part, ((η² − 1) / (η² + 1))²."""
+    eta = np.array([1.33, 1.5, 2.42])
+    cos_i = np.cos(np.arctan(eta))
+    expected = 0.5 * ((eta**2 - 1.0) / (eta**2 + 1.0)) ** 2
+    np.testing.assert_allclose(map_function(fresnel_dielectric, cos_i, eta, device=device), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("metal", "eta", "k", "printed"),
+    [("silver", 0.20, 3.44, 0.94), ("gold", 0.47, 2.83, 0.82), ("copper", 0.62, 2.57, 0.73), ("tin", 1.48, 5.25, 0.83)],
+)
+def test_metals_reflect_as_tabulated(metal: str, eta: float, k: float, printed: float, device: str) -> None:
+    """Constants for sodium light, 589.3 nm: Born and Wolf, "Principles of Optics", 7th edition, table 14.1."""
+    one = map_function(fresnel_conductor_channel, np.ones(1), np.array([eta]), np.array([k]), device=device)
+    assert one[0] == pytest.approx(printed, abs=0.005), metal
+    cos_i = np.cos(np.radians(np.arange(0.0, 90.0, 5.0)))
+    found = map_function(
+        fresnel_conductor_channel, cos_i, np.full_like(cos_i, eta), np.full_like(cos_i, k), device=device
+    )
+    np.testing.assert_allclose(found, complex_fresnel(cos_i, np.array(eta), np.array(k)), atol=2e-6)
+
+
+def test_channels_do_not_mix(device: str) -> None:
+    eta, k = np.array([[0.2, 0.924, 1.102]]), np.array([[3.912, 2.452, 2.142]])
+    cos_i = np.array([0.3])
+    found = map_function(fresnel_conductor, cos_i, eta, k, device=device)
+    np.testing.assert_allclose(found, complex_fresnel(cos_i[:, None], eta, k), atol=2e-6)

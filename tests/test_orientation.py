@@ -1,0 +1,138 @@
+"""A mesh that does not say which way is up is shown standing where it can, and as it is in doubt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wrt
+from wrt.formats.meshes import load_shapes
+from wrt.orientation import guess_up
+
+ROOT = Path(__file__).resolve().parent.parent
+ASSETS = ROOT.parent / "shared" / "assets" / "meshes"
+needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")
+
+
+def shapes_of(*meshes: wrt.Mesh) -> list[wrt.Shape]:
+    return [wrt.Shape(mesh) for mesh in meshes]
+
+
+def quarter_turn(mesh: wrt.Mesh) -> wrt.Mesh:
+    """Brings y to z."""
+    return mesh.rotated((1.0, 0.0, 0.0), 90.0)
+
+
+def lathe(profile: list[tuple[float, float]], sides: int = 48) -> wrt.Mesh:
+    """A closed solid of (radius, y), turned about the y axis."""
+    angles = np.arange(sides) * (2.0 * np.pi / sides)
+    rings = [np.stack([r * np.cos(angles), np.full(sides, y), r * np.sin(angles)], axis=1) for r, y in profile]
+    k = np.arange(sides)
+    n = (k + 1) % sides
+    faces = []
+    for i in range(len(profile) - 1):
+        a, b = i * sides, (i + 1) * sides
+        faces += [np.stack([a + k, b + k, b + n], axis=1), np.stack([a + k, b + n, a + n], axis=1)]
+    last = (len(profile) - 1) * sides
+    faces.append(np.stack([np.zeros(sides - 2, int), k[1:-1], k[2:]], axis=1))
+    faces.append(last + np.stack([np.zeros(sides - 2, int), k[2:], k[1:-1]], axis=1))
+    return wrt.Mesh(np.concatenate(rings), np.concatenate(faces))
+
+
+CYLINDER = lathe([(0.5, 0.0), (0.5, 4.0)])
+VASE = lathe([(0.4, 0.0), (1.0, 1.0), (0.3, 2.0), (0.6, 2.4)])
+TABLE = [wrt.box((-1, 0.9, -0.6), (1, 1.0, 0.6))] + [
+    wrt.box((x - 0.05, 0.0, z - 0.05), (x + 0.05, 0.9, z + 0.05)) for x in (-0.8, 0.8) for z in (-0.45, 0.45)
+]
+
+
+@needs_assets
+@pytest.mark.parametrize(
+    ("name", "up"),
+    [
+        ("stanford-bunny.obj", "y"),
+        ("igea.ply", "y"),
+        ("spot.obj", "y"),
+        ("Duck.glb", "y"),
+        ("nefertiti.obj", "z"),
+        ("fuze/fuze.obj", "z"),
+    ],
+)
+def test_real_files_stand_as_they_are_meant(name, up):
+    shapes = load_shapes(ASSETS / name, smooth_degrees=None)
+    assert guess_up(shapes, "y") == up
+    # And when they are turned to the other axis, all that stand on a base do there (igea is a head cut off slantwise).
+    if name != "igea.ply":
+        there = -90.0 if up == "z" else 90.0
+        turned = [wrt.Shape(shape.mesh.rotated((1.0, 0.0, 0.0), there)) for shape in shapes]
+        assert guess_up(turned, up) == ("y" if up == "z" else "z")
+
+
+@pytest.mark.parametrize("parts", [[CYLINDER], [VASE], TABLE], ids=["cylinder", "vase", "table"])
+def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts):
+    turned = [quarter_turn(mesh) for mesh in parts]
+    for default in ("y", "z"):
+        assert guess_up(shapes_of(*parts), default) == "y"
+        assert guess_up(shapes_of(*turned), default) == "z"
+        # The same far away, and of another size.
+        moved = [mesh.translated((-70.0, 30.0, 110.0)) for mesh in turned]
+        assert guess_up(shapes_of(*moved), default) == "z"
+        assert guess_up(shapes_of(*(mesh.scaled(1e-3) for mesh in turned)), default) == "z"
+
+
+def test_teapot_stands():
+    mesh = wrt.load_mesh(ROOT / "meshes" / "teapot.ply")
+    assert guess_up(shapes_of(mesh), "y") == "y"
+    assert guess_up(shapes_of(quarter_turn(mesh)), "y") == "z"
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        wrt.box((0, 0, 0), (1, 1, 1)),
+        wrt.box((0, 0, 0), (1, 1, 4)),
+        wrt.box((0, 0, 0), (1, 4, 1)),
+        wrt.box((0, 0, 0), (1, 0.01, 1)),
+        wrt.box((0, 0, 0), (1, 1, 0.01)),
+        wrt.sphere(subdivisions=4),
+        wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)),
+        wrt.quad((0, 0, 0), (0, 0, 1), (1, 0, 0)),
+        CYLINDER.rotated((0.0, 0.0, 1.0), 90.0),
+    ],
+    ids=["cube", "beam", "tower", "plate", "pane", "ball", "upright", "lying", "along x"],
+)
+def test_in_doubt_the_default_stays(mesh):
+    for default in ("y", "z"):
+        assert guess_up(shapes_of(mesh), default) == default
+
+
+def test_many_small_faces_change_nothing():
+    # The size at which only every so many faces are looked at, in two parts.
+    fine = lathe([(0.5, 0.05 * k) for k in range(1001)], sides=256)
+    assert len(fine.faces) > 500_000
+    half = len(fine.faces) // 2
+    parts = [wrt.Mesh(fine.vertices, fine.faces[:half]), wrt.Mesh(fine.vertices, fine.faces[half:])]
+    tall = [mesh.scaled(0.1) for mesh in parts]
+    assert guess_up(shapes_of(*map(quarter_turn, tall)), "y") == "y"  # a needle: it would not stand
+    short = [mesh.transformed(np.diag([1.0, 0.05, 1.0, 1.0])) for mesh in parts]
+    assert guess_up(shapes_of(*map(quarter_turn, short)), "y") == "z"
+
+
+def test_other_axes_and_meshes_without_area_are_left_alone():
+    assert guess_up(shapes_of(quarter_turn(VASE)), "-y") == "-y"
+    assert guess_up(shapes_of(wrt.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))), "z") == "z"
+
+
+def test_files_that_do_not_say_are_guessed_and_gltf_is_y(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    turned = quarter_turn(VASE)
+    tall = VASE.bounds[1, 1] - VASE.bounds[0, 1]
+    for suffix, height in {"obj": tall, "ply": tall, "stl": tall, "off": tall, "glb": 2.0}.items():
+        path = tmp_path / f"vase.{suffix}"
+        trimesh.Trimesh(turned.vertices, turned.faces, process=False).export(path)
+        low, high = wrt.load(str(path)).shapes[0].mesh.bounds
+        assert high[1] - low[1] == pytest.approx(height, rel=1e-3), suffix
+        low, high = wrt.load(str(path), up="y").shapes[0].mesh.bounds
+        assert high[1] - low[1] == pytest.approx(2.0, rel=1e-3), suffix
