@@ -10,11 +10,11 @@ Intel MIC Architecture", 2012). On CUDA every thread follows its rays one by one
 import warp as wp
 
 from wrt.kernels.bvh import FOLLOW_RAY, RAY_SETUP, Bvh, native_code
-from wrt.kernels.simd import TRIANGLE_TEST
+from wrt.kernels.simd import WOOP_TEST
 
 PACKET = 8
 # Rays left in a packet at which they part, measured.
-LONE_RAYS = 4
+LONE_RAYS = 3
 
 _BATCH = (
     """
@@ -27,16 +27,15 @@ _BATCH = (
     struct Lane {
         float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
         int near_row[3], far_row[3], kx, ky, kz;
-        float hit_u, hit_v;
-        int id_max;
     };
     Lane lanes[8];
-    alignas(32) float reach[8];
+    alignas(32) float reach[8], hit_us[8], hit_vs[8];
+    alignas(32) int numbers[8];
     for (int i = 0; i < 8; ++i) {
         Lane& lane = lanes[i];
         reach[i] = -1.0f;
-        lane.id_max = NOTHING_HIT;
-        lane.hit_u = lane.hit_v = 0.0f;
+        numbers[i] = NOTHING_HIT;
+        hit_us[i] = hit_vs[i] = 0.0f;
         if (i >= count) continue;
         reach[i] = t_max;
         float* const inverse = lane.inverse;
@@ -64,45 +63,34 @@ _BATCH = (
         const float *const near_shift = lane.near_shift, *const far_shift = lane.far_shift;
         const int *const near_row = lane.near_row, *const far_row = lane.far_row;
         const int kx = lane.kx, ky = lane.ky, kz = lane.kz;
-        float t_max = reach[i], hit_u = lane.hit_u, hit_v = lane.hit_v;
-        int id_max = lane.id_max;
+        float t_max = reach[i], hit_u = hit_us[i], hit_v = hit_vs[i];
+        int id_max = numbers[i];
 """
     + FOLLOW_RAY
     + """
-        lane.hit_u = hit_u;
-        lane.hit_v = hit_v;
-        lane.id_max = id_max;
-        reach[i] = t_max;
+        hit_us[i] = hit_u;
+        hit_vs[i] = hit_v;
+        numbers[i] = id_max;
+        reach[i] = any_hit && id_max != NOTHING_HIT ? -1.0f : t_max;  // a ray that is done reaches nothing
     };
 
 #if VECTOR_CODE
-    const auto test_leaf = [&](int i, const float* leaf) {
-        Lane& lane = lanes[i];
-        const float *const origin = lane.origin, *const shear = lane.shear;
-        const int kx = lane.kx, ky = lane.ky, kz = lane.kz;
-        float t_max = reach[i], hit_u = lane.hit_u, hit_v = lane.hit_v;
-        int id_max = lane.id_max;
-"""
-    + TRIANGLE_TEST
-    + """
-        lane.hit_u = hit_u;
-        lane.hit_v = hit_v;
-        lane.id_max = id_max;
-        reach[i] = t_max;
-    };
-
-    // Rays that run into different octants do not share boxes' near sides, nor much of their way.
+    // Together go rays of one octant, which share the boxes' near sides, and of one main axis.
     bool together = count == 8;
     for (int i = 1; i < count; ++i)
-        for (int k = 0; k < 3; ++k) together &= lanes[i].near_row[k] == lanes[0].near_row[k];
+        for (int k = 0; k < 3; ++k)
+            together &= lanes[i].near_row[k] == lanes[0].near_row[k] && lanes[i].kz == lanes[0].kz;
     if (together) {
-        f8 inverse[3], near_shift[3], far_shift[3];
+        f8 inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
         for (int k = 0; k < 3; ++k)
             for (int i = 0; i < 8; ++i) {
+                origin[k][i] = lanes[i].origin[k];
+                shear[k][i] = lanes[i].shear[k];
                 inverse[k][i] = lanes[i].inverse[k];
                 near_shift[k][i] = lanes[i].near_shift[k];
                 far_shift[k][i] = lanes[i].far_shift[k];
             }
+        const int kx = lanes[0].kx, ky = lanes[0].ky, kz = lanes[0].kz;
         const int* const near_row = lanes[0].near_row;
         const int* const far_row = lanes[0].far_row;
         // A stack entry: a child, and where it begins for each ray (infinity for rays that miss it).
@@ -117,15 +105,34 @@ _BATCH = (
             const f8 limit = *(const f8*)reach;
             unsigned rays = __builtin_bit_cast(
                 unsigned char, __builtin_convertvector(*(const f8*)begins[top] <= limit * pad, b8));
-            if (any_hit)
-                for (unsigned rest = rays; rest; rest &= rest - 1) {
-                    const int i = LOWEST_BIT(rest);
-                    if (lanes[i].id_max != NOTHING_HIT) rays &= ~(1u << i);
-                }
             if (rays == 0) continue;
             if (current < 0) {
                 const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
-                for (; rays; rays &= rays - 1) test_leaf(LOWEST_BIT(rays), leaf);
+                const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
+                f8 best = limit, best_u = *(const f8*)hit_us, best_v = *(const f8*)hit_vs;
+                i8 best_id = *(const i8*)numbers;
+                for (int j = 0; j < LEAF_SIZE; ++j) {
+                    #pragma clang fp contract(off)
+                    #define VECTOR f8
+                    #define INTEGERS i8
+                    #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
+"""
+    + WOOP_TEST
+    + """
+                    #undef CORNER
+                    #undef VECTOR
+                    #undef INTEGERS
+                    const i8 better = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
+                    best = better ? t : best;
+                    best_u = better ? v * inverse_det : best_u;
+                    best_v = better ? w * inverse_det : best_v;
+                    best_id = better ? (i8)ids[j] : best_id;
+                }
+                if (any_hit) best = (best_id != NOTHING_HIT) ? (f8)-1.0f : best;
+                *(f8*)reach = best;
+                *(f8*)hit_us = best_u;
+                *(f8*)hit_vs = best_v;
+                *(i8*)numbers = best_id;
                 continue;
             }
             if (__builtin_popcount(rays) <= LONE_RAYS) {
@@ -166,13 +173,12 @@ _BATCH = (
     for (int i = 0; i < count; ++i) follow_alone(i, 0);
 
     for (int i = 0; i < count; ++i) {
-        const Lane& lane = lanes[i];
-        const bool hit = lane.id_max != NOTHING_HIT;
+        const bool hit = numbers[i] != NOTHING_HIT;
         const int place = order.shape[0] > 0 ? order.data[first + i] : first + i;
-        triangle_out.data[place] = hit ? lane.id_max : -1;
+        triangle_out.data[place] = hit ? numbers[i] : -1;
         if (!any_hit) {
             t_out.data[place] = hit ? reach[i] : INFINITY;
-            uv_out.data[place] = wp::vec_t<2, float>(lane.hit_u, lane.hit_v);
+            uv_out.data[place] = wp::vec_t<2, float>(hit_us[i], hit_vs[i]);
         }
     }
 """

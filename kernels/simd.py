@@ -1,4 +1,4 @@
-"""The tests of eight boxes and of four triangles at once: vector code on the CPU, loops on CUDA.
+"""The tests of eight boxes and of eight triangles at once: vector code on the CPU, loops on CUDA.
 
 Each piece of C++ is written twice, for clang's vector types and as a plain loop; both compute the
 same. They are joined to the traversal in `kernels/bvh.py`.
@@ -49,28 +49,43 @@ BOX_TEST = """
 # triangles that share an edge see the same numbers; and products are rounded before they are
 # subtracted (no contraction), so the sign of an edge function may vanish but is never wrong. A
 # vanishing one counts as inside on both sides: nothing slips between two triangles.
+#   in:  CORNER(vertex, axis), origin, shear: vectors or numbers; kx, ky, kz
+#   out: t, u, v, w, inverse_det: VECTOR; inside: INTEGERS, all bits set where the line meets the triangle
+WOOP_TEST = """
+    const VECTOR az = CORNER(0, kz) - origin[kz], bz = CORNER(1, kz) - origin[kz], cz = CORNER(2, kz) - origin[kz];
+    const VECTOR ax = (CORNER(0, kx) - origin[kx]) - shear[0] * az, ay = (CORNER(0, ky) - origin[ky]) - shear[1] * az;
+    const VECTOR bx = (CORNER(1, kx) - origin[kx]) - shear[0] * bz, by = (CORNER(1, ky) - origin[ky]) - shear[1] * bz;
+    const VECTOR cx = (CORNER(2, kx) - origin[kx]) - shear[0] * cz, cy = (CORNER(2, ky) - origin[ky]) - shear[1] * cz;
+    const VECTOR u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
+    const VECTOR low = __builtin_elementwise_min(__builtin_elementwise_min(u, v), w);
+    const VECTOR high = __builtin_elementwise_max(__builtin_elementwise_max(u, v), w);
+    const VECTOR det = (u + v) + w;
+    const VECTOR inverse_det = 1.0f / det;
+    const VECTOR t = (((u * az + v * bz) + w * cz) * shear[2]) * inverse_det;
+    const INTEGERS inside = ((low >= 0.0f) | (high <= 0.0f)) & (det != 0.0f);
+"""
+
+# A leaf's triangles, all at once.
 #   in:  leaf, t_min, t_max, id_max; origin, shear: float[3]; kx, ky, kz
 #   out: t_max, hit_u, hit_v, id_max of the nearest hit so far; of equal t the lowest id wins
-TRIANGLE_TEST = """
+TRIANGLE_TEST = (
+    """
     float ts[LEAF_SIZE], us[LEAF_SIZE], vs[LEAF_SIZE];
     unsigned hits = 0;
     const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
 #if VECTOR_CODE
     {
     #pragma clang fp contract(off)
-    #define ROW(vertex, axis) (*(const fL*)(leaf + 3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis)))
-    const fL az = ROW(0, kz) - origin[kz], bz = ROW(1, kz) - origin[kz], cz = ROW(2, kz) - origin[kz];
-    const fL ax = (ROW(0, kx) - origin[kx]) - shear[0] * az, ay = (ROW(0, ky) - origin[ky]) - shear[1] * az;
-    const fL bx = (ROW(1, kx) - origin[kx]) - shear[0] * bz, by = (ROW(1, ky) - origin[ky]) - shear[1] * bz;
-    const fL cx = (ROW(2, kx) - origin[kx]) - shear[0] * cz, cy = (ROW(2, ky) - origin[ky]) - shear[1] * cz;
-    #undef ROW
-    const fL u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
-    const fL low = __builtin_elementwise_min(__builtin_elementwise_min(u, v), w);
-    const fL high = __builtin_elementwise_max(__builtin_elementwise_max(u, v), w);
-    const fL det = (u + v) + w;
-    const fL inverse_det = 1.0f / det;
-    const fL t = (((u * az + v * bz) + w * cz) * shear[2]) * inverse_det;
-    const iL hit = ((low >= 0.0f) | (high <= 0.0f)) & (det != 0.0f) & (t >= t_min) & (t <= t_max);
+    #define VECTOR fL
+    #define INTEGERS iL
+    #define CORNER(vertex, axis) (*(const fL*)(leaf + 3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis)))
+"""
+    + WOOP_TEST
+    + """
+    #undef CORNER
+    #undef VECTOR
+    #undef INTEGERS
+    const iL hit = inside & (t >= t_min) & (t <= t_max);
     hits = LEAF_MASK(hit);
     if (hits) {
         const fL tu = v * inverse_det, tv = w * inverse_det;
@@ -114,11 +129,13 @@ TRIANGLE_TEST = """
         }
     }
 """
+)
 
 _PRELUDE = """
 #if VECTOR_CODE
     typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef bool b8 __attribute__((ext_vector_type(8)));
+    typedef int i8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef float fL __attribute__((ext_vector_type(LEAF_SIZE), aligned(4)));
     typedef int iL __attribute__((ext_vector_type(LEAF_SIZE)));
     #define LOAD8(p) (*(const f8*)(p))
@@ -127,7 +144,6 @@ _PRELUDE = """
     #define LEAF_MASK(m) __builtin_bit_cast(unsigned char, __builtin_convertvector(m, b8))
 #else
     typedef bool b4 __attribute__((ext_vector_type(4)));
-    typedef int i8 __attribute__((ext_vector_type(8)));
     #define LEAF_MASK(m) __builtin_bit_cast(unsigned char, __builtin_convertvector( \\
         __builtin_shufflevector((iL)(m), (iL)0, 0, 1, 2, 3, 4, 5, 6, 7), b8))
 #endif
