@@ -10,28 +10,28 @@ Intel MIC Architecture", 2012). On CUDA every thread follows its rays one by one
 import warp as wp
 
 from wrt.kernels.bvh import FOLLOW_RAY, RAY_SETUP, Bvh, native_code
-from wrt.kernels.simd import WOOP_TEST
+from wrt.kernels.simd import WOOP_ERROR, WOOP_TEST
 
 PACKET = 8
 # Rays left in a packet at which they part, measured.
-LONE_RAYS = 3
+LONE_RAYS = 4
 
 _BATCH = (
     """
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
-    const int first = packet * 8;
-    const int left = (int)origins.shape[0] - first, count = left < 8 ? left : 8;
+    const int first = packet * PACKET;
+    const int left = (int)origins.shape[0] - first, count = left < PACKET ? left : PACKET;
 
     struct Lane {
         float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
         int near_row[3], far_row[3], kx, ky, kz;
     };
-    Lane lanes[8];
-    alignas(32) float reach[8], hit_us[8], hit_vs[8];
-    alignas(32) int numbers[8];
-    for (int i = 0; i < 8; ++i) {
+    Lane lanes[PACKET];
+    alignas(64) float reach[PACKET], hit_us[PACKET], hit_vs[PACKET];
+    alignas(64) int numbers[PACKET];
+    for (int i = 0; i < PACKET; ++i) {
         Lane& lane = lanes[i];
         reach[i] = -1.0f;
         numbers[i] = NOTHING_HIT;
@@ -75,15 +75,19 @@ _BATCH = (
     };
 
 #if VECTOR_CODE
+    typedef float fP __attribute__((ext_vector_type(PACKET)));
+    typedef int iP __attribute__((ext_vector_type(PACKET)));
+    typedef bool bP __attribute__((ext_vector_type(PACKET)));
+    #define RAY_MASK(m) __builtin_bit_cast(MASK_TYPE, __builtin_convertvector(m, bP))
     // Together go rays of one octant, which share the boxes' near sides, and of one main axis.
-    bool together = count == 8;
+    bool together = count == PACKET;
     for (int i = 1; i < count; ++i)
         for (int k = 0; k < 3; ++k)
             together &= lanes[i].near_row[k] == lanes[0].near_row[k] && lanes[i].kz == lanes[0].kz;
     if (together) {
-        f8 inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
+        fP inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
         for (int k = 0; k < 3; ++k)
-            for (int i = 0; i < 8; ++i) {
+            for (int i = 0; i < PACKET; ++i) {
                 origin[k][i] = lanes[i].origin[k];
                 shear[k][i] = lanes[i].shear[k];
                 inverse[k][i] = lanes[i].inverse[k];
@@ -94,45 +98,49 @@ _BATCH = (
         const int* const near_row = lanes[0].near_row;
         const int* const far_row = lanes[0].far_row;
         // A stack entry: a child, and where it begins for each ray (infinity for rays that miss it).
-        alignas(32) float begins[STACK_SIZE][8];
+        alignas(64) float begins[STACK_SIZE][PACKET];
         int waiting[STACK_SIZE];
         int top = 1;
         waiting[0] = 0;
-        *(f8*)begins[0] = t_min;
+        *(fP*)begins[0] = t_min;
         while (top > 0) {
             --top;
             const int current = waiting[top];
-            const f8 limit = *(const f8*)reach;
-            unsigned rays = __builtin_bit_cast(
-                unsigned char, __builtin_convertvector(*(const f8*)begins[top] <= limit * pad, b8));
+            const fP limit = *(const fP*)reach;
+            unsigned rays = RAY_MASK(*(const fP*)begins[top] <= limit * pad);
             if (rays == 0) continue;
             if (current < 0) {
                 const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
                 const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
-                f8 best = limit, best_u = *(const f8*)hit_us, best_v = *(const f8*)hit_vs;
-                i8 best_id = *(const i8*)numbers;
+                fP best = limit, best_u = *(const fP*)hit_us, best_v = *(const fP*)hit_vs;
+                iP best_id = *(const iP*)numbers;
                 for (int j = 0; j < LEAF_SIZE; ++j) {
                     #pragma clang fp contract(off)
-                    #define VECTOR f8
-                    #define INTEGERS i8
+                    #define VECTOR fP
+                    #define INTEGERS iP
                     #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
 """
     + WOOP_TEST
     + """
+                    const iP nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
+                    if (RAY_MASK(nearer) == 0) continue;
+"""
+    + WOOP_ERROR
+    + """
                     #undef CORNER
                     #undef VECTOR
                     #undef INTEGERS
-                    const i8 better = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
+                    const iP better = nearer & clear;
                     best = better ? t : best;
                     best_u = better ? v * inverse_det : best_u;
                     best_v = better ? w * inverse_det : best_v;
-                    best_id = better ? (i8)ids[j] : best_id;
+                    best_id = better ? (iP)ids[j] : best_id;
                 }
-                if (any_hit) best = (best_id != NOTHING_HIT) ? (f8)-1.0f : best;
-                *(f8*)reach = best;
-                *(f8*)hit_us = best_u;
-                *(f8*)hit_vs = best_v;
-                *(i8*)numbers = best_id;
+                if (any_hit) best = (best_id != NOTHING_HIT) ? (fP)-1.0f : best;
+                *(fP*)reach = best;
+                *(fP*)hit_us = best_u;
+                *(fP*)hit_vs = best_v;
+                *(iP*)numbers = best_id;
                 continue;
             }
             if (__builtin_popcount(rays) <= LONE_RAYS) {
@@ -141,29 +149,29 @@ _BATCH = (
             }
             const float* node = all_nodes + (size_t)current * 56;
             const int* children = (const int*)(node + 48);
-            const f8 still = (*(const f8*)begins[top] <= limit * pad) ? limit : (f8)-1.0f;
+            const fP still = (*(const fP*)begins[top] <= limit * pad) ? limit : (fP)-1.0f;
             const int bottom = top;
             float nearest[8];
             for (int k = 0; k < 8; ++k) {
-                const f8 tn = __builtin_elementwise_max(
+                const fP tn = __builtin_elementwise_max(
                     __builtin_elementwise_max(node[near_row[0] + k] * inverse[0] - near_shift[0],
                                               node[near_row[1] + k] * inverse[1] - near_shift[1]),
-                    __builtin_elementwise_max(node[near_row[2] + k] * inverse[2] - near_shift[2], (f8)t_min));
-                const f8 tf = __builtin_elementwise_min(
+                    __builtin_elementwise_max(node[near_row[2] + k] * inverse[2] - near_shift[2], (fP)t_min));
+                const fP tf = __builtin_elementwise_min(
                     __builtin_elementwise_min(node[far_row[0] + k] * inverse[0] - far_shift[0],
                                               node[far_row[1] + k] * inverse[1] - far_shift[1]),
                     __builtin_elementwise_min(node[far_row[2] + k] * inverse[2] - far_shift[2], still)) * pad;
-                const unsigned mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(tn <= tf, b8));
+                const unsigned mask = RAY_MASK(tn <= tf);
                 if (mask == 0) continue;
-                const f8 begin = (tn <= tf) ? tn : (f8)__builtin_inff();
+                const fP begin = (tn <= tf) ? tn : (fP)__builtin_inff();
                 const float key = __builtin_reduce_min(begin);
                 int place = top++;
                 for (; place > bottom && nearest[place - bottom - 1] < key; --place) {
-                    *(f8*)begins[place] = *(const f8*)begins[place - 1];
+                    *(fP*)begins[place] = *(const fP*)begins[place - 1];
                     waiting[place] = waiting[place - 1];
                     nearest[place - bottom] = nearest[place - bottom - 1];
                 }
-                *(f8*)begins[place] = begin;
+                *(fP*)begins[place] = begin;
                 waiting[place] = children[k];
                 nearest[place - bottom] = key;
             }
@@ -182,7 +190,7 @@ _BATCH = (
         }
     }
 """
-).replace("LONE_RAYS", str(LONE_RAYS))
+).replace("MASK_TYPE", {8: "unsigned char", 16: "unsigned short"}[PACKET]).replace("PACKET", str(PACKET)).replace("LONE_RAYS", str(LONE_RAYS))
 
 
 @wp.func_native(native_code(_BATCH))

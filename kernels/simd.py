@@ -47,22 +47,39 @@ BOX_TEST = """
 
 # Woop, Benthin and Wald (2013). Every vertex is moved and sheared by arithmetic of its own, so
 # triangles that share an edge see the same numbers; and products are rounded before they are
-# subtracted (no contraction), so the sign of an edge function may vanish but is never wrong. A
-# vanishing one counts as inside on both sides: nothing slips between two triangles.
+# subtracted (MUL is never contracted), so the sign of an edge function may vanish but is never
+# wrong. A vanishing one counts as inside on both sides: nothing slips between two triangles.
 #   in:  CORNER(vertex, axis), origin, shear: vectors or numbers; kx, ky, kz
-#   out: t, u, v, w, inverse_det: VECTOR; inside: INTEGERS, all bits set where the line meets the triangle
+#   out: t, u, v, w, inverse_det: VECTOR; inside: INTEGERS, not 0 where the line meets the triangle
 WOOP_TEST = """
     const VECTOR az = CORNER(0, kz) - origin[kz], bz = CORNER(1, kz) - origin[kz], cz = CORNER(2, kz) - origin[kz];
-    const VECTOR ax = (CORNER(0, kx) - origin[kx]) - shear[0] * az, ay = (CORNER(0, ky) - origin[ky]) - shear[1] * az;
-    const VECTOR bx = (CORNER(1, kx) - origin[kx]) - shear[0] * bz, by = (CORNER(1, ky) - origin[ky]) - shear[1] * bz;
-    const VECTOR cx = (CORNER(2, kx) - origin[kx]) - shear[0] * cz, cy = (CORNER(2, ky) - origin[ky]) - shear[1] * cz;
-    const VECTOR u = cx * by - cy * bx, v = ax * cy - ay * cx, w = bx * ay - by * ax;
-    const VECTOR low = __builtin_elementwise_min(__builtin_elementwise_min(u, v), w);
-    const VECTOR high = __builtin_elementwise_max(__builtin_elementwise_max(u, v), w);
+    const VECTOR ax = (CORNER(0, kx) - origin[kx]) - MUL(shear[0], az);
+    const VECTOR ay = (CORNER(0, ky) - origin[ky]) - MUL(shear[1], az);
+    const VECTOR bx = (CORNER(1, kx) - origin[kx]) - MUL(shear[0], bz);
+    const VECTOR by = (CORNER(1, ky) - origin[ky]) - MUL(shear[1], bz);
+    const VECTOR cx = (CORNER(2, kx) - origin[kx]) - MUL(shear[0], cz);
+    const VECTOR cy = (CORNER(2, ky) - origin[ky]) - MUL(shear[1], cz);
+    const VECTOR u = MUL(cx, by) - MUL(cy, bx), v = MUL(ax, cy) - MUL(ay, cx), w = MUL(bx, ay) - MUL(by, ax);
     const VECTOR det = (u + v) + w;
     const VECTOR inverse_det = 1.0f / det;
-    const VECTOR t = (((u * az + v * bz) + w * cz) * shear[2]) * inverse_det;
-    const INTEGERS inside = ((low >= 0.0f) | (high <= 0.0f)) & (det != 0.0f);
+    const VECTOR t = MUL(MUL((MUL(u, az) + MUL(v, bz)) + MUL(w, cz), shear[2]), inverse_det);
+    const INTEGERS inside = ((LEAST(LEAST(u, v), w) >= 0.0f) | (MOST(MOST(u, v), w) <= 0.0f)) & (det != 0.0f);
+"""
+
+# The bound on the error of t (Pharr, Jakob and Humphreys, "Physically Based Rendering", 3rd edition,
+# section 3.9.6; gamma(n) = n eps / (1 - n eps) with eps = 2^-24). A nearer hit cannot be told from
+# the surface that the ray leaves: without this a ray that leaves a needle hits that needle.
+#   in:  what WOOP_TEST leaves
+#   out: clear: INTEGERS, not 0 where t is greater than its error
+WOOP_ERROR = """
+    const VECTOR most_x = MOST(MOST(SIZE(ax), SIZE(bx)), SIZE(cx)), most_y = MOST(MOST(SIZE(ay), SIZE(by)), SIZE(cy));
+    const VECTOR most_z = MOST(MOST(SIZE(az), SIZE(bz)), SIZE(cz));
+    const VECTOR error_x = 2.9802325e-7f * (most_x + most_z), error_y = 2.9802325e-7f * (most_y + most_z);
+    const VECTOR error_e = 2.0f * (1.1920930e-7f * most_x * most_y + error_y * most_x + error_x * most_y);
+    const VECTOR most_e = MOST(MOST(SIZE(u), SIZE(v)), SIZE(w));
+    // Its terms gamma(3) most_e most_z and error_z most_e are equal, error_z being gamma(3) most_z.
+    const VECTOR error_t = 3.0f * most_z * (2.0f * 1.7881396e-7f * most_e + error_e) * SIZE(shear[2] * inverse_det);
+    const INTEGERS clear = t > error_t;
 """
 
 # A leaf's triangles, all at once.
@@ -82,41 +99,41 @@ TRIANGLE_TEST = (
 """
     + WOOP_TEST
     + """
-    #undef CORNER
-    #undef VECTOR
-    #undef INTEGERS
     const iL hit = inside & (t >= t_min) & (t <= t_max);
     hits = LEAF_MASK(hit);
     if (hits) {
+"""
+    + WOOP_ERROR
+    + """
+        hits &= LEAF_MASK(clear);
         const fL tu = v * inverse_det, tv = w * inverse_det;
         __builtin_memcpy(ts, &t, sizeof ts);
         __builtin_memcpy(us, &tu, sizeof us);
         __builtin_memcpy(vs, &tv, sizeof vs);
     }
+    #undef CORNER
+    #undef VECTOR
+    #undef INTEGERS
     }
 #else
     for (int k = 0; k < LEAF_SIZE; ++k) {
-        const float* p = leaf + k;
-        #define AT(vertex, axis) __fsub_rn(p[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis)], origin[axis])
-        const float az = AT(0, kz), bz = AT(1, kz), cz = AT(2, kz);
-        const float ax = __fsub_rn(AT(0, kx), __fmul_rn(shear[0], az));
-        const float ay = __fsub_rn(AT(0, ky), __fmul_rn(shear[1], az));
-        const float bx = __fsub_rn(AT(1, kx), __fmul_rn(shear[0], bz));
-        const float by = __fsub_rn(AT(1, ky), __fmul_rn(shear[1], bz));
-        const float cx = __fsub_rn(AT(2, kx), __fmul_rn(shear[0], cz));
-        const float cy = __fsub_rn(AT(2, ky), __fmul_rn(shear[1], cz));
-        #undef AT
-        const float u = __fsub_rn(__fmul_rn(cx, by), __fmul_rn(cy, bx));
-        const float v = __fsub_rn(__fmul_rn(ax, cy), __fmul_rn(ay, cx));
-        const float w = __fsub_rn(__fmul_rn(bx, ay), __fmul_rn(by, ax));
-        const bool inside = fminf(fminf(u, v), w) >= 0.0f || fmaxf(fmaxf(u, v), w) <= 0.0f;
-        const float det = __fadd_rn(__fadd_rn(u, v), w);
-        const float inverse_det = 1.0f / det;
-        const float sum = __fadd_rn(__fadd_rn(__fmul_rn(u, az), __fmul_rn(v, bz)), __fmul_rn(w, cz));
-        ts[k] = __fmul_rn(__fmul_rn(sum, shear[2]), inverse_det);
+        #define VECTOR float
+        #define INTEGERS int
+        #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + k]
+"""
+    + WOOP_TEST
+    + """
+        if (!(inside & (t >= t_min) & (t <= t_max))) continue;
+"""
+    + WOOP_ERROR
+    + """
+        #undef CORNER
+        #undef VECTOR
+        #undef INTEGERS
+        ts[k] = t;
         us[k] = v * inverse_det;
         vs[k] = w * inverse_det;
-        hits |= (unsigned)(inside && det != 0.0f && ts[k] >= t_min && ts[k] <= t_max) << k;
+        hits |= (unsigned)(clear != 0) << k;
     }
 #endif
     for (; hits; hits &= hits - 1) {
@@ -140,6 +157,10 @@ _PRELUDE = """
     typedef int iL __attribute__((ext_vector_type(LEAF_SIZE)));
     #define LOAD8(p) (*(const f8*)(p))
     #define LOWEST_BIT(m) __builtin_ctz(m)
+    #define MUL(a, b) ((a) * (b))
+    #define LEAST(a, b) __builtin_elementwise_min(a, b)
+    #define MOST(a, b) __builtin_elementwise_max(a, b)
+    #define SIZE(a) __builtin_elementwise_abs(a)
 #if LEAF_SIZE == 8
     #define LEAF_MASK(m) __builtin_bit_cast(unsigned char, __builtin_convertvector(m, b8))
 #else
@@ -149,6 +170,10 @@ _PRELUDE = """
 #endif
 #else
     #define LOWEST_BIT(m) (__ffs(m) - 1)
+    #define MUL(a, b) __fmul_rn(a, b)
+    #define LEAST(a, b) fminf(a, b)
+    #define MOST(a, b) fmaxf(a, b)
+    #define SIZE(a) fabsf(a)
 #endif
 """
 
@@ -156,6 +181,10 @@ _POSTLUDE = """
 #undef LOAD8
 #undef LOWEST_BIT
 #undef LEAF_MASK
+#undef MUL
+#undef LEAST
+#undef MOST
+#undef SIZE
 """
 
 

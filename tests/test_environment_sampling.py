@@ -97,7 +97,9 @@ def image_cells(d: NDArray, height: int, width: int, rotation_degrees: float) ->
     # Arcus tangent, not cosine: float32 directions hold it near the poles as well.
     v = np.arctan2(np.hypot(d[:, 0], d[:, 2]), d[:, 1]) / np.pi
     u = ((np.arctan2(d[:, 0], -d[:, 2]) + np.radians(rotation_degrees)) / (2.0 * np.pi) + 0.5) % 1.0
-    return np.minimum((v * height).astype(np.int64), height - 1) * width + np.minimum((u * width).astype(np.int64), width - 1)
+    return np.minimum((v * height).astype(np.int64), height - 1) * width + np.minimum(
+        (u * width).astype(np.int64), width - 1
+    )
 
 
 def noise(height: int, width: int) -> NDArray[np.float32]:

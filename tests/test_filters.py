@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -61,7 +62,7 @@ def test_offsets_follow_the_profile(name: str, device: str, report: Report) -> N
     half_width, profile = PROFILES[name]
     x = offset(name, uniforms(N, 1, seed=1)[:, 0], device)
     edges = np.linspace(-half_width, half_width, 102)
-    mass = np.array([integrate.quad(profile, a, b)[0] for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    mass = np.array([integrate.quad(profile, a, b)[0] for a, b in itertools.pairwise(edges)])
     counts, _ = np.histogram(x, edges)
     result = chi_square_test(counts, N * mass / mass.sum(), tests=len(PROFILES))
     report(name, result.statistic, result.dof, p=result.p)

@@ -159,5 +159,7 @@ def test_digests_are_the_same_in_another_process() -> None:
         "print(json.dumps(scene_fingerprint(scene())))"
     )
     environ = {**os.environ, "PYTHONHASHSEED": "12345"}
-    run = subprocess.run([sys.executable, "-c", code], cwd=root, env=environ, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, env=environ, capture_output=True, text=True, check=True
+    )
     assert json.loads(run.stdout) == scene_fingerprint(scene())

@@ -135,7 +135,9 @@ def test_normal_incidence(device: str) -> None:
     eta, k = grid(np.linspace(0.05, 5.0, 60), np.linspace(0.0, 8.0, 60))
     one = np.ones_like(eta)
     expected = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2)
-    np.testing.assert_allclose(map_function(fresnel_conductor_channel, one, eta, k, device=device), expected, atol=ROUNDINGS)
+    np.testing.assert_allclose(
+        map_function(fresnel_conductor_channel, one, eta, k, device=device), expected, atol=ROUNDINGS
+    )
     glass = map_function(fresnel_dielectric, one, eta, device=device)
     np.testing.assert_allclose(glass, ((eta - 1.0) / (eta + 1.0)) ** 2, atol=1e-6)
 
@@ -161,7 +163,12 @@ def test_brewsters_angle_has_no_parallel_part(device: str) -> None:
 
 @pytest.mark.parametrize(
     ("metal", "eta", "k", "printed"),
-    [("silver", 0.20, 3.44, 0.94), ("gold", 0.47, 2.83, 0.82), ("copper", 0.62, 2.57, 0.73), ("aluminium", 1.44, 5.23, 0.83)],
+    [
+        ("silver", 0.20, 3.44, 0.94),
+        ("gold", 0.47, 2.83, 0.82),
+        ("copper", 0.62, 2.57, 0.73),
+        ("aluminium", 1.44, 5.23, 0.83),
+    ],
 )
 def test_metals_reflect_as_tabulated(metal: str, eta: float, k: float, printed: float, device: str) -> None:
     """Constants for sodium light, 589.3 nm: Born and Wolf, "Principles of Optics", 7th edition, table 14.1."""

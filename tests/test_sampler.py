@@ -148,9 +148,7 @@ def test_pairs_across_blocks_fill_the_square(axis: str, device: str, report: Rep
     pair_tests(pairs, report)
 
 
-@pytest.mark.parametrize(
-    ("axis", "step"), [("index", 1), ("pixel", 1), ("pixel", 768), ("seed", 1), ("index", 2**16)]
-)
+@pytest.mark.parametrize(("axis", "step"), [("index", 1), ("pixel", 1), ("pixel", 768), ("seed", 1), ("index", 2**16)])
 def test_pairs_of_neighbours_fill_the_square(axis: str, step: int, device: str, report: Report) -> None:
     """Consecutive samples, the pixel to the right and below, the next seed."""
     other = "index" if axis == "pixel" else "pixel"

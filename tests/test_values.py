@@ -27,7 +27,8 @@ def message(call: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize(
-    "value", [2, 2.0, np.float32(2), np.float64(2), np.int64(2), np.array(2.0), fractions.Fraction(2), decimal.Decimal(2)]
+    "value",
+    [2, 2.0, np.float32(2), np.float64(2), np.int64(2), np.array(2.0), fractions.Fraction(2), decimal.Decimal(2)],
 )
 def test_numbers_of_every_kind(value: Any) -> None:
     result = number(value, "thing")

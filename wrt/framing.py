@@ -15,27 +15,36 @@ VIEW = (0.45, 0.38, 1.0)
 
 
 def frame_camera(
-    bounds: ArrayLike, aspect: float, *, view: Vec3 = VIEW, fov_degrees: float = 30.0, margin: float = 1.06
+    points: ArrayLike, aspect: float, *, view: Vec3 = VIEW, fov_degrees: float = 30.0, margin: float = 1.06
 ) -> PerspectiveCamera:
-    """Return a camera that sees the whole box of `bounds` ((2, 3), lowest and highest corner).
+    """Return the nearest camera that looks against `view` and has every point in its picture.
 
-    The distance is the smallest at which all eight corners, `margin` times as far out, are inside
-    the picture of width over height `aspect`.
+    For each axis of the picture, the two sides of the view's wedge that just touch the points meet
+    in a line; the camera is where the farther of the two lines is, in the middle of the other wedge.
+
+    Args:
+        points: (N, 3) what must be seen.
+        aspect: width of the picture over its height.
+        view: direction from the points to the camera.
+        fov_degrees: full vertical field of view.
+        margin: how much larger the picture is than what just holds the points.
     """
-    low, high = np.asarray(bounds, dtype=np.float64)
-    center = 0.5 * (low + high)
-    half = 0.5 * margin * (high - low)
-    if not half.any():
-        half = np.full(3, 0.5)
+    p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    center = 0.5 * (p.min(axis=0) + p.max(axis=0))
+    p = p - center
+    if not p.any():
+        p = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
     toward = np.array(view) / np.linalg.norm(view)
-    trial = PerspectiveCamera(origin=tuple(toward), target=(0.0, 0.0, 0.0))
-    right, up, forward = trial.frame()
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
-    corners = signs * half
-    tangent = math.tan(math.radians(fov_degrees) / 2.0)
-    distance = max(
-        float((np.abs(corners @ right) / (tangent * aspect) - corners @ forward).max()),
-        float((np.abs(corners @ up) / tangent - corners @ forward).max()),
-    )
-    origin = center + toward * distance
-    return PerspectiveCamera(origin=tuple(origin), target=tuple(center), fov_degrees=fov_degrees)
+    right, up, forward = PerspectiveCamera(origin=tuple(toward), target=(0.0, 0.0, 0.0)).frame()
+    tangent = math.tan(math.radians(fov_degrees) / 2.0) / margin
+    depth = p @ forward
+    middles, depths = [], []
+    for axis, slope in ((right, tangent * aspect), (up, tangent)):
+        across = p @ axis
+        high, low = (across - slope * depth).max(), (-across - slope * depth).max()
+        middles.append(0.5 * (high - low))
+        depths.append(-0.5 * (high + low) / slope)
+    # A flat thing seen edge-on must not touch the lens.
+    nearest = min(*depths, depth.min() - 1e-3 * float(np.abs(p).max()))
+    origin = center + middles[0] * right + middles[1] * up + nearest * forward
+    return PerspectiveCamera(origin=tuple(origin), target=tuple(origin - nearest * forward), fov_degrees=fov_degrees)

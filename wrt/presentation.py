@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -15,8 +16,8 @@ from wrt.scene import RenderSettings, Scene, Shape
 from wrt.shapes import quad
 
 SETTINGS = RenderSettings(width=960, height=720, spp=128)
-KEY_RADIANCE = 17.0
-FILL_RADIANCE = 0.42
+KEY_RADIANCE = 12.5
+FILL_RADIANCE = 0.36
 GROUND_REFLECTANCE = 0.55
 
 # Turns each axis that may point up into +y.
@@ -49,7 +50,7 @@ def present(shapes: list[Shape], *, up: str = "y") -> Scene:
         shapes = [
             Shape(s.mesh.rotated(axis, degrees), s.material, s.emission, s.two_sided_emission, s.name) for s in shapes
         ]
-    scene = Scene(shapes=list(shapes), settings=SETTINGS)
+    scene = Scene(shapes=list(shapes), settings=dataclasses.replace(SETTINGS))
     low, high = scene.bounds
     size = float(np.linalg.norm(high - low))
     if size == 0.0:
@@ -57,7 +58,8 @@ def present(shapes: list[Shape], *, up: str = "y") -> Scene:
     floor = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
     center = 0.5 * (low + high)
 
-    scene.camera = frame_camera(scene.bounds, SETTINGS.width / SETTINGS.height, fov_degrees=24.0, margin=1.18)
+    points = np.concatenate([shape.mesh.vertices for shape in scene.shapes])
+    scene.camera = frame_camera(points, SETTINGS.width / SETTINGS.height, fov_degrees=24.0, margin=1.3)
     scene.environment = ConstantEnvironment(FILL_RADIANCE)
     scene.add(_sweep(floor, size), material=Diffuse(GROUND_REFLECTANCE), name="ground")
     # A key light as wide as the object, from the upper left in front, gives shadows a soft edge.

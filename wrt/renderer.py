@@ -111,7 +111,8 @@ class Renderer:
         if not scene.shapes:
             raise InputError("the scene has no shapes to render")
         if self.scene.camera is None:
-            self.scene.camera = frame_camera(self.scene.bounds, self.width / self.height)
+            points = np.concatenate([shape.mesh.vertices for shape in self.scene.shapes])
+            self.scene.camera = frame_camera(points, self.width / self.height)
         if not _has_light(self.scene):
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
 

@@ -1,0 +1,124 @@
+"""Every kernel compiles for CUDA. NVRTC comes with Warp, so no GPU is needed."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import warp as wp
+
+import wrt.kernels
+from wrt.device import initialize_warp
+from wrt.kernels.bsdf import MODELS
+from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.features import Features
+from wrt.kernels.render import make_render_kernel
+
+ARCHITECTURES = (75, 90)
+"""Turing, the oldest that Warp supports, and Hopper."""
+
+FACTORIES = {("wrt.kernels.render", "make_render_kernel")}
+"""Functions that make kernels; each is called below."""
+
+FEATURES = [
+    Features(("diffuse",), False, "none"),
+    Features(("conductor", "dielectric"), False, "constant"),
+    Features(tuple(sorted(MODELS)), True, "image"),
+]
+
+
+def kernel_modules() -> Iterator[ModuleType]:
+    yield wrt.kernels
+    for found in pkgutil.walk_packages(wrt.kernels.__path__, "wrt.kernels."):
+        yield importlib.import_module(found.name)
+
+
+def declared_kernels() -> dict[str, wp.Kernel]:
+    """Return every kernel at the top level of a module of the package, by name."""
+    return {
+        f"{module.__name__}.{name}": value
+        for module in kernel_modules()
+        for name, value in vars(module).items()
+        if isinstance(value, wp.Kernel) and value.func.__module__ == module.__name__
+    }
+
+
+MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
+
+
+def compile_for_cuda(module: wp.Module, architecture: int, folder: Path) -> None:
+    initialize_warp()
+    paths = wp.compile_aot_module(module, arch=architecture, module_dir=folder, use_ptx=True)
+    assert [path.suffix for path in paths] == [".ptx"]
+    assert f".target sm_{architecture}" in paths[0].read_text()
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
+    compile_for_cuda(wp.get_module(name), architecture, tmp_path)
+    text = next(tmp_path.glob("*.ptx")).read_text()
+    for kernel in declared_kernels().values():
+        if kernel.module.name == name:
+            assert f".visible .entry {kernel.get_mangled_name()}" in text
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
+def test_render_kernels_compile(features: Features, architecture: int, tmp_path: Path) -> None:
+    compile_for_cuda(make_render_kernel(features).module, architecture, tmp_path)
+
+
+@wp.kernel(enable_backward=False, module="test_cuda_compile.rays")
+def rays(bvh: Bvh, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
+    i = wp.tid()
+    hit = bvh_closest_hit(bvh, origins[i], directions[i], 0.0, 1.0e30)
+    if not bvh_any_hit(bvh, origins[i], directions[i], 0.0, hit.t):
+        out[i] = hit.t
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+def test_rays_compile(architecture: int, tmp_path: Path) -> None:
+    compile_for_cuda(rays.module, architecture, tmp_path)
+
+
+@wp.func_native("return __builtin_elementwise_max(a, 1.0f);")
+def clang_only(a: float) -> float: ...
+
+
+@wp.kernel(enable_backward=False, module="test_cuda_compile.wrong")
+def wrong(out: wp.array(dtype=float)):
+    out[0] = clang_only(out[0])
+
+
+def test_code_that_only_clang_knows_does_not_compile(tmp_path: Path) -> None:
+    """The test above can fail."""
+    with pytest.raises(Exception, match=r"CUDA|NVRTC|compile"):
+        compile_for_cuda(wrong.module, ARCHITECTURES[0], tmp_path)
+
+
+def test_no_kernel_is_left_out() -> None:
+    """What is written with @wp.kernel is a kernel of a module compiled above, or of a factory called above."""
+    top_level, made = set(), set()
+    for module in kernel_modules():
+        tree = ast.parse(Path(str(module.__file__)).read_text())
+        for node in tree.body:
+            for inner in ast.walk(node):
+                if not isinstance(inner, ast.FunctionDef) or not any(is_kernel(d) for d in inner.decorator_list):
+                    continue
+                if inner is node:
+                    top_level.add(f"{module.__name__}.{inner.name}")
+                else:
+                    made.add((module.__name__, getattr(node, "name", "")))
+    assert top_level == set(declared_kernels())
+    assert made == FACTORIES
+
+
+def is_kernel(decorator: ast.expr) -> bool:
+    called = decorator.func if isinstance(decorator, ast.Call) else decorator
+    return ast.unparse(called) == "wp.kernel"

@@ -1,0 +1,172 @@
+"""Launches: each index once, whatever the slices; and what cannot be launched on is refused."""
+
+from __future__ import annotations
+
+import _thread
+import threading
+import time
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wrt
+from wrt.device import SLICES_PER_THREAD, Device, available_threads
+
+
+@wp.kernel(enable_backward=False)
+def count(first: int, counts: wp.array(dtype=int)):
+    i = first + wp.tid()
+    wp.atomic_add(counts, i + 8, 1)
+
+
+@wp.kernel(enable_backward=False)
+def dawdle(first: int, loops: int, counts: wp.array(dtype=int)):
+    i = first + wp.tid()
+    x = float(i)
+    for _ in range(loops):
+        x = wp.sin(x)
+    counts[i] = counts[i] + wp.where(x > 2.0, 2, 1)
+
+
+def launched(device: Device, n: int) -> np.ndarray:
+    """Return how often each index was run, with eight more on both sides."""
+    counts = wp.zeros(n + 16, dtype=int, device=device.name)
+    device.launch(count, n, [counts])
+    return counts.numpy()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("n", [1, 2, 1000, 100_003])
+def test_each_index_runs_once(n: int, threads: int, device: str) -> None:
+    counts = launched(Device(device, threads=threads), n)
+    assert (counts[8:-8] == 1).all()
+    assert (counts[:8] == 0).all()
+    assert (counts[-8:] == 0).all()
+
+
+def test_nothing_to_do_is_done(device: str) -> None:
+    assert (launched(Device(device), 0) == 0).all()
+
+
+@pytest.mark.parametrize("n", [1, 15, 16, 17, 31, 32, 33, 97])
+def test_counts_around_the_number_of_slices(n: int) -> None:
+    assert (launched(Device("cpu", threads=2), n)[8:-8] == 1).all()
+
+
+def test_launches_are_few_and_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts: list[tuple[int, int, str]] = []
+    launch = wp.launch
+
+    def recorded(kernel: wp.Kernel, dim: int, inputs: list, **options: object) -> None:
+        starts.append((inputs[0], dim, threading.current_thread().name))
+        launch(kernel, dim=dim, inputs=inputs, **options)
+
+    monkeypatch.setattr(wp, "launch", recorded)
+    assert (launched(Device("cpu", threads=3), 10_000)[8:-8] == 1).all()
+    assert len(starts) <= 3 * SLICES_PER_THREAD
+    assert threading.main_thread().name not in {name for _, _, name in starts}
+
+
+def test_an_empty_slice_is_never_launched(monkeypatch: pytest.MonkeyPatch) -> None:
+    dims: list[int] = []
+    monkeypatch.setattr(wp, "launch", lambda kernel, dim, **_: dims.append(dim))
+    for n in range(1, 200):
+        dims.clear()
+        Device("cpu", threads=2).launch(None, n, [])
+        assert min(dims) > 0
+        assert sum(dims) == n
+
+
+def test_an_error_in_a_slice_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("broken kernel")
+
+    device = Device("cpu", threads=2)
+    monkeypatch.setattr(wp, "launch", fail)
+    with pytest.raises(RuntimeError, match="broken kernel"):
+        device.launch(count, 100, [])
+    monkeypatch.undo()
+    # The pool is still of use.
+    assert (launched(device, 1000)[8:-8] == 1).all()
+
+
+def test_an_interrupt_leaves_no_worker_running() -> None:
+    """Slices that run end, no other starts, and none runs once the interrupt is with the caller."""
+    device = Device("cpu", threads=2)
+    n, loops = 64 * SLICES_PER_THREAD, 20_000
+    counts = wp.zeros(n, dtype=int, device="cpu")
+    device.launch(dawdle, n, [1, counts])
+    counts.zero_()
+    started = time.perf_counter()
+    device.launch(dawdle, n // 16, [loops, counts])
+    slice_seconds = (time.perf_counter() - started) / SLICES_PER_THREAD
+    # So that the whole launch takes some seconds, and a slice a part of one.
+    loops = int(loops * max(1.0, 0.05 / max(slice_seconds, 1e-6)) / 16)
+    counts.zero_()
+    timer = threading.Timer(0.3, _thread.interrupt_main)
+    timer.start()
+
+    def launch_on_and_on() -> None:
+        for _ in range(1000):
+            device.launch(dawdle, n, [loops, counts])
+
+    with pytest.raises(KeyboardInterrupt):
+        launch_on_and_on()
+    timer.join()
+    seen = counts.numpy().copy()
+    time.sleep(0.3)
+    np.testing.assert_array_equal(counts.numpy(), seen)
+    # What was run was run in whole slices: no index is more than one launch ahead of another.
+    assert np.ptp(seen) <= 1
+    assert (launched(device, 1000)[8:-8] == 1).all()
+
+
+@pytest.mark.parametrize(
+    "name", ["", "gpu", "CPU", "cpu:0", "cpu:", "cuda:x", "cuda:-1", "cuda:1.5", "cuda:0:0", "cuda0", None, 0, "metal"]
+)
+def test_unknown_devices(name: object) -> None:
+    with pytest.raises(wrt.InputError, match="unknown device") as caught:
+        Device(name)  # type: ignore[arg-type]
+    assert repr(name) in str(caught.value)
+    assert "use cpu, cuda or cuda:N" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1025, 2.0, "two", True])
+def test_bad_thread_counts(threads: object) -> None:
+    with pytest.raises(wrt.InputError, match="threads") as caught:
+        Device("cpu", threads=threads)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["cuda", "cuda:0", "cuda:7"])
+def test_cuda_without_a_gpu(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    Device("cpu")
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 0)
+    with pytest.raises(wrt.InputError, match="no CUDA GPU was found; use cpu") as caught:
+        Device(name)
+    assert repr(name) in str(caught.value)
+
+
+def test_a_gpu_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    Device("cpu")
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 2)
+    assert Device("cuda").name == "cuda:0"
+    device = Device("cuda:1", threads=4)
+    assert (device.name, device.threads, device.is_cpu) == ("cuda:1", 1, False)
+    with pytest.raises(wrt.InputError, match="only 2 CUDA GPUs"):
+        Device("cuda:2")
+
+
+def test_threads_default_to_the_cores_there_are() -> None:
+    assert Device("cpu").threads == available_threads() >= 1
+    assert Device("cpu", threads=3).threads == 3
+
+
+def test_the_renderer_refuses_as_the_device_does() -> None:
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(wrt.box())
+    for options in ({"device": "gpu"}, {"threads": 0}):
+        with pytest.raises(wrt.InputError):
+            wrt.Renderer(scene, width=4, height=4, **options)

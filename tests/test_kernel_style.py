@@ -1,0 +1,204 @@
+"""Rules that the sources keep: what imports what, how kernels are declared, how long files get."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+KERNEL_FILES = sorted((ROOT / "kernels").rglob("*.py"))
+HOST_FILES = sorted((ROOT / "wrt").rglob("*.py"))
+DESCRIPTION = [
+    "camera", "environment", "errors", "files", "lights", "materials", "mesh", "scene", "shapes", "textures", "values",
+]  # fmt: skip
+"""Modules of wrt that describe a scene: plain data, which must not wait for Warp."""
+
+IN_PLACE = {"boxes"}
+"""Arrays that one kernel fills and others then sort in place: everywhere under one name."""
+
+MOST_LINES = 450
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(tree: ast.AST) -> Iterator[tuple[str, ast.stmt]]:
+    """Yield every imported module by its full name, at any depth."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name, node
+        elif isinstance(node, ast.ImportFrom):
+            yield "." * node.level + (node.module or ""), node
+            # `from wrt import x` may import a module.
+            if node.module == "wrt":
+                for alias in node.names:
+                    yield f"wrt.{alias.name}", node
+
+
+def imports_of_module(tree: ast.Module) -> set[str]:
+    """Return what is imported as soon as the module is, so not inside functions nor for type checkers."""
+    found = set()
+
+    def visit(nodes: list[ast.stmt]) -> None:
+        for node in nodes:
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                continue
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                continue
+            if isinstance(node, (ast.Import, ast.ImportFrom)):
+                found.update(name for name, _ in imports(node))
+            for field in ("body", "orelse", "finalbody", "handlers"):
+                visit(getattr(node, field, []))
+
+    visit(tree.body)
+    return found
+
+
+def within(name: str, package: str) -> bool:
+    return name == package or name.startswith(package + ".")
+
+
+def functions(tree: ast.AST) -> Iterator[tuple[ast.FunctionDef, list[ast.AST]]]:
+    """Yield every function with what encloses it."""
+
+    def visit(node: ast.AST, parents: list[ast.AST]) -> Iterator[tuple[ast.FunctionDef, list[ast.AST]]]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.FunctionDef):
+                yield child, parents
+            yield from visit(child, [*parents, child])
+
+    yield from visit(tree, [])
+
+
+def decorators(function: ast.FunctionDef) -> dict[str, ast.expr]:
+    return {ast.unparse(d.func if isinstance(d, ast.Call) else d): d for d in function.decorator_list}
+
+
+def test_there_are_kernels_to_look_at() -> None:
+    kernels = [f for path in KERNEL_FILES for f, _ in functions(tree_of(path)) if "wp.kernel" in decorators(f)]
+    assert len(kernels) >= 5
+    assert len(KERNEL_FILES) > 20
+
+
+@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
+def test_kernels_import_warp_and_themselves(path: Path) -> None:
+    for name, node in imports(tree_of(path)):
+        standard = name.split(".")[0] in sys.stdlib_module_names and name != "__future__"
+        assert within(name, "warp") or within(name, "wrt.kernels") or standard, f"line {node.lineno}: imports {name}"
+
+
+@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
+def test_kernels_keep_their_annotations(path: Path) -> None:
+    """Warp reads them as objects, which `from __future__ import annotations` turns into text."""
+    assert "__future__" not in {name for name, _ in imports(tree_of(path))}
+
+
+@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
+def test_kernels_are_declared_without_gradients(path: Path) -> None:
+    """They are half of the compiled code, and nobody asks for them."""
+    for function, _ in functions(tree_of(path)):
+        decorator = decorators(function).get("wp.kernel")
+        if decorator is None:
+            continue
+        options = {k.arg: k.value for k in decorator.keywords} if isinstance(decorator, ast.Call) else {}
+        off = options.get("enable_backward")
+        assert isinstance(off, ast.Constant), f"{function.name}: enable_backward must be written out"
+        assert off.value is False, function.name
+
+
+@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
+def test_every_public_thing_of_the_device_is_explained(path: Path) -> None:
+    """Functions and structs; those inside a factory, and those with an underscore, are explained by its text."""
+    tree = tree_of(path)
+    assert ast.get_docstring(tree), "the file says nothing about itself"
+    for node in tree.body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+            assert ast.get_docstring(node), f"line {node.lineno}: {node.name} has no docstring"
+
+
+@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
+def test_kernels_fill_only_arrays_named_out(path: Path) -> None:
+    """An array argument that a kernel only writes ends in _out; state that it reads as well needs not."""
+    for function, _ in functions(tree_of(path)):
+        if "wp.kernel" not in decorators(function):
+            continue
+        arrays = {a.arg for a in function.args.args if a.annotation and "wp.array" in ast.unparse(a.annotation)}
+        written = {base(node) for node in ast.walk(function) if isinstance(node, ast.Subscript) and is_store(node)}
+        read = {base(node) for node in ast.walk(function) if isinstance(node, ast.Subscript) and not is_store(node)}
+        for name in arrays & written - read:
+            assert name.endswith("_out") or name in IN_PLACE, f"{function.name} writes {name}"
+        for name in arrays:
+            assert not name.endswith("_out") or name not in read, f"{function.name} reads {name}"
+
+
+def is_store(node: ast.Subscript) -> bool:
+    return isinstance(node.ctx, ast.Store)
+
+
+def base(node: ast.expr) -> str:
+    while isinstance(node, (ast.Subscript, ast.Attribute)):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
+def test_static_expressions_do_not_hang_on_loop_variables(path: Path) -> None:
+    """Warp's hash leaves such a `wp.static` out, so two kernels would be taken for one another."""
+    for function, _ in functions(tree_of(path)):
+        for loop in ast.walk(function):
+            if not isinstance(loop, ast.For):
+                continue
+            variables = {n.id for n in ast.walk(loop.target) if isinstance(n, ast.Name)}
+            for call in ast.walk(loop):
+                if isinstance(call, ast.Call) and ast.unparse(call.func) == "wp.static":
+                    names = {n.id for argument in call.args for n in ast.walk(argument) if isinstance(n, ast.Name)}
+                    assert not names & variables, f"line {call.lineno}: {ast.unparse(call)}"
+
+
+@pytest.mark.parametrize("path", [ROOT / "wrt" / f"{name}.py" for name in DESCRIPTION], ids=name_of)
+def test_descriptions_know_nothing_of_warp(path: Path) -> None:
+    for name, node in imports(tree_of(path)):
+        for forbidden in ("warp", "wrt.kernels", "wrt.build", "wrt.renderer", "wrt.device", "wrt.film", "wrt.cli"):
+            assert not within(name, forbidden), f"line {node.lineno}: imports {name}"
+
+
+ONE_WAY = {
+    "wrt/build": ("wrt.renderer", "wrt.api", "wrt.cli", "wrt.formats", "wrt.film", "wrt.checkpoint"),
+    "wrt/formats": ("warp", "wrt.build", "wrt.renderer", "wrt.api", "wrt.cli", "wrt.device", "wrt.film", "wrt.kernels"),
+    "wrt/film.py": ("wrt.renderer", "wrt.api", "wrt.cli", "wrt.build", "wrt.formats"),
+    "wrt/device.py": ("wrt.renderer", "wrt.api", "wrt.cli", "wrt.build", "wrt.film", "wrt.kernels", "wrt.scene"),
+    "wrt/renderer.py": ("wrt.api", "wrt.cli"),
+}
+"""Arrows run one way: formats -> scene <- build -> kernels, renderer -> build, device, film; cli -> renderer."""
+
+
+@pytest.mark.parametrize("part", ONE_WAY)
+def test_imports_run_one_way(part: str) -> None:
+    paths = [path for path in HOST_FILES if name_of(path).startswith(part)]
+    assert paths
+    for path in paths:
+        for name, node in imports(tree_of(path)):
+            for forbidden in ONE_WAY[part]:
+                assert not within(name, forbidden), f"{name_of(path)} line {node.lineno}: imports {name}"
+
+
+@pytest.mark.parametrize("path", HOST_FILES, ids=name_of)
+def test_heavy_imports_wait_until_they_are_needed(path: Path) -> None:
+    heavy = ("warp", "trimesh", "PIL", "OpenEXR", "OpenImageIO", "tqdm", "wrt.kernels")
+    for name in imports_of_module(tree_of(path)):
+        assert not any(within(name, package) for package in heavy), f"imports {name} at once"
+
+
+@pytest.mark.parametrize("path", [*KERNEL_FILES, *HOST_FILES], ids=name_of)
+def test_files_stay_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
