@@ -17,7 +17,8 @@ PACKET = 8
 LONE_RAYS = 4
 
 _BATCH = (
-    """
+    (
+        """
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
@@ -52,8 +53,8 @@ _BATCH = (
             direction[k] = directions.data[first + i][k];
         }
 """
-    + RAY_SETUP
-    + """
+        + RAY_SETUP
+        + """
     }
 
     // The way of one ray from a node on.
@@ -66,8 +67,8 @@ _BATCH = (
         float t_max = reach[i], hit_u = hit_us[i], hit_v = hit_vs[i];
         int id_max = numbers[i];
 """
-    + FOLLOW_RAY
-    + """
+        + FOLLOW_RAY
+        + """
         hit_us[i] = hit_u;
         hit_vs[i] = hit_v;
         numbers[i] = id_max;
@@ -120,13 +121,13 @@ _BATCH = (
                     #define INTEGERS iP
                     #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
 """
-    + WOOP_TEST
-    + """
+        + WOOP_TEST
+        + """
                     const iP nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
                     if (RAY_MASK(nearer) == 0) continue;
 """
-    + WOOP_ERROR
-    + """
+        + WOOP_ERROR
+        + """
                     #undef CORNER
                     #undef VECTOR
                     #undef INTEGERS
@@ -190,7 +191,11 @@ _BATCH = (
         }
     }
 """
-).replace("MASK_TYPE", {8: "unsigned char", 16: "unsigned short"}[PACKET]).replace("PACKET", str(PACKET)).replace("LONE_RAYS", str(LONE_RAYS))
+    )
+    .replace("MASK_TYPE", {8: "unsigned char", 16: "unsigned short"}[PACKET])
+    .replace("PACKET", str(PACKET))
+    .replace("LONE_RAYS", str(LONE_RAYS))
+)
 
 
 @wp.func_native(native_code(_BATCH))
@@ -227,6 +232,4 @@ def trace_batch(
 
     `triangle_out` is −1 where nothing is hit; with `any_hit` only that is told.
     """
-    _trace_packet(
-        bvh, first + wp.tid(), origins, directions, order, t_min, t_max, any_hit, triangle_out, t_out, uv_out
-    )
+    _trace_packet(bvh, first + wp.tid(), origins, directions, order, t_min, t_max, any_hit, triangle_out, t_out, uv_out)

@@ -18,9 +18,6 @@ COST_SLOTS = 8
 _LARGE = wp.constant(3.0e38)
 # Cost of a node's test in units of a leaf's, measured.
 _NODE_COST = wp.constant(1.0)
-# A split by the surface-area heuristic may be lopsided. Below this depth triangles are halved, so no
-# tree is deeper than this plus log2 of its triangles.
-MAX_SAH_DEPTH = 48
 _task_stack = wp.types.vector(length=64, dtype=int)
 _open_nodes = wp.types.vector(length=16, dtype=int)
 _bin_costs = wp.types.vector(length=16, dtype=float)
@@ -84,8 +81,13 @@ def split_node(
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
     scratch: int,
+    max_sah_depth: int,
 ):
-    """Set a node's box and, where it holds more than a leaf may, split its boxes between two children."""
+    """Set a node's box and, where it holds more than a leaf may, split its boxes between two children.
+
+    Splits by surface area may be lopsided. From `max_sah_depth` on the boxes are halved, so no binary
+    tree is deeper than that plus log2 of its boxes.
+    """
     first = nodes[index].first
     count = nodes[index].count
     depth = nodes[index].depth
@@ -113,7 +115,7 @@ def split_node(
         extent = -centers[axis + 4] - centers[axis]
         if extent > 0.0:
             scale[axis] = float(BINS) * 0.9999 / extent
-    if depth < wp.static(MAX_SAH_DEPTH):
+    if depth < max_sah_depth:
         for k in range(wp.static(3 * BINS)):
             bin_boxes[scratch + k] = empty
             bin_counts[scratch + k] = 0
@@ -180,10 +182,11 @@ def split_nodes(
     boxes: wp.array(dtype=vec8),
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
+    max_sah_depth: int,
 ):
     """Split each of a list of nodes once."""
     i = first + wp.tid()
-    split_node(nodes, open_nodes[i], boxes, bin_boxes, bin_counts, i * wp.static(3 * BINS))
+    split_node(nodes, open_nodes[i], boxes, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)
 
 
 @wp.func
@@ -214,7 +217,8 @@ def collapse_costs(nodes: wp.array(dtype=BinaryNode), index: int, costs: wp.arra
     cheapest = area * _NODE_COST + shared[7]
     costs[base + 1] = cheapest
     for j in range(2, 8):
-        if shared[j - 1] < cheapest:
+        # Of equal costs, as among boxes without area, the one with more roots: it is less deep.
+        if shared[j - 1] <= cheapest:
             cheapest = shared[j - 1]
         else:
             choices = choices & ~(7 << (3 * (j - 2)))
@@ -230,6 +234,7 @@ def build_subtrees(
     boxes: wp.array(dtype=vec8),
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
+    max_sah_depth: int,
     costs: wp.array(dtype=float),
 ):
     """Split everything below each of a list of nodes, and price its collapse."""
@@ -242,7 +247,7 @@ def build_subtrees(
     while top > 0:
         top -= 1
         index = stack[top]
-        split_node(nodes, index, boxes, bin_boxes, bin_counts, i * wp.static(3 * BINS))
+        split_node(nodes, index, boxes, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)
         right = nodes[index].right
         if right != 0:
             # The larger child waits, so the stack never exceeds log2 of the triangles.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from wrt.errors import InputError
 
 SUBTREE_SIZE = 16384
 """Triangles below which one thread builds a whole subtree: its boxes then stay in the cache."""
+
+SAH_DEPTHS = (48, 8)
+"""Depths of the binary tree down to which it is split by surface area, tried in this order. At the
+last one the tree is at most 8 + 23 levels deep, for 2^26 triangles eight a leaf: rays can follow."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +48,27 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     Raises:
         InputError: where there are too many triangles for 32-bit offsets.
     """
+    count = len(indices) // 3
+    if count >= 2**26:
+        raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
+    from wrt.kernels.bvh import MAX_DEPTH
+
+    for sah_depth in SAH_DEPTHS:
+        nodes, boxes = _split(points, indices, device, sah_depth)
+        levels = _levels(nodes, device, MAX_DEPTH)
+        if len(levels) <= MAX_DEPTH:
+            break
+    return _write(levels, nodes, boxes, points, indices, device)
+
+
+def _split(points: Any, indices: Any, device: Device, sah_depth: int) -> tuple[Any, Any]:
+    """Return the binary tree, with its collapse priced, and the triangles' boxes in its order."""
     import warp as wp
 
     from wrt.kernels import bvh_build as k
     from wrt.kernels.simd import vec8
 
-    name = device.name
-    count = len(indices) // 3
-    if count >= 2**26:
-        raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
+    name, count = device.name, len(indices) // 3
     boxes = wp.empty(count, dtype=vec8, device=name)
     device.launch(k.make_boxes, count, [points, indices, boxes])
     nodes = wp.zeros(2 * count, dtype=k.BinaryNode, device=name)
@@ -75,7 +91,9 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
             break
         levels.append(level)
         scratch = _scratch(len(level), name)
-        device.launch(k.split_nodes, len(level), [wp.array(level, dtype=int, device=name), nodes, boxes, *scratch])
+        device.launch(
+            k.split_nodes, len(level), [wp.array(level, dtype=int, device=name), nodes, boxes, *scratch, sah_depth]
+        )
         right = _field(nodes, "right", level)
         level = np.stack([level + 1, right], axis=1).ravel().astype(np.int32)
         counts = _field(nodes, "count", level)
@@ -83,11 +101,10 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     roots = np.concatenate(tasks)[order]
     scratch = _scratch(len(roots), name)
     subtree_roots = wp.array(roots, dtype=int, device=name)
-    device.launch(k.build_subtrees, len(roots), [subtree_roots, nodes, boxes, *scratch, costs])
+    device.launch(k.build_subtrees, len(roots), [subtree_roots, nodes, boxes, *scratch, sah_depth, costs])
     for level in reversed(levels):
         device.launch(k.price_nodes, len(level), [wp.array(level, dtype=int, device=name), nodes, costs])
-    del costs
-    return _collapse(nodes, boxes, points, indices, device)
+    return nodes, boxes
 
 
 def _scratch(tasks: int, name: str) -> list[Any]:
@@ -111,46 +128,56 @@ def _field(nodes: Any, field: str, index: np.ndarray) -> np.ndarray:
     return values
 
 
-def _collapse(nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
+class _Level(NamedTuple):
+    """Wide nodes of one depth: their binary nodes, and where their children and leaves are to be."""
+
+    roots: Any
+    inner_start: Any
+    leaf_start: Any
+    inner_total: int
+    leaf_total: int
+
+
+def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
+    """Return the wide tree level by level, down to no more than one level too many."""
     import warp as wp
 
     from wrt.kernels import bvh_build as k
-    from wrt.kernels.bvh import LEAF_FLOATS, MAX_DEPTH, NODE_FLOATS, Bvh
 
-    name = device.name
-    # First how many nodes and leaves there are, level by level, then the writing.
-    levels = []
-    level = wp.zeros(1, dtype=int, device=name)
-    node_count = leaf_count = 0
-    while len(level):
-        n = len(level)
-        inner = wp.empty(n, dtype=int, device=name)
-        leaves = wp.empty(n, dtype=int, device=name)
-        device.launch(k.count_children, n, [level, nodes, inner, leaves])
-        inner_start, inner_total = _scan(inner)
-        leaf_start, leaf_total = _scan(leaves)
-        levels.append((level, inner_start, leaf_start, node_count, leaf_count))
-        node_count += n
-        leaf_count += leaf_total
-        next_level = wp.empty(inner_total, dtype=int, device=name)
-        if inner_total:
-            device.launch(k.list_children, n, [level, nodes, inner_start, next_level])
-        level = next_level
-    if len(levels) > MAX_DEPTH:
-        raise InputError(f"the ray tree is {len(levels)} levels deep, more than the {MAX_DEPTH} that rays can follow")
+    levels: list[_Level] = []
+    roots = wp.zeros(1, dtype=int, device=device.name)
+    while len(roots) and len(levels) <= max_depth:
+        n = len(roots)
+        inner = wp.empty(n, dtype=int, device=device.name)
+        leaves = wp.empty(n, dtype=int, device=device.name)
+        device.launch(k.count_children, n, [roots, nodes, inner, leaves])
+        level = _Level(roots, *_scan(inner, leaves))
+        levels.append(level)
+        roots = wp.empty(level.inner_total, dtype=int, device=device.name)
+        if level.inner_total:
+            device.launch(k.list_children, n, [level.roots, nodes, level.inner_start, roots])
+    return levels
 
+
+def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
+    import warp as wp
+
+    from wrt.kernels import bvh_build as k
+    from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
+
+    node_count = sum(len(level.roots) for level in levels)
+    leaf_count = sum(level.leaf_total for level in levels)
     data = Bvh()
-    data.nodes = wp.empty(node_count * NODE_FLOATS, dtype=float, device=name)
-    data.leaves = wp.empty(leaf_count * LEAF_FLOATS, dtype=float, device=name)
-    children, leaf_ids = _as_int(data.nodes), _as_int(data.leaves)
-    for level, inner_start, leaf_start, first_node, first_leaf in levels:
-        first_child = first_node + len(level)
-        device.launch(
-            k.write_level,
-            len(level),
-            [level, nodes, boxes, points, indices, inner_start, leaf_start, first_node, first_child, first_leaf]
-            + [data.nodes, children, data.leaves, leaf_ids],
-        )
+    data.nodes = wp.empty(node_count * NODE_FLOATS, dtype=float, device=device.name)
+    data.leaves = wp.empty(leaf_count * LEAF_FLOATS, dtype=float, device=device.name)
+    out = [data.nodes, _as_int(data.nodes), data.leaves, _as_int(data.leaves)]
+    first_node = first_leaf = 0
+    for level in levels:
+        first_child = first_node + len(level.roots)
+        places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf]
+        device.launch(k.write_level, len(level.roots), [level.roots, nodes, boxes, points, indices, *places, *out])
+        first_node = first_child
+        first_leaf += level.leaf_total
     size = 4 * (len(data.nodes) + len(data.leaves))
     return BuiltBvh(data, len(levels), node_count, leaf_count, size)
 
@@ -162,10 +189,14 @@ def _as_int(array: Any) -> Any:
     return wp.array(ptr=array.ptr, shape=array.shape, dtype=int, device=array.device)
 
 
-def _scan(counts: Any) -> tuple[Any, int]:
-    """Return the sums of the counts before each one, and of all."""
+def _scan(inner: Any, leaves: Any) -> tuple[Any, Any, int, int]:
+    """Return for both counts the sums before each one, and the sums of all."""
     import warp as wp
 
-    start = wp.empty_like(counts)
-    wp.utils.array_scan(counts, start, inclusive=False)
-    return start, int(start[-1:].numpy()[0] + counts[-1:].numpy()[0])
+    starts, totals = [], []
+    for counts in (inner, leaves):
+        start = wp.empty_like(counts)
+        wp.utils.array_scan(counts, start, inclusive=False)
+        starts.append(start)
+        totals.append(int(start[-1:].numpy()[0] + counts[-1:].numpy()[0]))
+    return starts[0], starts[1], totals[0], totals[1]
