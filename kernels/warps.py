@@ -43,7 +43,12 @@ def square_to_triangle(u: wp.vec2) -> wp.vec2:
 def sample_alias(thresholds: wp.array(dtype=float), aliases: wp.array(dtype=int), u_slot: float, u_keep: float) -> int:
     """Return an index drawn from an alias table (Walker 1977; Vose 1991)."""
     n = thresholds.shape[0]
-    i = wp.min(int(u_slot * float(n)), n - 1)
-    if u_keep < thresholds[i]:
+    # Both numbers as one of 48 bits: the 24 of one alone would not reach all slots equally often.
+    high = wp.int64(u_slot * 16777216.0) * wp.int64(n)
+    low = wp.int64(u_keep * 16777216.0) * wp.int64(n)
+    place = high + (low >> wp.int64(24))
+    i = int(place >> wp.int64(24))
+    keep = float(place & wp.int64(16777215)) * 5.9604644775390625e-08
+    if keep < thresholds[i]:
         return i
     return aliases[i]

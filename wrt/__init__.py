@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from wrt.errors import InputError
     from wrt.formats.images import load_image, save_image
     from wrt.formats.meshes import load_mesh
+    from wrt.intersector import Hits, Intersector
     from wrt.lights import DirectionalLight, PointLight
     from wrt.materials import Conductor, Dielectric, Diffuse, Material, Mirror
     from wrt.mesh import Mesh
@@ -41,7 +42,9 @@ _EXPORTS = {
     "DirectionalLight": "wrt.lights",
     "ImageEnvironment": "wrt.environment",
     "ImageTexture": "wrt.textures",
+    "Hits": "wrt.intersector",
     "InputError": "wrt.errors",
+    "Intersector": "wrt.intersector",
     "Material": "wrt.materials",
     "Mesh": "wrt.mesh",
     "Mirror": "wrt.materials",
@@ -72,7 +75,9 @@ __all__ = [
     "DirectionalLight",
     "ImageEnvironment",
     "ImageTexture",
+    "Hits",
     "InputError",
+    "Intersector",
     "Material",
     "Mesh",
     "Mirror",

@@ -18,6 +18,9 @@ from wrt.files import PathLike, first_line, require_place, write_whole
 
 FORMAT = 1
 _HEADER = "header"
+# What reading an archive raises when bytes of it are wrong: NumPy's and zipfile's own, and those of
+# encryption (RuntimeError) and compression (NotImplementedError, one of them) that are not there.
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, TypeError, RuntimeError, AttributeError)
 
 
 def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
@@ -47,10 +50,10 @@ def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[A
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(str(archive[_HEADER]))
             arrays = {name: archive[name] for name in archive.files if name != _HEADER}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, TypeError) as error:
+    except _DAMAGE as error:
         raise InputError(f"{path}: not a wrt checkpoint, or damaged ({first_line(error)})") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise InputError(f"{path}: written in another checkpoint format than this version of wrt reads")

@@ -77,8 +77,8 @@ class Device:
         """
         if threads is not None:
             threads = integer(threads, "threads", minimum=1, maximum=1024)
-        kind, _, number = str(name).partition(":")
-        if kind not in ("cpu", "cuda") or (kind == "cpu" and number) or (number and not number.isdecimal()):
+        kind, colon, number = str(name).partition(":")
+        if kind not in ("cpu", "cuda") or (kind == "cpu" and colon) or (colon and not number.isdecimal()):
             raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N")
         import warp as wp
 

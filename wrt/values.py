@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
+import numpy as np
+
 from wrt.errors import InputError
 
 Vec3: TypeAlias = tuple[float, float, float]
@@ -13,6 +15,15 @@ Vec3: TypeAlias = tuple[float, float, float]
 
 ColorLike: TypeAlias = float | Sequence[float]
 """Linear Rec. 709 RGB: three numbers, or one for a grey."""
+
+
+FLOAT32_MAX = 3.4028234663852886e38
+"""Kernels compute in float32: a larger colour would be infinite there."""
+
+
+def _shown(value: object) -> str:
+    """Return a value as it was typed, in one line."""
+    return " ".join(repr(value).split())
 
 
 def number(
@@ -24,12 +35,14 @@ def number(
     above: float = -math.inf,
 ) -> float:
     """Return `value` as a finite float within its limits, or raise InputError naming `name`."""
-    if isinstance(value, (bool, str)):
+    if isinstance(value, (bool, str, np.bool_)):
         raise InputError(f"{name} must be a number, not {value!r}")
     try:
         result = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a number, not {value!r}") from None
+    except OverflowError:
+        raise InputError(f"{name} must fit a floating-point number") from None
     if not math.isfinite(result):
         raise InputError(f"{name} must be finite, not {result}")
     if result < minimum:
@@ -56,14 +69,14 @@ def vector(value: object, name: str) -> Vec3:
     try:
         items = list(value)  # type: ignore[call-overload]
     except TypeError:
-        raise InputError(f"{name} must be three numbers, not {value!r}") from None
+        raise InputError(f"{name} must be three numbers, not {_shown(value)}") from None
     if isinstance(value, str) or len(items) != 3:
-        raise InputError(f"{name} must be three numbers, not {value!r}")
+        raise InputError(f"{name} must be three numbers, not {_shown(value)}")
     x, y, z = (number(item, f"{name}[{i}]") for i, item in enumerate(items))
     return x, y, z
 
 
-def color(value: object, name: str, *, maximum: float = math.inf) -> Vec3:
+def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
     """Return `value` as non-negative linear RGB; one number stands for a grey."""
     if isinstance(value, (int, float)) or getattr(value, "shape", None) == ():
         grey = number(value, name, minimum=0.0, maximum=maximum)

@@ -43,9 +43,10 @@ def make_alias_table(weights: ArrayLike) -> AliasTable:
         donor = np.minimum(np.searchsorted(spare, before, side="right"), len(heavy) - 1)
         aliases[light] = heavy[donor]
         # A heavy slot gives until the light ones have taken more than all heavy ones so far spare.
-        last = np.searchsorted(missing, spare, side="left")
-        kept = 1.0 + spare - missing[np.minimum(last, len(light) - 1)]
-        exhausted = (last < len(light)) & (np.arange(len(heavy)) < len(heavy) - 1)
+        given = np.concatenate([[0.0], missing])
+        last = np.searchsorted(given, spare, side="left")
+        kept = 1.0 + spare - given[np.minimum(last, len(light))]
+        exhausted = (last <= len(light)) & (np.arange(len(heavy)) < len(heavy) - 1)
         thresholds[heavy] = np.where(exhausted, np.clip(kept, 0.0, 1.0), 1.0)
         aliases[heavy[:-1]] = heavy[1:]
     return AliasTable(thresholds.astype(np.float32), aliases, probabilities)

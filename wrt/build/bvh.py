@@ -28,6 +28,7 @@ class BuiltBvh:
         nodes: number of wide nodes.
         leaves: number of leaves.
         bytes: memory that nodes and leaves take.
+        bounds: (2, 3) float64 lowest and highest corner of all triangles.
     """
 
     data: Any
@@ -35,6 +36,7 @@ class BuiltBvh:
     nodes: int
     leaves: int
     bytes: int
+    bounds: np.ndarray
 
 
 def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
@@ -179,7 +181,9 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
         first_node = first_child
         first_leaf += level.leaf_total
     size = 4 * (len(data.nodes) + len(data.leaves))
-    return BuiltBvh(data, len(levels), node_count, leaf_count, size)
+    root = nodes[:1].numpy()
+    bounds = np.concatenate([root["lower"], root["upper"]]).astype(np.float64)
+    return BuiltBvh(data, len(levels), node_count, leaf_count, size, bounds)
 
 
 def _as_int(array: Any) -> Any:

@@ -29,10 +29,11 @@ _PROFILES: dict[str, tuple[float, Callable[[NDArray[np.float64]], NDArray[np.flo
 def filter_table(name: str) -> NDArray[np.float32]:
     """Return (TABLE_SIZE + 1,) float32 offsets in pixels: the inverse cumulative distribution."""
     half_width, profile = _PROFILES[name]
+    at = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, TABLE_SIZE + 1)) ** 2
     if name == "box":
-        return np.linspace(-half_width, half_width, TABLE_SIZE + 1, dtype=np.float32)
+        return (half_width * (2.0 * at - 1.0)).astype(np.float32)
     x = np.linspace(-half_width, half_width, 64 * TABLE_SIZE + 1)
     density = profile(x)
     cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
     cumulative /= cumulative[-1]
-    return np.interp(np.linspace(0.0, 1.0, TABLE_SIZE + 1), cumulative, x).astype(np.float32)
+    return np.interp(at, cumulative, x).astype(np.float32)

@@ -11,6 +11,7 @@ from wrt.build.alias import make_alias_table
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, upload_environment
 from wrt.build.lights import light_table
+from wrt.build.geometry import upload_triangles
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material
@@ -93,13 +94,7 @@ def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bo
     import warp as wp
 
     vertex_counts = [len(m.vertices) for m in meshes]
-    if sum(vertex_counts) >= 2**31 or 3 * sum(len(m.faces) for m in meshes) >= 2**31:
-        raise InputError("the scene has more than 2^31 triangle corners or vertices")
-    first_vertices = np.concatenate([[0], np.cumsum(vertex_counts)[:-1]]).astype(np.int32)
-    points = np.concatenate([m.vertices for m in meshes])
-    indices = np.concatenate([m.faces + first for m, first in zip(meshes, first_vertices, strict=True)])
-    data.points = wp.array(points, dtype=wp.vec3, device=device)
-    data.indices = wp.array(indices.ravel(), dtype=int, device=device)
+    data.points, data.indices = upload_triangles(meshes, device)
 
     def attribute(name: str, width: int, default: float) -> np.ndarray:
         arrays = [getattr(m, name) for m in meshes]

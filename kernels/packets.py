@@ -4,7 +4,8 @@ A packet visits a node once for all its rays: each of the node's boxes is tested
 where a single ray tests eight boxes. The tests of a node do not wait for each other, so a coherent
 packet takes little longer than one ray. Where few rays are left in a packet, each goes on alone from
 there (Benthin et al., "Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the
-Intel MIC Architecture", 2012). On CUDA every thread follows its rays one by one.
+Intel MIC Architecture", 2012). A kernel for the CPU: on CUDA `kernels/ray_batch.py` is faster, and
+this one follows its rays one by one.
 """
 
 import warp as wp
@@ -25,6 +26,10 @@ _BATCH = (
     const int first = packet * PACKET;
     const int left = (int)origins.shape[0] - first, count = left < PACKET ? left : PACKET;
 
+    const auto direction_is_zero = [&](int ray) {
+        const wp::vec3& d = directions.data[ray];
+        return !(fabsf(d[0]) + fabsf(d[1]) + fabsf(d[2]) > 0.0f);  // or not a number
+    };
     struct Lane {
         float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
         int near_row[3], far_row[3], kx, ky, kz;
@@ -34,11 +39,11 @@ _BATCH = (
     alignas(64) int numbers[PACKET];
     for (int i = 0; i < PACKET; ++i) {
         Lane& lane = lanes[i];
-        reach[i] = -1.0f;
+        reach[i] = -1.0f;  // beyond which nothing is hit
         numbers[i] = NOTHING_HIT;
         hit_us[i] = hit_vs[i] = 0.0f;
         if (i >= count) continue;
-        reach[i] = t_max;
+        reach[i] = direction_is_zero(first + i) ? -1.0f : t_maxs.data[t_maxs.shape[0] > 1 ? first + i : 0];
         float* const inverse = lane.inverse;
         float* const near_shift = lane.near_shift;
         float* const far_shift = lane.far_shift;
@@ -59,6 +64,7 @@ _BATCH = (
 
     // The way of one ray from a node on.
     const auto follow_alone = [&](int i, int current) {
+        if (reach[i] < t_min) return;
         Lane& lane = lanes[i];
         const float *const origin = lane.origin, *const inverse = lane.inverse, *const shear = lane.shear;
         const float *const near_shift = lane.near_shift, *const far_shift = lane.far_shift;
@@ -183,7 +189,7 @@ _BATCH = (
 
     for (int i = 0; i < count; ++i) {
         const bool hit = numbers[i] != NOTHING_HIT;
-        const int place = order.shape[0] > 0 ? order.data[first + i] : first + i;
+        const int place = first + i;
         triangle_out.data[place] = hit ? numbers[i] : -1;
         if (!any_hit) {
             t_out.data[place] = hit ? reach[i] : INFINITY;
@@ -204,9 +210,8 @@ def _trace_packet(
     packet: int,
     origins: wp.array(dtype=wp.vec3),
     directions: wp.array(dtype=wp.vec3),
-    order: wp.array(dtype=int),
     t_min: float,
-    t_max: float,
+    t_maxs: wp.array(dtype=float),
     any_hit: bool,
     triangle_out: wp.array(dtype=int),
     t_out: wp.array(dtype=float),
@@ -215,21 +220,17 @@ def _trace_packet(
 
 
 @wp.kernel(enable_backward=False)
-def trace_batch(
+def trace_packets(
     first: int,
     bvh: Bvh,
     origins: wp.array(dtype=wp.vec3),
     directions: wp.array(dtype=wp.vec3),
-    order: wp.array(dtype=int),
     t_min: float,
-    t_max: float,
+    t_max: wp.array(dtype=float),
     any_hit: bool,
     triangle_out: wp.array(dtype=int),
     t_out: wp.array(dtype=float),
     uv_out: wp.array(dtype=wp.vec2),
 ):
-    """Trace rays packet by packet; `order`, if not empty, says where each ray's answer belongs.
-
-    `triangle_out` is −1 where nothing is hit; with `any_hit` only that is told.
-    """
-    _trace_packet(bvh, first + wp.tid(), origins, directions, order, t_min, t_max, any_hit, triangle_out, t_out, uv_out)
+    """Trace rays PACKET at a time, one packet a thread; arguments as for `trace_rays`."""
+    _trace_packet(bvh, first + wp.tid(), origins, directions, t_min, t_max, any_hit, triangle_out, t_out, uv_out)

@@ -1,0 +1,210 @@
+"""Rays against triangles by the million, for those who want the hits and not a picture."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wrt.build.bvh import build_bvh
+from wrt.build.geometry import upload_triangles
+from wrt.device import Device
+from wrt.errors import InputError
+from wrt.values import number
+
+SMALL_BATCH = 4096
+"""Rays below which sorting them costs more than it saves."""
+
+LARGEST_BLOCK = 1 << 20
+"""Most rays that one thread sorts at a time."""
+
+SPREAD = 0.05
+"""How much neighbours' unit directions may differ to be traced as a packet."""
+
+
+class Hits(NamedTuple):
+    """What rays hit, one entry a ray, as NumPy or Warp arrays like the rays were.
+
+    Attributes:
+        t: float32 distance in units of the direction; infinite where nothing is hit.
+        triangle: int32 number of the triangle; −1 where nothing is hit.
+        u: float32 weight of the triangle's second corner.
+        v: float32 weight of its third corner; the first has 1 − u − v.
+    """
+
+    t: Any
+    triangle: Any
+    u: Any
+    v: Any
+
+
+class Intersector:
+    """A ray tree over a mesh or a scene.
+
+    Closed meshes are closed to rays as well: none slips through between two triangles. Of triangles
+    hit at one distance the lowest number is reported, whatever the tree. Hits nearer than the
+    rounding error of their own distance are left out, so a ray may start on a surface.
+    """
+
+    def __init__(self, source: Any, *, device: str = "cpu", threads: int | None = None) -> None:
+        """Build the tree.
+
+        Args:
+            source: a `wrt.Mesh`, a `wrt.Scene` (its shapes' triangles numbered through), or a trimesh object.
+            device: "cpu", "cuda" or "cuda:N".
+            threads: CPU threads; by default all cores.
+
+        Raises:
+            InputError: where there is nothing to hit, or the device is not there.
+        """
+        self.device = Device(device, threads=threads)
+        self._points, self._indices = upload_triangles(_meshes(source), self.device.name)
+        self._built = build_bvh(self._points, self._indices, self.device)
+        low, high = self._built.bounds
+        extent = np.maximum(high - low, 1e-6 * float((high - low).max()) + 1e-30)
+        self._low, self._inverse_extent = low, 1.0 / extent
+
+    @property
+    def triangles(self) -> int:
+        """How many triangles there are."""
+        return len(self._indices) // 3
+
+    @property
+    def bytes_per_triangle(self) -> float:
+        """Memory of the tree, of points and of indices, over the number of triangles."""
+        return (self._built.bytes + 12 * len(self._points) + 4 * len(self._indices)) / self.triangles
+
+    def closest_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Hits:
+        """Return the nearest hit of each ray with t in [t_min, t_max].
+
+        Args:
+            origins: (N, 3) NumPy array, or Warp array of vec3, which is not copied if on the device.
+            directions: likewise, of any length but zero; t is in units of it.
+            t_min: least distance, not negative.
+            t_max: greatest distance, one for all or (N,) one for each.
+
+        Raises:
+            InputError: on arrays of other shapes or kinds.
+        """
+        import warp as wp
+
+        rays, as_numpy = self._rays(origins, directions)
+        n, name = len(rays[0]), self.device.name
+        triangle = wp.empty(n, dtype=int, device=name)
+        t = wp.empty(n, dtype=float, device=name)
+        uv = wp.empty(n, dtype=wp.vec2, device=name)
+        self._trace(rays, t_min, t_max, [triangle, t, uv], any_hit=False)
+        if as_numpy:
+            weights = uv.numpy()
+            return Hits(t.numpy(), triangle.numpy(), weights[:, 0], weights[:, 1])
+        weights = wp.array(ptr=uv.ptr, shape=(n, 2), dtype=float, device=name)
+        weights._ref = uv  # the view does not own its memory
+        return Hits(t, triangle, weights[:, 0], weights[:, 1])
+
+    def any_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Any:
+        """Return for each ray whether anything lies at t in [t_min, t_max]: (N,) bool; arguments as above."""
+        import warp as wp
+
+        rays, as_numpy = self._rays(origins, directions)
+        triangle = wp.empty(len(rays[0]), dtype=int, device=self.device.name)
+        unused = [
+            wp.empty(0, dtype=float, device=self.device.name),
+            wp.empty(0, dtype=wp.vec2, device=self.device.name),
+        ]
+        self._trace(rays, t_min, t_max, [triangle, *unused], any_hit=True)
+        if as_numpy:
+            return triangle.numpy() >= 0
+        from wrt.kernels.ray_batch import is_hit
+
+        hit = wp.empty(len(triangle), dtype=wp.bool, device=self.device.name)
+        self.device.launch(is_hit, len(triangle), [triangle, hit])
+        return hit
+
+    def _rays(self, origins: Any, directions: Any) -> tuple[list[Any], bool]:
+        """Return both arrays on the device, and whether they were NumPy's."""
+        import warp as wp
+
+        arrays, kinds = [], []
+        for name, value in (("origins", origins), ("directions", directions)):
+            kinds.append(not isinstance(value, wp.array))
+            if isinstance(value, wp.array):
+                if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != self.device.name:
+                    raise InputError(f"{name} must be a one-dimensional Warp array of vec3 on {self.device.name}")
+                arrays.append(value.contiguous())
+                continue
+            array = np.ascontiguousarray(value, dtype=np.float32)
+            if array.ndim != 2 or array.shape[1] != 3:
+                raise InputError(f"{name} must be (N, 3), not {array.shape}")
+            arrays.append(wp.array(array, dtype=wp.vec3, device=self.device.name, copy=False))
+        if len(arrays[0]) != len(arrays[1]):
+            raise InputError(f"there are {len(arrays[0])} origins but {len(arrays[1])} directions")
+        return arrays, all(kinds)
+
+    def _trace(self, rays: list[Any], t_min: float, t_max: Any, outputs: list[Any], *, any_hit: bool) -> None:
+        import warp as wp
+
+        from wrt.kernels.packets import PACKET, trace_packets
+        from wrt.kernels.ray_batch import gather_rays, scatter_hits, trace_rays
+
+        n, name = len(rays[0]), self.device.name
+        if n == 0:
+            return
+        t_min = number(t_min, "t_min", minimum=0.0)
+        if not isinstance(t_max, wp.array):
+            limits = np.atleast_1d(np.asarray(t_max, dtype=np.float32))
+            if limits.shape not in ((1,), (n,)) or np.isnan(limits).any():
+                raise InputError(f"t_max must be a number or ({n},), and not NaN")
+            t_max = wp.array(limits, dtype=float, device=name)
+        settings = [t_min, t_max, any_hit]
+        if self.device.is_cpu and n >= SMALL_BATCH and self._coherent(*rays):
+            self.device.launch(trace_packets, -(-n // PACKET), [self._built.data, *rays, *settings, *outputs])
+            return
+        if not self.device.is_cpu or n < SMALL_BATCH:
+            self.device.launch(trace_rays, n, [self._built.data, *rays, *settings, *outputs])
+            return
+        # Neighbours in this order go much the same way, and find its nodes in the cache.
+        order = self._order(rays)
+        sorted_rays = [wp.empty(n, dtype=wp.vec3, device=name) for _ in range(2)]
+        sorted_t_max = t_max if len(t_max) == 1 else wp.empty(n, dtype=float, device=name)
+        self.device.launch(gather_rays, n, [order, *rays, t_max, *sorted_rays, sorted_t_max])
+        found = [wp.empty_like(output) for output in outputs]
+        self.device.launch(trace_rays, n, [self._built.data, *sorted_rays, t_min, sorted_t_max, any_hit, *found])
+        self.device.launch(scatter_hits, n, [order, any_hit, *found, *outputs])
+
+    def _coherent(self, origins: Any, directions: Any) -> bool:
+        """Return whether most rays run and begin close to the next one, judged by a thousand of them."""
+        i = np.linspace(0, len(origins) - 2, 1024).astype(np.int64)
+        o, d = origins.numpy(), directions.numpy()
+        a, b = (d[k] / np.maximum(np.linalg.norm(d[k], axis=1, keepdims=True), 1e-30) for k in (i, i + 1))
+        near = (np.abs(o[i] - o[i + 1]) * self._inverse_extent).max(axis=1) < SPREAD
+        return bool((near & (np.abs(a - b).max(axis=1) < SPREAD)).mean() > 0.8)
+
+    def _order(self, rays: list[Any]) -> Any:
+        import warp as wp
+
+        from wrt.kernels.ray_batch import DIGITS, order_rays
+
+        n = len(rays[0])
+        blocks = max(self.device.threads, -(-n // LARGEST_BLOCK))
+        block = -(-n // blocks)
+        keys, spare, order = (wp.empty(n, dtype=int, device=self.device.name) for _ in range(3))
+        counts = wp.empty(blocks * DIGITS, dtype=int, device=self.device.name)
+        box = [wp.vec3(*self._low), wp.vec3(*self._inverse_extent)]
+        self.device.launch(order_rays, blocks, [block, *rays, *box, keys, spare, counts, order])
+        return order
+
+
+def _meshes(source: Any) -> list[Any]:
+    from wrt.mesh import Mesh
+    from wrt.scene import Scene
+
+    if isinstance(source, Mesh):
+        return [source]
+    if isinstance(source, Scene):
+        if not source.shapes:
+            raise InputError("the scene has no shapes to hit")
+        return [shape.mesh for shape in source.shapes]
+    from wrt.formats.meshes import from_trimesh
+
+    return [shape.mesh for shape in from_trimesh(source)]
