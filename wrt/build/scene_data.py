@@ -10,8 +10,8 @@ import numpy as np
 from wrt.build.alias import make_alias_table
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, upload_environment
-from wrt.build.lights import light_table
 from wrt.build.geometry import upload_triangles
+from wrt.build.lights import light_table
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material
