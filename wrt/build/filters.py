@@ -31,9 +31,10 @@ def filter_table(name: str) -> NDArray[np.float32]:
     half_width, profile = _PROFILES[name]
     at = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, TABLE_SIZE + 1)) ** 2
     if name == "box":
-        return (half_width * (2.0 * at - 1.0)).astype(np.float32)
+        return np.asarray(half_width * (2.0 * at - 1.0), np.float32)
     x = np.linspace(-half_width, half_width, 64 * TABLE_SIZE + 1)
     density = profile(x)
     cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
     cumulative /= cumulative[-1]
-    return np.interp(at, cumulative, x).astype(np.float32)
+    table: NDArray[np.float32] = np.interp(at, cumulative, x).astype(np.float32)
+    return table
