@@ -86,6 +86,8 @@ ERRORS = {
     "output in no folder": ([*SMALL, "-o", "nowhere/out.png"], "nowhere"),
     "output of unknown format": ([*SMALL, "-o", "out.webm"], "out.webm"),
     "zero size": (["render", "cornell-box", "--size", "0x32"], "--size"),
+    "more pixels than can be": (["render", "cornell-box", "--size", "60000x60000"], "60000x60000"),
+    "more pixels than memory": (["render", "cornell-box", "--size", "46000x46000"], "46000x46000"),
     "size without height": (["render", "cornell-box", "--size", "32"], "--size"),
     "no samples": ([*SMALL, "--spp", "0"], "--spp"),
     "too many samples": ([*SMALL, "--spp", "3000000000"], "spp"),

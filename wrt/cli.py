@@ -69,6 +69,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError as error:
         _complain("error", f"not enough memory{f': {error}' if str(error) else ''}")
         return EXIT_FAILED
+    except RuntimeError as error:
+        if not str(error).startswith("Failed to allocate"):  # Warp's words for a MemoryError
+            raise
+        _complain("error", f"not enough memory: {error}")
+        return EXIT_FAILED
     except KeyboardInterrupt:
         _complain("stopped", "nothing was rendered yet")
         return 130

@@ -102,6 +102,20 @@ class Device:
         """Whether kernels run on the CPU."""
         return self.name == "cpu"
 
+    def require_memory(self, size: int, what: str) -> None:
+        """Raise InputError where `what` needs more bytes than the device has at all.
+
+        On the CPU an allocation that large may well succeed, and the process be killed for using it.
+        """
+        import warp as wp
+
+        if self.is_cpu:
+            total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        else:
+            total = wp.get_device(self.name).total_memory
+        if size > total:
+            raise InputError(f"{what} needs {size / 1e9:.1f} GB, more than the {total / 1e9:.1f} GB of {self.name}")
+
     def compile(self, kernel: Any) -> float:
         """Load a kernel's module, compiling it where no cached build is found; return the seconds."""
         import warp as wp

@@ -14,6 +14,10 @@ STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
 """The arrays that make up a film's state; the rays traced only report on this run."""
 
 
+BYTES_PER_PIXEL = 64
+"""Memory of a film: two sums of three doubles, two counts and a tally."""
+
+
 class Film:
     """Sums of samples and of their squares, and their number, for each pixel of a picture."""
 
@@ -25,6 +29,7 @@ class Film:
 
         self.width, self.height, self.device = width, height, device
         pixels = width * height
+        device.require_memory(pixels * BYTES_PER_PIXEL, f"a picture of {width}x{height}")
         self.data = FilmData()
         self.data.total = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
         self.data.total_of_squares = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
