@@ -7,7 +7,7 @@ Directions map to (u, v) in [0, 1]² by azimuth and polar angle; the convention 
 import warp as wp
 
 from wrt.kernels.scene_data import EnvironmentData
-from wrt.kernels.textures import wrap
+from wrt.kernels.textures import bilinear
 from wrt.kernels.warps import PI, TWO_PI, sample_alias
 
 
@@ -49,17 +49,10 @@ def image_radiance(environment: EnvironmentData, d: wp.vec3) -> wp.vec3:
     uv = direction_to_uv(environment, d)
     x = uv[0] * float(environment.width) - 0.5
     y = uv[1] * float(environment.height) - 0.5
-    x0 = int(wp.floor(x))
     y0 = int(wp.floor(y))
-    fx = x - float(x0)
-    fy = y - float(y0)
-    left = wrap(x0, environment.width)
-    right = wrap(x0 + 1, environment.width)
-    top = wp.max(y0, 0) * environment.width
-    bottom = wp.min(y0 + 1, environment.height - 1) * environment.width
-    upper = environment.texels[top + left] * (1.0 - fx) + environment.texels[top + right] * fx
-    lower = environment.texels[bottom + left] * (1.0 - fx) + environment.texels[bottom + right] * fx
-    return upper * (1.0 - fy) + lower * fy
+    top = wp.max(y0, 0)
+    bottom = wp.min(y0 + 1, environment.height - 1)
+    return bilinear(environment.texels, 0, environment.width, top, bottom, x, y - float(y0))
 
 
 @wp.func

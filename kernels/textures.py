@@ -13,22 +13,31 @@ def wrap(i: int, n: int) -> int:
 
 
 @wp.func
+def bilinear(
+    texels: wp.array(dtype=wp.vec3), first: int, width: int, top: int, bottom: int, x: float, fy: float
+) -> wp.vec3:
+    """Return the mean of four texels around column x of two rows, of which `bottom` weighs fy; columns repeat."""
+    x0 = int(wp.floor(x))
+    fx = x - float(x0)
+    left = wrap(x0, width)
+    right = wrap(x0 + 1, width)
+    top = first + top * width
+    bottom = first + bottom * width
+    upper = texels[top + left] * (1.0 - fx) + texels[top + right] * fx
+    lower = texels[bottom + left] * (1.0 - fx) + texels[bottom + right] * fx
+    return upper * (1.0 - fy) + lower * fy
+
+
+@wp.func
 def image_color(texels: wp.array(dtype=wp.vec3), image: ImageRecord, uv: wp.vec2) -> wp.vec3:
     """Return the bilinearly interpolated colour; the image repeats, v points up, row 0 is the top."""
     # Only the fraction matters; taking it first keeps large coordinates within an int.
     x = (uv[0] - wp.floor(uv[0])) * float(image.width) - 0.5
     y = (1.0 - (uv[1] - wp.floor(uv[1]))) * float(image.height) - 0.5
-    x0 = int(wp.floor(x))
     y0 = int(wp.floor(y))
-    fx = x - float(x0)
-    fy = y - float(y0)
-    left = wrap(x0, image.width)
-    right = wrap(x0 + 1, image.width)
-    top = image.first + wrap(y0, image.height) * image.width
-    bottom = image.first + wrap(y0 + 1, image.height) * image.width
-    upper = texels[top + left] * (1.0 - fx) + texels[top + right] * fx
-    lower = texels[bottom + left] * (1.0 - fx) + texels[bottom + right] * fx
-    return upper * (1.0 - fy) + lower * fy
+    top = wrap(y0, image.height)
+    bottom = wrap(y0 + 1, image.height)
+    return bilinear(texels, image.first, image.width, top, bottom, x, y - float(y0))
 
 
 @wp.func

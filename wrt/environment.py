@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
-from wrt.values import ColorLike, color, number
+from wrt.values import ColorLike, color, image, number
 
 
 @dataclass(frozen=True)
@@ -45,11 +44,6 @@ class ImageEnvironment:
     name: str = "environment"
 
     def __post_init__(self) -> None:
-        pixels = np.ascontiguousarray(self.pixels, dtype=np.float32)
-        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-            raise InputError(f"environment {self.name}: pixels must be (H, W, 3), not {pixels.shape}")
-        if not np.isfinite(pixels).all() or (pixels < 0).any():
-            raise InputError(f"environment {self.name}: pixels must be finite and not negative")
-        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "pixels", image(self.pixels, f"environment {self.name}"))
         object.__setattr__(self, "scale", number(self.scale, "scale", minimum=0.0))
         object.__setattr__(self, "rotation_degrees", number(self.rotation_degrees, "rotation_degrees"))

@@ -8,8 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
-from wrt.values import ColorLike
+from wrt.values import ColorLike, image
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +24,7 @@ class ImageTexture:
     name: str = "image"
 
     def __post_init__(self) -> None:
-        pixels = np.ascontiguousarray(self.pixels, dtype=np.float32)
-        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-            raise InputError(f"texture {self.name}: pixels must be (H, W, 3), not {pixels.shape}")
-        if not np.isfinite(pixels).all() or (pixels < 0).any():
-            raise InputError(f"texture {self.name}: pixels must be finite and not negative")
-        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "pixels", image(self.pixels, f"texture {self.name}"))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError
 
@@ -85,3 +86,13 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
     for i, item in enumerate(result):
         number(item, f"{name}[{i}]", minimum=0.0, maximum=maximum)
     return result
+
+
+def image(value: object, what: str) -> NDArray[np.float32]:
+    """Return `value` as (H, W, 3) float32 pixels, finite and not negative, or raise InputError naming `what`."""
+    pixels = np.ascontiguousarray(value, dtype=np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise InputError(f"{what}: pixels must be (H, W, 3), not {pixels.shape}")
+    if not np.isfinite(pixels).all() or (pixels < 0).any():
+        raise InputError(f"{what}: pixels must be finite and not negative")
+    return pixels

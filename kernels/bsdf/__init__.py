@@ -14,7 +14,7 @@ from typing import NamedTuple
 import warp as wp
 
 from wrt.kernels.bsdf import conductor, dielectric, diffuse, mirror
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, zero_evaluate, zero_pdf
 
 MODELS: dict[str, ModuleType] = {
     "diffuse": diffuse,
@@ -45,7 +45,7 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     scenes would be taken for one another.
     """
     if not names:
-        return BsdfFunctions(_no_evaluate, _no_pdf, _no_sample, _no_is_delta)
+        return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample, _no_is_delta)
     model = MODELS[names[0]]
     number = MODEL_NUMBERS[names[0]]
     delta = names[0] in DELTA_ONLY
@@ -78,16 +78,6 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
         return next_is_delta(bsdf)
 
     return BsdfFunctions(evaluate, pdf, sample, is_delta)
-
-
-@wp.func
-def _no_evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-    return wp.vec3(0.0)
-
-
-@wp.func
-def _no_pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    return 0.0
 
 
 @wp.func

@@ -6,20 +6,11 @@ scaled by (n_i / n_t)² on refraction, because a refracted beam fills another so
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample, zero_evaluate, zero_pdf
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 
-
-@wp.func
-def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-    """Return zero: no direction but the reflected and the refracted one."""
-    return wp.vec3(0.0)
-
-
-@wp.func
-def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return zero."""
-    return 0.0
+evaluate = zero_evaluate
+pdf = zero_pdf
 
 
 @wp.func

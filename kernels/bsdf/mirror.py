@@ -2,19 +2,10 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample, zero_evaluate, zero_pdf
 
-
-@wp.func
-def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-    """Return zero: no direction but the mirrored one."""
-    return wp.vec3(0.0)
-
-
-@wp.func
-def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return zero."""
-    return 0.0
+evaluate = zero_evaluate
+pdf = zero_pdf
 
 
 @wp.func

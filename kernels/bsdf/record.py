@@ -42,3 +42,15 @@ def mirror_sample(wo: wp.vec3, reflectance: wp.vec3) -> BsdfSample:
     s.delta = True
     s.eta = 1.0
     return s
+
+
+@wp.func
+def zero_evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    """Return the value of a BSDF that is not zero in single directions only, in any other."""
+    return wp.vec3(0.0)
+
+
+@wp.func
+def zero_pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return the density of a BSDF that samples single directions only, in any other."""
+    return 0.0
