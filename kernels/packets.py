@@ -4,72 +4,43 @@ A packet visits a node once for all its rays: each of the node's boxes is tested
 where a single ray tests eight boxes. The tests of a node do not wait for each other, so a coherent
 packet takes little longer than one ray. Where few rays are left in a packet, each goes on alone from
 there (Benthin et al., "Combining Single and Packet-Ray Tracing for Arbitrary Ray Distributions on the
-Intel MIC Architecture", 2012). A kernel for the CPU: on CUDA `kernels/ray_batch.py` is faster, and
-this one follows its rays one by one.
+Intel MIC Architecture", 2012). A kernel for the CPU: on CUDA it follows its rays one by one, and
+`trace_rays` is the way.
 """
 
 import warp as wp
 
-from wrt.kernels.bvh import FOLLOW_RAY, RAY_SETUP, Bvh, native_code
+from wrt.kernels.bvh import FOLLOW_RAY, Bvh, native_code
+from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST
 from wrt.kernels.simd import WOOP_ERROR, WOOP_TEST
 
 PACKET = 8
 # Rays left in a packet at which they part, measured.
 LONE_RAYS = 4
 
-_BATCH = (
+_PACKET = (
     (
-        """
-    const float* const all_nodes = (const float*)bvh.nodes.data;
-    const float* const all_leaves = (const float*)bvh.leaves.data;
-    const float pad = BOX_PAD;
+        BATCH_OF_RAYS
+        + """
     const int first = packet * PACKET;
     const int left = (int)origins.shape[0] - first, count = left < PACKET ? left : PACKET;
 
-    const auto direction_is_zero = [&](int ray) {
-        const wp::vec3& d = directions.data[ray];
-        return !(fabsf(d[0]) + fabsf(d[1]) + fabsf(d[2]) > 0.0f);  // or not a number
-    };
-    struct Lane {
-        float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
-        int near_row[3], far_row[3], kx, ky, kz;
-    };
-    Lane lanes[PACKET];
+    RayTest tests[PACKET];
     alignas(64) float reach[PACKET], hit_us[PACKET], hit_vs[PACKET];
     alignas(64) int numbers[PACKET];
     for (int i = 0; i < PACKET; ++i) {
-        Lane& lane = lanes[i];
-        reach[i] = -1.0f;  // beyond which nothing is hit
+        reach[i] = i < count ? load_ray(tests[i], first + i) : -1.0f;
         numbers[i] = NOTHING_HIT;
         hit_us[i] = hit_vs[i] = 0.0f;
-        if (i >= count) continue;
-        reach[i] = direction_is_zero(first + i) ? -1.0f : t_maxs.data[t_maxs.shape[0] > 1 ? first + i : 0];
-        float* const inverse = lane.inverse;
-        float* const near_shift = lane.near_shift;
-        float* const far_shift = lane.far_shift;
-        float* const shear = lane.shear;
-        int* const near_row = lane.near_row;
-        int* const far_row = lane.far_row;
-        int &kx = lane.kx, &ky = lane.ky, &kz = lane.kz;
-        float direction[3];
-        float* const origin = lane.origin;
-        for (int k = 0; k < 3; ++k) {
-            origin[k] = origins.data[first + i][k];
-            direction[k] = directions.data[first + i][k];
-        }
-"""
-        + RAY_SETUP
-        + """
     }
 
     // The way of one ray from a node on.
     const auto follow_alone = [&](int i, int current) {
         if (reach[i] < t_min) return;
-        Lane& lane = lanes[i];
-        const float *const origin = lane.origin, *const inverse = lane.inverse, *const shear = lane.shear;
-        const float *const near_shift = lane.near_shift, *const far_shift = lane.far_shift;
-        const int *const near_row = lane.near_row, *const far_row = lane.far_row;
-        const int kx = lane.kx, ky = lane.ky, kz = lane.kz;
+        const RayTest& test = tests[i];
+"""
+        + NAMES_OF_TEST
+        + """
         float t_max = reach[i], hit_u = hit_us[i], hit_v = hit_vs[i];
         int id_max = numbers[i];
 """
@@ -90,20 +61,20 @@ _BATCH = (
     bool together = count == PACKET;
     for (int i = 1; i < count; ++i)
         for (int k = 0; k < 3; ++k)
-            together &= lanes[i].near_row[k] == lanes[0].near_row[k] && lanes[i].kz == lanes[0].kz;
+            together &= tests[i].near_row[k] == tests[0].near_row[k] && tests[i].kz == tests[0].kz;
     if (together) {
         fP inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
         for (int k = 0; k < 3; ++k)
             for (int i = 0; i < PACKET; ++i) {
-                origin[k][i] = lanes[i].origin[k];
-                shear[k][i] = lanes[i].shear[k];
-                inverse[k][i] = lanes[i].inverse[k];
-                near_shift[k][i] = lanes[i].near_shift[k];
-                far_shift[k][i] = lanes[i].far_shift[k];
+                origin[k][i] = tests[i].origin[k];
+                shear[k][i] = tests[i].shear[k];
+                inverse[k][i] = tests[i].inverse[k];
+                near_shift[k][i] = tests[i].near_shift[k];
+                far_shift[k][i] = tests[i].far_shift[k];
             }
-        const int kx = lanes[0].kx, ky = lanes[0].ky, kz = lanes[0].kz;
-        const int* const near_row = lanes[0].near_row;
-        const int* const far_row = lanes[0].far_row;
+        const int kx = tests[0].kx, ky = tests[0].ky, kz = tests[0].kz;
+        const int* const near_row = tests[0].near_row;
+        const int* const far_row = tests[0].far_row;
         // A stack entry: a child, and where it begins for each ray (infinity for rays that miss it).
         alignas(64) float begins[STACK_SIZE][PACKET];
         int waiting[STACK_SIZE];
@@ -187,15 +158,7 @@ _BATCH = (
 #endif
     for (int i = 0; i < count; ++i) follow_alone(i, 0);
 
-    for (int i = 0; i < count; ++i) {
-        const bool hit = numbers[i] != NOTHING_HIT;
-        const int place = first + i;
-        triangle_out.data[place] = hit ? numbers[i] : -1;
-        if (!any_hit) {
-            t_out.data[place] = hit ? reach[i] : INFINITY;
-            uv_out.data[place] = wp::vec_t<2, float>(hit_us[i], hit_vs[i]);
-        }
-    }
+    for (int i = 0; i < count; ++i) write_hit(first + i, numbers[i], reach[i], hit_us[i], hit_vs[i]);
 """
     )
     .replace("MASK_TYPE", {8: "unsigned char", 16: "unsigned short"}[PACKET])
@@ -204,7 +167,7 @@ _BATCH = (
 )
 
 
-@wp.func_native(native_code(_BATCH))
+@wp.func_native(native_code(_PACKET))
 def _trace_packet(
     bvh: Bvh,
     packet: int,

@@ -1,127 +1,62 @@
-"""Many rays given as arrays: putting neighbours together, and tracing them."""
+"""Many rays given as arrays: what the ways to trace them share, and the plain one, a ray a thread."""
 
 import warp as wp
 
-from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.bvh import RAY_SETUP, Bvh, bvh_any_hit, bvh_closest_hit
 
-# A key has 24 bits: four levels of (direction, place), three bits each, sorted twelve at a time.
-KEY_LEVELS = 4
-DIGIT_BITS = 12
-DIGITS = 1 << DIGIT_BITS
-
-
-@wp.func
-def ray_key(origin: wp.vec3, direction: wp.vec3, low: wp.vec3, inverse_extent: wp.vec3) -> int:
-    """Return a number that is near for rays that take much the same way.
-
-    The bits of the direction and of where the ray enters the box of the scene, interleaved: a curve
-    through five dimensions (the sixth is lost where the origin is moved along the ray).
+# For kernels that trace several rays in one thread.
+#   in:  bvh, origins, directions, t_min, t_maxs, any_hit, triangle_out, t_out, uv_out
+#   out: all_nodes, all_leaves, pad; RayTest, load_ray, write_hit
+BATCH_OF_RAYS = (
     """
-    place = wp.cw_mul(origin - low, inverse_extent)
-    heading = wp.cw_mul(direction, inverse_extent)
-    enter = float(0.0)
-    for k in range(3):
-        if heading[k] != 0.0:
-            enter = wp.max(enter, wp.min(-place[k] / heading[k], (1.0 - place[k]) / heading[k]))
-    place += heading * enter
-    unit = wp.normalize(direction)
-    levels = wp.static(1 << KEY_LEVELS)
-    key = int(0)
-    for k in range(3):
-        p = wp.clamp(int(place[k] * float(levels)), 0, levels - 1)
-        d = wp.clamp(int((0.5 * unit[k] + 0.5) * float(levels)), 0, levels - 1)
-        for level in range(wp.static(KEY_LEVELS)):
-            key = key | (((p >> level) & 1) << (6 * level + k)) | (((d >> level) & 1) << (6 * level + 3 + k))
-    return key
+    const float* const all_nodes = (const float*)bvh.nodes.data;
+    const float* const all_leaves = (const float*)bvh.leaves.data;
+    const float pad = BOX_PAD;
 
+    struct RayTest {
+        float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
+        int near_row[3], far_row[3], kx, ky, kz;
+    };
 
-@wp.kernel(enable_backward=False)
-def order_rays(
-    first: int,
-    block: int,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    low: wp.vec3,
-    inverse_extent: wp.vec3,
-    keys: wp.array(dtype=int),
-    spare: wp.array(dtype=int),
-    counts: wp.array(dtype=int),
-    order_out: wp.array(dtype=int),
-):
-    """Sort the numbers of the rays of one block of `block` rays a thread by `ray_key` (radix sort).
+    // Prepare a ray for the tests; return how far it reaches, below 0 where it has no direction.
+    const auto load_ray = [&](RayTest& test, int ray) -> float {
+        float* const origin = test.origin;
+        float* const inverse = test.inverse;
+        float* const near_shift = test.near_shift;
+        float* const far_shift = test.far_shift;
+        float* const shear = test.shear;
+        int* const near_row = test.near_row;
+        int* const far_row = test.far_row;
+        int &kx = test.kx, &ky = test.ky, &kz = test.kz;
+        float direction[3];
+        for (int k = 0; k < 3; ++k) {
+            origin[k] = origins.data[ray][k];
+            direction[k] = directions.data[ray][k];
+        }
+"""
+    + RAY_SETUP
+    + """
+        const bool runs = dx + dy + dz > 0.0f;  // not so for NaN
+        return runs ? t_maxs.data[t_maxs.shape[0] > 1 ? ray : 0] : -1.0f;
+    };
 
-    `keys` and `spare` are working space as long as the rays, `counts` DIGITS for each block.
-    """
-    i = first + wp.tid()
-    begin = i * block
-    end = wp.min(begin + block, origins.shape[0])
-    for ray in range(begin, end):
-        keys[ray] = ray_key(origins[ray], directions[ray], low, inverse_extent)
-    base = i * wp.static(DIGITS)
-    for turn in range(2):
-        shift = turn * wp.static(DIGIT_BITS)
-        for digit in range(wp.static(DIGITS)):
-            counts[base + digit] = 0
-        for ray in range(begin, end):
-            digit = (keys[ray] >> shift) & wp.static(DIGITS - 1)
-            counts[base + digit] = counts[base + digit] + 1
-        start = begin
-        for digit in range(wp.static(DIGITS)):
-            n = counts[base + digit]
-            counts[base + digit] = start
-            start += n
-        for k in range(begin, end):
-            ray = k
-            if turn == 1:
-                ray = spare[k]
-            digit = (keys[ray] >> shift) & wp.static(DIGITS - 1)
-            place = counts[base + digit]
-            counts[base + digit] = place + 1
-            if turn == 0:
-                spare[place] = ray
-            else:
-                order_out[place] = ray
+    const auto write_hit = [&](int ray, int number, float t, float u, float v) {
+        const bool hit = number != NOTHING_HIT;
+        triangle_out.data[ray] = hit ? number : -1;
+        if (any_hit) return;
+        t_out.data[ray] = hit ? t : INFINITY;
+        uv_out.data[ray] = wp::vec_t<2, float>(u, v);
+    };
+"""
+)
 
-
-@wp.kernel(enable_backward=False)
-def gather_rays(
-    first: int,
-    order: wp.array(dtype=int),
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    t_max: wp.array(dtype=float),
-    origins_out: wp.array(dtype=wp.vec3),
-    directions_out: wp.array(dtype=wp.vec3),
-    t_max_out: wp.array(dtype=float),
-):
-    """Copy rays into an order. Apart from the tracing, so that many of its cache misses overlap."""
-    i = first + wp.tid()
-    ray = order[i]
-    origins_out[i] = origins[ray]
-    directions_out[i] = directions[ray]
-    if t_max.shape[0] > 1:
-        t_max_out[i] = t_max[ray]
-
-
-@wp.kernel(enable_backward=False)
-def scatter_hits(
-    first: int,
-    order: wp.array(dtype=int),
-    any_hit: bool,
-    triangle: wp.array(dtype=int),
-    t: wp.array(dtype=float),
-    uv: wp.array(dtype=wp.vec2),
-    triangle_out: wp.array(dtype=int),
-    t_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
-):
-    """Copy the answers to ordered rays back to where the rays were."""
-    i = first + wp.tid()
-    ray = order[i]
-    triangle_out[ray] = triangle[i]
-    if not any_hit:
-        t_out[ray] = t[i]
-        uv_out[ray] = uv[i]
+# The names that BOX_TEST and TRIANGLE_TEST use, for a RayTest called `test`.
+NAMES_OF_TEST = """
+        const float *const origin = test.origin, *const inverse = test.inverse, *const shear = test.shear;
+        const float *const near_shift = test.near_shift, *const far_shift = test.far_shift;
+        const int *const near_row = test.near_row, *const far_row = test.far_row;
+        const int kx = test.kx, ky = test.ky, kz = test.kz;
+"""
 
 
 @wp.kernel(enable_backward=False)
@@ -139,8 +74,8 @@ def trace_rays(
 ):
     """Trace rays one a thread; `t_max` has one entry or one a ray.
 
-    `triangle_out` is −1 where nothing is hit, t then infinite. With `any_hit` it is 0 where anything
-    is hit, and the other two are left alone. A direction of zero or NaN hits nothing.
+    `triangle_out` is −1 where nothing is hit, t then infinite. With `any_hit` it is not
+    negative where anything is hit, and the other two are left alone. A direction of zero or NaN hits nothing.
     """
     ray = first + wp.tid()
     direction = directions[ray]

@@ -14,10 +14,7 @@ from wrt.errors import InputError
 from wrt.values import number
 
 SMALL_BATCH = 4096
-"""Rays below which sorting them costs more than it saves."""
-
-LARGEST_BLOCK = 1 << 20
-"""Most rays that one thread sorts at a time."""
+"""Rays below which it does not matter how they are traced, and the kernel that compiles fastest will do."""
 
 SPREAD = 0.05
 """How much neighbours' unit directions may differ to be traced as a packet."""
@@ -63,7 +60,7 @@ class Intersector:
         self._built = build_bvh(self._points, self._indices, self.device)
         low, high = self._built.bounds
         extent = np.maximum(high - low, 1e-6 * float((high - low).max()) + 1e-30)
-        self._low, self._inverse_extent = low, 1.0 / extent
+        self._inverse_extent = 1.0 / extent
 
     @property
     def triangles(self) -> int:
@@ -144,8 +141,9 @@ class Intersector:
     def _trace(self, rays: list[Any], t_min: float, t_max: Any, outputs: list[Any], *, any_hit: bool) -> None:
         import warp as wp
 
+        from wrt.kernels.interleaved import RAYS_PER_THREAD, trace_interleaved
         from wrt.kernels.packets import PACKET, trace_packets
-        from wrt.kernels.ray_batch import gather_rays, scatter_hits, trace_rays
+        from wrt.kernels.ray_batch import trace_rays
 
         n, name = len(rays[0]), self.device.name
         if n == 0:
@@ -156,21 +154,13 @@ class Intersector:
             if limits.shape not in ((1,), (n,)) or np.isnan(limits).any():
                 raise InputError(f"t_max must be a number or ({n},), and not NaN")
             t_max = wp.array(limits, dtype=float, device=name)
-        settings = [t_min, t_max, any_hit]
-        if self.device.is_cpu and n >= SMALL_BATCH and self._coherent(*rays):
-            self.device.launch(trace_packets, -(-n // PACKET), [self._built.data, *rays, *settings, *outputs])
-            return
-        if not self.device.is_cpu or n < SMALL_BATCH:
-            self.device.launch(trace_rays, n, [self._built.data, *rays, *settings, *outputs])
-            return
-        # Neighbours in this order go much the same way, and find its nodes in the cache.
-        order = self._order(rays)
-        sorted_rays = [wp.empty(n, dtype=wp.vec3, device=name) for _ in range(2)]
-        sorted_t_max = t_max if len(t_max) == 1 else wp.empty(n, dtype=float, device=name)
-        self.device.launch(gather_rays, n, [order, *rays, t_max, *sorted_rays, sorted_t_max])
-        found = [wp.empty_like(output) for output in outputs]
-        self.device.launch(trace_rays, n, [self._built.data, *sorted_rays, t_min, sorted_t_max, any_hit, *found])
-        self.device.launch(scatter_hits, n, [order, any_hit, *found, *outputs])
+        kernel, rays_per_thread = trace_rays, 1
+        if self.device.is_cpu and n >= SMALL_BATCH:
+            together = self._coherent(*rays)
+            kernel = trace_packets if together else trace_interleaved
+            rays_per_thread = PACKET if together else RAYS_PER_THREAD
+        threads = -(-n // rays_per_thread)
+        self.device.launch(kernel, threads, [self._built.data, *rays, t_min, t_max, any_hit, *outputs])
 
     def _coherent(self, origins: Any, directions: Any) -> bool:
         """Return whether most rays run and begin close to the next one, judged by a thousand of them."""
@@ -179,20 +169,6 @@ class Intersector:
         a, b = (d[k] / np.maximum(np.linalg.norm(d[k], axis=1, keepdims=True), 1e-30) for k in (i, i + 1))
         near = (np.abs(o[i] - o[i + 1]) * self._inverse_extent).max(axis=1) < SPREAD
         return bool((near & (np.abs(a - b).max(axis=1) < SPREAD)).mean() > 0.8)
-
-    def _order(self, rays: list[Any]) -> Any:
-        import warp as wp
-
-        from wrt.kernels.ray_batch import DIGITS, order_rays
-
-        n = len(rays[0])
-        blocks = max(self.device.threads, -(-n // LARGEST_BLOCK))
-        block = -(-n // blocks)
-        keys, spare, order = (wp.empty(n, dtype=int, device=self.device.name) for _ in range(3))
-        counts = wp.empty(blocks * DIGITS, dtype=int, device=self.device.name)
-        box = [wp.vec3(*self._low), wp.vec3(*self._inverse_extent)]
-        self.device.launch(order_rays, blocks, [block, *rays, *box, keys, spare, counts, order])
-        return order
 
 
 def _meshes(source: Any) -> list[Any]:
