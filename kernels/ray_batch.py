@@ -6,7 +6,7 @@ from wrt.kernels.bvh import RAY_SETUP, Bvh, bvh_any_hit, bvh_closest_hit
 
 # For kernels that trace several rays in one thread.
 #   in:  bvh, origins, directions, t_min, t_maxs, any_hit, triangle_out, t_out, uv_out
-#   out: all_nodes, all_leaves, pad; RayTest, load_ray, write_hit
+#   out: all_nodes, all_leaves, pad; RayTest, load_ray, prefetch, write_hit
 BATCH_OF_RAYS = (
     """
     const float* const all_nodes = (const float*)bvh.nodes.data;
@@ -38,6 +38,15 @@ BATCH_OF_RAYS = (
     + """
         const bool runs = dx + dy + dz > 0.0f;  // not so for NaN
         return runs ? t_maxs.data[t_maxs.shape[0] > 1 ? ray : 0] : -1.0f;
+    };
+
+    // Have a node or a leaf brought nearer, for a visit that is not yet.
+    const auto prefetch = [&](int item) {
+#if VECTOR_CODE
+            const char* place = item >= 0 ? (const char*)(all_nodes + (size_t)item * 56)
+                                          : (const char*)(all_leaves + (size_t)(-1 - item) * (10 * LEAF_SIZE));
+            for (int line = 0; line < 4; ++line) __builtin_prefetch(place + 64 * line);
+#endif
     };
 
     const auto write_hit = [&](int ray, int number, float t, float u, float v) {

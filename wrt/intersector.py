@@ -16,6 +16,9 @@ from wrt.values import number
 SMALL_BATCH = 4096
 """Rays below which it does not matter how they are traced, and the kernel that compiles fastest will do."""
 
+LARGE_TREE = 128 * 2**20
+"""Bytes of a tree above which packets wait for memory longer than single rays in turn, measured."""
+
 SPREAD = 0.05
 """How much neighbours' unit directions may differ to be traced as a packet."""
 
@@ -156,7 +159,7 @@ class Intersector:
             t_max = wp.array(limits, dtype=float, device=name)
         kernel, rays_per_thread = trace_rays, 1
         if self.device.is_cpu and n >= SMALL_BATCH:
-            together = self._coherent(*rays)
+            together = self._built.bytes <= LARGE_TREE and self._coherent(*rays)
             kernel = trace_packets if together else trace_interleaved
             rays_per_thread = PACKET if together else RAYS_PER_THREAD
         threads = -(-n // rays_per_thread)

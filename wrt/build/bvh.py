@@ -162,7 +162,6 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
 
 
 def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
-    import warp as wp
 
     from wrt.kernels import bvh_build as k
     from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
@@ -170,8 +169,8 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
     node_count = sum(len(level.roots) for level in levels)
     leaf_count = sum(level.leaf_total for level in levels)
     data = Bvh()
-    data.nodes = wp.empty(node_count * NODE_FLOATS, dtype=float, device=device.name)
-    data.leaves = wp.empty(leaf_count * LEAF_FLOATS, dtype=float, device=device.name)
+    data.nodes = device.empty_large(node_count * NODE_FLOATS)
+    data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)
     out = [data.nodes, _as_int(data.nodes), data.leaves, _as_int(data.leaves)]
     first_node = first_leaf = 0
     for level in levels:
