@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
+from conftest import Report
 from numpy.typing import NDArray
 from test_intersection import brute_force, random_rays, soup
 
@@ -163,3 +164,29 @@ def test_what_cannot_be_traced(
 ) -> None:
     with pytest.raises(wrt.InputError, match=message):
         wrt.Intersector(mesh).closest_hit(origins, directions, **limits)
+
+
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-3, 0.0), (1e6, 0.0), (1.0, 1e4)])
+def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str, report: Report) -> None:
+    """Half a million rays from inside, at faces, edges and corners, however large or far away the mesh is."""
+    ball = wrt.sphere(subdivisions=6)
+    p = ball.vertices.astype(np.float64)
+    p *= 1.0 + 0.15 * (np.sin(9.0 * p[:, :1]) * np.sin(11.0 * p[:, 1:2]) * np.sin(7.0 * p[:, 2:]))
+    mesh = wrt.Mesh((scale * (p + offset)).astype(np.float32), ball.faces)
+    rng = np.random.default_rng(9)
+    count = 1 << 19
+    weights = rng.random((count, 3))
+    kind = rng.integers(0, 3, count)
+    weights[kind == 1, 2] = 0.0
+    weights[kind == 2, 1:] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    corners = mesh.vertices.astype(np.float64)[mesh.faces[rng.integers(0, len(mesh.faces), count)]]
+    targets = (corners * weights[:, :, None]).sum(axis=1)
+    origins = (scale * (0.4 * (rng.random((count, 3)) - 0.5) + offset)).astype(np.float32)
+    directions = targets - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tracer = wrt.Intersector(mesh, device=device)
+    hits = tracer.closest_hit(origins, directions)
+    report(f"scale {scale:g}, offset {offset:g}: rays that escape", int((hits.triangle < 0).sum()), 0)
+    assert (hits.triangle >= 0).all()
+    assert tracer.any_hit(origins, directions).all()
