@@ -34,12 +34,12 @@ def film_noise(
     width: int,
     film: FilmData,
     mean_out: wp.array(dtype=wp.float64),
-    variance_out: wp.array(dtype=wp.float64),
+    error_out: wp.array(dtype=wp.float64),
 ):
-    """Sum over each row the pixels' means and the variances of those means, all channels together."""
+    """Sum over each row the pixels' means and the standard errors of those means, all channels together."""
     row = first_row + wp.tid()
     mean = wp.float64(0.0)
-    variance = wp.float64(0.0)
+    error = wp.float64(0.0)
     for x in range(width):
         pixel = row * width + x
         n = wp.float64(film.count[pixel])
@@ -49,6 +49,7 @@ def film_noise(
             for c in range(3):
                 m = total[c] / n
                 mean += m
-                variance += wp.max(squares[c] / n - m * m, wp.float64(0.0)) / (n - wp.float64(1.0))
+                variance = wp.max(squares[c] / n - m * m, wp.float64(0.0)) / (n - wp.float64(1.0))
+                error += wp.sqrt(variance)
     mean_out[row] = mean
-    variance_out[row] = variance
+    error_out[row] = error

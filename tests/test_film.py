@@ -91,7 +91,7 @@ def test_mean_variance_and_noise_are_those_of_the_samples(device: str) -> None:
     assert samples.std() > 0.0
     np.testing.assert_allclose(renderer.image(), samples.mean(axis=0), rtol=1e-6)
     np.testing.assert_allclose(renderer.variance(), samples.var(axis=0, ddof=1) / 50, rtol=1e-9, atol=1e-15)
-    noise = np.sqrt(samples.var(axis=0, ddof=1).mean() / 50) / samples.mean()
+    noise = np.sqrt(samples.var(axis=0, ddof=1) / 50).mean() / samples.mean()
     assert renderer.film.noise() == pytest.approx(noise, rel=1e-9)
     assert renderer.film.rays == renderer.rays > 0
 
@@ -109,9 +109,8 @@ def test_noise_of_uneven_counts(device: str) -> None:
     state["total_of_squares"] = np.stack([(s**2).sum(axis=0) for s in samples])
     film.restore(state)
     means = sum(s.mean(axis=0).sum() for s in samples if len(s) > 1)
-    variances = sum((s.var(axis=0, ddof=1) / len(s)).sum() for s in samples if len(s) > 1)
-    values = 3 * width * height
-    assert film.noise() == pytest.approx(np.sqrt(variances / values) / (means / values), rel=1e-9)
+    errors = sum(np.sqrt(s.var(axis=0, ddof=1) / len(s)).sum() for s in samples if len(s) > 1)
+    assert film.noise() == pytest.approx(errors / means, rel=1e-9)
     variance = film.variance().reshape(-1, 3)
     assert np.isnan(variance[count < 2]).all()
     for pixel in np.flatnonzero(count > 1):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -81,19 +80,19 @@ class Film:
         return variance.reshape(self.height, self.width, 3)
 
     def noise(self) -> float | None:
-        """Return the picture's relative noise: root mean square standard error over mean radiance.
+        """Return the picture's relative noise: the pixels' mean standard error over their mean radiance.
 
-        None before any pixel has two samples, or where the picture is black.
+        Not the root mean square, which a handful of pixels across the edge of a lamp would rule. None
+        before any pixel has two samples, or where the picture is black.
         """
         import warp as wp
 
         from wrt.kernels.film import film_noise
 
         mean = wp.zeros(self.height, dtype=wp.float64, device=self.device.name)
-        variance = wp.zeros(self.height, dtype=wp.float64, device=self.device.name)
-        self.device.launch(film_noise, self.height, [self.width, self.data, mean, variance])
+        error = wp.zeros(self.height, dtype=wp.float64, device=self.device.name)
+        self.device.launch(film_noise, self.height, [self.width, self.data, mean, error])
         total = float(mean.numpy().sum())
         if total <= 0.0:
             return None
-        values = 3 * self.width * self.height
-        return math.sqrt(float(variance.numpy().sum()) / values) / (total / values)
+        return float(error.numpy().sum()) / total

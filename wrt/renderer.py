@@ -47,7 +47,7 @@ class Progress:
         seconds_left: estimate of the time still needed.
         paths_per_second: camera paths a second since `Renderer.passes` was called.
         rays_per_second: rays of every kind a second, likewise.
-        noise: root mean square standard error of the picture over its mean radiance, or None
+        noise: mean standard error of the pixels over their mean radiance, or None
             while pixels have only one sample.
     """
 
