@@ -18,7 +18,11 @@ _Float = NDArray[np.float64]
 _Int = NDArray[np.intp]
 
 
-def with_normals(mesh: Mesh, crease_degrees: float = 40.0) -> Mesh:
+CREASE_DEGREES = 60.0
+"""Edges sharper than this are creases: those of a box are, the ears of a scanned rabbit are not."""
+
+
+def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     """Return the mesh with a unit shading normal at every vertex.
 
     A mesh without normals gets the mean of the adjacent face normals, weighted by the angle of

@@ -21,7 +21,7 @@ from wrt.formats.parts import DEFAULT_REFLECTANCE, InputWarning, Part, merge, mo
 from wrt.formats.ply import read_ply
 from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
 from wrt.mesh import Mesh
-from wrt.normals import same_positions, vertex_normals
+from wrt.normals import CREASE_DEGREES, same_positions, vertex_normals
 from wrt.scene import Shape
 from wrt.textures import ColorSource
 
@@ -72,7 +72,7 @@ MESH_SUFFIXES = tuple(_READERS)
 """Names of mesh files end in one of these, in small or capital letters."""
 
 
-def load_mesh(path: PathLike, *, smooth_degrees: float | None = 40.0) -> Mesh:
+def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Mesh:
     """Read all triangles of a file as one mesh in world space, without its materials.
 
     Args:
@@ -87,7 +87,7 @@ def load_mesh(path: PathLike, *, smooth_degrees: float | None = 40.0) -> Mesh:
     return merge([shape.mesh for shape in shapes], Path(path).name)
 
 
-def load_shapes(path: PathLike, *, smooth_degrees: float | None = 40.0) -> list[Shape]:
+def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
     """Read a file as one shape for each of its parts, each with a diffuse material of its own.
 
     The reflectance is the file's texture, its vertex or face colours, its constant, or
@@ -114,7 +114,7 @@ def load_shapes(path: PathLike, *, smooth_degrees: float | None = 40.0) -> list[
         raise InputError(f"{file}: cannot be read: {first_line(error)}") from None
 
 
-def from_trimesh(source: Any, *, smooth_degrees: float | None = 40.0) -> list[Shape]:
+def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
     """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`, moved into world space.
 
     Normals that someone gave the mesh are kept; the ones trimesh computes by itself are not, as

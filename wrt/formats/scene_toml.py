@@ -25,6 +25,7 @@ from wrt.formats.parts import merge
 from wrt.lights import DirectionalLight, PointLight
 from wrt.materials import Conductor, Dielectric, Diffuse, Material, Mirror
 from wrt.mesh import Mesh
+from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ColorSource, ImageTexture, VertexColor
 from wrt.values import integer, number, vector
@@ -257,7 +258,7 @@ class _Reader:
         if not isinstance(smooth, bool):
             raise InputError(f"smooth must be true or false, not {smooth!r}")
         with self.at("file"):
-            loaded = load_shapes(self.beside(file), smooth_degrees=40.0 if smooth else None)
+            loaded = load_shapes(self.beside(file), smooth_degrees=CREASE_DEGREES if smooth else None)
         if smooth:
             return loaded
         return [replace(shape, mesh=replace(shape.mesh, normals=None)) for shape in loaded]
