@@ -15,7 +15,7 @@ A kernel for the CPU; on CUDA the hardware does this with whole warps, and `trac
 import warp as wp
 
 from wrt.kernels.bvh import Bvh, native_code
-from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST
+from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
 from wrt.kernels.simd import BOX_TEST, TRIANGLE_TEST
 
 RAYS_PER_THREAD = 64
@@ -136,7 +136,7 @@ _INTERLEAVED = (
         int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
     };
     int next = chunk * RAYS_PER_THREAD, live = 0;
-    const int left = (int)origins.shape[0] - next;
+    const int left = (int)batch.origins.shape[0] - next;
     const int end = next + (left < RAYS_PER_THREAD ? left : RAYS_PER_THREAD);
 
     // Take the next ray that can hit anything in the place of one that is done.
@@ -178,14 +178,7 @@ _INTERLEAVED = (
 def _trace_chunk(
     bvh: Bvh,
     chunk: int,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    t_min: float,
-    t_maxs: wp.array(dtype=float),
-    any_hit: bool,
-    triangle_out: wp.array(dtype=int),
-    t_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
+    batch: RayBatch,
 ): ...
 
 
@@ -193,14 +186,7 @@ def _trace_chunk(
 def trace_interleaved(
     first: int,
     bvh: Bvh,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    t_min: float,
-    t_max: wp.array(dtype=float),
-    any_hit: bool,
-    triangle_out: wp.array(dtype=int),
-    t_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
+    batch: RayBatch,
 ):
-    """Trace RAYS_PER_THREAD rays a thread, RAYS_IN_TURN at a time; arguments as for `trace_rays`."""
-    _trace_chunk(bvh, first + wp.tid(), origins, directions, t_min, t_max, any_hit, triangle_out, t_out, uv_out)
+    """Trace RAYS_PER_THREAD rays a thread, RAYS_IN_TURN at a time."""
+    _trace_chunk(bvh, first + wp.tid(), batch)

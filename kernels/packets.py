@@ -11,7 +11,7 @@ Intel MIC Architecture", 2012). A kernel for the CPU: on CUDA it follows its ray
 import warp as wp
 
 from wrt.kernels.bvh import FOLLOW_RAY, Bvh, native_code
-from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST
+from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
 from wrt.kernels.simd import WOOP_ERROR, WOOP_TEST
 
 PACKET = 8
@@ -23,7 +23,7 @@ _PACKET = (
         BATCH_OF_RAYS
         + """
     const int first = packet * PACKET;
-    const int left = (int)origins.shape[0] - first, count = left < PACKET ? left : PACKET;
+    const int left = (int)batch.origins.shape[0] - first, count = left < PACKET ? left : PACKET;
 
     RayTest tests[PACKET];
     alignas(64) float reach[PACKET], hit_us[PACKET], hit_vs[PACKET];
@@ -171,14 +171,7 @@ _PACKET = (
 def _trace_packet(
     bvh: Bvh,
     packet: int,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    t_min: float,
-    t_maxs: wp.array(dtype=float),
-    any_hit: bool,
-    triangle_out: wp.array(dtype=int),
-    t_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
+    batch: RayBatch,
 ): ...
 
 
@@ -186,14 +179,7 @@ def _trace_packet(
 def trace_packets(
     first: int,
     bvh: Bvh,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    t_min: float,
-    t_max: wp.array(dtype=float),
-    any_hit: bool,
-    triangle_out: wp.array(dtype=int),
-    t_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
+    batch: RayBatch,
 ):
-    """Trace rays PACKET at a time, one packet a thread; arguments as for `trace_rays`."""
-    _trace_packet(bvh, first + wp.tid(), origins, directions, t_min, t_max, any_hit, triangle_out, t_out, uv_out)
+    """Trace rays PACKET at a time, one packet a thread."""
+    _trace_packet(bvh, first + wp.tid(), batch)

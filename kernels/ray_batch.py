@@ -4,14 +4,35 @@ import warp as wp
 
 from wrt.kernels.bvh import RAY_SETUP, Bvh, bvh_any_hit, bvh_closest_hit
 
+
+@wp.struct
+class RayBatch:
+    """Rays, and where their answers go.
+
+    `t_max` has one entry or one a ray. `triangle_out` is −1 where nothing is hit, `t_out` then infinite.
+    With `any_hit` it is not negative where anything is hit, and the other two are left alone. A direction
+    of zero or NaN hits nothing.
+    """
+
+    origins: wp.array(dtype=wp.vec3)
+    directions: wp.array(dtype=wp.vec3)
+    t_min: float
+    t_max: wp.array(dtype=float)
+    any_hit: int
+    triangle_out: wp.array(dtype=int)
+    t_out: wp.array(dtype=float)
+    uv_out: wp.array(dtype=wp.vec2)
+
+
 # For kernels that trace several rays in one thread.
-#   in:  bvh, origins, directions, t_min, t_maxs, any_hit, triangle_out, t_out, uv_out
-#   out: all_nodes, all_leaves, pad; RayTest, load_ray, prefetch, write_hit
+#   in:  bvh, batch
+#   out: all_nodes, all_leaves, pad, t_min, any_hit; RayTest, load_ray, prefetch, write_hit
 BATCH_OF_RAYS = (
     """
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
-    const float pad = BOX_PAD;
+    const float pad = BOX_PAD, t_min = batch.t_min;
+    const bool any_hit = batch.any_hit != 0;
 
     struct RayTest {
         float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
@@ -30,14 +51,14 @@ BATCH_OF_RAYS = (
         int &kx = test.kx, &ky = test.ky, &kz = test.kz;
         float direction[3];
         for (int k = 0; k < 3; ++k) {
-            origin[k] = origins.data[ray][k];
-            direction[k] = directions.data[ray][k];
+            origin[k] = batch.origins.data[ray][k];
+            direction[k] = batch.directions.data[ray][k];
         }
 """
     + RAY_SETUP
     + """
         const bool runs = dx + dy + dz > 0.0f;  // not so for NaN
-        return runs ? t_maxs.data[t_maxs.shape[0] > 1 ? ray : 0] : -1.0f;
+        return runs ? batch.t_max.data[batch.t_max.shape[0] > 1 ? ray : 0] : -1.0f;
     };
 
     // Have a node or a leaf brought nearer, for a visit that is not yet.
@@ -51,10 +72,10 @@ BATCH_OF_RAYS = (
 
     const auto write_hit = [&](int ray, int number, float t, float u, float v) {
         const bool hit = number != NOTHING_HIT;
-        triangle_out.data[ray] = hit ? number : -1;
+        batch.triangle_out.data[ray] = hit ? number : -1;
         if (any_hit) return;
-        t_out.data[ray] = hit ? t : INFINITY;
-        uv_out.data[ray] = wp::vec_t<2, float>(u, v);
+        batch.t_out.data[ray] = hit ? t : INFINITY;
+        batch.uv_out.data[ray] = wp::vec_t<2, float>(u, v);
     };
 """
 )
@@ -69,44 +90,33 @@ NAMES_OF_TEST = """
 
 
 @wp.kernel(enable_backward=False)
-def trace_rays(
-    first: int,
-    bvh: Bvh,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    t_min: float,
-    t_max: wp.array(dtype=float),
-    any_hit: bool,
-    triangle_out: wp.array(dtype=int),
-    t_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
-):
-    """Trace rays one a thread; `t_max` has one entry or one a ray.
-
-    `triangle_out` is −1 where nothing is hit, t then infinite. With `any_hit` it is not
-    negative where anything is hit, and the other two are left alone. A direction of zero or NaN hits nothing.
-    """
+def trace_rays(first: int, bvh: Bvh, batch: RayBatch):
+    """Trace rays one a thread."""
     ray = first + wp.tid()
-    direction = directions[ray]
-    reach = t_max[0]
-    if t_max.shape[0] > 1:
-        reach = t_max[ray]
+    origin = batch.origins[ray]
+    direction = batch.directions[ray]
+    reach = batch.t_max[0]
+    if batch.t_max.shape[0] > 1:
+        reach = batch.t_max[ray]
     if not (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]) > 0.0):
         reach = -1.0
     triangle = int(-1)
-    if reach >= t_min:
-        if any_hit:
-            if bvh_any_hit(bvh, origins[ray], direction, t_min, reach):
+    if batch.any_hit != 0:
+        if reach >= batch.t_min:
+            if bvh_any_hit(bvh, origin, direction, batch.t_min, reach):
                 triangle = 0
-        else:
-            hit = bvh_closest_hit(bvh, origins[ray], direction, t_min, reach)
+    else:
+        t = float(wp.inf)
+        uv = wp.vec2(0.0, 0.0)
+        if reach >= batch.t_min:
+            hit = bvh_closest_hit(bvh, origin, direction, batch.t_min, reach)
             triangle = hit.triangle
-            uv_out[ray] = wp.vec2(hit.u, hit.v)
-            t_out[ray] = wp.where(triangle >= 0, hit.t, wp.inf)
-    elif not any_hit:
-        uv_out[ray] = wp.vec2(0.0, 0.0)
-        t_out[ray] = wp.inf
-    triangle_out[ray] = triangle
+            if triangle >= 0:
+                t = hit.t
+                uv = wp.vec2(hit.u, hit.v)
+        batch.t_out[ray] = t
+        batch.uv_out[ray] = uv
+    batch.triangle_out[ray] = triangle
 
 
 @wp.kernel(enable_backward=False)

@@ -146,7 +146,7 @@ class Intersector:
 
         from wrt.kernels.interleaved import RAYS_PER_THREAD, trace_interleaved
         from wrt.kernels.packets import PACKET, trace_packets
-        from wrt.kernels.ray_batch import trace_rays
+        from wrt.kernels.ray_batch import RayBatch, trace_rays
 
         n, name = len(rays[0]), self.device.name
         if n == 0:
@@ -162,8 +162,11 @@ class Intersector:
             together = self._built.bytes <= LARGE_TREE and self._coherent(*rays)
             kernel = trace_packets if together else trace_interleaved
             rays_per_thread = PACKET if together else RAYS_PER_THREAD
-        threads = -(-n // rays_per_thread)
-        self.device.launch(kernel, threads, [self._built.data, *rays, t_min, t_max, any_hit, *outputs])
+        batch = RayBatch()
+        batch.origins, batch.directions = rays
+        batch.t_min, batch.t_max, batch.any_hit = t_min, t_max, int(any_hit)
+        batch.triangle_out, batch.t_out, batch.uv_out = outputs
+        self.device.launch(kernel, -(-n // rays_per_thread), [self._built.data, batch])
 
     def _coherent(self, origins: Any, directions: Any) -> bool:
         """Return whether most rays run and begin close to the next one, judged by a thousand of them."""
