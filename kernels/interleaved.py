@@ -175,18 +175,10 @@ _INTERLEAVED = (
         _INTERLEAVED.replace("RAYS_PER_THREAD", str(RAYS_PER_THREAD)).replace("RAYS_IN_TURN", str(RAYS_IN_TURN))
     )
 )
-def _trace_chunk(
-    bvh: Bvh,
-    chunk: int,
-    batch: RayBatch,
-): ...
+def _trace_chunk(bvh: Bvh, chunk: int, batch: RayBatch): ...
 
 
 @wp.kernel(enable_backward=False)
-def trace_interleaved(
-    first: int,
-    bvh: Bvh,
-    batch: RayBatch,
-):
+def trace_interleaved(first: int, bvh: Bvh, batch: RayBatch):
     """Trace RAYS_PER_THREAD rays a thread, RAYS_IN_TURN at a time."""
     _trace_chunk(bvh, first + wp.tid(), batch)

@@ -14,6 +14,7 @@ from wrt.kernels.bvh import FOLLOW_RAY, Bvh, native_code
 from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
 from wrt.kernels.simd import WOOP_ERROR, WOOP_TEST
 
+# As many as a vector holds.
 PACKET = 8
 # Rays left in a packet at which they part, measured.
 LONE_RAYS = 4
@@ -53,17 +54,14 @@ _PACKET = (
     };
 
 #if VECTOR_CODE
-    typedef float fP __attribute__((ext_vector_type(PACKET)));
-    typedef int iP __attribute__((ext_vector_type(PACKET)));
-    typedef bool bP __attribute__((ext_vector_type(PACKET)));
-    #define RAY_MASK(m) __builtin_bit_cast(MASK_TYPE, __builtin_convertvector(m, bP))
+    #define RAY_MASK(m) __builtin_bit_cast(unsigned char, __builtin_convertvector(m, b8))
     // Together go rays of one octant, which share the boxes' near sides, and of one main axis.
     bool together = count == PACKET;
     for (int i = 1; i < count; ++i)
         for (int k = 0; k < 3; ++k)
             together &= tests[i].near_row[k] == tests[0].near_row[k] && tests[i].kz == tests[0].kz;
     if (together) {
-        fP inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
+        f8 inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
         for (int k = 0; k < 3; ++k)
             for (int i = 0; i < PACKET; ++i) {
                 origin[k][i] = tests[i].origin[k];
@@ -80,27 +78,27 @@ _PACKET = (
         int waiting[STACK_SIZE];
         int top = 1;
         waiting[0] = 0;
-        *(fP*)begins[0] = t_min;
+        *(f8*)begins[0] = t_min;
         while (top > 0) {
             --top;
             const int current = waiting[top];
-            const fP limit = *(const fP*)reach;
-            unsigned rays = RAY_MASK(*(const fP*)begins[top] <= limit * pad);
+            const f8 limit = *(const f8*)reach;
+            unsigned rays = RAY_MASK(*(const f8*)begins[top] <= limit * pad);
             if (rays == 0) continue;
             if (current < 0) {
                 const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
                 const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
-                fP best = limit, best_u = *(const fP*)hit_us, best_v = *(const fP*)hit_vs;
-                iP best_id = *(const iP*)numbers;
+                f8 best = limit, best_u = *(const f8*)hit_us, best_v = *(const f8*)hit_vs;
+                i8 best_id = *(const i8*)numbers;
                 for (int j = 0; j < LEAF_SIZE; ++j) {
                     #pragma clang fp contract(off)
-                    #define VECTOR fP
-                    #define INTEGERS iP
+                    #define VECTOR f8
+                    #define INTEGERS i8
                     #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
 """
         + WOOP_TEST
         + """
-                    const iP nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
+                    const i8 nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
                     if (RAY_MASK(nearer) == 0) continue;
 """
         + WOOP_ERROR
@@ -108,17 +106,17 @@ _PACKET = (
                     #undef CORNER
                     #undef VECTOR
                     #undef INTEGERS
-                    const iP better = nearer & clear;
+                    const i8 better = nearer & clear;
                     best = better ? t : best;
                     best_u = better ? v * inverse_det : best_u;
                     best_v = better ? w * inverse_det : best_v;
-                    best_id = better ? (iP)ids[j] : best_id;
+                    best_id = better ? (i8)ids[j] : best_id;
                 }
-                if (any_hit) best = (best_id != NOTHING_HIT) ? (fP)-1.0f : best;
-                *(fP*)reach = best;
-                *(fP*)hit_us = best_u;
-                *(fP*)hit_vs = best_v;
-                *(iP*)numbers = best_id;
+                if (any_hit) best = (best_id != NOTHING_HIT) ? (f8)-1.0f : best;
+                *(f8*)reach = best;
+                *(f8*)hit_us = best_u;
+                *(f8*)hit_vs = best_v;
+                *(i8*)numbers = best_id;
                 continue;
             }
             if (__builtin_popcount(rays) <= LONE_RAYS) {
@@ -127,29 +125,29 @@ _PACKET = (
             }
             const float* node = all_nodes + (size_t)current * 56;
             const int* children = (const int*)(node + 48);
-            const fP still = (*(const fP*)begins[top] <= limit * pad) ? limit : (fP)-1.0f;
+            const f8 still = (*(const f8*)begins[top] <= limit * pad) ? limit : (f8)-1.0f;
             const int bottom = top;
             float nearest[8];
             for (int k = 0; k < 8; ++k) {
-                const fP tn = __builtin_elementwise_max(
+                const f8 tn = __builtin_elementwise_max(
                     __builtin_elementwise_max(node[near_row[0] + k] * inverse[0] - near_shift[0],
                                               node[near_row[1] + k] * inverse[1] - near_shift[1]),
-                    __builtin_elementwise_max(node[near_row[2] + k] * inverse[2] - near_shift[2], (fP)t_min));
-                const fP tf = __builtin_elementwise_min(
+                    __builtin_elementwise_max(node[near_row[2] + k] * inverse[2] - near_shift[2], (f8)t_min));
+                const f8 tf = __builtin_elementwise_min(
                     __builtin_elementwise_min(node[far_row[0] + k] * inverse[0] - far_shift[0],
                                               node[far_row[1] + k] * inverse[1] - far_shift[1]),
                     __builtin_elementwise_min(node[far_row[2] + k] * inverse[2] - far_shift[2], still)) * pad;
                 const unsigned mask = RAY_MASK(tn <= tf);
                 if (mask == 0) continue;
-                const fP begin = (tn <= tf) ? tn : (fP)__builtin_inff();
+                const f8 begin = (tn <= tf) ? tn : (f8)__builtin_inff();
                 const float key = __builtin_reduce_min(begin);
                 int place = top++;
                 for (; place > bottom && nearest[place - bottom - 1] < key; --place) {
-                    *(fP*)begins[place] = *(const fP*)begins[place - 1];
+                    *(f8*)begins[place] = *(const f8*)begins[place - 1];
                     waiting[place] = waiting[place - 1];
                     nearest[place - bottom] = nearest[place - bottom - 1];
                 }
-                *(fP*)begins[place] = begin;
+                *(f8*)begins[place] = begin;
                 waiting[place] = children[k];
                 nearest[place - bottom] = key;
             }
@@ -161,25 +159,16 @@ _PACKET = (
     for (int i = 0; i < count; ++i) write_hit(first + i, numbers[i], reach[i], hit_us[i], hit_vs[i]);
 """
     )
-    .replace("MASK_TYPE", {8: "unsigned char", 16: "unsigned short"}[PACKET])
     .replace("PACKET", str(PACKET))
     .replace("LONE_RAYS", str(LONE_RAYS))
 )
 
 
 @wp.func_native(native_code(_PACKET))
-def _trace_packet(
-    bvh: Bvh,
-    packet: int,
-    batch: RayBatch,
-): ...
+def _trace_packet(bvh: Bvh, packet: int, batch: RayBatch): ...
 
 
 @wp.kernel(enable_backward=False)
-def trace_packets(
-    first: int,
-    bvh: Bvh,
-    batch: RayBatch,
-):
+def trace_packets(first: int, bvh: Bvh, batch: RayBatch):
     """Trace rays PACKET at a time, one packet a thread."""
     _trace_packet(bvh, first + wp.tid(), batch)

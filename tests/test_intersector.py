@@ -128,6 +128,17 @@ def test_warp_arrays_come_back_as_warp_arrays(mesh: wrt.Mesh, device: str) -> No
     np.testing.assert_array_equal(any_hit.numpy(), expected.triangle >= 0)
 
 
+def test_limits_in_a_warp_array(mesh: wrt.Mesh, device: str) -> None:
+    tracer = wrt.Intersector(mesh, device=device)
+    rays = camera_rays(80)
+    near = tracer.closest_hit(*rays)
+    limits = np.where(np.isfinite(near.t), near.t * 0.999, 1.0).astype(np.float32)
+    hits = tracer.closest_hit(*rays, t_max=wp.array(limits, dtype=float, device=device))
+    assert (hits.triangle == -1).all()
+    with pytest.raises(wrt.InputError, match="t_max must be a Warp array"):
+        tracer.closest_hit(*rays, t_max=wp.array(limits[:-1], dtype=float, device=device))
+
+
 def test_triangles_of_a_scene_are_numbered_through(device: str) -> None:
     scene = wrt.Scene()
     scene.add(wrt.quad((-1.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)))

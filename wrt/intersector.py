@@ -152,7 +152,11 @@ class Intersector:
         if n == 0:
             return
         t_min = number(t_min, "t_min", minimum=0.0)
-        if not isinstance(t_max, wp.array):
+        if isinstance(t_max, wp.array):
+            if t_max.dtype is not wp.float32 or t_max.shape not in ((1,), (n,)) or str(t_max.device) != name:
+                raise InputError(f"t_max must be a Warp array of 1 or {n} floats on {name}")
+            t_max = t_max.contiguous()
+        else:
             limits = np.atleast_1d(np.asarray(t_max, dtype=np.float32))
             if limits.shape not in ((1,), (n,)) or np.isnan(limits).any():
                 raise InputError(f"t_max must be a number or ({n},), and not NaN")
