@@ -11,16 +11,21 @@ class Features:
 
     Attributes:
         models: names of the reflection models in the scene, sorted (see `kernels.bsdf`).
-        textured: whether any colour comes from an image or from vertex colours.
+        textured: whether any value comes from an image or from vertex colours.
         environment: "none", "constant" or "image".
+        layered: whether any material lets rays pass by opacity, or is made of others.
+        tangents: whether any material depends on the direction of the texture coordinates.
     """
 
     models: tuple[str, ...]
     textured: bool
     environment: str
+    layered: bool = False
+    tangents: bool = False
 
     @property
     def name(self) -> str:
         """A name that tells one variant from every other, for the kernel's module."""
         parts = [*self.models, "textured" if self.textured else "plain", self.environment]
-        return "_".join(parts)
+        parts += ["layered"] * self.layered + ["tangents"] * self.tangents
+        return "_".join(parts).replace(":", "_").replace("-", "_")

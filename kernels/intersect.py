@@ -17,6 +17,12 @@ def closest_hit(scene: SceneData, ray: Ray) -> Hit:
 
 
 @wp.func
+def closest_hit_before(scene: SceneData, ray: Ray, distance: float) -> Hit:
+    """Return the nearest hit before `distance`, or one whose triangle is NO_HIT."""
+    return bvh_closest_hit(scene.bvh, ray.origin, ray.direction, 0.0, distance)
+
+
+@wp.func
 def occluded(scene: SceneData, ray: Ray, distance: float) -> bool:
     """Return whether anything lies on the ray before `distance`."""
     return bvh_any_hit(scene.bvh, ray.origin, ray.direction, 0.0, distance)

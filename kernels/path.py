@@ -7,18 +7,26 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf
-from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.bsdf import make_bsdf, model_of
 from wrt.kernels.bvh import Hit
 from wrt.kernels.environment import image_pdf, image_radiance
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray, offset_from_surface, to_local, to_world
-from wrt.kernels.intersect import NO_HIT, closest_hit, occluded
+from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, closest_hit
 from wrt.kernels.lights import sample_light, triangle_light_pdf
-from wrt.kernels.sampler import BLOCK_BSDF, BLOCK_ENVIRONMENT, BLOCK_LIGHT, Sampler, sample_4d, vertex_block
+from wrt.kernels.materials import PASSED_THROUGH, choose_material, make_bsdf_at
+from wrt.kernels.sampler import (
+    BLOCK_BSDF,
+    BLOCK_ENVIRONMENT,
+    BLOCK_LIGHT,
+    BLOCK_MATERIAL,
+    Sampler,
+    sample_4d,
+    vertex_block,
+)
 from wrt.kernels.scene_data import SceneData, ShapeRecord
+from wrt.kernels.shadow import make_visibility
 from wrt.kernels.surface import Surface, add_texture_coordinates, surface_at
-from wrt.kernels.textures import slot_color
 
 # How light that both samplings can find is shared between them.
 STRATEGY_MIS = wp.constant(0)
@@ -64,37 +72,29 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
 
 
 @wp.func
-def hit_light_pdf(scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray) -> float:
-    """Return the density with which `sample_light` would have chosen the point that was hit."""
+def hit_light_pdf(
+    scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray, distance: float
+) -> float:
+    """Return the density with which `sample_light` would have chosen the point that was hit, `distance` away."""
     light = scene.lights[shape.first_light + hit.triangle - shape.first_triangle]
     p0 = scene.points[scene.indices[3 * hit.triangle]]
     e1 = scene.points[scene.indices[3 * hit.triangle + 1]] - p0
     e2 = scene.points[scene.indices[3 * hit.triangle + 2]] - p0
     cos_light = -wp.dot(surface.normal, ray.direction)
-    return triangle_light_pdf(light.probability, wp.length(wp.cross(e1, e2)), hit.t * hit.t, cos_light)
+    return triangle_light_pdf(light.probability, wp.length(wp.cross(e1, e2)), distance * distance, cos_light)
 
 
 @functools.cache
 def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
     bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
+    bsdf_at = make_bsdf_at(features)
+    visibility = make_visibility(features)
     textured = features.textured
+    layered = features.layered
+    transmits = any(model_of(name).transmits for name in features.models)
     has_environment = features.environment != "none"
     image_environment = features.environment == "image"
-
-    @wp.func
-    def bsdf_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> Bsdf:
-        material = scene.materials[shape.material]
-        bsdf = Bsdf()
-        bsdf.model = material.model
-        bsdf.front = surface.front
-        if wp.static(textured):
-            bsdf.a = slot_color(scene, scene.slots[material.first_slot], surface.uv, surface.color)
-            bsdf.b = slot_color(scene, scene.slots[material.first_slot + 1], surface.uv, surface.color)
-        else:
-            bsdf.a = scene.slots[material.first_slot].value
-            bsdf.b = scene.slots[material.first_slot + 1].value
-        return bsdf
 
     @wp.func
     def environment_seen(scene: SceneData, direction: wp.vec3, last_pdf: float, strategy: int) -> wp.vec3:
@@ -112,6 +112,7 @@ def make_trace_path(features: Features) -> wp.Function:
         throughput = wp.vec3(1.0)
         eta_scale = float(1.0)
         last_pdf = float(0.0)
+        passed = float(0.0)  # distance through what let the ray pass since it was last scattered
         rays = int(0)
         depth = int(0)
         while depth < settings.max_depth:
@@ -134,7 +135,7 @@ def make_trace_path(features: Features) -> wp.Function:
                 if surface.front or shape.two_sided != 0:
                     weight = float(1.0)
                     if last_pdf > 0.0:
-                        light_pdf = hit_light_pdf(scene, shape, hit, surface, ray)
+                        light_pdf = hit_light_pdf(scene, shape, hit, surface, ray, passed + hit.t)
                         weight = emitter_hit_weight(settings.strategy, last_pdf, light_pdf)
                     radiance += wp.cw_mul(throughput, shape.emission) * weight
             if depth >= settings.max_depth:
@@ -143,7 +144,16 @@ def make_trace_path(features: Features) -> wp.Function:
             # Material
             if wp.static(textured):
                 surface = add_texture_coordinates(scene, hit, surface)
-            bsdf = bsdf_at(scene, shape, surface)
+            material = shape.material
+            if wp.static(layered):
+                u_material = sample_4d(sampler, vertex_block(depth, BLOCK_MATERIAL))
+                material = choose_material(scene, material, surface, u_material[0])
+                if material == PASSED_THROUGH:
+                    beyond = offset_from_surface(surface.position, -surface.normal)
+                    passed += wp.length(beyond - ray.origin)
+                    ray.origin = beyond
+                    continue
+            bsdf = bsdf_at(scene, material, surface)
             wo = to_local(surface.frame, -ray.direction)
 
             # Emitter sampling
@@ -155,7 +165,8 @@ def make_trace_path(features: Features) -> wp.Function:
                 light = sample_light(scene, leave, sample_4d(sampler, vertex_block(depth, BLOCK_LIGHT)), u_environment)
                 wi = to_local(surface.frame, light.wi)
                 # A shading normal must not let light through: both normals must agree on the side.
-                if wp.dot(light.wi, surface.normal) > 0.0 and wi[2] > 0.0:
+                above = wp.dot(light.wi, surface.normal) > 0.0
+                if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
                     arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
                     if not light.delta:
                         pdf = bsdf_pdf(bsdf, wo, wi)
@@ -164,9 +175,18 @@ def make_trace_path(features: Features) -> wp.Function:
                         shadow = Ray()
                         shadow.origin = leave
                         shadow.direction = light.wi
+                        distance = light.distance
+                        if wp.static(transmits):
+                            if not above:
+                                # The way to the same point from the other side of the surface.
+                                shadow.origin = offset_from_surface(surface.position, -surface.normal)
+                                if distance < INFINITE_DISTANCE:
+                                    way = leave + light.wi * distance - shadow.origin
+                                    distance = wp.length(way)
+                                    shadow.direction = way / distance
                         rays += 1
-                        if not occluded(scene, shadow, light.distance):
-                            radiance += wp.cw_mul(throughput, arriving)
+                        arriving = arriving * visibility(scene, shadow, distance)
+                        radiance += wp.cw_mul(throughput, arriving)
 
             # BSDF sampling
             u = sample_4d(sampler, vertex_block(depth, BLOCK_BSDF))
@@ -180,6 +200,7 @@ def make_trace_path(features: Features) -> wp.Function:
                 break
             ray.origin = offset_from_surface(surface.position, surface.normal * side)
             ray.direction = wp.normalize(direction)
+            passed = 0.0
 
             # Stopping criterion: the throughput without the squeeze of solid angles inside glass
             survival = wp.max(throughput) * eta_scale

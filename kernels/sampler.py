@@ -10,10 +10,11 @@ import warp as wp
 # vertex then takes BLOCKS_PER_VERTEX more.
 BLOCK_FILM_AND_LENS = wp.constant(wp.uint32(0))
 BLOCK_VERTICES = wp.constant(wp.uint32(2))
-BLOCKS_PER_VERTEX = wp.constant(wp.uint32(3))
+BLOCKS_PER_VERTEX = wp.constant(wp.uint32(4))
 BLOCK_LIGHT = wp.constant(wp.uint32(0))
 BLOCK_ENVIRONMENT = wp.constant(wp.uint32(1))
 BLOCK_BSDF = wp.constant(wp.uint32(2))
+BLOCK_MATERIAL = wp.constant(wp.uint32(3))
 
 
 @wp.struct

@@ -9,6 +9,11 @@ SLOT_CONSTANT = wp.constant(0)
 SLOT_IMAGE = wp.constant(1)
 SLOT_VERTEX_COLOR = wp.constant(2)
 
+# What a material is: a reflection model, or one of two others by share or by side.
+MATERIAL_MODEL = wp.constant(0)
+MATERIAL_MIX = wp.constant(1)
+MATERIAL_SIDES = wp.constant(2)
+
 # Which kind of light an entry of `lights` is.
 LIGHT_TRIANGLE = wp.constant(0)
 LIGHT_POINT = wp.constant(1)
@@ -18,19 +23,32 @@ LIGHT_ENVIRONMENT = wp.constant(3)
 
 @wp.struct
 class MaterialRecord:
-    """A reflection model's number (see `kernels.bsdf`) and where its colour slots begin."""
+    """A reflection model's number (see `kernels.bsdf`) and where its values begin; or what is made of others.
 
+    Where `kind` is MATERIAL_MIX, `first` and `second` are materials and the first value is the share of
+    the second; where it is MATERIAL_SIDES they are the materials of the front and the back.
+    """
+
+    kind: int
     model: int
     first_slot: int
+    opacity_slot: int  # -1 where it is opaque
+    first: int
+    second: int
+    table: int  # where in `tables` the model's table begins
 
 
 @wp.struct
 class ColorSlot:
-    """A colour, and by `source` what multiplies it: nothing, an image, or the vertex colour."""
+    """A colour, and by `source` what multiplies it: nothing, an image, or the vertex colour.
+
+    `channel` is -1, or the channel of the image that stands for all three.
+    """
 
     value: wp.vec3
     source: int
     image: int
+    channel: int
 
 
 @wp.struct
@@ -101,6 +119,7 @@ class SceneData:
     shapes: wp.array(dtype=ShapeRecord)
     materials: wp.array(dtype=MaterialRecord)
     slots: wp.array(dtype=ColorSlot)
+    tables: wp.array(dtype=float)
     images: wp.array(dtype=ImageRecord)
     texels: wp.array(dtype=wp.vec3)
     # Lights

@@ -42,10 +42,13 @@ def image_color(texels: wp.array(dtype=wp.vec3), image: ImageRecord, uv: wp.vec2
 
 @wp.func
 def slot_color(scene: SceneData, slot: ColorSlot, uv: wp.vec2, vertex_color: wp.vec3) -> wp.vec3:
-    """Return a material slot's colour at a point."""
+    """Return a material slot's value at a point."""
     value = slot.value
     if slot.source == SLOT_IMAGE:
-        value = wp.cw_mul(value, image_color(scene.texels, scene.images[slot.image], uv))
+        texel = image_color(scene.texels, scene.images[slot.image], uv)
+        if slot.channel >= 0:
+            texel = wp.vec3(texel[slot.channel])
+        value = wp.cw_mul(value, texel)
     elif slot.source == SLOT_VERTEX_COLOR:
         value = wp.cw_mul(value, vertex_color)
     return value

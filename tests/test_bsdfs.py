@@ -2,132 +2,51 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
-
 import numpy as np
 import pytest
 import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from scipy import stats
-from support.kernels import uniforms, upload
-from support.statistics import chi_square_test, integrate_pdf_over_bins, sidak, sphere_histogram
+from support.bsdfs import ANGLES, EPS, Case, albedo, assert_weights, chi_square, hemisphere, reciprocity_error, viewer
+from support.kernels import uniforms
+from support.statistics import sidak
 from test_fresnel import complex_fresnel, cook_torrance
 
-from wrt.kernels.bsdf import DELTA_ONLY, MODEL_NUMBERS, MODELS, make_bsdf
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample
+import wrt
+from wrt.kernels.bsdf import make_bsdf
+from wrt.kernels.bsdf.record import Bsdf
 
 N = 2**20
-ANGLES = (0.0, 45.0, 80.0, 89.0)
-EPS = float(np.finfo(np.float32).eps)
 
-_evaluate, _pdf, _sample, _is_delta = make_bsdf(tuple(MODELS))
-
-
-@wp.kernel(enable_backward=False)
-def evaluate_kernel(
-    bsdf: Bsdf,
-    wo: wp.array(dtype=wp.vec3),
-    wi: wp.array(dtype=wp.vec3),
-    value_out: wp.array(dtype=wp.vec3),
-    pdf_out: wp.array(dtype=float),
-    delta_out: wp.array(dtype=int),
-):
-    i = wp.tid()
-    value_out[i] = _evaluate(bsdf, wo[i], wi[i])
-    pdf_out[i] = _pdf(bsdf, wo[i], wi[i])
-    delta_out[i] = int(_is_delta(bsdf))
-
-
-@wp.kernel(enable_backward=False)
-def sample_kernel(
-    bsdf: Bsdf, wo: wp.array(dtype=wp.vec3), u: wp.array(dtype=wp.vec3), sample_out: wp.array(dtype=BsdfSample)
-):
-    i = wp.tid()
-    sample_out[i] = _sample(bsdf, wo[i], wp.vec2(u[i][0], u[i][1]), u[i][2])
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """A model with its colours, seen from the front or the back."""
-
-    model: str
-    a: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    b: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    front: bool = True
-
-    def record(self) -> Any:
-        bsdf = Bsdf()
-        bsdf.model = MODEL_NUMBERS[self.model]
-        bsdf.a, bsdf.b, bsdf.front = wp.vec3(*self.a), wp.vec3(*self.b), self.front
-        return bsdf
-
-    @property
-    def eta(self) -> float:
-        """n_t / n_i of a dielectric, as float32 holds it."""
-        eta = float(np.float32(self.a[0]))
-        return eta if self.front else 1.0 / eta
-
-    def evaluate(self, wo: NDArray, wi: NDArray, device: str) -> tuple[NDArray, NDArray, NDArray]:
-        """Return f |cosθi|, the density, and whether the model calls itself a delta."""
-        wo, wi = np.broadcast_arrays(wo, wi)
-        out = [wp.empty(len(wi), dtype=dtype, device=device) for dtype in (wp.vec3, wp.float32, wp.int32)]
-        inputs = [self.record(), upload(wo, wp.vec3, device), upload(wi, wp.vec3, device)]
-        wp.launch(evaluate_kernel, len(wi), inputs, out, device=device)
-        value, pdf, delta = (array.numpy() for array in out)
-        return value.astype(np.float64), pdf.astype(np.float64), delta.astype(bool)
-
-    def sample(self, wo: NDArray, u: NDArray, device: str) -> NDArray:
-        out = wp.empty(len(u), dtype=BsdfSample, device=device)
-        wo = np.broadcast_to(wo, (len(u), 3))
-        inputs = [self.record(), upload(wo, wp.vec3, device), upload(u, wp.vec3, device)]
-        wp.launch(sample_kernel, len(u), inputs, [out], device=device)
-        return out.numpy()
-
-
+BUBBLE = wrt.Dielectric(1.0, exterior_ior=1.33)
 CASES = {
-    "diffuse": Case("diffuse", (0.8, 0.5, 0.0)),
-    "diffuse, back": Case("diffuse", (1.0, 1.0, 1.0), front=False),
-    "mirror": Case("mirror", (0.9, 0.5, 0.0)),
-    "copper": Case("conductor", (0.200, 0.924, 1.102), (3.912, 2.452, 2.142)),
-    "glass from outside": Case("dielectric", (1.5, 1.5, 1.5)),
-    "glass from inside": Case("dielectric", (1.5, 1.5, 1.5), front=False),
-    "bubble from outside": Case("dielectric", (1.0 / 1.33,) * 3),
-    "bubble from inside": Case("dielectric", (1.0 / 1.33,) * 3, front=False),
-    "diamond from inside": Case("dielectric", (2.42, 2.42, 2.42), front=False),
+    "diffuse": Case(wrt.Diffuse((0.8, 0.5, 0.0))),
+    "diffuse, back": Case(wrt.Diffuse(1.0), front=False),
+    "mirror": Case(wrt.Mirror((0.9, 0.5, 0.0))),
+    "copper": Case(wrt.Conductor((0.200, 0.924, 1.102), (3.912, 2.452, 2.142))),
+    "glass from outside": Case(wrt.Dielectric(1.5)),
+    "glass from inside": Case(wrt.Dielectric(1.5), front=False),
+    "bubble from outside": Case(BUBBLE),
+    "bubble from inside": Case(BUBBLE, front=False),
+    "diamond from inside": Case(wrt.Dielectric(2.42), front=False),
 }
-SMOOTH = [name for name, case in CASES.items() if case.model not in DELTA_ONLY]
-DELTA = [name for name, case in CASES.items() if case.model in DELTA_ONLY]
-DIELECTRIC = [name for name, case in CASES.items() if case.model == "dielectric"]
+SMOOTH = [name for name, case in CASES.items() if not case.model.delta]
+DELTA = [name for name, case in CASES.items() if case.model.delta]
+DIELECTRIC = [name for name, case in CASES.items() if isinstance(case.material, wrt.Dielectric)]
 
 
-def viewer(degrees: float, azimuth: float = 0.7) -> NDArray[np.float64]:
-    theta = np.radians(degrees)
-    return np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
-
-
-def hemisphere(n: int, seed: int) -> NDArray[np.float64]:
-    d = np.random.default_rng(seed).normal(size=(n, 3))
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    d[:, 2] = np.abs(d[:, 2])
-    return d
-
-
-def test_every_model_is_tested() -> None:
-    assert {case.model for case in CASES.values()} == set(MODELS)
-    assert set(MODELS) >= DELTA_ONLY
+def relative_ior(case: Case) -> float:
+    """Return n_t / n_i of a dielectric, as float32 holds it."""
+    assert isinstance(case.material, wrt.Dielectric)
+    eta = float(np.float32(case.material.relative_ior))
+    return eta if case.front else 1.0 / eta
 
 
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("name", SMOOTH)
 def test_samples_follow_the_density(name: str, degrees: float, device: str, report: Report) -> None:
-    case, wo = CASES[name], viewer(degrees)
-    found = case.sample(wo, uniforms(N, 3, seed=int(degrees)), device)
-    valid = found["weight"].max(axis=1) > 0.0
-    expected = N * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1])
-    tests = len(SMOOTH) * len(ANGLES)
-    result = chi_square_test(sphere_histogram(found["wi"][valid]), expected, tests=tests, samples=N)
+    result = chi_square(CASES[name], degrees, device, tests=len(SMOOTH) * len(ANGLES), samples=N)
     report(f"{name} at {degrees:g}°", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
 
@@ -135,28 +54,13 @@ def test_samples_follow_the_density(name: str, degrees: float, device: str, repo
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("name", SMOOTH)
 def test_weight_is_value_over_density(name: str, degrees: float, device: str) -> None:
-    case, wo = CASES[name], viewer(degrees)
-    found = case.sample(wo, uniforms(100_000, 3, seed=1), device)
-    assert not found["delta"].any()
-    assert (found["eta"] == 1.0).all()
-    wi = found["wi"].astype(np.float64)
-    np.testing.assert_allclose(np.linalg.norm(wi, axis=1), 1.0, atol=1e-6)
-    value, pdf, delta = case.evaluate(wo, wi, device)
-    assert not delta.any()
-    np.testing.assert_allclose(found["pdf"], pdf, rtol=1e-5)
-    seen = pdf > 0.0
-    assert seen.mean() > 0.999
-    np.testing.assert_allclose(found["weight"][seen], value[seen] / pdf[seen, None], rtol=1e-5)
+    assert_weights(CASES[name], degrees, device, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", SMOOTH)
 def test_reciprocity(name: str, device: str) -> None:
     """f(wo, wi) = f(wi, wo), where `evaluate` has the cosine of its second direction in it."""
-    case = CASES[name]
-    wo, wi = hemisphere(100_000, seed=2), hemisphere(100_000, seed=3)
-    there, _, _ = case.evaluate(wo, wi, device)
-    back, _, _ = case.evaluate(wi, wo, device)
-    np.testing.assert_allclose(there / wi[:, 2:], back / wo[:, 2:], rtol=1e-5)
+    assert reciprocity_error(CASES[name], device) < 1e-5
 
 
 @pytest.mark.parametrize("name", SMOOTH)
@@ -171,11 +75,7 @@ def test_nothing_goes_through_a_reflector(name: str, device: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_no_energy_is_made(name: str, degrees: float, device: str, report: Report) -> None:
     """The mean weight is the albedo. Refraction squeezes light into another solid angle: that is not energy."""
-    found = CASES[name].sample(viewer(degrees), uniforms(N, 3, seed=5), device)
-    energy = found["weight"].astype(np.float64) * (found["eta"].astype(np.float64) ** 2)[:, None]
-    assert energy.min() >= 0.0
-    mean = energy.mean(axis=0)
-    error = energy.std(axis=0, ddof=1) / np.sqrt(N)
+    mean, error = albedo(CASES[name], degrees, device, samples=N)
     report(f"{name} at {degrees:g}°: largest albedo", float(mean.max()), "<= 1")
     assert (mean <= 1.0 + 3.0 * error + 4.0 * EPS).all()
 
@@ -186,7 +86,7 @@ def test_albedos_are_the_stated_ones(device: str) -> None:
         found = case.sample(viewer(60.0), uniforms(N, 3, seed=6), device)
         weight = found["weight"].astype(np.float64)
         error = weight.std(axis=0, ddof=1) / np.sqrt(N)
-        assert (np.abs(weight.mean(axis=0) - case.a) <= 3.5 * error + 1e-6).all(), name
+        assert (np.abs(weight.mean(axis=0) - case.material.reflectance) <= 3.5 * error + 1e-6).all(), name
 
 
 @pytest.mark.parametrize("name", DELTA)
@@ -211,9 +111,11 @@ def test_mirrors_reflect(name: str, device: str) -> None:
     found = case.sample(wo, uniforms(len(wo), 3, seed=12), device)
     np.testing.assert_array_equal(found["wi"], wo * np.array([-1, -1, 1], np.float32))
     assert (found["eta"] == 1.0).all()
-    expected = np.broadcast_to(case.a, wo.shape)
-    if case.model == "conductor":
-        expected = complex_fresnel(wo[:, 2:].astype(np.float64), np.array(case.a), np.array(case.b))
+    if isinstance(case.material, wrt.Conductor):
+        eta, k = np.array(case.material.eta), np.array(case.material.k)
+        expected = complex_fresnel(wo[:, 2:].astype(np.float64), eta, k)
+    else:
+        expected = np.broadcast_to(case.material.slots[0], wo.shape)
     np.testing.assert_allclose(found["weight"], expected, atol=32.0 * EPS)
 
 
@@ -227,7 +129,7 @@ def dielectric_samples(name: str, device: str) -> tuple[NDArray, NDArray, NDArra
 
 @pytest.mark.parametrize("name", DIELECTRIC)
 def test_refraction_obeys_snell(name: str, device: str, report: Report) -> None:
-    eta = CASES[name].eta
+    eta = relative_ior(CASES[name])
     wo, _, found = dielectric_samples(name, device)
     wi = found["wi"].astype(np.float64)
     through = wi[:, 2] < 0.0
@@ -250,7 +152,7 @@ def test_refraction_obeys_snell(name: str, device: str, report: Report) -> None:
 
 @pytest.mark.parametrize("name", DIELECTRIC)
 def test_lobes_are_chosen_by_fresnel(name: str, device: str) -> None:
-    eta = CASES[name].eta
+    eta = relative_ior(CASES[name])
     wo, u_lobe, found = dielectric_samples(name, device)
     reflected = found["wi"][:, 2] > 0.0
     reflectance = cook_torrance(wo[:, 2], np.full(len(wo), eta))
@@ -262,7 +164,7 @@ def test_lobes_are_chosen_by_fresnel(name: str, device: str) -> None:
 
 @pytest.mark.parametrize("name", DIELECTRIC)
 def test_share_of_reflected_light(name: str, device: str, report: Report) -> None:
-    eta = CASES[name].eta
+    eta = relative_ior(CASES[name])
     critical = np.degrees(np.arcsin(eta)) if eta < 1.0 else 90.0
     angles = [a for a in (*ANGLES, 0.5 * critical, 0.99 * critical) if abs(a - critical) > 0.01]
     n = 2**18
@@ -288,5 +190,5 @@ def test_a_model_that_the_kernel_lacks_is_black(device: str) -> None:
         out[1] = float(is_delta(bsdf))
 
     out = wp.full(2, -1.0, dtype=float, device=device)
-    wp.launch(ask, 1, [CASES["diffuse"].record(), wp.vec3(0.0, 0.0, 1.0)], [out], device=device)
+    wp.launch(ask, 1, [CASES["diffuse"].record(device), wp.vec3(0.0, 0.0, 1.0)], [out], device=device)
     assert out.numpy().tolist() == [0.0, 1.0]

@@ -27,7 +27,17 @@ if TYPE_CHECKING:
     from wrt.formats.meshes import load_mesh
     from wrt.intersector import Hits, Intersector
     from wrt.lights import DirectionalLight, PointLight
-    from wrt.materials import Conductor, Dielectric, Diffuse, Material, Mirror
+    from wrt.materials import (
+        Conductor,
+        Dielectric,
+        Diffuse,
+        Emissive,
+        Material,
+        Mirror,
+        Mix,
+        TwoSided,
+        register_material,
+    )
     from wrt.mesh import Mesh
     from wrt.renderer import Progress, Renderer
     from wrt.scene import RenderSettings, Scene, Shape
@@ -42,12 +52,14 @@ _EXPORTS = {
     "DirectionalLight": "wrt.lights",
     "ImageEnvironment": "wrt.environment",
     "ImageTexture": "wrt.textures",
+    "Emissive": "wrt.materials",
     "Hits": "wrt.intersector",
     "InputError": "wrt.errors",
     "Intersector": "wrt.intersector",
     "Material": "wrt.materials",
     "Mesh": "wrt.mesh",
     "Mirror": "wrt.materials",
+    "Mix": "wrt.materials",
     "PerspectiveCamera": "wrt.camera",
     "PointLight": "wrt.lights",
     "Progress": "wrt.renderer",
@@ -55,6 +67,7 @@ _EXPORTS = {
     "RenderSettings": "wrt.scene",
     "Scene": "wrt.scene",
     "Shape": "wrt.scene",
+    "TwoSided": "wrt.materials",
     "VertexColor": "wrt.textures",
     "box": "wrt.shapes",
     "load": "wrt.api",
@@ -62,6 +75,7 @@ _EXPORTS = {
     "load_mesh": "wrt.formats.meshes",
     "polygon": "wrt.shapes",
     "quad": "wrt.shapes",
+    "register_material": "wrt.materials",
     "render": "wrt.api",
     "save_image": "wrt.formats.images",
     "sphere": "wrt.shapes",
@@ -73,6 +87,7 @@ __all__ = [
     "Dielectric",
     "Diffuse",
     "DirectionalLight",
+    "Emissive",
     "Hits",
     "ImageEnvironment",
     "ImageTexture",
@@ -81,6 +96,7 @@ __all__ = [
     "Material",
     "Mesh",
     "Mirror",
+    "Mix",
     "PerspectiveCamera",
     "PointLight",
     "Progress",
@@ -88,6 +104,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "Shape",
+    "TwoSided",
     "VertexColor",
     "__version__",
     "box",
@@ -96,6 +113,7 @@ __all__ = [
     "load_mesh",
     "polygon",
     "quad",
+    "register_material",
     "render",
     "save_image",
     "sphere",

@@ -32,7 +32,7 @@ class Shape:
     Attributes:
         mesh: the triangles.
         material: how it reflects.
-        emission: radiance it gives off its front, per channel, W·sr⁻¹·m⁻².
+        emission: radiance it gives off its front, per channel, W·sr⁻¹·m⁻²; where it is 0, that of the material.
         two_sided_emission: whether its back shines as well.
         name: for messages.
     """
@@ -48,7 +48,8 @@ class Shape:
             raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}")
         if not isinstance(self.material, Material):
             raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
-        object.__setattr__(self, "emission", color(self.emission, f"{self.name}: emission"))
+        emission = color(self.emission, f"{self.name}: emission")
+        object.__setattr__(self, "emission", emission if any(emission) else self.material.emission)
 
     @property
     def emits(self) -> bool:

@@ -1,30 +1,57 @@
-"""Reflection models, and the dispatch among those that a scene uses.
+"""Reflection models by name, and the dispatch among those that a scene uses.
 
-A model is a file with three device functions in the local frame whose z faces the viewer:
-
-    evaluate(bsdf, wo, wi) -> f |cosθi|     pdf(bsdf, wo, wi)     sample(bsdf, wo, u, u_lobe)
-
-To add one, write the file, name it in MODELS, and give it a description in `wrt/materials.py`.
+A model is a file that ends in a `Model` (see `kernels/bsdf/record.py`), or a factory that makes one for
+each choice of its parts: "rough_conductor:ggx:smith" is what FAMILIES["rough_conductor"] makes of
+"ggx" and "smith". To add one, write the file, name it in FAMILIES, and describe it in `wrt/materials/`;
+`register_model` adds one from outside.
 """
 
 import functools
-from types import ModuleType
+from collections.abc import Callable
 from typing import NamedTuple
 
 import warp as wp
 
 from wrt.kernels.bsdf import conductor, dielectric, diffuse, mirror
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
 
-MODELS: dict[str, ModuleType] = {
-    "diffuse": diffuse,
-    "mirror": mirror,
-    "conductor": conductor,
-    "dielectric": dielectric,
+FAMILIES: dict[str, Callable[..., Model]] = {
+    "diffuse": lambda: diffuse.MODEL,
+    "mirror": lambda: mirror.MODEL,
+    "conductor": lambda: conductor.MODEL,
+    "dielectric": lambda: dielectric.MODEL,
 }
-MODEL_NUMBERS = {name: number for number, name in enumerate(MODELS)}
-DELTA_ONLY = frozenset({"mirror", "conductor", "dielectric"})
-"""Models whose `evaluate` is zero everywhere, so that sampling lights for them is useless."""
+
+
+def register_model(name: str, model: Model) -> None:
+    """Let materials name a model of one's own.
+
+    Args:
+        name: what a material's `model` says; letters, digits and underscores.
+        model: its device functions.
+
+    Raises:
+        ValueError: where the name is taken or not an identifier, or the model reads too many values.
+    """
+    if not name.isidentifier():
+        raise ValueError(f"a model's name must be an identifier, not {name!r}")
+    if name in FAMILIES:
+        raise ValueError(f"there is a model {name!r} already")
+    if not 0 <= model.slots <= MAX_SLOTS:
+        raise ValueError(f"{name}: a model reads 0 to {MAX_SLOTS} values, not {model.slots}")
+    FAMILIES[name] = lambda: model
+
+
+@functools.cache
+def model_of(name: str) -> Model:
+    """Return the model that a name such as "diffuse" or "rough_conductor:ggx:smith" stands for."""
+    family, *parts = name.split(":")
+    return FAMILIES[family](*parts)
+
+
+def model_number(name: str, names: tuple[str, ...]) -> int:
+    """Return the number that stands for a model in kernels made for `names`."""
+    return len(names) - 1 - names.index(name)
 
 
 class BsdfFunctions(NamedTuple):
@@ -38,7 +65,7 @@ class BsdfFunctions(NamedTuple):
 
 @functools.cache
 def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
-    """Return device functions that know the models `names` alone.
+    """Return device functions that know the models `names` alone, by their `model_number`.
 
     One link a model, each calling the next. Not a static loop over the models: Warp's hash of a
     function leaves out a `wp.static` that depends on a loop variable, so kernels of different
@@ -46,12 +73,12 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     """
     if not names:
         return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample, _no_is_delta)
-    model = MODELS[names[0]]
-    number = MODEL_NUMBERS[names[0]]
-    delta = names[0] in DELTA_ONLY
+    model = model_of(names[0])
+    number = model_number(names[0], names)
+    delta = model.delta
     model_evaluate, model_pdf, model_sample = model.evaluate, model.pdf, model.sample
     next_evaluate, next_pdf, next_sample, next_is_delta = make_bsdf(names[1:])
-    suffix = "_".join(names)
+    suffix = identifier(names)
 
     @wp.func(name=f"bsdf_evaluate_{suffix}")
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -80,9 +107,14 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     return BsdfFunctions(evaluate, pdf, sample, is_delta)
 
 
+def identifier(names: tuple[str, ...]) -> str:
+    """Return one identifier for several model names."""
+    return "_".join(names).replace(":", "_").replace("-", "_")
+
+
 @wp.func
 def _no_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    return BsdfSample()
+    return no_sample()
 
 
 @wp.func

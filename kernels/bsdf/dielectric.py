@@ -1,4 +1,4 @@
-"""A smooth boundary between two transparent media: a[0] = n_inside / n_outside.
+"""A smooth boundary between two transparent media.
 
 Reflection and refraction by the exact Fresnel equations, chosen in their proportion. Radiance is
 scaled by (n_i / n_t)² on refraction, because a refracted beam fills another solid angle.
@@ -6,17 +6,16 @@ scaled by (n_i / n_t)² on refraction, because a refracted beam fills another so
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero_evaluate, zero_pdf
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 
-evaluate = zero_evaluate
-pdf = zero_pdf
+IOR = wp.constant(0)  # n_inside / n_outside
 
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return the reflected or the refracted direction."""
-    eta = bsdf.a[0]
+    eta = bsdf.slots[IOR][0]
     if not bsdf.front:
         eta = 1.0 / eta
     s = mirror_sample(wo, wp.vec3(1.0))
@@ -27,3 +26,6 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         s.weight = wp.vec3(scale * scale)
         s.eta = eta
     return s
+
+
+MODEL = Model(zero_evaluate, zero_pdf, sample, slots=1, delta=True, transmits=True)

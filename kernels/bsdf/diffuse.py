@@ -1,15 +1,17 @@
-"""Lambertian reflection: f = a / π, a the reflectance."""
+"""Lambertian reflection: f = reflectance / π."""
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
 from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+
+REFLECTANCE = wp.constant(0)
 
 
 @wp.func
 def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
     """Return f |cosθi|."""
-    return bsdf.a * (INV_PI * wp.max(wi[2], 0.0))
+    return bsdf.slots[REFLECTANCE] * (INV_PI * wp.max(wi[2], 0.0))
 
 
 @wp.func
@@ -23,8 +25,11 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return a direction with density cosθ/π."""
     s = BsdfSample()
     s.wi = square_to_cosine_hemisphere(u)
-    s.weight = bsdf.a
+    s.weight = bsdf.slots[REFLECTANCE]
     s.pdf = INV_PI * s.wi[2]
     s.delta = False
     s.eta = 1.0
     return s
+
+
+MODEL = Model(evaluate, pdf, sample, slots=1)

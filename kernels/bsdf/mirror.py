@@ -1,14 +1,16 @@
-"""An ideal mirror of reflectance a at every angle."""
+"""An ideal mirror of one reflectance at every angle."""
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, mirror_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero_evaluate, zero_pdf
 
-evaluate = zero_evaluate
-pdf = zero_pdf
+REFLECTANCE = wp.constant(0)
 
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return the mirrored direction."""
-    return mirror_sample(wo, bsdf.a)
+    return mirror_sample(wo, bsdf.slots[REFLECTANCE])
+
+
+MODEL = Model(zero_evaluate, zero_pdf, sample, slots=1, delta=True)

@@ -1,20 +1,29 @@
-"""What a reflection model is given and what it answers."""
+"""What a reflection model is given, what it answers, and what a model is."""
+
+from typing import NamedTuple
 
 import warp as wp
+
+MAX_SLOTS = 16
+"""The most values (colours or numbers) that one model may read."""
+
+slot_values = wp.types.matrix(shape=(MAX_SLOTS, 3), dtype=float)
 
 
 @wp.struct
 class Bsdf:
-    """A material at one point: its model and that model's colours there.
+    """A material at one point: its model and the values there.
 
-    What `a` and `b` mean is written at the top of each model's file. The frame's z is the shading
-    normal and faces the viewer; `front` tells whether that is the front of the surface.
+    Row k of `slots` is a colour, or a number repeated three times; each model's file names its rows.
+    The frame's z is the shading normal and faces the viewer; `front` tells whether that is the front
+    of the surface. A model that reads a table finds it in `tables` from `table` on.
     """
 
     model: int
-    a: wp.vec3
-    b: wp.vec3
     front: bool
+    slots: slot_values
+    tables: wp.array(dtype=float)
+    table: int
 
 
 @wp.struct
@@ -30,6 +39,38 @@ class BsdfSample:
     pdf: float
     delta: bool
     eta: float
+
+
+class Model(NamedTuple):
+    """A reflection model: three device functions in the local frame whose z faces the viewer.
+
+    Attributes:
+        evaluate: (bsdf, wo, wi) -> vec3, f |cosθi| without what goes in single directions only.
+        pdf: (bsdf, wo, wi) -> float, the density per solid angle of what `sample` draws of that.
+        sample: (bsdf, wo, u: vec2, u_lobe: float) -> BsdfSample.
+        slots: how many values it reads, at most MAX_SLOTS.
+        delta: whether `evaluate` is zero everywhere, so that sampling lights for it is useless.
+        transmits: whether light may come through the surface.
+    """
+
+    evaluate: wp.Function
+    pdf: wp.Function
+    sample: wp.Function
+    slots: int
+    delta: bool = False
+    transmits: bool = False
+
+
+@wp.func
+def no_sample() -> BsdfSample:
+    """Return that there is no direction to go in."""
+    s = BsdfSample()
+    s.wi = wp.vec3(0.0, 0.0, 1.0)
+    s.weight = wp.vec3(0.0)
+    s.pdf = 0.0
+    s.delta = False
+    s.eta = 1.0
+    return s
 
 
 @wp.func

@@ -12,15 +12,11 @@ from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, upload_environment
 from wrt.build.geometry import upload_triangles
 from wrt.build.lights import light_table
+from wrt.build.materials import describe_materials
 from wrt.device import Device
 from wrt.errors import InputError
-from wrt.materials import Material
 from wrt.mesh import Mesh
 from wrt.scene import Scene
-from wrt.textures import ImageTexture, VertexColor
-
-SLOTS_PER_MATERIAL = 2
-"""Colours a reflection model may read: `a` and `b` of kernels/bsdf/record.py."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +46,11 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
     meshes = [shape.mesh for shape in scene.shapes]
-    textured = any(
-        isinstance(slot, (ImageTexture, VertexColor)) for shape in scene.shapes for slot in shape.material.slots
-    )
+    materials = describe_materials([shape.material for shape in scene.shapes])
     data = SceneData()
-    _upload_geometry(data, meshes, device.name, textured=textured)
+    _upload_geometry(data, meshes, device.name, textured=materials.textured or materials.tangents)
     data.bvh = build_bvh(data.points, data.indices, device).data
-    material_numbers = _upload_materials(data, [shape.material for shape in scene.shapes], device.name)
+    materials.upload(data, device)
 
     counts = np.array([len(m.faces) for m in meshes])
     first_triangles = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -79,15 +73,21 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
         data.lights = wp.zeros(0, dtype=LightRecord, device=device.name)
 
     shapes = np.zeros(len(scene.shapes), ShapeRecord.numpy_dtype())
-    shapes["material"] = material_numbers
+    shapes["material"] = materials.of_shapes
     shapes["first_triangle"] = first_triangles
     shapes["first_light"] = first_lights
     shapes["emission"] = [shape.emission for shape in scene.shapes]
     shapes["two_sided"] = [shape.two_sided_emission for shape in scene.shapes]
     data.shapes = wp.array(shapes, dtype=ShapeRecord, device=device.name)
 
-    models = tuple(sorted({shape.material.model for shape in scene.shapes}))
-    return BuiltScene(data, Features(models, textured, environment_kind(scene.environment)))
+    features = Features(
+        materials.models,
+        materials.textured,
+        environment_kind(scene.environment),
+        layered=materials.layered,
+        tangents=materials.tangents,
+    )
+    return BuiltScene(data, features)
 
 
 def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bool) -> None:
@@ -109,60 +109,3 @@ def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bo
     if textured:
         data.uvs = wp.array(attribute("uvs", 2, 0.0), dtype=wp.vec2, device=device)
         data.colors = wp.array(attribute("colors", 3, 1.0), dtype=wp.vec3, device=device)
-
-
-def _upload_materials(data: Any, materials: list[Material], device: str) -> np.ndarray:
-    """Upload each distinct material once; return the number of every shape's."""
-    import warp as wp
-
-    from wrt.kernels.bsdf import MODEL_NUMBERS
-    from wrt.kernels.scene_data import (
-        SLOT_CONSTANT,
-        SLOT_IMAGE,
-        SLOT_VERTEX_COLOR,
-        ColorSlot,
-        ImageRecord,
-        MaterialRecord,
-    )
-
-    numbers: dict[int, int] = {}
-    unique: list[Material] = []
-    for material in materials:
-        if id(material) not in numbers:
-            numbers[id(material)] = len(unique)
-            unique.append(material)
-
-    records = np.zeros(len(unique), MaterialRecord.numpy_dtype())
-    slots = np.zeros(len(unique) * SLOTS_PER_MATERIAL, ColorSlot.numpy_dtype())
-    images: list[ImageTexture] = []
-    image_numbers: dict[int, int] = {}
-    for i, material in enumerate(unique):
-        records[i] = (MODEL_NUMBERS[material.model], i * SLOTS_PER_MATERIAL)
-        for k, value in enumerate(material.slots):
-            slot = slots[i * SLOTS_PER_MATERIAL + k : i * SLOTS_PER_MATERIAL + k + 1]
-            slot["value"], slot["source"] = 1.0, SLOT_CONSTANT
-            if isinstance(value, ImageTexture):
-                if id(value) not in image_numbers:
-                    image_numbers[id(value)] = len(images)
-                    images.append(value)
-                slot["source"], slot["image"] = SLOT_IMAGE, image_numbers[id(value)]
-            elif isinstance(value, VertexColor):
-                slot["source"] = SLOT_VERTEX_COLOR
-            else:
-                slot["value"] = value
-    data.materials = wp.array(records, dtype=MaterialRecord, device=device)
-    data.slots = wp.array(slots, dtype=ColorSlot, device=device)
-
-    if images:
-        table = np.zeros(len(images), ImageRecord.numpy_dtype())
-        sizes = np.array([image.pixels.shape[0] * image.pixels.shape[1] for image in images])
-        if sizes.sum() >= 2**31:
-            raise InputError("the scene's textures have more than 2^31 texels")
-        table["first"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        table["height"] = [image.pixels.shape[0] for image in images]
-        table["width"] = [image.pixels.shape[1] for image in images]
-        data.images = wp.array(table, dtype=ImageRecord, device=device)
-        data.texels = wp.array(
-            np.concatenate([image.pixels.reshape(-1, 3) for image in images]), dtype=wp.vec3, device=device
-        )
-    return np.array([numbers[id(material)] for material in materials])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import sys
+import typing
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,7 +24,7 @@ from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
 from wrt.lights import DirectionalLight, PointLight
-from wrt.materials import Conductor, Dielectric, Diffuse, Material, Mirror
+from wrt.materials import MATERIALS, Material
 from wrt.mesh import Mesh
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
@@ -32,12 +33,6 @@ from wrt.values import integer, number, vector
 
 Table = dict[str, Any]
 
-_MATERIALS: dict[str, type[Material]] = {
-    "diffuse": Diffuse,
-    "mirror": Mirror,
-    "conductor": Conductor,
-    "dielectric": Dielectric,
-}
 _LIGHTS: dict[str, type[PointLight] | type[DirectionalLight]] = {"point": PointLight, "directional": DirectionalLight}
 _SECTIONS = ("settings", "camera", "environment", "lights", "materials", "shapes")
 _SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", "scale", "rotate", "translate")
@@ -116,11 +111,8 @@ class _Reader:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
         self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, _LIGHTS), light)))
-        materials: dict[str, Material] = {}
         with self.at("materials"):
-            for name, table in table_of(tree.get("materials", {})).items():
-                with self.at(name):
-                    materials[name] = self.material(table_of(table))
+            materials = self.all_materials(table_of(tree.get("materials", {})))
         self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape, materials)))
         if self.triangles is not None and not self.triangles_used:
             raise InputError("a number of triangles was given, but no shape is of type 'many-triangles'")
@@ -166,12 +158,47 @@ class _Reader:
         with self.at("file"):
             return load_environment(self.beside(table["file"]), scale=scale, rotation_degrees=rotation)
 
-    def material(self, table: Table) -> Material:
+    def all_materials(self, tables: Table) -> dict[str, Material]:
+        """Return all materials by name; a material may name others as its parts, in any order."""
+        made: dict[str, Material] = {}
+        open_names: list[str] = []
+
+        def make(name: str) -> Material:
+            if name not in made:
+                if name in open_names:
+                    raise InputError(f"{name!r} is made of itself")
+                open_names.append(name)
+                with self.at(name):
+                    made[name] = self.material(table_of(tables[name]), part)
+                open_names.pop()
+            return made[name]
+
+        def part(name: Any) -> Material:
+            if text_of(name) not in tables:
+                raise InputError(f"there is no [materials.{name}]{did_you_mean(name, tables)}")
+            place, self.place = self.place, self.place[:2]
+            try:
+                return make(name)
+            finally:
+                self.place = place
+
+        for name in tables:
+            make(name)
+        return made
+
+    def material(self, table: Table, part: Callable[[Any], Material]) -> Material:
+        """Return the material of a table; `part` finds others by name."""
         table = dict(table)
-        cls = choice(table, _MATERIALS)
-        if "reflectance" in table:
-            with self.at("reflectance"):
-                table["reflectance"] = self.color_source(table["reflectance"])
+        cls = choice(table, MATERIALS)
+        types = typing.get_type_hints(cls)
+        for key, value in table.items():
+            kind = types.get(key)
+            if kind is Material or kind == Material | None:
+                with self.at(key):
+                    table[key] = part(value)
+            elif kind == ColorSource:
+                with self.at(key):
+                    table[key] = self.color_source(value)
         result: Material = self.build(cls, table)
         return result
 

@@ -1,0 +1,131 @@
+"""From a surface to the reflection model there: which material, and its values at the point."""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.bsdf import model_number, model_of
+from wrt.kernels.bsdf.record import Bsdf, slot_values
+from wrt.kernels.features import Features
+from wrt.kernels.scene_data import MATERIAL_MIX, MATERIAL_MODEL, SceneData
+from wrt.kernels.surface import Surface
+from wrt.kernels.textures import slot_color
+
+PASSED_THROUGH = wp.constant(-1)
+
+MAX_NESTING = 7
+"""How deep mixtures may lie within one another."""
+
+_numbers = wp.types.vector(length=MAX_NESTING + 1, dtype=int)
+_shares = wp.types.vector(length=MAX_NESTING + 1, dtype=float)
+
+
+@wp.func
+def slot_value(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+    """Return what a slot holds at a point of a surface."""
+    return slot_color(scene, scene.slots[slot], surface.uv, surface.color)
+
+
+@wp.func
+def choose_material(scene: SceneData, material: int, surface: Surface, u: float) -> int:
+    """Return the material that answers at a point, or PASSED_THROUGH.
+
+    A mixture is its parts in the proportion of their weights, so choosing one of them by a random
+    number has the right mean; likewise opacity. The rest of the number chooses again further in.
+    """
+    number = int(material)
+    while number != PASSED_THROUGH:
+        record = scene.materials[number]
+        if record.opacity_slot >= 0:
+            opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
+            if u >= opacity:
+                return PASSED_THROUGH
+            u = u / opacity
+        if record.kind == MATERIAL_MODEL:
+            return number
+        if record.kind == MATERIAL_MIX:
+            weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
+            if u < weight:
+                number = record.second
+                u = u / weight
+            else:
+                number = record.first
+                u = (u - weight) / (1.0 - weight)
+        else:
+            number = wp.where(surface.front, record.first, record.second)
+    return PASSED_THROUGH
+
+
+@wp.func
+def transmittance_of(scene: SceneData, material: int, surface: Surface) -> float:
+    """Return the share of light that a material lets straight through: what `choose_material` passes, on average."""
+    stack = _numbers()
+    shares = _shares()
+    stack[0] = material
+    shares[0] = 1.0
+    top = int(1)
+    passed = float(0.0)
+    while top > 0:
+        top -= 1
+        record = scene.materials[stack[top]]
+        share = shares[top]
+        if record.opacity_slot >= 0:
+            opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
+            passed += share * (1.0 - opacity)
+            share *= opacity
+        if record.kind == MATERIAL_MIX:
+            weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
+            stack[top] = record.first
+            shares[top] = share * (1.0 - weight)
+            stack[top + 1] = record.second
+            shares[top + 1] = share * weight
+            top += 2
+        elif record.kind != MATERIAL_MODEL:
+            stack[top] = wp.where(surface.front, record.first, record.second)
+            shares[top] = share
+            top += 1
+    return passed
+
+
+@functools.cache
+def make_bsdf_at(features: Features) -> wp.Function:
+    """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
+    return _make_load(features.models, features.textured)
+
+
+@functools.cache
+def _make_load(names: tuple[str, ...], textured: bool) -> wp.Function:
+    """Return a chain of one link a model, as in `kernels.bsdf.make_bsdf`: each knows how many values it reads."""
+    if not names:
+        return _no_bsdf
+    number = model_number(names[0], names)
+    count = model_of(names[0]).slots
+    next_load = _make_load(names[1:], textured)
+
+    @wp.func
+    def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
+        record = scene.materials[material]
+        if record.model == wp.static(number):
+            values = slot_values()
+            for k in range(wp.static(count)):
+                if wp.static(textured):
+                    values[k] = slot_value(scene, record.first_slot + k, surface)
+                else:
+                    values[k] = scene.slots[record.first_slot + k].value
+            bsdf = Bsdf()
+            bsdf.model = record.model
+            bsdf.front = surface.front
+            bsdf.slots = values
+            bsdf.tables = scene.tables
+            bsdf.table = record.table
+            return bsdf
+        return next_load(scene, material, surface)
+
+    return load
+
+
+@wp.func
+def _no_bsdf(scene: SceneData, material: int, surface: Surface) -> Bsdf:
+    bsdf = Bsdf()
+    bsdf.model = -1
+    return bsdf

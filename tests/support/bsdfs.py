@@ -1,0 +1,188 @@
+"""What must hold for every reflection model, asked of one material seen from one side."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from support.kernels import uniforms, upload
+from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
+
+import wrt
+from wrt.kernels.bsdf import identifier, make_bsdf, model_of
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
+
+EPS = float(np.finfo(np.float32).eps)
+ANGLES = (0.0, 45.0, 80.0, 89.0)
+"""Degrees of incidence at which every model is tried."""
+
+
+class Kernels(NamedTuple):
+    """A model's functions over arrays."""
+
+    evaluate: wp.Kernel
+    sample: wp.Kernel
+
+
+@functools.cache
+def kernels_of(model: str) -> Kernels:
+    """Return kernels that hold one model alone, in a module of its own."""
+    functions = make_bsdf((model,))
+    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = functions
+    module = wp.get_module(f"test.bsdf.{identifier((model,))}")
+
+    @wp.kernel(module=module, enable_backward=False)
+    def evaluate_kernel(
+        bsdf: Bsdf,
+        wo: wp.array(dtype=wp.vec3),
+        wi: wp.array(dtype=wp.vec3),
+        value_out: wp.array(dtype=wp.vec3),
+        pdf_out: wp.array(dtype=float),
+        delta_out: wp.array(dtype=int),
+    ):
+        i = wp.tid()
+        value_out[i] = bsdf_evaluate(bsdf, wo[i], wi[i])
+        pdf_out[i] = bsdf_pdf(bsdf, wo[i], wi[i])
+        delta_out[i] = int(bsdf_is_delta(bsdf))
+
+    @wp.kernel(module=module, enable_backward=False)
+    def sample_kernel(
+        bsdf: Bsdf, wo: wp.array(dtype=wp.vec3), u: wp.array(dtype=wp.vec3), sample_out: wp.array(dtype=BsdfSample)
+    ):
+        i = wp.tid()
+        sample_out[i] = bsdf_sample(bsdf, wo[i], wp.vec2(u[i][0], u[i][1]), u[i][2])
+
+    return Kernels(evaluate_kernel, sample_kernel)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A material of constant values, seen from the front or the back."""
+
+    material: wrt.Material
+    front: bool = True
+
+    @property
+    def model(self) -> Model:
+        return model_of(self.material.model)
+
+    def record(self, device: str) -> Any:
+        bsdf = Bsdf()
+        bsdf.model, bsdf.front = 0, self.front
+        values = np.zeros(slot_values._shape_, np.float32)
+        for k, value in enumerate(self.material.slots):
+            values[k] = value
+        bsdf.slots = slot_values(*values.ravel().tolist())
+        bsdf.tables = wp.zeros(0, dtype=float, device=device)
+        return bsdf
+
+    def evaluate(self, wo: NDArray, wi: NDArray, device: str) -> tuple[NDArray, NDArray, NDArray]:
+        """Return (N, 3) f |cosθi|, (N,) the density, and (N,) whether the model calls itself a delta."""
+        wo, wi = np.broadcast_arrays(wo, wi)
+        out = [wp.empty(len(wi), dtype=dtype, device=device) for dtype in (wp.vec3, wp.float32, wp.int32)]
+        inputs = [self.record(device), upload(wo, wp.vec3, device), upload(wi, wp.vec3, device)]
+        wp.launch(kernels_of(self.material.model).evaluate, len(wi), inputs, out, device=device)
+        value, pdf, delta = (array.numpy() for array in out)
+        return value.astype(np.float64), pdf.astype(np.float64), delta.astype(bool)
+
+    def sample(self, wo: NDArray, u: NDArray, device: str) -> NDArray:
+        """Return (N,) structured samples with the fields of BsdfSample, for (N, 3) random numbers."""
+        out = wp.empty(len(u), dtype=BsdfSample, device=device)
+        wo = np.broadcast_to(wo, (len(u), 3))
+        inputs = [self.record(device), upload(wo, wp.vec3, device), upload(u, wp.vec3, device)]
+        wp.launch(kernels_of(self.material.model).sample, len(u), inputs, [out], device=device)
+        return out.numpy()
+
+
+def viewer(degrees: float, azimuth: float = 0.7) -> NDArray[np.float64]:
+    """Return the unit vector at an angle from the normal."""
+    theta = np.radians(degrees)
+    return np.array([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)])
+
+
+def hemisphere(n: int, seed: int) -> NDArray[np.float64]:
+    """Return (n, 3) uniform directions above the surface."""
+    d = np.random.default_rng(seed).normal(size=(n, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    d[:, 2] = np.abs(d[:, 2])
+    return d
+
+
+def sphere(n: int, seed: int) -> NDArray[np.float64]:
+    """Return (n, 3) uniform directions."""
+    d = np.random.default_rng(seed).normal(size=(n, 3))
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def chi_square(case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19) -> ChiSquareResult:
+    """Compare the histogram of samples that are not deltas with the integral of the density over its bins."""
+    wo = viewer(degrees)
+    found = case.sample(wo, uniforms(samples, 3, seed=int(degrees)), device)
+    smooth = ~found["delta"].astype(bool) & (found["pdf"] > 0.0)
+    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1])
+    return chi_square_test(sphere_histogram(found["wi"][smooth]), expected, tests=tests, samples=samples)
+
+
+def assert_weights(case: Case, degrees: float, device: str, *, rtol: float = 1e-4) -> None:
+    """Every smooth sample's weight is value over density, its pdf is `pdf`, its direction a unit vector."""
+    wo = viewer(degrees)
+    found = case.sample(wo, uniforms(100_000, 3, seed=1), device)
+    wi = found["wi"].astype(np.float64)
+    np.testing.assert_allclose(np.linalg.norm(wi, axis=1), 1.0, atol=2e-6)
+    assert np.isfinite(found["weight"]).all()
+    assert (found["weight"] >= 0.0).all()
+    assert (found["eta"] > 0.0).all()
+    smooth = ~found["delta"].astype(bool) & (found["weight"].max(axis=1) > 0.0)
+    value, pdf, _ = case.evaluate(wo, wi, device)
+    assert (pdf[smooth] > 0.0).all()
+    np.testing.assert_allclose(found["pdf"][smooth], pdf[smooth], rtol=rtol)
+    np.testing.assert_allclose(found["weight"][smooth], value[smooth] / pdf[smooth, None], rtol=rtol, atol=1e-7)
+    assert (found["pdf"][found["delta"].astype(bool)] == 0.0).all()
+
+
+def reciprocity_error(case: Case, device: str, *, n: int = 100_000) -> float:
+    """Return the largest relative difference of f(wo, wi) and f(wi, wo) by reflection above the surface."""
+    wo, wi = hemisphere(n, seed=2), hemisphere(n, seed=3)
+    there = case.evaluate(wo, wi, device)[0] / wi[:, 2:]
+    back = case.evaluate(wi, wo, device)[0] / wo[:, 2:]
+    # Relative to the value, or where that is next to nothing to a thousandth of the typical one.
+    scale = np.maximum(np.maximum(there, back), 1e-3 * np.median(np.maximum(there, back)) + 1e-12)
+    return float((np.abs(there - back) / scale).max())
+
+
+def albedo(case: Case, degrees: float, device: str, *, samples: int = 2**19) -> tuple[NDArray, NDArray]:
+    """Return mean energy reflected and transmitted per channel, and its standard error.
+
+    Refraction squeezes light into another solid angle: that is not energy, so it is taken out by eta².
+    """
+    found = case.sample(viewer(degrees), uniforms(samples, 3, seed=5), device)
+    energy = found["weight"].astype(np.float64) * (found["eta"].astype(np.float64) ** 2)[:, None]
+    assert np.isfinite(energy).all()
+    assert energy.min() >= 0.0
+    return energy.mean(axis=0), energy.std(axis=0, ddof=1) / np.sqrt(samples)
+
+
+def total_pdf(case: Case, degrees: float, device: str) -> float:
+    """Return the integral of the density over the sphere."""
+    wo = viewer(degrees)
+    return float(integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1]).sum())
+
+
+def assert_finite(case: Case, device: str) -> None:
+    """Values, densities and samples are finite and not negative for random and grazing directions."""
+    grazing = np.array([viewer(a, b) for a in (0.0, 89.9, 89.99, 89.9999) for b in (0.0, 0.3, 3.0)])
+    wo = np.concatenate([hemisphere(20_000, seed=20), np.repeat(grazing, 200, axis=0)])
+    wi = np.concatenate([sphere(len(wo) - len(grazing) * 20, seed=21), np.tile(grazing, (20, 1))])
+    mirrored = wo * np.array([-1.0, -1.0, 1.0])
+    for directions in (wi, mirrored, -wo):
+        value, pdf, _ = case.evaluate(wo, directions, device)
+        assert np.isfinite(value).all() and (value >= 0.0).all()
+        assert np.isfinite(pdf).all() and (pdf >= 0.0).all()
+    found = case.sample(wo, uniforms(len(wo), 3, seed=22), device)
+    for name in ("wi", "weight", "pdf", "eta"):
+        assert np.isfinite(found[name]).all(), name
+    assert (found["weight"] >= 0.0).all()

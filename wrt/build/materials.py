@@ -1,0 +1,150 @@
+"""From material descriptions to the flat tables that kernels read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.device import Device
+from wrt.errors import InputError
+from wrt.materials import Material, Mix, TwoSided
+from wrt.textures import ColorSource, ImageTexture, VertexColor
+
+
+@dataclass
+class MaterialTable:
+    """The materials of a scene, each once, with the parts of composite ones after them.
+
+    Attributes:
+        materials: the distinct materials.
+        numbers: place in `materials` by identity.
+        of_shapes: (shapes,) number of each shape's material.
+        models: names of all reflection models, sorted.
+        textured: whether any value is an image or a vertex colour.
+        layered: whether any material is composite or not opaque.
+        tangents: whether any depends on the direction of texture coordinates.
+    """
+
+    materials: list[Material] = field(default_factory=list)
+    numbers: dict[int, int] = field(default_factory=dict)
+    of_shapes: list[int] = field(default_factory=list)
+    models: tuple[str, ...] = ()
+    textured: bool = False
+    layered: bool = False
+    tangents: bool = False
+
+    def add(self, material: Material) -> int:
+        """Return a material's number; a new one gets the next."""
+        if id(material) not in self.numbers:
+            self.numbers[id(material)] = len(self.materials)
+            self.materials.append(material)
+            for part in material.parts:
+                self.add(part)
+        return self.numbers[id(material)]
+
+    def upload(self, data: Any, device: Device) -> None:
+        """Fill the tables of a SceneData struct: materials, slots, images, texels, tables."""
+        import warp as wp
+
+        from wrt.kernels.scene_data import ColorSlot, ImageRecord, MaterialRecord
+
+        slots = _Slots()
+        records = np.zeros(len(self.materials), MaterialRecord.numpy_dtype())
+        for record, material in zip(records, self.materials, strict=True):
+            self._describe(record, material, slots)
+        rows = np.zeros(len(slots.rows), ColorSlot.numpy_dtype())
+        for i, row in enumerate(slots.rows):
+            rows[i] = row
+        data.materials = wp.array(records, dtype=MaterialRecord, device=device.name)
+        data.slots = wp.array(rows, dtype=ColorSlot, device=device.name)
+        data.tables = wp.zeros(0, dtype=float, device=device.name)
+        if slots.images:
+            images, texels = _pack_images(slots.images, ImageRecord.numpy_dtype())
+            data.images = wp.array(images, dtype=ImageRecord, device=device.name)
+            data.texels = wp.array(texels, dtype=wp.vec3, device=device.name)
+
+    def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
+        from wrt.kernels.bsdf import model_number, model_of
+        from wrt.kernels.scene_data import MATERIAL_MIX, MATERIAL_MODEL, MATERIAL_SIDES
+
+        record["first_slot"] = len(slots.rows)
+        for value in material.slots:
+            slots.add(value)
+        record["opacity_slot"] = -1 if material.opacity == 1.0 else slots.add(material.opacity)
+        if material.parts:
+            record["kind"] = {Mix: MATERIAL_MIX, TwoSided: MATERIAL_SIDES}[type(material)]
+            record["first"], record["second"] = (self.numbers[id(part)] for part in material.parts)
+            return
+        expected = model_of(material.model).slots
+        if len(material.slots) != expected:
+            raise InputError(
+                f"{type(material).__name__} gives {len(material.slots)} values, but {material.model} reads {expected}"
+            )
+        record["kind"] = MATERIAL_MODEL
+        record["model"] = model_number(material.model, self.models)
+
+
+def describe_materials(materials: list[Material]) -> MaterialTable:
+    """Return the table of the shapes' materials.
+
+    Raises:
+        InputError: where a material names a reflection model that does not exist.
+    """
+    from wrt.kernels.bsdf import model_of
+
+    table = MaterialTable()
+    table.of_shapes = [table.add(material) for material in materials]
+    simple = [material for material in table.materials if not material.parts]
+    table.models = tuple(sorted({material.model for material in simple}))
+    for material in simple:
+        try:
+            model_of(material.model)
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
+    table.textured = any(
+        isinstance(value, (ImageTexture, VertexColor))
+        for material in table.materials
+        for value in (*material.slots, material.opacity)
+    )
+    table.layered = any(material.parts or material.opacity != 1.0 for material in table.materials)
+    return table
+
+
+class _Slots:
+    """Rows of ColorSlot, and the images that they read."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[Any, ...]] = []
+        self.images: list[ImageTexture] = []
+        self._image_numbers: dict[int, int] = {}
+
+    def add(self, value: ColorSource) -> int:
+        """Append a value; return its number."""
+        from wrt.kernels.scene_data import SLOT_CONSTANT, SLOT_IMAGE, SLOT_VERTEX_COLOR
+
+        if isinstance(value, ImageTexture):
+            number = self._image_numbers.setdefault(id(value), len(self.images))
+            if number == len(self.images):
+                self.images.append(value)
+            self.rows.append(((1.0, 1.0, 1.0), SLOT_IMAGE, number, -1))
+        elif isinstance(value, VertexColor):
+            self.rows.append(((1.0, 1.0, 1.0), SLOT_VERTEX_COLOR, 0, -1))
+        else:
+            constant = tuple(float(v) for v in np.broadcast_to(np.asarray(value, np.float64), 3))
+            self.rows.append((constant, SLOT_CONSTANT, 0, -1))
+        return len(self.rows) - 1
+
+
+def _pack_images(images: list[ImageTexture], dtype: Any) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """Return the images' records and all their texels, one after the other."""
+    table = np.zeros(len(images), dtype)
+    sizes = np.array([image.pixels.shape[0] * image.pixels.shape[1] for image in images])
+    if sizes.sum() >= 2**31:
+        raise InputError("the scene's textures have more than 2^31 texels")
+    table["first"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    table["height"] = [image.pixels.shape[0] for image in images]
+    table["width"] = [image.pixels.shape[1] for image in images]
+    return table, np.concatenate([image.pixels.reshape(-1, 3) for image in images])

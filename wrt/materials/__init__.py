@@ -1,0 +1,56 @@
+"""Materials: how a surface reflects and transmits light, one file a kind of stuff."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from wrt.errors import InputError
+from wrt.materials.composite import Emissive, Mix, TwoSided
+from wrt.materials.dielectrics import Dielectric
+from wrt.materials.diffuse import Diffuse
+from wrt.materials.material import Material
+from wrt.materials.metals import Conductor, Mirror
+
+if TYPE_CHECKING:
+    from wrt.kernels.bsdf.record import Model
+
+MATERIALS: dict[str, type[Material]] = {
+    cls.type_name: cls for cls in (Diffuse, Mirror, Conductor, Dielectric, Mix, TwoSided, Emissive)
+}
+"""Materials by their `type` in scene files."""
+
+
+def register_material(cls: type[Material], model: Model | None = None) -> None:
+    """Let scene files and `wrt materials` know a material of one's own.
+
+    Args:
+        cls: the description, with a `type_name`.
+        model: its device functions, where it does not use the model of another material.
+
+    Raises:
+        InputError: where it has no `type_name`, or another material has that name.
+    """
+    if not cls.type_name or MATERIALS.get(cls.type_name, cls) is not cls:
+        raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
+    if model is not None:
+        from wrt.kernels.bsdf import register_model
+
+        try:
+            register_model(cls.type_name.replace("-", "_"), model)
+        except ValueError as error:
+            raise InputError(f"{cls.__name__}: {error}") from None
+    MATERIALS[cls.type_name] = cls
+
+
+__all__ = [
+    "MATERIALS",
+    "Conductor",
+    "Dielectric",
+    "Diffuse",
+    "Emissive",
+    "Material",
+    "Mirror",
+    "Mix",
+    "TwoSided",
+    "register_material",
+]

@@ -1,0 +1,117 @@
+"""Materials made of others, and surfaces that shine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from wrt.errors import InputError
+from wrt.materials.diffuse import Diffuse
+from wrt.materials.material import Material, value_source
+from wrt.textures import ColorSource
+from wrt.values import ColorLike, Vec3, color
+
+MAX_NESTING = 7
+"""How deep composite materials may lie within one another (kernels/materials.py follows no deeper)."""
+
+
+def _nesting(material: Material) -> int:
+    return 1 + max((_nesting(part) for part in material.parts), default=-1)
+
+
+def _check_parts(material: Material, names: tuple[str, ...]) -> None:
+    for name in names:
+        part = getattr(material, name)
+        if not isinstance(part, Material):
+            raise InputError(f"{name} must be a wrt.Material, not {type(part).__name__}")
+        if any(part.emission):
+            raise InputError(f"{name} must not emit light; give the shape an emission instead")
+    if _nesting(material) > MAX_NESTING:
+        raise InputError(f"materials are nested more than {MAX_NESTING} deep")
+
+
+@dataclass(frozen=True)
+class Mix(Material):
+    """Two materials side by side, finer than can be seen: f = (1 − weight) f_first + weight f_second.
+
+    At each hit one of them is chosen at random in that proportion.
+
+    Attributes:
+        first, second: the two.
+        weight: share of the second, 0 to 1.
+    """
+
+    first: Material = field(default_factory=Diffuse)
+    second: Material = field(default_factory=Diffuse)
+    weight: ColorSource = 0.5
+
+    type_name: ClassVar[str] = "mix"
+    slot_names: ClassVar[tuple[str, ...]] = ("weight",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(weight=value_source(self.weight, "weight", maximum=1.0))
+        _check_parts(self, ("first", "second"))
+
+    @property
+    def parts(self) -> tuple[Material, ...]:
+        """The two materials."""
+        return (self.first, self.second)
+
+
+@dataclass(frozen=True)
+class TwoSided(Material):
+    """One material on the front, where triangles run counter-clockwise, and another on the back.
+
+    Every reflecting material by itself looks the same on both sides.
+
+    Attributes:
+        front: the material of the front.
+        back: the material of the back; a black one by default.
+    """
+
+    front: Material = field(default_factory=Diffuse)
+    back: Material = field(default_factory=lambda: Diffuse(0.0))
+
+    type_name: ClassVar[str] = "two-sided"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_parts(self, ("front", "back"))
+
+    @property
+    def parts(self) -> tuple[Material, ...]:
+        """The two materials."""
+        return (self.front, self.back)
+
+
+@dataclass(frozen=True)
+class Emissive(Material):
+    """A surface that shines with the same radiance in every direction and reflects nothing.
+
+    Attributes:
+        radiance: what it gives off its front, per channel, W·sr⁻¹·m⁻².
+    """
+
+    radiance: ColorLike = 1.0
+
+    type_name: ClassVar[str] = "emissive"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(radiance=color(self.radiance, "radiance"))
+
+    @property
+    def model(self) -> str:
+        """A Lambertian surface that is black."""
+        return Diffuse.type_name
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """Its reflectance."""
+        return (0.0,)
+
+    @property
+    def emission(self) -> Vec3:
+        """The radiance."""
+        return self.radiance  # type: ignore[return-value]
