@@ -3,21 +3,27 @@
 Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007); Ylitie, Karras and
 Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs" (2017), section 3.
 
-A binary tree comes first. It lies in preorder: the left child of node i is i + 1, the right child
-i + 2·(triangles on the left), for a subtree over n triangles has at most 2n − 1 nodes. So every node
-knows its place without any counter shared between threads.
+A binary tree comes first. Nodes over many triangles are split level by level, each by many threads: a
+thread has a chunk of a node's triangles. Below that a thread builds whole subtrees, whose boxes stay in
+its cache. A subtree over n triangles has at most 2n − 1 nodes and as many places in the array, so nodes
+find their places without any counter shared between threads, and the tree does not depend on them.
 """
 
 import warp as wp
 
 from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS
+from wrt.kernels.bvh_ranges import BINS, bounds_of_range, centers_of_range, copy_range, fill_bins, part_range
 from wrt.kernels.simd import vec8
 
-BINS = 16
 COST_SLOTS = 8
+
+FEW_BINS = 8
+"""Bins for nodes over few triangles, where sweeping the bins costs more than filling them."""
+
 _LARGE = wp.constant(3.0e38)
 # Cost of a node's test in units of a leaf's, measured.
 _NODE_COST = wp.constant(1.0)
+_FEW_TRIANGLES = wp.constant(64)
 _task_stack = wp.types.vector(length=64, dtype=int)
 _open_nodes = wp.types.vector(length=16, dtype=int)
 _bin_costs = wp.types.vector(length=16, dtype=float)
@@ -27,22 +33,53 @@ _bin_costs = wp.types.vector(length=16, dtype=float)
 class BinaryNode:
     """A node of the binary tree over `count` boxes from `first`; a leaf where `right` is 0.
 
-    A `count` of 0 marks an unused place. `choices` holds the collapse: three bits for each number of
-    roots j from 2 to 8, the share of the left child, 0 for "as with one root fewer".
+    `choices` holds the collapse: three bits for each number of roots j from 2 to 8, the share of the
+    left child, 0 for "as with one root fewer".
     """
 
     lower: wp.vec3
     first: int
     upper: wp.vec3
     count: int
+    left: int
     right: int
     choices: int
     depth: int
 
 
+@wp.struct
+class Chunks:
+    """Ranges of the triangles of a level's nodes, node after node.
+
+    `node` is a place in the level, `start` (one more than nodes) where each node's chunks begin;
+    `centers` has the bounds of the centres on the left and on the right, `left_at` and `right_at`
+    where the two sides go.
+    """
+
+    node: wp.array(dtype=int)
+    first: wp.array(dtype=int)
+    count: wp.array(dtype=int)
+    start: wp.array(dtype=int)
+    bin_boxes: wp.array(dtype=vec8)
+    bin_counts: wp.array(dtype=int)
+    centers: wp.array(dtype=vec8)
+    left_at: wp.array(dtype=int)
+    right_at: wp.array(dtype=int)
+
+
+@wp.struct
+class Split:
+    """A plane between two bins along an axis, −1 for none, and the box around all bins."""
+
+    axis: int
+    last_left_bin: int
+    left: int
+    bounds: vec8
+
+
 @wp.kernel(enable_backward=False)
 def make_boxes(first: int, points: wp.array(dtype=wp.vec3), indices: wp.array(dtype=int), boxes: wp.array(dtype=vec8)):
-    """Write each triangle's box: lower corner, number, negated upper corner, so that min joins boxes."""
+    """Write each triangle's box in the layout of `kernels/bvh_ranges.py`."""
     i = first + wp.tid()
     a = points[indices[3 * i]]
     b = points[indices[3 * i + 1]]
@@ -54,17 +91,11 @@ def make_boxes(first: int, points: wp.array(dtype=wp.vec3), indices: wp.array(dt
 
 @wp.func
 def half_area(box: vec8) -> float:
-    """Return half the surface of a box in the layout of `make_boxes`."""
+    """Return half the surface of a box."""
     x = -box[4] - box[0]
     y = -box[5] - box[1]
     z = -box[6] - box[2]
     return x * y + y * z + z * x
-
-
-@wp.func
-def bin_of(box: vec8, axis: int, low: float, scale: float) -> int:
-    """Return the bin of a box's centre, from 0 to BINS − 1."""
-    return wp.clamp(int((box[axis] - box[axis + 4] - low) * scale), 0, wp.static(BINS - 1))
 
 
 @wp.func
@@ -74,119 +105,221 @@ def leaf_blocks(count: int) -> float:
 
 
 @wp.func
-def split_node(
-    nodes: wp.array(dtype=BinaryNode),
-    index: int,
-    boxes: wp.array(dtype=vec8),
-    bin_boxes: wp.array(dtype=vec8),
-    bin_counts: wp.array(dtype=int),
-    scratch: int,
-    max_sah_depth: int,
-):
-    """Set a node's box and, where it holds more than a leaf may, split its boxes between two children.
-
-    Splits by surface area may be lopsided. From `max_sah_depth` on the boxes are halved, so no binary
-    tree is deeper than that plus log2 of its boxes.
-    """
-    first = nodes[index].first
-    count = nodes[index].count
-    depth = nodes[index].depth
-    empty = vec8(_LARGE)
-    bounds = empty
-    centers = empty
-    for i in range(first, first + count):
-        box = boxes[i]
-        bounds = wp.min(bounds, box)
-        x = box[0] - box[4]
-        y = box[1] - box[5]
-        z = box[2] - box[6]
-        centers = wp.min(centers, vec8(x, y, z, 0.0, -x, -y, -z, 0.0))
-    nodes[index].lower = wp.vec3(bounds[0], bounds[1], bounds[2])
-    nodes[index].upper = wp.vec3(-bounds[4], -bounds[5], -bounds[6])
-    nodes[index].right = 0
-    if count <= wp.static(LEAF_SIZE):
-        return
-
-    best_cost = float(_LARGE)
-    best_axis = int(-1)
-    best_bin = int(0)
+def bin_scale(centers: vec8, bins: int) -> wp.vec3:
+    """Return what turns a distance from the least centre into a bin; 0 along axes without extent."""
     scale = wp.vec3(0.0)
     for axis in range(3):
         extent = -centers[axis + 4] - centers[axis]
         if extent > 0.0:
-            scale[axis] = float(BINS) * 0.9999 / extent
-    if depth < max_sah_depth:
-        for k in range(wp.static(3 * BINS)):
-            bin_boxes[scratch + k] = empty
-            bin_counts[scratch + k] = 0
-        for i in range(first, first + count):
-            box = boxes[i]
-            for axis in range(3):
-                k = scratch + axis * wp.static(BINS) + bin_of(box, axis, centers[axis], scale[axis])
-                bin_boxes[k] = wp.min(bin_boxes[k], box)
-                bin_counts[k] = bin_counts[k] + 1
-        for axis in range(3):
-            if scale[axis] > 0.0:
-                # Costs of the right sides from the end, then of the left sides from the start.
-                base = scratch + axis * wp.static(BINS)
-                side = empty
-                n = int(0)
-                costs = _bin_costs()
-                for j in range(wp.static(BINS - 1)):
-                    k = wp.static(BINS - 1) - j
-                    side = wp.min(side, bin_boxes[base + k])
-                    n += bin_counts[base + k]
-                    costs[k] = wp.where(n > 0, half_area(side) * leaf_blocks(n), _LARGE)
-                side = empty
-                n = 0
-                for k in range(wp.static(BINS - 1)):
-                    side = wp.min(side, bin_boxes[base + k])
-                    n += bin_counts[base + k]
-                    if n > 0 and n < count:
-                        cost = half_area(side) * leaf_blocks(n) + costs[k + 1]
-                        if cost < best_cost:
-                            best_cost = cost
-                            best_axis = axis
-                            best_bin = k
+            scale[axis] = float(bins) * 0.9999 / extent
+    return scale
 
-    left = count // 2
-    if best_axis >= 0:
-        low = centers[best_axis]
-        i = first
-        j = first + count - 1
-        while i <= j:
-            if bin_of(boxes[i], best_axis, low, scale[best_axis]) <= best_bin:
-                i += 1
-            else:
-                other = boxes[j]
-                boxes[j] = boxes[i]
-                boxes[i] = other
-                j -= 1
-        left = i - first
 
-    right = index + 2 * left
+@wp.func
+def choose_split(
+    bin_boxes: wp.array(dtype=vec8), bin_counts: wp.array(dtype=int), scratch: int, bins: int, count: int, scale: wp.vec3
+) -> Split:
+    """Return the cheapest plane between bins by surface area."""
+    split = Split()
+    split.axis = -1
+    split.bounds = vec8(_LARGE)
+    for k in range(bins):
+        split.bounds = wp.min(split.bounds, bin_boxes[scratch + k])
+    best_cost = float(_LARGE)
+    for axis in range(3):
+        if scale[axis] > 0.0:
+            # Costs of the right sides from the end, then of the left sides from the start.
+            base = scratch + axis * wp.static(BINS)
+            side = vec8(_LARGE)
+            n = int(0)
+            costs = _bin_costs()
+            for j in range(bins - 1):
+                k = bins - 1 - j
+                side = wp.min(side, bin_boxes[base + k])
+                n += bin_counts[base + k]
+                costs[k] = wp.where(n > 0, half_area(side) * leaf_blocks(n), _LARGE)
+            side = vec8(_LARGE)
+            n = int(0)
+            for k in range(bins - 1):
+                side = wp.min(side, bin_boxes[base + k])
+                n += bin_counts[base + k]
+                if n > 0 and n < count:
+                    cost = half_area(side) * leaf_blocks(n) + costs[k + 1]
+                    if cost < best_cost:
+                        best_cost = cost
+                        split.axis = axis
+                        split.last_left_bin = k
+                        split.left = n
+    return split
+
+
+@wp.func
+def set_box(nodes: wp.array(dtype=BinaryNode), index: int, bounds: vec8):
+    """Set a node's box."""
+    nodes[index].lower = wp.vec3(bounds[0], bounds[1], bounds[2])
+    nodes[index].upper = wp.vec3(-bounds[4], -bounds[5], -bounds[6])
+
+
+@wp.func
+def add_children(nodes: wp.array(dtype=BinaryNode), index: int, left: int, right: int, left_count: int):
+    """Give a node two children: the first `left_count` of its boxes, and the rest."""
+    first = nodes[index].first
+    count = nodes[index].count
+    depth = nodes[index].depth + 1
+    nodes[index].left = left
     nodes[index].right = right
-    nodes[index + 1].first = first
-    nodes[index + 1].count = left
-    nodes[index + 1].depth = depth + 1
-    nodes[right].first = first + left
-    nodes[right].count = count - left
-    nodes[right].depth = depth + 1
+    nodes[left].first = first
+    nodes[left].count = left_count
+    nodes[left].depth = depth
+    nodes[left].right = 0
+    nodes[right].first = first + left_count
+    nodes[right].count = count - left_count
+    nodes[right].depth = depth
+    nodes[right].right = 0
 
 
 @wp.kernel(enable_backward=False)
-def split_nodes(
+def find_centers(first: int, chunks: Chunks, boxes: wp.array(dtype=vec8)):
+    """Bound the centres of each chunk of the root, all as its left side."""
+    c = first + wp.tid()
+    chunks.centers[2 * c] = centers_of_range(boxes, chunks.first[c], chunks.count[c])
+    chunks.centers[2 * c + 1] = vec8(_LARGE)
+
+
+@wp.kernel(enable_backward=False)
+def fill_chunk_bins(
     first: int,
-    open_nodes: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
+    level: wp.array(dtype=int),
+    chunks: Chunks,
     boxes: wp.array(dtype=vec8),
-    bin_boxes: wp.array(dtype=vec8),
-    bin_counts: wp.array(dtype=int),
-    max_sah_depth: int,
+    centers: wp.array(dtype=vec8),
 ):
-    """Split each of a list of nodes once."""
+    """Sort the boxes of each chunk into the bins of its node."""
+    c = first + wp.tid()
+    bounds = centers[level[chunks.node[c]]]
+    low = wp.vec3(bounds[0], bounds[1], bounds[2])
+    scale = bin_scale(bounds, wp.static(BINS))
+    scratch = c * wp.static(3 * BINS)
+    fill_bins(
+        boxes, chunks.first[c], chunks.count[c], low, scale, wp.static(BINS), chunks.bin_boxes, chunks.bin_counts, scratch
+    )
+
+
+@wp.kernel(enable_backward=False)
+def split_level(
+    first: int,
+    level: wp.array(dtype=int),
+    chunks: Chunks,
+    nodes: wp.array(dtype=BinaryNode),
+    centers: wp.array(dtype=vec8),
+    max_sah_depth: int,
+    splits_out: wp.array(dtype=Split),
+):
+    """Split each node of a level, and tell its chunks where their two sides go."""
     i = first + wp.tid()
-    split_node(nodes, open_nodes[i], boxes, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)
+    index = level[i]
+    count = nodes[index].count
+    start = chunks.start[i]
+    end = chunks.start[i + 1]
+    scale = bin_scale(centers[index], wp.static(BINS))
+    # All bins are joined in the first chunk's, whose own counts are kept by its `left_at`.
+    split = Split()
+    for pass_number in range(2):
+        if pass_number == 1:
+            split = choose_split(
+                chunks.bin_boxes, chunks.bin_counts, start * wp.static(3 * BINS), wp.static(BINS), count, scale
+            )
+            set_box(nodes, index, split.bounds)
+            if nodes[index].depth >= max_sah_depth:
+                split.axis = -1
+            if split.axis < 0:
+                split.left = count // 2
+        else:
+            for c in range(start + 1, end):
+                for k in range(wp.static(3 * BINS)):
+                    to = start * wp.static(3 * BINS) + k
+                    of = c * wp.static(3 * BINS) + k
+                    chunks.bin_boxes[to] = wp.min(chunks.bin_boxes[to], chunks.bin_boxes[of])
+                    chunks.bin_counts[to] = chunks.bin_counts[to] + chunks.bin_counts[of]
+    add_children(nodes, index, index + 1, index + 2 * split.left, split.left)
+    splits_out[i] = split
+    left_at = nodes[index].first
+    right_at = left_at + split.left
+    # From the last chunk on, since the first one's bins hold the sums.
+    left_end = right_at
+    right_end = left_at + count
+    for j in range(end - start):
+        c = end - 1 - j
+        n = int(0)
+        if j == end - start - 1:
+            n = left_end - left_at
+        elif split.axis >= 0:
+            base = c * wp.static(3 * BINS) + split.axis * wp.static(BINS)
+            for k in range(split.last_left_bin + 1):
+                n += chunks.bin_counts[base + k]
+        else:
+            n = wp.clamp(right_at - chunks.first[c], 0, chunks.count[c])
+        left_end -= n
+        right_end -= chunks.count[c] - n
+        chunks.left_at[c] = left_end
+        chunks.right_at[c] = right_end
+
+
+@wp.kernel(enable_backward=False)
+def part_chunks(
+    first: int,
+    level: wp.array(dtype=int),
+    chunks: Chunks,
+    splits: wp.array(dtype=Split),
+    centers: wp.array(dtype=vec8),
+    boxes: wp.array(dtype=vec8),
+    boxes_out: wp.array(dtype=vec8),
+):
+    """Move the boxes of each chunk to the sides that they belong to."""
+    c = first + wp.tid()
+    split = splits[chunks.node[c]]
+    bounds = centers[level[chunks.node[c]]]
+    if split.axis >= 0:
+        low = wp.vec3(bounds[0], bounds[1], bounds[2])
+        part_range(
+            boxes,
+            chunks.first[c],
+            chunks.count[c],
+            low,
+            bin_scale(bounds, wp.static(BINS)),
+            wp.static(BINS),
+            split.axis,
+            split.last_left_bin,
+            boxes_out,
+            chunks.left_at[c],
+            boxes_out,
+            chunks.right_at[c],
+            chunks.centers,
+            2 * c,
+        )
+    else:
+        copy_range(boxes, chunks.first[c], chunks.count[c], boxes_out, chunks.first[c])
+        chunks.centers[2 * c] = bounds
+        chunks.centers[2 * c + 1] = bounds
+
+
+@wp.kernel(enable_backward=False)
+def join_centers(
+    first: int,
+    level: wp.array(dtype=int),
+    chunks: Chunks,
+    nodes: wp.array(dtype=BinaryNode),
+    centers_out: wp.array(dtype=vec8),
+):
+    """Bound the centres of both children of each node of a level."""
+    i = first + wp.tid()
+    left = vec8(_LARGE)
+    right = vec8(_LARGE)
+    for c in range(chunks.start[i], chunks.start[i + 1]):
+        left = wp.min(left, chunks.centers[2 * c])
+        right = wp.min(right, chunks.centers[2 * c + 1])
+    centers_out[nodes[level[i]].left] = left
+    centers_out[nodes[level[i]].right] = right
 
 
 @wp.func
@@ -200,7 +333,7 @@ def collapse_costs(nodes: wp.array(dtype=BinaryNode), index: int, costs: wp.arra
         for j in range(1, 8):
             costs[base + j] = area
         return
-    left = (index + 1) * wp.static(COST_SLOTS)
+    left = node.left * wp.static(COST_SLOTS)
     right = node.right * wp.static(COST_SLOTS)
     choices = int(0)
     shared = vec8()
@@ -226,44 +359,104 @@ def collapse_costs(nodes: wp.array(dtype=BinaryNode), index: int, costs: wp.arra
     nodes[index].choices = choices
 
 
+@wp.func
+def split_node(
+    nodes: wp.array(dtype=BinaryNode),
+    index: int,
+    children: int,
+    boxes: wp.array(dtype=vec8),
+    spare: wp.array(dtype=vec8),
+    centers: wp.array(dtype=vec8),
+    bin_boxes: wp.array(dtype=vec8),
+    bin_counts: wp.array(dtype=int),
+    scratch: int,
+    max_sah_depth: int,
+):
+    """Set a node's box and, where it holds more than a leaf may, split its boxes between `children` and the next.
+
+    Splits by surface area may be lopsided. From `max_sah_depth` on the boxes are halved, so no binary
+    tree is deeper than that plus log2 of its boxes.
+    """
+    first = nodes[index].first
+    count = nodes[index].count
+    if count <= wp.static(LEAF_SIZE):
+        set_box(nodes, index, bounds_of_range(boxes, first, count))
+        return
+    bounds = centers[index]
+    low = wp.vec3(bounds[0], bounds[1], bounds[2])
+    bins = wp.where(count <= _FEW_TRIANGLES, wp.static(FEW_BINS), wp.static(BINS))
+    scale = bin_scale(bounds, bins)
+    fill_bins(boxes, first, count, low, scale, bins, bin_boxes, bin_counts, scratch)
+    split = choose_split(bin_boxes, bin_counts, scratch, bins, count, scale)
+    set_box(nodes, index, split.bounds)
+    if split.axis >= 0 and nodes[index].depth < max_sah_depth:
+        part_range(
+            boxes,
+            first,
+            count,
+            low,
+            scale,
+            bins,
+            split.axis,
+            split.last_left_bin,
+            boxes,
+            first,
+            spare,
+            first,
+            centers,
+            children,
+        )
+        copy_range(spare, first, count - split.left, boxes, first + split.left)
+    else:
+        split.left = count // 2
+        centers[children] = bounds
+        centers[children + 1] = bounds
+    add_children(nodes, index, children, children + 1, split.left)
+
+
 @wp.kernel(enable_backward=False)
 def build_subtrees(
     first: int,
     roots: wp.array(dtype=int),
+    in_spare: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
+    spare: wp.array(dtype=vec8),
+    centers: wp.array(dtype=vec8),
+    costs: wp.array(dtype=float),
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
     max_sah_depth: int,
-    costs: wp.array(dtype=float),
 ):
     """Split everything below each of a list of nodes, and price its collapse."""
     i = first + wp.tid()
     root = roots[i]
-    size = 2 * nodes[root].count - 1
+    if in_spare[i] != 0:
+        copy_range(spare, nodes[root].first, nodes[root].count, boxes, nodes[root].first)
     stack = _task_stack()
     stack[0] = root
     top = int(1)
+    free = root + 1
     while top > 0:
         top -= 1
         index = stack[top]
-        split_node(nodes, index, boxes, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)
-        right = nodes[index].right
-        if right != 0:
+        split_node(
+            nodes, index, free, boxes, spare, centers, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth
+        )
+        if nodes[index].right != 0:
             # The larger child waits, so the stack never exceeds log2 of the triangles.
-            small = index + 1
-            large = right
+            small = free
+            large = free + 1
             if nodes[small].count > nodes[large].count:
-                small = right
-                large = index + 1
+                small = free + 1
+                large = free
             stack[top] = large
             stack[top + 1] = small
             top += 2
+            free += 2
     # Children come after their parents, so this order is bottom-up.
-    for k in range(size):
-        index = root + size - 1 - k
-        if nodes[index].count > 0:
-            collapse_costs(nodes, index, costs)
+    for k in range(free - root):
+        collapse_costs(nodes, free - 1 - k, costs)
 
 
 @wp.kernel(enable_backward=False)
@@ -302,7 +495,7 @@ def children_of(nodes: wp.array(dtype=BinaryNode), root: int):
         else:
             pending[top] = right
             shares[top] = share - left_share
-            pending[top + 1] = index + 1
+            pending[top + 1] = nodes[index].left
             shares[top + 1] = left_share
             top += 2
     children[15] = count

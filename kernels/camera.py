@@ -23,6 +23,13 @@ class Camera:
 
 
 @wp.func
+def pixel_angle(camera: Camera, direction: wp.vec3) -> float:
+    """Return the angle under which a pixel is seen in a direction, its smaller side: a length falls by cos² outwards."""
+    cos = wp.dot(camera.forward, direction)
+    return 2.0 * wp.length(camera.up) / float(camera.height) * cos * cos
+
+
+@wp.func
 def camera_ray(camera: Camera, film: wp.vec2, u_lens: wp.vec2) -> Ray:
     """Return the ray through `film`, in pixels with (0, 0) the top left corner of the picture."""
     x = 2.0 * film[0] / float(camera.width) - 1.0

@@ -49,3 +49,11 @@ def fresnel_conductor(cos_i: float, eta: wp.vec3, k: wp.vec3) -> wp.vec3:
         fresnel_conductor_channel(cos_i, eta[1], k[1]),
         fresnel_conductor_channel(cos_i, eta[2], k[2]),
     )
+
+
+@wp.func
+def fresnel_schlick(cos_i: float, f0: wp.vec3) -> wp.vec3:
+    """Return F0 + (1 − F0)(1 − cosθ)⁵, by the reflectance at normal incidence (Schlick 1994, eq. 15)."""
+    x = wp.clamp(1.0 - cos_i, 0.0, 1.0)
+    x2 = x * x
+    return f0 + (wp.vec3(1.0) - f0) * (x2 * x2 * x)

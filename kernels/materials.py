@@ -118,6 +118,7 @@ def _make_load(names: tuple[str, ...], textured: bool) -> wp.Function:
             bsdf.slots = values
             bsdf.tables = scene.tables
             bsdf.table = record.table
+            bsdf.normal_variance = surface.normal_variance
             return bsdf
         return next_load(scene, material, surface)
 

@@ -15,6 +15,7 @@ from wrt.kernels.geometry import Ray, offset_from_surface, to_local, to_world
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, closest_hit
 from wrt.kernels.lights import sample_light, triangle_light_pdf
 from wrt.kernels.materials import PASSED_THROUGH, choose_material, make_bsdf_at
+from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.sampler import (
     BLOCK_BSDF,
     BLOCK_ENVIRONMENT,
@@ -26,7 +27,7 @@ from wrt.kernels.sampler import (
 )
 from wrt.kernels.scene_data import SceneData, ShapeRecord
 from wrt.kernels.shadow import make_visibility
-from wrt.kernels.surface import Surface, add_texture_coordinates, surface_at
+from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, surface_at
 
 # How light that both samplings can find is shared between them.
 STRATEGY_MIS = wp.constant(0)
@@ -72,9 +73,7 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
 
 
 @wp.func
-def hit_light_pdf(
-    scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray, distance: float
-) -> float:
+def hit_light_pdf(scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray, distance: float) -> float:
     """Return the density with which `sample_light` would have chosen the point that was hit, `distance` away."""
     light = scene.lights[shape.first_light + hit.triangle - shape.first_triangle]
     p0 = scene.points[scene.indices[3 * hit.triangle]]
@@ -92,6 +91,7 @@ def make_trace_path(features: Features) -> wp.Function:
     visibility = make_visibility(features)
     textured = features.textured
     layered = features.layered
+    tangents = features.tangents
     transmits = any(model_of(name).transmits for name in features.models)
     has_environment = features.environment != "none"
     image_environment = features.environment == "image"
@@ -106,12 +106,15 @@ def make_trace_path(features: Features) -> wp.Function:
         return scene.environment.radiance
 
     @wp.func
-    def trace_path(scene: SceneData, camera_ray: Ray, sampler: Sampler, settings: PathSettings) -> PathResult:
+    def trace_path(
+        scene: SceneData, camera_ray: Ray, pixel_angle: float, sampler: Sampler, settings: PathSettings
+    ) -> PathResult:
         ray = camera_ray
         radiance = wp.vec3(0.0)
         throughput = wp.vec3(1.0)
         eta_scale = float(1.0)
         last_pdf = float(0.0)
+        angle = float(pixel_angle)  # that the ray stands for; 0 once it was scattered
         passed = float(0.0)  # distance through what let the ray pass since it was last scattered
         rays = int(0)
         depth = int(0)
@@ -142,7 +145,7 @@ def make_trace_path(features: Features) -> wp.Function:
                 break
 
             # Material
-            if wp.static(textured):
+            if wp.static(textured or tangents):
                 surface = add_texture_coordinates(scene, hit, surface)
             material = shape.material
             if wp.static(layered):
@@ -153,6 +156,9 @@ def make_trace_path(features: Features) -> wp.Function:
                     passed += wp.length(beyond - ray.origin)
                     ray.origin = beyond
                     continue
+            if wp.static(tangents):
+                surface = align_tangents(scene, hit, surface)
+                surface = apply_normal_map(scene, material, hit, surface, ray.direction, angle * (passed + hit.t))
             bsdf = bsdf_at(scene, material, surface)
             wo = to_local(surface.frame, -ray.direction)
 
@@ -201,6 +207,7 @@ def make_trace_path(features: Features) -> wp.Function:
             ray.origin = offset_from_surface(surface.position, surface.normal * side)
             ray.direction = wp.normalize(direction)
             passed = 0.0
+            angle = 0.0
 
             # Stopping criterion: the throughput without the squeeze of solid angles inside glass
             survival = wp.max(throughput) * eta_scale

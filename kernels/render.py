@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.camera import Camera, camera_ray
+from wrt.kernels.camera import Camera, camera_ray, pixel_angle
 from wrt.kernels.features import Features
 from wrt.kernels.film import FilmData, is_finite_color
 from wrt.kernels.filters import filter_offset
@@ -48,7 +48,8 @@ def make_render_kernel(features: Features) -> wp.Kernel:
                 float(x) + 0.5 + filter_offset(filter_table, u[0]),
                 float(y) + 0.5 + filter_offset(filter_table, u[1]),
             )
-            result = trace_path(scene, camera_ray(camera, position, wp.vec2(u[2], u[3])), sampler, settings)
+            ray = camera_ray(camera, position, wp.vec2(u[2], u[3]))
+            result = trace_path(scene, ray, pixel_angle(camera, ray.direction), sampler, settings)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

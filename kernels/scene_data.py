@@ -14,6 +14,12 @@ MATERIAL_MODEL = wp.constant(0)
 MATERIAL_MIX = wp.constant(1)
 MATERIAL_SIDES = wp.constant(2)
 
+# What of a material's normal map is read: the normal at the point; or where the pixel covers more, the mean and the
+# variance, the latter along its own axes, or along the texture's for materials that have axes themselves.
+NORMALS_AT_POINT = wp.constant(0)
+NORMALS_FILTERED = wp.constant(1)
+NORMALS_FILTERED_ALONG_TEXTURE = wp.constant(2)
+
 # Which kind of light an entry of `lights` is.
 LIGHT_TRIANGLE = wp.constant(0)
 LIGHT_POINT = wp.constant(1)
@@ -36,6 +42,8 @@ class MaterialRecord:
     first: int
     second: int
     table: int  # where in `tables` the model's table begins
+    normal_map: int  # -1 where the normal is the mesh's own
+    normal_filter: int
 
 
 @wp.struct
@@ -58,6 +66,19 @@ class ImageRecord:
     first: int
     width: int
     height: int
+
+
+@wp.struct
+class NormalMapRecord:
+    """A normal map among the images.
+
+    `image` holds normals in tangent space, not of unit length. Level k of the pyramid is two images from
+    `first_level` + 2k on: mean slopes (x, y, 0), and means of their products (xx, yy, xy).
+    """
+
+    image: int
+    first_level: int
+    levels: int  # 0 where it is never filtered
 
 
 @wp.struct
@@ -122,6 +143,7 @@ class SceneData:
     tables: wp.array(dtype=float)
     images: wp.array(dtype=ImageRecord)
     texels: wp.array(dtype=wp.vec3)
+    normal_maps: wp.array(dtype=NormalMapRecord)
     # Lights
     lights: wp.array(dtype=LightRecord)
     light_thresholds: wp.array(dtype=float)

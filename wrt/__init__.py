@@ -35,6 +35,8 @@ if TYPE_CHECKING:
         Material,
         Mirror,
         Mix,
+        RoughDielectric,
+        ThinDielectric,
         TwoSided,
         register_material,
     )
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
     from wrt.renderer import Progress, Renderer
     from wrt.scene import RenderSettings, Scene, Shape
     from wrt.shapes import box, polygon, quad, sphere
-    from wrt.textures import ImageTexture, VertexColor
+    from wrt.textures import ImageTexture, NormalMap, VertexColor
 
 _EXPORTS = {
     "ConstantEnvironment": "wrt.environment",
@@ -60,13 +62,16 @@ _EXPORTS = {
     "Mesh": "wrt.mesh",
     "Mirror": "wrt.materials",
     "Mix": "wrt.materials",
+    "NormalMap": "wrt.textures",
     "PerspectiveCamera": "wrt.camera",
     "PointLight": "wrt.lights",
     "Progress": "wrt.renderer",
     "Renderer": "wrt.renderer",
     "RenderSettings": "wrt.scene",
+    "RoughDielectric": "wrt.materials",
     "Scene": "wrt.scene",
     "Shape": "wrt.scene",
+    "ThinDielectric": "wrt.materials",
     "TwoSided": "wrt.materials",
     "VertexColor": "wrt.textures",
     "box": "wrt.shapes",
@@ -97,13 +102,16 @@ __all__ = [
     "Mesh",
     "Mirror",
     "Mix",
+    "NormalMap",
     "PerspectiveCamera",
     "PointLight",
     "Progress",
     "RenderSettings",
     "Renderer",
+    "RoughDielectric",
     "Scene",
     "Shape",
+    "ThinDielectric",
     "TwoSided",
     "VertexColor",
     "__version__",

@@ -8,7 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.values import ColorLike, image
+from wrt.errors import InputError
+from wrt.values import ColorLike, image, number
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,41 @@ class ImageTexture:
 @dataclass(frozen=True)
 class VertexColor:
     """The mesh's own colours, interpolated over each triangle (white where it has none)."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMap:
+    """Shading normals in tangent space, as in glTF 2.0 (section 3.9.3): n = 2c − 1 of a colour c.
+
+    x runs along growing u, y along growing v, z along the mesh's own normal; blue is at least 1/2. The pixels are
+    data, not colours: read them by `load_image(path, linear=True)`.
+
+    Seen from far away, a bumpy map is finer than a pixel. Many samples find its mean by themselves; with `filter`,
+    what a pixel covers is averaged beforehand (LEAN mapping, Olano and Baker 2010): the mean normal remains, and the
+    variance around it goes into the roughness. Highlights then are free of noise, but right to second order in the
+    slopes only. It acts on what the camera sees directly, and on materials with a roughness.
+
+    Attributes:
+        pixels: (H, W, 3) float32, 0 to 1; row 0 is the top, at v = 1. Also an ImageTexture.
+        scale: multiplies x and y.
+        filter: whether highlights are filtered.
+        name: where the pixels came from, for messages.
+    """
+
+    pixels: NDArray[np.float32] | ImageTexture = field(repr=False)
+    scale: float = 1.0
+    filter: bool = False
+    name: str = "normal map"
+
+    def __post_init__(self) -> None:
+        given = self.pixels.pixels if isinstance(self.pixels, ImageTexture) else self.pixels
+        pixels = image(given, f"normal map {self.name}")
+        if pixels.max() > 1.0:
+            raise InputError(f"normal map {self.name}: pixels must be 0 to 1, not {pixels.max():g}")
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "scale", number(self.scale, "normal map scale"))
+        if not isinstance(self.filter, bool):
+            raise InputError(f"normal map filter must be true or false, not {self.filter!r}")
 
 
 ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor

@@ -12,14 +12,17 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf import conductor, dielectric, diffuse, mirror
+from wrt.kernels.bsdf import conductor, dielectric, diffuse, mirror, thin_dielectric
 from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.rough_dielectric import make_rough_dielectric
 
 FAMILIES: dict[str, Callable[..., Model]] = {
     "diffuse": lambda: diffuse.MODEL,
     "mirror": lambda: mirror.MODEL,
     "conductor": lambda: conductor.MODEL,
     "dielectric": lambda: dielectric.MODEL,
+    "rough_dielectric": make_rough_dielectric,
+    "thin_dielectric": lambda: thin_dielectric.MODEL,
 }
 
 

@@ -10,22 +10,29 @@ from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 
 IOR = wp.constant(0)  # n_inside / n_outside
+REFLECTANCE = wp.constant(1)  # what reflected light is multiplied by
+TRANSMITTANCE = wp.constant(2)  # what refracted light is multiplied by
+
+
+@wp.func
+def relative_ior(bsdf: Bsdf) -> float:
+    """Return n_t / n_i, the index on the other side over that on the viewer's."""
+    eta = bsdf.slots[IOR][0]
+    return wp.where(bsdf.front, eta, 1.0 / eta)
 
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return the reflected or the refracted direction."""
-    eta = bsdf.slots[IOR][0]
-    if not bsdf.front:
-        eta = 1.0 / eta
-    s = mirror_sample(wo, wp.vec3(1.0))
+    eta = relative_ior(bsdf)
+    s = mirror_sample(wo, bsdf.slots[REFLECTANCE])
     if u_lobe >= fresnel_dielectric(wo[2], eta):
         scale = 1.0 / eta
         cos_t = wp.sqrt(wp.max(0.0, cos_transmitted_squared(wo[2], eta)))
         s.wi = wp.vec3(-wo[0] * scale, -wo[1] * scale, -cos_t)
-        s.weight = wp.vec3(scale * scale)
+        s.weight = bsdf.slots[TRANSMITTANCE] * (scale * scale)
         s.eta = eta
     return s
 
 
-MODEL = Model(zero_evaluate, zero_pdf, sample, slots=1, delta=True, transmits=True)
+MODEL = Model(zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True)

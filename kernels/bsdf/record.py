@@ -16,7 +16,9 @@ class Bsdf:
 
     Row k of `slots` is a colour, or a number repeated three times; each model's file names its rows.
     The frame's z is the shading normal and faces the viewer; `front` tells whether that is the front
-    of the surface. A model that reads a table finds it in `tables` from `table` on.
+    of the surface. A model that reads a table finds it in `tables` from `table` on. `normal_variance` is
+    that of the slopes along the frame's x and y which a filtered normal map has averaged away: a rough model
+    adds it to its roughness (`kernels/microfacet/widening.py`).
     """
 
     model: int
@@ -24,6 +26,7 @@ class Bsdf:
     slots: slot_values
     tables: wp.array(dtype=float)
     table: int
+    normal_variance: wp.vec2
 
 
 @wp.struct
@@ -51,6 +54,7 @@ class Model(NamedTuple):
         slots: how many values it reads, at most MAX_SLOTS.
         delta: whether `evaluate` is zero everywhere, so that sampling lights for it is useless.
         transmits: whether light may come through the surface.
+        widens: whether it adds `Bsdf.normal_variance` to its roughness; only then normal maps may be filtered.
     """
 
     evaluate: wp.Function
@@ -59,6 +63,7 @@ class Model(NamedTuple):
     slots: int
     delta: bool = False
     transmits: bool = False
+    widens: bool = False
 
 
 @wp.func

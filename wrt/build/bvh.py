@@ -10,8 +10,24 @@ import numpy as np
 from wrt.device import Device
 from wrt.errors import InputError
 
-SUBTREE_SIZE = 16384
-"""Triangles below which one thread builds a whole subtree: its boxes then stay in the cache."""
+
+class BuildSizes(NamedTuple):
+    """How many triangles one thread has.
+
+    Attributes:
+        subtree: most triangles below which one thread builds the whole subtree.
+        chunk: triangles of a larger node that one thread looks at.
+    """
+
+    subtree: int
+    chunk: int
+
+
+CPU_SIZES = BuildSizes(subtree=16384, chunk=32768)
+"""A subtree's boxes stay in a core's cache."""
+
+CUDA_SIZES = BuildSizes(subtree=128, chunk=256)
+"""Enough threads for a GPU; not measured on one."""
 
 SAH_DEPTHS = (48, 8)
 """Depths of the binary tree down to which it is split by surface area, tried in this order. At the
@@ -71,63 +87,89 @@ def _split(points: Any, indices: Any, device: Device, sah_depth: int) -> tuple[A
     from wrt.kernels.simd import vec8
 
     name, count = device.name, len(indices) // 3
-    boxes = wp.empty(count, dtype=vec8, device=name)
+    boxes, spare = (wp.empty(count, dtype=vec8, device=name) for _ in range(2))
     device.launch(k.make_boxes, count, [points, indices, boxes])
-    nodes = wp.zeros(2 * count, dtype=k.BinaryNode, device=name)
-    costs = wp.empty(2 * count * k.COST_SLOTS, dtype=float, device=name)
+    nodes = wp.empty(2 * count, dtype=k.BinaryNode, device=name)
+    centers = wp.empty(2 * count, dtype=vec8, device=name)
+    # A node's centres are done with when its collapse is priced.
+    costs = wp.array(ptr=centers.ptr, shape=2 * count * k.COST_SLOTS, dtype=float, device=name)
     root = np.zeros(1, k.BinaryNode.numpy_dtype())
     root["count"] = count
     wp.copy(nodes, wp.array(root, dtype=k.BinaryNode, device=name), count=1)
 
-    # Top: one node a thread, level after level, down to subtrees that one thread builds whole.
-    levels: list[np.ndarray] = []
-    tasks: list[np.ndarray] = []
-    task_counts: list[np.ndarray] = []
-    level, counts = np.zeros(1, np.int32), np.array([count])
+    # Top: level by level, each node by many threads, down to subtrees that one thread builds whole.
+    sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES
+    first_chunks = _chunks(np.zeros(1, np.int64), np.array([count]), sizes.chunk, name)
+    device.launch(k.find_centers, len(first_chunks.first), [first_chunks, boxes])
+    levels: list[Any] = []
+    roots, root_counts, in_spare = [], [], []
+    level, firsts, counts = np.zeros(1, np.int32), np.zeros(1, np.int64), np.array([count])
+    source, target = boxes, spare
     while len(level):
-        large = counts > SUBTREE_SIZE
-        tasks.append(level[~large])
-        task_counts.append(counts[~large])
-        level, counts = level[large], counts[large]
+        large = counts > sizes.subtree
+        roots.append(level[~large])
+        root_counts.append(counts[~large])
+        in_spare.append(np.full(len(roots[-1]), source is spare))
+        level, firsts, counts = level[large], firsts[large], counts[large]
         if not len(level):
             break
-        levels.append(level)
-        scratch = _scratch(len(level), name)
-        device.launch(
-            k.split_nodes, len(level), [wp.array(level, dtype=int, device=name), nodes, boxes, *scratch, sah_depth]
-        )
-        right = _field(nodes, "right", level)
-        level = np.stack([level + 1, right], axis=1).ravel().astype(np.int32)
-        counts = _field(nodes, "count", level)
-    order = np.argsort(-np.concatenate(task_counts), kind="stable")
-    roots = np.concatenate(tasks)[order]
-    scratch = _scratch(len(roots), name)
-    subtree_roots = wp.array(roots, dtype=int, device=name)
-    device.launch(k.build_subtrees, len(roots), [subtree_roots, nodes, boxes, *scratch, sah_depth, costs])
-    for level in reversed(levels):
-        device.launch(k.price_nodes, len(level), [wp.array(level, dtype=int, device=name), nodes, costs])
+        chunks = _chunks(firsts, counts, sizes.chunk, name)
+        on_device, n, chunk_count = wp.array(level, dtype=int, device=name), len(level), len(chunks.first)
+        splits = wp.empty(n, dtype=k.Split, device=name)
+        device.launch(k.fill_chunk_bins, chunk_count, [on_device, chunks, source, centers])
+        device.launch(k.split_level, n, [on_device, chunks, nodes, centers, sah_depth, splits])
+        device.launch(k.part_chunks, chunk_count, [on_device, chunks, splits, centers, source, target])
+        device.launch(k.join_centers, n, [on_device, chunks, nodes, centers])
+        levels.append(on_device)
+        left = splits.numpy()["left"]
+        level = np.stack([level + 1, level + 2 * left], axis=1).ravel().astype(np.int32)
+        firsts = np.stack([firsts, firsts + left], axis=1).ravel()
+        counts = np.stack([left, counts - left], axis=1).ravel()
+        source, target = target, source
+    order = np.argsort(-np.concatenate(root_counts), kind="stable")
+    subtrees = wp.array(np.concatenate(roots)[order], dtype=int, device=name)
+    moved = wp.array(np.concatenate(in_spare)[order].astype(np.int32), dtype=int, device=name)
+    inputs = [subtrees, moved, nodes, boxes, spare, centers, costs, *_bins(len(subtrees), name), sah_depth]
+    device.launch(k.build_subtrees, len(subtrees), inputs)
+    for on_device in reversed(levels):
+        device.launch(k.price_nodes, len(on_device), [on_device, nodes, costs])
     return nodes, boxes
 
 
-def _scratch(tasks: int, name: str) -> list[Any]:
+def _bins(count: int, name: str) -> list[Any]:
+    """Return memory for the boxes and the numbers of `count` sets of bins."""
     import warp as wp
 
-    from wrt.kernels import bvh_build as k
+    from wrt.kernels.bvh_ranges import BINS
     from wrt.kernels.simd import vec8
 
     return [
-        wp.empty(tasks * 3 * k.BINS, dtype=vec8, device=name),
-        wp.empty(tasks * 3 * k.BINS, dtype=int, device=name),
+        wp.empty(count * 3 * BINS, dtype=vec8, device=name),
+        wp.empty(count * 3 * BINS, dtype=int, device=name),
     ]
 
 
-def _field(nodes: Any, field: str, index: np.ndarray) -> np.ndarray:
-    """Read one field of a few nodes."""
+def _chunks(firsts: np.ndarray, counts: np.ndarray, size: int, name: str) -> Any:
+    """Return the Chunks of nodes over `counts` boxes from `firsts`."""
     import warp as wp
 
-    picked = wp.indexedarray(nodes, [wp.array(index, dtype=int, device=nodes.device)])
-    values: np.ndarray = picked.numpy()[field]
-    return values
+    from wrt.kernels.bvh_build import Chunks
+    from wrt.kernels.simd import vec8
+
+    pieces = -(-counts // size)
+    start = np.concatenate([[0], np.cumsum(pieces)])
+    node = np.repeat(np.arange(len(counts)), pieces)
+    begin = (np.arange(start[-1]) - start[node]) * size
+    chunks = Chunks()
+    chunks.node = wp.array(node, dtype=int, device=name)
+    chunks.start = wp.array(start, dtype=int, device=name)
+    chunks.first = wp.array(firsts[node] + begin, dtype=int, device=name)
+    chunks.count = wp.array(np.minimum(counts[node] - begin, size), dtype=int, device=name)
+    chunks.bin_boxes, chunks.bin_counts = _bins(len(node), name)
+    chunks.centers = wp.empty(2 * len(node), dtype=vec8, device=name)
+    chunks.left_at = wp.empty(len(node), dtype=int, device=name)
+    chunks.right_at = wp.empty(len(node), dtype=int, device=name)
+    return chunks
 
 
 class _Level(NamedTuple):

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.build.normal_maps import normals_of, slope_pyramid
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material, Mix, TwoSided
-from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 
 
 @dataclass
@@ -25,7 +26,7 @@ class MaterialTable:
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         layered: whether any material is composite or not opaque.
-        tangents: whether any depends on the direction of texture coordinates.
+        tangents: whether any depends on the direction of texture coordinates, by itself or by a normal map.
     """
 
     materials: list[Material] = field(default_factory=list)
@@ -46,10 +47,10 @@ class MaterialTable:
         return self.numbers[id(material)]
 
     def upload(self, data: Any, device: Device) -> None:
-        """Fill the tables of a SceneData struct: materials, slots, images, texels, tables."""
+        """Fill the tables of a SceneData struct: materials, slots, images, texels, normal maps, tables."""
         import warp as wp
 
-        from wrt.kernels.scene_data import ColorSlot, ImageRecord, MaterialRecord
+        from wrt.kernels.scene_data import ColorSlot, ImageRecord, MaterialRecord, NormalMapRecord
 
         slots = _Slots()
         records = np.zeros(len(self.materials), MaterialRecord.numpy_dtype())
@@ -65,6 +66,11 @@ class MaterialTable:
             images, texels = _pack_images(slots.images, ImageRecord.numpy_dtype())
             data.images = wp.array(images, dtype=ImageRecord, device=device.name)
             data.texels = wp.array(texels, dtype=wp.vec3, device=device.name)
+        if slots.normal_maps:
+            normal_maps = np.zeros(len(slots.normal_maps), NormalMapRecord.numpy_dtype())
+            for i, normal_map in enumerate(slots.normal_maps):
+                normal_maps[i] = normal_map
+            data.normal_maps = wp.array(normal_maps, dtype=NormalMapRecord, device=device.name)
 
     def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
         from wrt.kernels.bsdf import model_number, model_of
@@ -85,6 +91,11 @@ class MaterialTable:
             )
         record["kind"] = MATERIAL_MODEL
         record["model"] = model_number(material.model, self.models)
+        record["normal_map"] = -1
+        if material.normal_map is not None:
+            filtered = material.normal_map.filter and model_of(material.model).widens
+            record["normal_map"] = slots.add_normal_map(material.normal_map, filtered)
+            record["normal_filter"] = _normal_filter(material, filtered)
 
 
 def describe_materials(materials: list[Material]) -> MaterialTable:
@@ -110,16 +121,27 @@ def describe_materials(materials: list[Material]) -> MaterialTable:
         for value in (*material.slots, material.opacity)
     )
     table.layered = any(material.parts or material.opacity != 1.0 for material in table.materials)
+    table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
     return table
 
 
+def _normal_filter(material: Material, filtered: bool) -> int:
+    from wrt.kernels.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
+
+    if not filtered:
+        return int(NORMALS_AT_POINT)
+    return int(NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else NORMALS_FILTERED)
+
+
 class _Slots:
-    """Rows of ColorSlot, and the images that they read."""
+    """Rows of ColorSlot and NormalMapRecord, and the images that they read."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[Any, ...]] = []
-        self.images: list[ImageTexture] = []
+        self.images: list[NDArray[np.float32]] = []
+        self.normal_maps: list[tuple[int, int, int]] = []
         self._image_numbers: dict[int, int] = {}
+        self._normal_map_numbers: dict[tuple[int, bool], int] = {}
 
     def add(self, value: ColorSource) -> int:
         """Append a value; return its number."""
@@ -128,7 +150,7 @@ class _Slots:
         if isinstance(value, ImageTexture):
             number = self._image_numbers.setdefault(id(value), len(self.images))
             if number == len(self.images):
-                self.images.append(value)
+                self.images.append(value.pixels)
             self.rows.append(((1.0, 1.0, 1.0), SLOT_IMAGE, number, -1))
         elif isinstance(value, VertexColor):
             self.rows.append(((1.0, 1.0, 1.0), SLOT_VERTEX_COLOR, 0, -1))
@@ -137,14 +159,27 @@ class _Slots:
             self.rows.append((constant, SLOT_CONSTANT, 0, -1))
         return len(self.rows) - 1
 
+    def add_normal_map(self, normal_map: NormalMap, filtered: bool) -> int:
+        """Append a normal map, with the images that filtering needs; return its number."""
+        key = (id(normal_map), filtered)
+        if key not in self._normal_map_numbers:
+            self._normal_map_numbers[key] = len(self.normal_maps)
+            first = len(self.images)
+            normals = normals_of(normal_map)
+            self.images.append(normals)
+            for level in slope_pyramid(normals) if filtered else ():
+                self.images.extend(level)
+            self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2))
+        return self._normal_map_numbers[key]
 
-def _pack_images(images: list[ImageTexture], dtype: Any) -> tuple[NDArray[Any], NDArray[np.float32]]:
+
+def _pack_images(images: list[NDArray[np.float32]], dtype: Any) -> tuple[NDArray[Any], NDArray[np.float32]]:
     """Return the images' records and all their texels, one after the other."""
     table = np.zeros(len(images), dtype)
-    sizes = np.array([image.pixels.shape[0] * image.pixels.shape[1] for image in images])
+    sizes = np.array([image.shape[0] * image.shape[1] for image in images])
     if sizes.sum() >= 2**31:
         raise InputError("the scene's textures have more than 2^31 texels")
     table["first"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    table["height"] = [image.pixels.shape[0] for image in images]
-    table["width"] = [image.pixels.shape[1] for image in images]
-    return table, np.concatenate([image.pixels.reshape(-1, 3) for image in images])
+    table["height"] = [image.shape[0] for image in images]
+    table["width"] = [image.shape[1] for image in images]
+    return table, np.concatenate([image.reshape(-1, 3) for image in images])

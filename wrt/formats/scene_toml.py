@@ -28,7 +28,7 @@ from wrt.materials import MATERIALS, Material
 from wrt.mesh import Mesh
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
-from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import integer, number, vector
 
 Table = dict[str, Any]
@@ -199,6 +199,9 @@ class _Reader:
             elif kind == ColorSource:
                 with self.at(key):
                     table[key] = self.color_source(value)
+            elif kind == NormalMap | None:
+                with self.at(key):
+                    table[key] = self.normal_map(table_of(value))
         result: Material = self.build(cls, table)
         return result
 
@@ -219,6 +222,13 @@ class _Reader:
             if str(file) not in self.images:
                 self.images[str(file)] = ImageTexture(load_image(file), file.name)
             return self.images[str(file)]
+
+    def normal_map(self, table: Table) -> NormalMap:
+        self.check_keys(table, ["texture", "scale", "filter"], ["texture"])
+        with self.at("texture"):
+            file = self.beside(table["texture"])
+            pixels = load_image(file, linear=True)
+        return NormalMap(pixels, table.get("scale", 1.0), table.get("filter", False), file.name)
 
     def beside(self, name: Any) -> Path:
         """Return the path of a file that the scene names."""

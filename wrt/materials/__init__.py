@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
 from wrt.materials.composite import Emissive, Mix, TwoSided
-from wrt.materials.dielectrics import Dielectric
+from wrt.materials.dielectrics import Dielectric, RoughDielectric, ThinDielectric
 from wrt.materials.diffuse import Diffuse
 from wrt.materials.material import Material
 from wrt.materials.metals import Conductor, Mirror
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from wrt.kernels.bsdf.record import Model
 
 MATERIALS: dict[str, type[Material]] = {
-    cls.type_name: cls for cls in (Diffuse, Mirror, Conductor, Dielectric, Mix, TwoSided, Emissive)
+    cls.type_name: cls for cls in (Diffuse, Mirror, Conductor, Dielectric, RoughDielectric, ThinDielectric, Mix, TwoSided, Emissive)
 }
 """Materials by their `type` in scene files."""
 
@@ -51,6 +51,8 @@ __all__ = [
     "Material",
     "Mirror",
     "Mix",
+    "RoughDielectric",
+    "ThinDielectric",
     "TwoSided",
     "register_material",
 ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from wrt.errors import InputError
-from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import FLOAT32_MAX, Vec3, color, number
 
 
@@ -20,9 +20,11 @@ class Material:
 
     Attributes:
         opacity: share of the surface that is there, 0 to 1; light passes through the rest as through air.
+        normal_map: bends the shading normal.
     """
 
     opacity: ColorSource = field(default=1.0, kw_only=True)
+    normal_map: NormalMap | None = field(default=None, kw_only=True)
 
     type_name: ClassVar[str] = ""
     """The material's `type` in scene files."""
@@ -30,6 +32,11 @@ class Material:
 
     def __post_init__(self) -> None:
         self._set(opacity=value_source(self.opacity, "opacity", maximum=1.0))
+        if self.normal_map is not None:
+            if not isinstance(self.normal_map, NormalMap):
+                raise InputError(f"normal_map must be a wrt.NormalMap, not {type(self.normal_map).__name__}")
+            if self.parts:
+                raise InputError(f"a {self.type_name} has no normals of its own; give normal_map to its parts")
 
     @property
     def model(self) -> str:
@@ -45,6 +52,11 @@ class Material:
     def parts(self) -> tuple[Material, ...]:
         """The materials that this one is made of."""
         return ()
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it looks different when turned about its normal: then its x follows the texture coordinates."""
+        return False
 
     @property
     def emission(self) -> Vec3:

@@ -1,0 +1,198 @@
+"""Ranges of triangles' boxes while a tree is built: their bounds, their bins, their two sides.
+
+A box is eight floats: lower corner, triangle number, negated upper corner, nothing. So the lesser of
+two boxes, number by number, is the box around both. Of a box's centre only twice its coordinates are
+needed, lower minus negated upper; kept beside its negation it joins like a box.
+
+C++ with clang's vector types and loops for CUDA: in Warp's Python the three loops took three times as
+long, and they are most of a build.
+"""
+
+import warp as wp
+
+from wrt.kernels.simd import VECTOR_CODE, vec8
+
+BINS = 16
+
+_PRELUDE = """
+#if VECTOR_CODE
+    typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
+    typedef float f4 __attribute__((ext_vector_type(4), aligned(4)));
+    typedef int i4 __attribute__((ext_vector_type(4)));
+    // target = the box around target and box
+    #define JOIN(target, box) *(f8*)(target) = __builtin_elementwise_min(*(const f8*)(target), *(const f8*)(box))
+    #define COPY(target, box) *(f8*)(target) = *(const f8*)(box)
+    // center: float[8], twice the centre and its negation
+    #define CENTER(center, box) \\
+        const f4 twice = *(const f4*)(box) - *(const f4*)((box) + 4); \\
+        *(f8*)center = __builtin_shufflevector(twice, -twice, 0, 1, 2, 3, 4, 5, 6, 7)
+    // bin: int[4], the bin of the box's centre along each axis
+    #define FIND_BINS(bin, box) \\
+        const f4 low4 = {low[0], low[1], low[2], 0.0f}, scale4 = {scale[0], scale[1], scale[2], 0.0f}; \\
+        const f4 place = (*(const f4*)(box) - *(const f4*)((box) + 4) - low4) * scale4; \\
+        const i4 bin = __builtin_elementwise_max(__builtin_elementwise_min( \\
+            __builtin_convertvector(place, i4), (i4)(bins - 1)), (i4)0)
+#else
+    #define JOIN(target, box) for (int q = 0; q < 8; ++q) (target)[q] = fminf((target)[q], (box)[q])
+    #define COPY(target, box) for (int q = 0; q < 8; ++q) (target)[q] = (box)[q]
+    #define CENTER(center, box) \\
+        for (int q = 0; q < 4; ++q) center[4 + q] = -(center[q] = (box)[q] - (box)[4 + q])
+    #define FIND_BINS(bin, box) \\
+        int bin[3]; \\
+        for (int q = 0; q < 3; ++q) { \\
+            bin[q] = (int)(((box)[q] - (box)[4 + q] - low[q]) * scale[q]); \\
+            bin[q] = bin[q] < 0 ? 0 : bin[q] < bins - 1 ? bin[q] : bins - 1; \\
+        }
+#endif
+"""
+
+_POSTLUDE = """
+#undef JOIN
+#undef COPY
+#undef CENTER
+#undef FIND_BINS
+"""
+
+
+def _native(code: str) -> str:
+    return (_PRELUDE + code + _POSTLUDE).replace("VECTOR_CODE", VECTOR_CODE).replace("BINS", str(BINS))
+
+
+_BOUNDS = """
+    float bounds[8];
+    for (int q = 0; q < 8; ++q) bounds[q] = 3.0e38f;
+    const float* box = (const float*)boxes.data + (size_t)first * 8;
+    for (int i = 0; i < count; ++i, box += 8) JOIN(bounds, box);
+    wp::vec_t<8, float> result;
+    for (int q = 0; q < 8; ++q) result[q] = bounds[q];
+    return result;
+"""
+
+
+@wp.func_native(_native(_BOUNDS))
+def bounds_of_range(boxes: wp.array(dtype=vec8), first: int, count: int) -> vec8:
+    """Return the box around `count` boxes from `first`."""
+    ...
+
+
+_CENTERS = """
+    float bounds[8], center[8];
+    for (int q = 0; q < 8; ++q) bounds[q] = 3.0e38f;
+    const float* box = (const float*)boxes.data + (size_t)first * 8;
+    for (int i = 0; i < count; ++i, box += 8) {
+        CENTER(center, box);
+        JOIN(bounds, center);
+    }
+    wp::vec_t<8, float> result;
+    for (int q = 0; q < 8; ++q) result[q] = bounds[q];
+    return result;
+"""
+
+
+@wp.func_native(_native(_CENTERS))
+def centers_of_range(boxes: wp.array(dtype=vec8), first: int, count: int) -> vec8:
+    """Return the bounds of twice the centres of `count` boxes from `first`, as a box."""
+    ...
+
+
+_FILL_BINS = """
+    float* const bounds = (float*)bin_boxes.data + (size_t)scratch * 8;
+    int* const counts = (int*)bin_counts.data + scratch;
+    for (int axis = 0; axis < 3; ++axis)
+        for (int k = axis * BINS; k < axis * BINS + bins; ++k) {
+            for (int q = 0; q < 8; ++q) bounds[8 * k + q] = 3.0e38f;
+            counts[k] = 0;
+        }
+    const float* box = (const float*)boxes.data + (size_t)first * 8;
+    for (int i = 0; i < count; ++i, box += 8) {
+        FIND_BINS(bin, box);
+        for (int axis = 0; axis < 3; ++axis) {
+            const int k = axis * BINS + bin[axis];
+            JOIN(bounds + 8 * k, box);
+            ++counts[k];
+        }
+    }
+"""
+
+
+@wp.func_native(_native(_FILL_BINS))
+def fill_bins(
+    boxes: wp.array(dtype=vec8),
+    first: int,
+    count: int,
+    low: wp.vec3,
+    scale: wp.vec3,
+    bins: int,
+    bin_boxes: wp.array(dtype=vec8),
+    bin_counts: wp.array(dtype=int),
+    scratch: int,
+):
+    """Set bins `scratch` + BINS axis + 0 to `bins` − 1 to the bounds and number of the boxes with centres in them."""
+    ...
+
+
+# The sides are written by a choice of address, not of branch: which side is next cannot be guessed.
+_PART = """
+    const float* box = (const float*)boxes.data + (size_t)first * 8;
+    float* left = (float*)left_out.data + (size_t)left_at * 8;
+    float* right = (float*)right_out.data + (size_t)right_at * 8;
+    const float* const left_start = left;
+    float bounds[2][8], center[8];
+    for (int q = 0; q < 8; ++q) bounds[0][q] = bounds[1][q] = 3.0e38f;
+    for (int i = 0; i < count; ++i, box += 8) {
+        FIND_BINS(bin, box);
+        const bool goes_left = bin[axis] <= last_left_bin;
+        CENTER(center, box);
+        JOIN(bounds[goes_left ? 0 : 1], center);
+        float* const target = goes_left ? left : right;
+        left += goes_left ? 8 : 0;
+        right += goes_left ? 0 : 8;
+        COPY(target, box);
+    }
+    float* const out = (float*)centers_out.data + (size_t)centers_at * 8;
+    for (int q = 0; q < 8; ++q) {
+        out[q] = bounds[0][q];
+        out[8 + q] = bounds[1][q];
+    }
+    return (int)((left - left_start) / 8);
+"""
+
+
+@wp.func_native(_native(_PART))
+def part_range(
+    boxes: wp.array(dtype=vec8),
+    first: int,
+    count: int,
+    low: wp.vec3,
+    scale: wp.vec3,
+    bins: int,
+    axis: int,
+    last_left_bin: int,
+    left_out: wp.array(dtype=vec8),
+    left_at: int,
+    right_out: wp.array(dtype=vec8),
+    right_at: int,
+    centers_out: wp.array(dtype=vec8),
+    centers_at: int,
+) -> int:
+    """Write the boxes of bins up to `last_left_bin` to one place and the others to another; return how many go left.
+
+    Both keep their order; `left_out` may begin where `boxes` does. The bounds of the centres of both
+    sides go to `centers_out`.
+    """
+    ...
+
+
+_COPY = """
+    const float* box = (const float*)boxes.data + (size_t)first * 8;
+    float* target = (float*)boxes_out.data + (size_t)first_out * 8;
+    for (int i = 0; i < count; ++i, box += 8, target += 8) COPY(target, box);
+"""
+
+
+@wp.func_native(_native(_COPY))
+def copy_range(
+    boxes: wp.array(dtype=vec8), first: int, count: int, boxes_out: wp.array(dtype=vec8), first_out: int
+):
+    """Copy boxes from one array to another."""
+    ...

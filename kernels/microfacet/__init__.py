@@ -1,0 +1,71 @@
+"""Microfacet theory: distributions of normals D, and shadowing and masking G, in any combination that exists.
+
+A distribution is a file with device functions of a unit normal m in the local frame, and of the `shape` that its
+heading explains:
+
+    d(m, shape)     normal_pdf(wo, m, shape)     sample_normal(wo, shape, u)     smith_lambda(w, shape), where known
+
+∫ d cosθ dω = 1, and normal_pdf is the density of sample_normal per solid angle. wo is on the side of +z. Roughnesses
+must be at least LEAST_ALPHA.
+"""
+
+import functools
+from types import ModuleType
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.microfacet import abc, beckmann, blinn_phong, ggx, sgd
+from wrt.kernels.microfacet.masking import GENERAL, SMITH, WALTER, make_masking
+
+DISTRIBUTIONS: dict[str, ModuleType] = {
+    "ggx": ggx,
+    "beckmann": beckmann,
+    "blinn-phong": blinn_phong,
+    "abc": abc,
+    "sgd": sgd,
+}
+MASKINGS = (*SMITH, *WALTER, *GENERAL)
+LEAST_ALPHA = wp.constant(1.0e-4)
+"""The least roughness of ggx, beckmann and blinn-phong for which these functions are accurate in float32."""
+
+
+class Microfacet(NamedTuple):
+    """A distribution of normals with its shadowing and masking.
+
+    Attributes:
+        d: (m, shape) -> float, the density of normals per area and solid angle.
+        g: (wo, wi, m, shape) -> float, what both directions see of the microfacets of normal m.
+        g1: (w, m, shape) -> float, what one direction sees of them.
+        sample_normal: (wo, shape, u: vec2) -> vec3.
+        normal_pdf: (wo, m, shape) -> float, per solid angle of m.
+    """
+
+    d: wp.Function
+    g: wp.Function
+    g1: wp.Function
+    sample_normal: wp.Function
+    normal_pdf: wp.Function
+
+
+@functools.cache
+def make_microfacet(distribution: str, masking: str) -> Microfacet:
+    """Return the device functions for a distribution in DISTRIBUTIONS and a masking in MASKINGS.
+
+    Raises:
+        ValueError: where there is no such distribution or masking, or they do not go together.
+    """
+    if distribution not in DISTRIBUTIONS:
+        raise ValueError(f"no distribution {distribution!r}: there are {', '.join(DISTRIBUTIONS)}")
+    parts = DISTRIBUTIONS[distribution]
+    smith_lambda = getattr(parts, "smith_lambda", None)
+    found = make_masking(masking, distribution, smith_lambda, smith_lambda is beckmann.smith_lambda)
+    return Microfacet(parts.d, found.g, found.g1, parts.sample_normal, parts.normal_pdf)
+
+
+def maskings_of(distribution: str) -> tuple[str, ...]:
+    """Return the names of the maskings that go with a distribution."""
+    smith_lambda = getattr(DISTRIBUTIONS[distribution], "smith_lambda", None)
+    smith = tuple(SMITH) if smith_lambda is not None else ()
+    walter = tuple(WALTER) if smith_lambda is beckmann.smith_lambda else ()
+    return (*smith, *walter, *GENERAL)

@@ -1,0 +1,60 @@
+"""The ABC distribution: D ∝ 1 / (1 + B (1 − cosθ))^C (Löw, Kronander, Ynnerman and Unger 2012).
+
+shape = (B, C, 0): B sets the width of the peak, C how steep its tail falls. The paper's factor A also holds what
+normalises D; here D is normalised, so that a reflectance may be given.
+
+∫ D cosθ dω, with v = 1 − cosθ, y = 1 + B v and Y = 1 + B:
+
+    2π ∫₀¹ (1 − v) (1 + B v)^−C dv = 2π/B² ∫₁^Y (Y − y) y^−C dy = 2π/B² (Y E(1 − C) − E(2 − C)),
+
+E(k) = ∫₁^Y y^(k − 1) dy = (Y^k − 1) / k, and ln Y at k = 0. The difference loses a factor of 1/B in accuracy, so
+that B has a lower limit.
+"""
+
+import warp as wp
+
+from wrt.kernels.microfacet.numerics import log1p, power_integral, power_integral_inverse
+from wrt.kernels.warps import TWO_PI
+
+LEAST_B = wp.constant(0.1)
+"""Below, the distribution is close to a constant for any C in use; smaller values count as this one."""
+
+
+@wp.func
+def _one_minus_cos(m: wp.vec3) -> float:
+    """Return 1 − cosθ from the sine: cosθ itself has no digits left where it is near 1."""
+    return (m[0] * m[0] + m[1] * m[1]) / (1.0 + m[2])
+
+
+@wp.func
+def d(m: wp.vec3, shape: wp.vec3) -> float:
+    """Return D(m)."""
+    if m[2] <= 0.0:
+        return 0.0
+    b = wp.max(shape[0], LEAST_B)
+    c = shape[1]
+    log_y = log1p(b)
+    area = (1.0 + b) * power_integral(1.0 - c, log_y) - power_integral(2.0 - c, log_y)
+    return b / TWO_PI * (b / area) * wp.exp(-c * log1p(b * _one_minus_cos(m)))
+
+
+@wp.func
+def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
+    """Return the density of `sample_normal`, B (1 + B (1 − cosθ))^−C / (2π E(1 − C))."""
+    if m[2] <= 0.0:
+        return 0.0
+    b = wp.max(shape[0], LEAST_B)
+    c = shape[1]
+    area = power_integral(1.0 - c, log1p(b))
+    return b / (TWO_PI * area) * wp.exp(-c * log1p(b * _one_minus_cos(m)))
+
+
+@wp.func
+def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
+    """Return a normal of density ∝ D: unlike that of D cosθ, its cumulative function has an inverse in closed form."""
+    b = wp.max(shape[0], LEAST_B)
+    k = 1.0 - shape[1]
+    v = wp.min(power_integral_inverse(k, u[0] * power_integral(k, log1p(b))) / b, 1.0)
+    r = wp.sqrt(v * (2.0 - v))
+    phi = TWO_PI * u[1]
+    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), 1.0 - v)

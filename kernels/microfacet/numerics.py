@@ -1,0 +1,73 @@
+"""Functions that keep their digits near zero, and normals from slopes.
+
+Without them a mirror-like lobe has no shape in float32: at roughness 1e-4 a cosine of 1 − 5e-9 is a cosine of 1.
+"""
+
+import warp as wp
+
+from wrt.kernels.warps import TWO_PI
+
+
+@wp.func
+def log1p_ratio(x: float) -> float:
+    """Return ln(1 + x) / x for x > −1, and 1 at 0.
+
+    The rounding of 1 + x is the same above and below the line, and cancels (Kahan; Higham, "Accuracy and Stability
+    of Numerical Algorithms", 2nd edition, 1.14.1).
+    """
+    y = 1.0 + x
+    if y == 1.0:
+        return 1.0
+    return wp.log(y) / (y - 1.0)
+
+
+@wp.func
+def log1p(x: float) -> float:
+    """Return ln(1 + x) for x > −1."""
+    return x * log1p_ratio(x)
+
+
+@wp.func
+def expm1_ratio(x: float) -> float:
+    """Return (eˣ − 1) / x, and 1 at 0 (Higham, 1.14.1)."""
+    y = wp.exp(x)
+    if y == 1.0:
+        return 1.0
+    if wp.abs(x) > 1.0:
+        return (y - 1.0) / x
+    return (y - 1.0) / wp.log(y)
+
+
+@wp.func
+def expm1(x: float) -> float:
+    """Return eˣ − 1."""
+    return x * expm1_ratio(x)
+
+
+@wp.func
+def power_integral(k: float, log_y: float) -> float:
+    """Return ∫ y^(k − 1) dy from 1 to e^log_y: (e^(k log_y) − 1) / k, and log_y at k = 0."""
+    return log_y * expm1_ratio(k * log_y)
+
+
+@wp.func
+def power_integral_inverse(k: float, area: float) -> float:
+    """Return y − 1, where `power_integral` from 1 to y is `area`."""
+    # Just above −1 the end of the integral is beyond what float32 tells from its limit 1 / |k|.
+    x = wp.max(k * area, -0.9999999)
+    return expm1(area * log1p_ratio(x))
+
+
+@wp.func
+def tan2_theta(m: wp.vec3) -> float:
+    """Return tan²θ of a unit vector, from its sine: 1 − cos²θ would lose small angles."""
+    return (m[0] * m[0] + m[1] * m[1]) / wp.max(m[2] * m[2], 1.0e-30)
+
+
+@wp.func
+def normal_of(tan2: float, u: float) -> wp.vec3:
+    """Return the unit vector of this tan²θ and the azimuth 2π u."""
+    z = 1.0 / wp.sqrt(1.0 + tan2)
+    r = wp.sqrt(tan2) * z
+    phi = TWO_PI * u
+    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), z)

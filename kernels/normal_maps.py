@@ -1,0 +1,198 @@
+"""Normal maps: the shading normal from a texture, and the variance of normals that one pixel cannot tell apart."""
+
+import warp as wp
+
+from wrt.kernels.bvh import Hit
+from wrt.kernels.geometry import Frame, to_local, to_world
+from wrt.kernels.scene_data import (
+    NORMALS_AT_POINT,
+    NORMALS_FILTERED,
+    ImageRecord,
+    NormalMapRecord,
+    SceneData,
+)
+from wrt.kernels.surface import Surface
+from wrt.kernels.textures import image_color
+
+LEAST_ELEVATION = wp.constant(0.02)
+"""Sine of the least angle above the surface that `bent_normal` lets a mirror direction have, seen not too flat."""
+
+
+@wp.struct
+class Slopes:
+    """Of the normals in a piece of a map, nx / nz and ny / nz: means, and means of the products (xx, yy, xy)."""
+
+    mean: wp.vec2
+    products: wp.vec3
+
+
+@wp.func
+def slopes_at(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> Slopes:
+    """Return the slopes at one point."""
+    n = image_color(scene.texels, image, uv)
+    slopes = Slopes()
+    slopes.mean = wp.vec2(n[0] / n[2], n[1] / n[2])
+    slopes.products = wp.vec3(
+        slopes.mean[0] * slopes.mean[0], slopes.mean[1] * slopes.mean[1], slopes.mean[0] * slopes.mean[1]
+    )
+    return slopes
+
+
+@wp.func
+def slopes_of_level(scene: SceneData, normals: NormalMapRecord, level: int, uv: wp.vec2) -> Slopes:
+    """Return the slopes around a point at a level of the pyramid; level -1 is the point itself."""
+    if level < 0:
+        return slopes_at(scene, scene.images[normals.image], uv)
+    first = normals.first_level + 2 * level
+    mean = image_color(scene.texels, scene.images[first], uv)
+    slopes = Slopes()
+    slopes.mean = wp.vec2(mean[0], mean[1])
+    slopes.products = image_color(scene.texels, scene.images[first + 1], uv)
+    return slopes
+
+
+@wp.func
+def filtered_slopes(scene: SceneData, normals: NormalMapRecord, uv: wp.vec2, texels: float) -> Slopes:
+    """Return the slopes of a piece `texels` wide, more than 1/2: between the two levels whose texels are nearest."""
+    level = wp.min(wp.log2(texels), float(normals.levels - 1))
+    lower = int(wp.floor(level))
+    share = level - float(lower)
+    slopes = slopes_of_level(scene, normals, lower, uv)
+    if share > 0.0:
+        upper = slopes_of_level(scene, normals, lower + 1, uv)
+        slopes.mean = slopes.mean * (1.0 - share) + upper.mean * share
+        slopes.products = slopes.products * (1.0 - share) + upper.products * share
+    return slopes
+
+
+@wp.func
+def texels_across(
+    scene: SceneData, hit: Hit, surface: Surface, image: ImageRecord, direction: wp.vec3, width: float
+) -> float:
+    """Return how many texels a cone of rays covers that is `width` wide at the hit, along its narrower axis.
+
+    The cone (Akenine-Möller et al. 2021, "Improved shader and texture level of detail using ray cones") cuts the
+    surface in an ellipse. With ∇u and ∇v in texels, its image in the texture has the matrix
+
+        K = width² (∇a·∇b + (∇a·d)(∇b·d) / cos²θ)   for a, b of u, v,   det K = |∇u × ∇v|² width⁴ / cos²θ,
+
+    as along the tilt it is longer by 1 / cosθ. The narrower axis, not the wider one: a texture must not be blurred
+    over more than the pixel, and what lies along the wider one is averaged by the pixel's samples.
+    """
+    i0 = scene.indices[3 * hit.triangle]
+    i1 = scene.indices[3 * hit.triangle + 1]
+    i2 = scene.indices[3 * hit.triangle + 2]
+    e1 = scene.points[i1] - scene.points[i0]
+    e2 = scene.points[i2] - scene.points[i0]
+    a = scene.uvs[i1] - scene.uvs[i0]
+    b = scene.uvs[i2] - scene.uvs[i0]
+    c = wp.cross(e1, e2)
+    c = c / wp.max(wp.length_sq(c), 1.0e-36)
+    r1 = wp.cross(e2, c) * width
+    r2 = wp.cross(c, e1) * width
+    du = (r1 * a[0] + r2 * b[0]) * float(image.width)
+    dv = (r1 * a[1] + r2 * b[1]) * float(image.height)
+    cos = wp.max(wp.abs(wp.dot(surface.normal, direction)), 1.0e-3)
+    u_depth = wp.dot(du, direction) / cos
+    v_depth = wp.dot(dv, direction) / cos
+    trace = wp.length_sq(du) + u_depth * u_depth + wp.length_sq(dv) + v_depth * v_depth
+    root = wp.length(wp.cross(du, dv)) / cos  # of the determinant
+    larger = 0.5 * (trace + wp.sqrt(wp.max(trace * trace - 4.0 * root * root, 0.0)))
+    return root / wp.sqrt(wp.max(larger, 1.0e-30))
+
+
+@wp.func
+def bent_normal(n: wp.vec3, normal: wp.vec3, wo: wp.vec3) -> wp.vec3:
+    """Return a shading normal n that mirrors wo to above the surface, nearest to n in the plane of n and `normal`.
+
+    A mapped normal may face away from the viewer, or mirror into the surface: black spots, which are not there on real
+    bumps, since others hide those sides. With n at the angle θ from the geometric normal, and wo at φ and of
+    length a in their plane, the mirror direction is a cos(2θ − φ) above the surface. Where that is too little,
+    2θ = φ + arccos(least / a), which lies nearer to the geometric normal and faces the viewer. (For other ways see
+    Schüssler, Heitz, Hanika and Dachsbacher 2017, section 2.)
+    """
+    wo_z = wp.dot(wo, normal)
+    n_z = wp.dot(n, normal)
+    least = wp.min(LEAST_ELEVATION, 0.5 * wo_z)
+    if 2.0 * wp.dot(n, wo) * n_z - wo_z >= least and n_z > 0.0:
+        return n
+    across = n - normal * n_z
+    length = wp.length(across)
+    if length < 1.0e-6:
+        return normal
+    across = across / length
+    wo_x = wp.dot(wo, across)
+    phi = wp.atan2(wo_x, wo_z)
+    theta = 0.5 * (phi + wp.acos(wp.clamp(least / wp.sqrt(wo_x * wo_x + wo_z * wo_z), 0.0, 1.0)))
+    return wp.normalize(across * wp.sin(theta) + normal * wp.cos(theta))
+
+
+@wp.func
+def _quadratic(a: wp.vec2, xx: float, yy: float, xy: float) -> float:
+    """Return the variance of a·slope."""
+    return a[0] * a[0] * xx + a[1] * a[1] * yy + 2.0 * a[0] * a[1] * xy
+
+
+@wp.func
+def apply_normal_map(
+    scene: SceneData, material: int, hit: Hit, surface: Surface, direction: wp.vec3, width: float
+) -> Surface:
+    """Return the surface as a material's normal map shows it to a cone of rays, `width` wide at the hit.
+
+    Its frame must follow the texture coordinates. A width of 0 stands for a single ray.
+    """
+    record = scene.materials[material]
+    if record.normal_map < 0:
+        return surface
+    normals = scene.normal_maps[record.normal_map]
+    image = scene.images[normals.image]
+    texels = float(0.0)
+    if record.normal_filter != NORMALS_AT_POINT:
+        texels = texels_across(scene, hit, surface, image, direction, width)
+    filtered = texels > 0.5
+    slopes = Slopes()
+    if filtered:
+        slopes = filtered_slopes(scene, normals, surface.uv, texels)
+    else:
+        slopes = slopes_at(scene, image, surface.uv)
+    mean = slopes.mean
+    if mean[0] == 0.0 and mean[1] == 0.0 and not filtered:
+        return surface
+    if not surface.front:
+        mean = -mean  # a bump is a dent from behind
+    unbent = wp.normalize(wp.vec3(mean[0], mean[1], 1.0))
+    frame = surface.frame
+    n = bent_normal(to_world(frame, unbent), surface.normal, -direction)
+    if wp.dot(n, direction) >= 0.0:
+        return surface
+    # The new axes in those of the old frame.
+    z = to_local(frame, n)
+    x = wp.normalize(wp.vec3(1.0 - z[0] * z[0], -z[0] * z[1], -z[0] * z[2]))
+    y = wp.cross(z, x)
+    if filtered:
+        # From slopes of the map to those about the new normal, (m·x) / (m·n): ∂/∂slope is x / |(mean, 1)| at the mean.
+        k = unbent[2]
+        a = wp.vec2(x[0], x[1]) * k
+        b = wp.vec2(y[0], y[1]) * k
+        xx = wp.max(slopes.products[0] - mean[0] * mean[0], 0.0)
+        yy = wp.max(slopes.products[1] - mean[1] * mean[1], 0.0)
+        xy = slopes.products[2] - mean[0] * mean[1]
+        variance = wp.vec2(_quadratic(a, xx, yy, xy), _quadratic(b, xx, yy, xy))
+        if record.normal_filter == NORMALS_FILTERED:
+            # Turned to where the covariance is diagonal.
+            covariance = a[0] * b[0] * xx + a[1] * b[1] * yy + (a[0] * b[1] + a[1] * b[0]) * xy
+            middle = 0.5 * (variance[0] + variance[1])
+            half = 0.5 * (variance[0] - variance[1])
+            radius = wp.sqrt(half * half + covariance * covariance)
+            turn = 0.5 * wp.atan2(covariance, half)
+            along = x * wp.cos(turn) + y * wp.sin(turn)
+            y = y * wp.cos(turn) - x * wp.sin(turn)
+            x = along
+            variance = wp.vec2(middle + radius, middle - radius)
+        surface.normal_variance = wp.vec2(wp.max(variance[0], 0.0), wp.max(variance[1], 0.0))
+    turned = Frame()
+    turned.s = to_world(frame, x)
+    turned.t = to_world(frame, y)
+    turned.n = n
+    surface.frame = turned
+    return surface

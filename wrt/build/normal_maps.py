@@ -1,0 +1,89 @@
+"""From normal maps to images of normals, and to the pyramids of slopes that filtering reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.textures import NormalMap
+
+FloatArray = NDArray[np.float32]
+
+STEEPEST = 50.0
+"""Slopes of normals are cut here, at 89 degrees: a normal that lies in the surface has none that is finite."""
+
+
+def normals_of(normal_map: NormalMap) -> FloatArray:
+    """Return (H, W, 3) normals in tangent space, not of unit length: 2c − 1, x and y scaled (glTF 2.0, 3.9.3)."""
+    pixels = np.asarray(normal_map.pixels)
+    normals = 2.0 * pixels - np.float32(1.0)
+    normals[..., :2] *= np.float32(normal_map.scale)
+    steep = np.hypot(normals[..., 0], normals[..., 1]) / np.float32(STEEPEST)
+    normals[..., 2] = np.maximum(normals[..., 2], np.maximum(steep, np.float32(1e-3)))
+    return normals
+
+
+def slope_pyramid(normals: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield, from fine to coarse, mean slopes (H, W, 3) as (x, y, 0) and means of their products (xx, yy, xy).
+
+    Moments as in Olano and Baker (2010), "LEAN mapping", section 3. What is averaged is not the texels but the
+    surface that is seen between them, interpolated as in `kernels/textures.py`: its slopes vary less.
+    """
+    means, products = _texel_moments(normals)
+    yield means, products
+    while means.shape[:2] != (1, 1):
+        means, products = _halved(means), _halved(products)
+        yield means, products
+
+
+def _texel_moments(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the moments over each texel's square, by two Gauss points in each half of either side.
+
+    Within a quarter of the square normals are bilinear, so that for small slopes the rule is exact.
+    """
+    node = 0.25 / np.sqrt(3.0)
+    places = [side * (0.25 + offset) for side in (-1, 1) for offset in (-node, node)]
+    means, products = np.zeros_like(normals), np.zeros_like(normals)
+    for y in places:
+        row = _shifted(normals, y, 0)
+        for x in places:
+            n = _shifted(row, x, 1)
+            a, b = n[..., 0] / n[..., 2], n[..., 1] / n[..., 2]
+            means[..., 0] += a
+            means[..., 1] += b
+            products[..., 0] += a * a
+            products[..., 1] += b * b
+            products[..., 2] += a * b
+    return means / np.float32(len(places) ** 2), products / np.float32(len(places) ** 2)
+
+
+def _shifted(pixels: FloatArray, place: float, axis: int) -> FloatArray:
+    """Return the image between texel centres, `place` texels on along an axis, at most 1/2; it repeats."""
+    neighbour = np.roll(pixels, -1 if place > 0.0 else 1, axis)
+    result: FloatArray = pixels + (neighbour - pixels) * np.float32(abs(place))
+    return result
+
+
+def _halved(pixels: FloatArray) -> FloatArray:
+    """Return the image at half the width and height, rounded up, its mean kept."""
+    for axis in (0, 1):
+        pixels = _resized(pixels, axis, (pixels.shape[axis] + 1) // 2)
+    return pixels
+
+
+def _resized(pixels: FloatArray, axis: int, size: int) -> FloatArray:
+    """Return the means over `size` equal pieces of an axis, which may cut texels."""
+    old = pixels.shape[axis]
+    if old == 2 * size:
+        even, odd = (np.take(pixels, range(start, old, 2), axis) for start in (0, 1))
+        return np.float32(0.5) * (even + odd)
+    # Mean over pieces: differences of the integral from the start.
+    first = np.moveaxis(pixels.astype(np.float64), axis, 0)
+    integral = np.concatenate([np.zeros_like(first[:1]), np.cumsum(first, axis=0)])
+    edges = np.arange(size + 1) * (old / size)
+    whole = np.minimum(edges.astype(int), old - 1)
+    at_edges = integral[whole] + (edges - whole)[:, None, None] * first[whole]
+    result: FloatArray = np.moveaxis(np.diff(at_edges, axis=0) * (size / old), 0, axis).astype(np.float32)
+    return result
