@@ -503,46 +503,52 @@ def children_of(nodes: wp.array(dtype=BinaryNode), root: int):
 
 
 @wp.kernel(enable_backward=False)
-def count_children(
+def find_children(
     first: int,
     level: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
+    children_out: wp.array(dtype=int),
     inner_out: wp.array(dtype=int),
     leaves_out: wp.array(dtype=int),
 ):
-    """Count the children of each wide node of a level that are nodes and that are leaves."""
+    """Write the children of each wide node of a level, −1 for unused places, and count nodes and leaves among them."""
     i = first + wp.tid()
     children = children_of(nodes, level[i])
     inner = int(0)
-    for k in range(children[15]):
-        if nodes[children[k]].right != 0:
-            inner += 1
+    for k in range(8):
+        child = int(-1)
+        if k < children[15]:
+            child = children[k]
+            if nodes[child].right != 0:
+                inner += 1
+        children_out[8 * i + k] = child
     inner_out[i] = inner
     leaves_out[i] = children[15] - inner
 
 
 @wp.kernel(enable_backward=False)
-def list_children(
+def list_inner(
     first: int,
-    level: wp.array(dtype=int),
+    children: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
     inner_start: wp.array(dtype=int),
     next_level_out: wp.array(dtype=int),
 ):
     """Write the wide nodes of the next level."""
     i = first + wp.tid()
-    children = children_of(nodes, level[i])
     k_out = inner_start[i]
-    for k in range(children[15]):
-        if nodes[children[k]].right != 0:
-            next_level_out[k_out] = children[k]
-            k_out += 1
+    for k in range(8):
+        child = children[8 * i + k]
+        if child >= 0:
+            if nodes[child].right != 0:
+                next_level_out[k_out] = child
+                k_out += 1
 
 
 @wp.kernel(enable_backward=False)
 def write_level(
     first: int,
-    level: wp.array(dtype=int),
+    children: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
     points: wp.array(dtype=wp.vec3),
@@ -559,13 +565,13 @@ def write_level(
 ):
     """Write the wide nodes of a level and their leaves in the layout of `kernels/bvh.py`."""
     i = first + wp.tid()
-    children = children_of(nodes, level[i])
     base = (first_node + i) * wp.static(NODE_FLOATS)
     inner = first_child + inner_start[i]
     leaf = first_leaf + leaf_start[i]
     for k in range(8):
-        if k < children[15]:
-            node = nodes[children[k]]
+        child = children[8 * i + k]
+        if child >= 0:
+            node = nodes[child]
             for axis in range(3):
                 nodes_out[base + 8 * axis + k] = node.lower[axis]
                 nodes_out[base + 24 + 8 * axis + k] = node.upper[axis]

@@ -103,14 +103,20 @@ _FILL_BINS = """
             for (int q = 0; q < 8; ++q) bounds[8 * k + q] = 3.0e38f;
             counts[k] = 0;
         }
-    const float* box = (const float*)boxes.data + (size_t)first * 8;
-    for (int i = 0; i < count; ++i, box += 8) {
+    // Neighbours fall into one bin, and each would wait for the last one's store; so two far apart in turn.
+    const float* const box = (const float*)boxes.data + (size_t)first * 8;
+    const int half = (count + 1) / 2;
+    const auto add = [&](const float* box) {
         FIND_BINS(bin, box);
         for (int axis = 0; axis < 3; ++axis) {
             const int k = axis * BINS + bin[axis];
             JOIN(bounds + 8 * k, box);
             ++counts[k];
         }
+    };
+    for (int i = 0; i < half; ++i) {
+        add(box + 8 * i);
+        if (half + i < count) add(box + 8 * (half + i));
     }
 """
 

@@ -2,7 +2,7 @@
 
 Oren and Nayar, "Generalization of Lambert's reflectance model" (1994), see a surface of V-shaped grooves
 whose facets are Lambertian. Their qualitative model, ρ/π (A + B max(0, cos Δφ) sin α tan β), makes energy out of
-nothing where σ is small (a white surface of σ = 0.2 shows 1.5 % too much at grazing angles) and loses up to
+nothing where σ is small (a white surface of σ = 0.2 shows 1.5 % too much at grazing angles) and loses nearly
 half of it where σ is large. This is the form of Portsmouth, Kutz and Hill, "EON: a practical
 energy-preserving rough diffuse BRDF", JCGT 14(1) (2025): one bounce after Fujii (2012, "A tiny improvement
 of Oren-Nayar reflectance model"), whose albedo is known exactly, and a term for all other bounces that

@@ -173,9 +173,10 @@ def _chunks(firsts: np.ndarray, counts: np.ndarray, size: int, name: str) -> Any
 
 
 class _Level(NamedTuple):
-    """Wide nodes of one depth: their binary nodes, and where their children and leaves are to be."""
+    """Wide nodes of one depth: how many, the binary nodes of their children, and where those are to be."""
 
-    roots: Any
+    size: int
+    children: Any
     inner_start: Any
     leaf_start: Any
     inner_total: int
@@ -192,14 +193,15 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
     roots = wp.zeros(1, dtype=int, device=device.name)
     while len(roots) and len(levels) <= max_depth:
         n = len(roots)
+        children = wp.empty(8 * n, dtype=int, device=device.name)
         inner = wp.empty(n, dtype=int, device=device.name)
         leaves = wp.empty(n, dtype=int, device=device.name)
-        device.launch(k.count_children, n, [roots, nodes, inner, leaves])
-        level = _Level(roots, *_scan(inner, leaves))
+        device.launch(k.find_children, n, [roots, nodes, children, inner, leaves])
+        level = _Level(n, children, *_scan(inner, leaves))
         levels.append(level)
         roots = wp.empty(level.inner_total, dtype=int, device=device.name)
         if level.inner_total:
-            device.launch(k.list_children, n, [level.roots, nodes, level.inner_start, roots])
+            device.launch(k.list_inner, n, [children, nodes, level.inner_start, roots])
     return levels
 
 
@@ -208,7 +210,7 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
     from wrt.kernels import bvh_build as k
     from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
 
-    node_count = sum(len(level.roots) for level in levels)
+    node_count = sum(level.size for level in levels)
     leaf_count = sum(level.leaf_total for level in levels)
     data = Bvh()
     data.nodes = device.empty_large(node_count * NODE_FLOATS)
@@ -216,9 +218,9 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
     out = [data.nodes, _as_int(data.nodes), data.leaves, _as_int(data.leaves)]
     first_node = first_leaf = 0
     for level in levels:
-        first_child = first_node + len(level.roots)
+        first_child = first_node + level.size
         places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf]
-        device.launch(k.write_level, len(level.roots), [level.roots, nodes, boxes, points, indices, *places, *out])
+        device.launch(k.write_level, level.size, [level.children, nodes, boxes, points, indices, *places, *out])
         first_node = first_child
         first_leaf += level.leaf_total
     size = 4 * (len(data.nodes) + len(data.leaves))

@@ -17,8 +17,8 @@ STEEPEST = 50.0
 
 def normals_of(normal_map: NormalMap) -> FloatArray:
     """Return (H, W, 3) normals in tangent space, not of unit length: 2c − 1, x and y scaled (glTF 2.0, 3.9.3)."""
-    pixels = np.asarray(normal_map.pixels)
-    normals = 2.0 * pixels - np.float32(1.0)
+    pixels = np.asarray(normal_map.pixels, np.float32)
+    normals: FloatArray = np.float32(2.0) * pixels - np.float32(1.0)
     normals[..., :2] *= np.float32(normal_map.scale)
     steep = np.hypot(normals[..., 0], normals[..., 1]) / np.float32(STEEPEST)
     normals[..., 2] = np.maximum(normals[..., 2], np.maximum(steep, np.float32(1e-3)))

@@ -15,7 +15,18 @@ if TYPE_CHECKING:
     from wrt.kernels.bsdf.record import Model
 
 MATERIALS: dict[str, type[Material]] = {
-    cls.type_name: cls for cls in (Diffuse, Mirror, Conductor, Dielectric, RoughDielectric, ThinDielectric, Mix, TwoSided, Emissive)
+    cls.type_name: cls
+    for cls in (
+        Diffuse,
+        Mirror,
+        Conductor,
+        Dielectric,
+        RoughDielectric,
+        ThinDielectric,
+        Mix,
+        TwoSided,
+        Emissive,
+    )
 }
 """Materials by their `type` in scene files."""
 

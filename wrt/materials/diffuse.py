@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from wrt.materials.material import Material, color_source
+from wrt.materials.material import Material, color_source, value_source
 from wrt.textures import ColorSource
 
 
@@ -25,3 +26,30 @@ class Diffuse(Material):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._set(reflectance=color_source(self.reflectance, "reflectance"))
+
+
+@dataclass(frozen=True)
+class OrenNayar(Material):
+    """A rough matt surface such as plaster, clay or cloth, on both sides: flatter than Diffuse, brighter towards the lamp.
+
+    The energy-preserving form (Portsmouth, Kutz and Hill 2025) of the model of Oren and Nayar (1994), whose
+    `sigma` it keeps. With `sigma` 0 it is Diffuse.
+
+    Attributes:
+        reflectance: fraction of light that each facet reflects per channel, 0 to 1. The whole surface reflects
+            less, for light is lost on the way from facet to facet, but a white one stays white.
+        sigma: standard deviation of the facets' slope angle, radians, 0 to π/2; 0.35 is 20 degrees.
+    """
+
+    reflectance: ColorSource = 0.18
+    sigma: ColorSource = 0.35
+
+    type_name: ClassVar[str] = "oren-nayar"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance", "sigma")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(
+            reflectance=color_source(self.reflectance, "reflectance"),
+            sigma=value_source(self.sigma, "sigma", maximum=0.5 * math.pi),
+        )

@@ -1,0 +1,203 @@
+"""A rough metal: mirror facets too small to see, f = F D G / (4 cosθi cosθo).
+
+Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007, eq. 20. Optionally the light that facets block
+bounces on (`kernels/albedo.py`).
+"""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.albedo import average_missing_energy, missing_energy, multiple_bounce_fresnel, multiple_bounce_lobe
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
+from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
+from wrt.kernels.microfacet.widening import WIDENED
+from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+
+SHAPE = wp.constant(0)  # of the distribution: see kernels/microfacet
+REFLECTANCE = wp.constant(1)  # what Fresnel's reflectance is multiplied by
+F0 = wp.constant(2)  # of "schlick"
+ETA = wp.constant(2)  # of "conductor"
+K = wp.constant(3)
+AVERAGE = wp.constant(4)  # reflectance averaged over the hemisphere, 2 ∫ F μ dμ; read for multiple bounces alone
+
+FRESNELS = ("conductor", "schlick")
+BOUNCES = ("single", "multiple")
+BY_ALPHA = ("ggx", "beckmann", "blinn-phong")
+ISOTROPIC = ("blinn-phong",)
+
+
+@wp.func
+def _reflectance_conductor(bsdf: Bsdf, cos_i: float) -> wp.vec3:
+    return wp.cw_mul(bsdf.slots[REFLECTANCE], fresnel_conductor(cos_i, bsdf.slots[ETA], bsdf.slots[K]))
+
+
+@wp.func
+def _reflectance_schlick(bsdf: Bsdf, cos_i: float) -> wp.vec3:
+    return wp.cw_mul(bsdf.slots[REFLECTANCE], fresnel_schlick(cos_i, bsdf.slots[F0]))
+
+
+@wp.func
+def _average_conductor(bsdf: Bsdf) -> wp.vec3:
+    return wp.cw_mul(bsdf.slots[REFLECTANCE], bsdf.slots[AVERAGE])
+
+
+@wp.func
+def _average_schlick(bsdf: Bsdf) -> wp.vec3:
+    # 2 ∫ (F0 + (1 − F0)(1 − μ)⁵) μ dμ = F0 + (1 − F0) / 21
+    f0 = bsdf.slots[F0]
+    return wp.cw_mul(bsdf.slots[REFLECTANCE], f0 + (wp.vec3(1.0) - f0) / 21.0)
+
+
+@functools.cache
+def make_shape_of(distribution: str) -> wp.Function:
+    """Return the device function bsdf -> shape of the distribution: within its limits, and widened by a normal map."""
+    by_alpha = distribution in BY_ALPHA
+    isotropic = distribution in ISOTROPIC
+    widens = distribution in WIDENED
+    widened = WIDENED.get(distribution, _as_it_is)
+
+    @wp.func(name=f"rough_conductor_shape_{distribution.replace('-', '_')}")
+    def shape_of(bsdf: Bsdf) -> wp.vec3:
+        shape = bsdf.slots[SHAPE]
+        if wp.static(by_alpha):
+            along_x = wp.clamp(shape[0], LEAST_ALPHA, 1.0)
+            along_y = wp.clamp(shape[1], LEAST_ALPHA, 1.0)
+            if wp.static(isotropic):
+                along_y = along_x
+            shape = wp.vec3(along_x, along_y, 0.0)
+        if wp.static(widens):
+            shape = widened(shape, bsdf.normal_variance)
+        return shape
+
+    return shape_of
+
+
+@wp.func
+def _as_it_is(shape: wp.vec3, variance: wp.vec2) -> wp.vec3:
+    return shape
+
+
+@functools.cache
+def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces: str = "single") -> Model:
+    """Return the model of a rough metal.
+
+    Args:
+        distribution: of normals, a name in `kernels.microfacet.DISTRIBUTIONS`.
+        masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
+        fresnel: "conductor" by a complex index η + ik, or "schlick" by the reflectance at normal incidence.
+        bounces: "single", or "multiple" for a white surface to reflect all light.
+
+    Raises:
+        ValueError: where there is no such thing, or distribution and masking do not go together.
+    """
+    if fresnel not in FRESNELS or bounces not in BOUNCES:
+        raise ValueError(f"no rough conductor of {fresnel!r} and {bounces!r} bounces")
+    parts = make_microfacet(distribution, masking)
+    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    shape_of = make_shape_of(distribution)
+    conductor = fresnel == "conductor"
+    reflectance = _reflectance_conductor if conductor else _reflectance_schlick
+    suffix = f"{distribution}_{masking}_{fresnel}_{bounces}".replace("-", "_")
+
+    @wp.func(name=f"rough_conductor_evaluate_{suffix}")
+    def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return wp.vec3(0.0)
+        shape = shape_of(bsdf)
+        m = wp.normalize(wo + wi)
+        # cosθo below cannot be the cosine that G brings where both are next to nothing.
+        value = d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
+        return reflectance(bsdf, wp.min(wp.dot(wo, m), 1.0)) * value
+
+    @wp.func(name=f"rough_conductor_pdf_{suffix}")
+    def pdf_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return 0.0
+        m = wp.normalize(wo + wi)
+        # dω_m / dω_i = 1 / (4 wo·m): Walter et al. 2007, eq. 14.
+        return normal_pdf(wo, m, shape_of(bsdf)) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
+
+    @wp.func(name=f"rough_conductor_direction_{suffix}")
+    def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        m = sample_normal(wo, shape_of(bsdf), u)
+        return wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
+
+    evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
+    slots = 4 if conductor else 3
+    if bounces == "multiple":
+        average = _average_conductor if conductor else _average_schlick
+        evaluate, pdf, direction = _with_multiple_bounces(
+            suffix, shape_of, average, evaluate_single, pdf_single, direction_single
+        )
+        slots = 5 if conductor else 3
+    sample = _make_sample(suffix, evaluate, pdf, direction)
+    return Model(evaluate, pdf, sample, slots=slots, widens=distribution in WIDENED)
+
+
+def _make_sample(suffix: str, evaluate: wp.Function, pdf: wp.Function, direction: wp.Function) -> wp.Function:
+    """Return the sampling of a model by a function (bsdf, wo, u, u_lobe) -> wi.
+
+    Value and density are those of the direction, not of the normal that it came from: at a roughness of 1e-4 the two
+    differ by what float32 rounds, and the renderer asks for both again.
+    """
+
+    @wp.func(name=f"rough_conductor_sample_{suffix}")
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        s = no_sample()
+        wi = direction(bsdf, wo, u, u_lobe)
+        density = pdf(bsdf, wo, wi)
+        if density > 0.0:
+            s.wi = wi
+            s.weight = evaluate(bsdf, wo, wi) / density
+            s.pdf = density
+        return s
+
+    return sample
+
+
+def _with_multiple_bounces(
+    suffix: str,
+    shape_of: wp.Function,
+    average: wp.Function,
+    evaluate_single: wp.Function,
+    pdf_single: wp.Function,
+    direction_single: wp.Function,
+) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Return the functions of a model of one bounce with the lobe of all further ones.
+
+    That lobe is sampled by the cosine, as often as it has a share of a white surface's light: 1 − E(wo).
+    """
+
+    @wp.func(name=f"rough_conductor_alpha_{suffix}")
+    def alpha_of(bsdf: Bsdf) -> float:
+        shape = shape_of(bsdf)
+        return wp.sqrt(shape[0] * shape[1])
+
+    @wp.func(name=f"rough_conductor_missing_{suffix}")
+    def missing(bsdf: Bsdf, w: wp.vec3) -> float:
+        return missing_energy(bsdf.tables, bsdf.table, w, alpha_of(bsdf))
+
+    @wp.func(name=f"rough_conductor_evaluate_all_{suffix}")
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return wp.vec3(0.0)
+        lost = average_missing_energy(bsdf.tables, bsdf.table, alpha_of(bsdf))
+        lobe = multiple_bounce_lobe(missing(bsdf, wo), missing(bsdf, wi), lost) * wi[2]
+        return evaluate_single(bsdf, wo, wi) + multiple_bounce_fresnel(average(bsdf), lost) * lobe
+
+    @wp.func(name=f"rough_conductor_pdf_all_{suffix}")
+    def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return 0.0
+        share = missing(bsdf, wo)
+        return (1.0 - share) * pdf_single(bsdf, wo, wi) + share * INV_PI * wi[2]
+
+    @wp.func(name=f"rough_conductor_direction_all_{suffix}")
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        if u_lobe < missing(bsdf, wo):
+            return square_to_cosine_hemisphere(u)
+        return direction_single(bsdf, wo, u, u_lobe)
+
+    return evaluate, pdf, direction

@@ -1,0 +1,265 @@
+"""Normal maps bend the shading normal as they say, tangents follow the texture, and far-away bumps become roughness."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import NDArray
+from support.kernels import map_function
+
+import wrt
+from wrt.build.normal_maps import normals_of, slope_pyramid
+from wrt.kernels import bsdf as models
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample, zero_pdf
+from wrt.kernels.normal_maps import bent_normal
+
+# --- Materials that show what a reflection model is given --------------------------------------------
+
+
+@wp.func
+def shown_direction(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    """Return the direction to the light in the local frame, in [0, 1]."""
+    return wi * 0.5 + wp.vec3(0.5)
+
+
+@wp.func
+def shown_variance(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    """Return the variance of normals along the frame's axes, and 1."""
+    return wp.vec3(bsdf.normal_variance[0], bsdf.normal_variance[1], 1.0)
+
+
+@wp.func
+def never_sampled(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    return no_sample()
+
+
+PROBES = {
+    "probe_direction": Model(shown_direction, zero_pdf, never_sampled, slots=0),
+    "probe_variance": Model(shown_variance, zero_pdf, never_sampled, slots=0, widens=True),
+}
+
+
+@dataclass(frozen=True)
+class Probe(wrt.Material):
+    """Shows what its model is given; with `tangents` it is a material that has axes."""
+
+    shows: str = "probe_direction"
+    tangents: bool = False
+
+    type_name: ClassVar[str] = "probe"
+
+    @property
+    def model(self) -> str:
+        return self.shows
+
+    @property
+    def needs_tangents(self) -> bool:
+        return self.tangents
+
+
+@pytest.fixture(scope="module", autouse=True)
+def probes() -> Iterator[None]:
+    for name, model in PROBES.items():
+        models.register_model(name, model)
+    yield
+    for name in PROBES:
+        del models.FAMILIES[name]
+    models.model_of.cache_clear()
+
+
+# --- Scenes ------------------------------------------------------------------------------------------
+
+FRONT = wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), fov_degrees=30.0)
+BACK = wrt.PerspectiveCamera((0.0, 0.0, -4.0), (0.0, 0.0, 0.0), fov_degrees=30.0)
+SQUARE = ((-2.0, -2.0, 0.0), (4.0, 0.0, 0.0), (0.0, 4.0, 0.0))
+
+
+def unit(*v: float) -> NDArray[np.float64]:
+    return np.array(v) / np.linalg.norm(v)
+
+
+def encoded(normals: NDArray) -> NDArray[np.float32]:
+    """Return the colours c of unit normals 2c − 1."""
+    return (0.5 * normals / np.linalg.norm(normals, axis=-1, keepdims=True) + 0.5).astype(np.float32)
+
+
+def constant_map(*normal: float, **options: object) -> wrt.NormalMap:
+    return wrt.NormalMap(encoded(np.broadcast_to(np.array(normal), (4, 4, 3))), **options)  # type: ignore[arg-type]
+
+
+def bumps(slope: float, size: int = 32, seed: int = 1, **options: object) -> wrt.NormalMap:
+    """Return a map of independent Gaussian slopes, one a texel, of root mean square `slope` along either axis."""
+    slopes = np.random.default_rng(seed).normal(scale=slope, size=(size, size, 2))
+    return wrt.NormalMap(encoded(np.dstack([slopes, np.ones((size, size))])), **options)  # type: ignore[arg-type]
+
+
+def with_uvs(mesh: wrt.Mesh, matrix: object) -> wrt.Mesh:
+    return wrt.Mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.uvs @ np.array(matrix, np.float32).T)
+
+
+def lit(mesh: wrt.Mesh, material: wrt.Material, towards: NDArray, camera: wrt.PerspectiveCamera = FRONT) -> wrt.Scene:
+    """Return a mesh under sunlight of irradiance 1 from a direction."""
+    scene = wrt.Scene(camera=camera)
+    scene.add(mesh, material=material)
+    scene.add_light(wrt.DirectionalLight(tuple(-towards), irradiance=1.0))
+    return scene
+
+
+def render(scene: wrt.Scene, device: str, spp: int = 1, size: int = 4) -> NDArray[np.float64]:
+    image = wrt.render(scene, width=size, height=size, spp=spp, device=device, max_depth=2)
+    return image.astype(np.float64)
+
+
+# --- Tangents ----------------------------------------------------------------------------------------
+
+LIGHT = unit(0.3, 0.5, 1.0)
+TURN = np.radians(30.0)
+UVS = {
+    "as they are": ([[1.0, 0.0], [0.0, 1.0]], (1.0, 0.0), (0.0, 1.0)),
+    "tiled": ([[7.0, 0.0], [0.0, 3.0]], (1.0, 0.0), (0.0, 1.0)),
+    "turned by 90 degrees": ([[0.0, 1.0], [-1.0, 0.0]], (0.0, 1.0), (-1.0, 0.0)),
+    "turned by 30 degrees": (
+        [[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]],
+        (np.cos(TURN), np.sin(TURN)),
+        (-np.sin(TURN), np.cos(TURN)),
+    ),
+    "u mirrored": ([[-1.0, 0.0], [0.0, 1.0]], (-1.0, 0.0), (0.0, 1.0)),
+    "v mirrored": ([[1.0, 0.0], [0.0, -1.0]], (1.0, 0.0), (0.0, -1.0)),
+    "swapped": ([[0.0, 1.0], [1.0, 0.0]], (0.0, 1.0), (1.0, 0.0)),
+}
+"""A matrix on the coordinates of a square in x and y, and where u and v then grow."""
+
+
+@pytest.mark.parametrize("camera", [FRONT, BACK], ids=["front", "back"])
+@pytest.mark.parametrize("name", UVS)
+def test_axes_follow_the_texture(name: str, camera: wrt.PerspectiveCamera, device: str) -> None:
+    """Local x and y are where u and v grow, from both sides, and z is on the viewer's."""
+    matrix, along_u, along_v = UVS[name]
+    side = np.sign(camera.origin[2])
+    towards = LIGHT * [1.0, 1.0, side]
+    mesh = with_uvs(wrt.quad(*SQUARE), matrix)
+    image = render(lit(mesh, Probe(tangents=True), towards, camera), device)
+    expected = [towards[:2] @ along_u, towards[:2] @ along_v, side * towards[2]]
+    np.testing.assert_allclose(2.0 * image - 1.0, np.broadcast_to(expected, image.shape), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "matrix", [[[0.0, 0.0], [0.0, 0.0]], [[1.0, 0.0], [0.3, 0.0]], [[0.1, 0.7], [0.3, 2.1]]], ids=["point", "u", "line"]
+)
+def test_where_the_texture_has_no_area_some_frame_is_taken(matrix: object, device: str) -> None:
+    mesh = with_uvs(wrt.quad(*SQUARE), matrix)
+    image = 2.0 * render(lit(mesh, Probe(tangents=True), LIGHT), device) - 1.0
+    np.testing.assert_allclose(image[..., 2], LIGHT[2], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(image, axis=2), 1.0, atol=1e-6)
+
+
+def test_axes_stay_at_right_angles_where_normals_are_smooth(device: str) -> None:
+    """On a slanted shading normal, x is the nearest direction to growing u, and y is across both."""
+    normal = unit(0.4, 0.2, 1.0)
+    mesh = with_uvs(wrt.quad(*SQUARE), [[1.0, 0.5], [0.0, 1.0]])
+    smooth = wrt.Mesh(mesh.vertices, mesh.faces, np.tile(normal.astype(np.float32), (4, 1)), mesh.uvs)
+    image = 2.0 * render(lit(smooth, Probe(tangents=True), LIGHT), device) - 1.0
+    along_u = unit(1.0, 0.0, 0.0)  # v does not grow along x, and u grows along x on lines of constant v
+    x = along_u - normal * (normal @ along_u)
+    x /= np.linalg.norm(x)
+    expected = [LIGHT @ x, LIGHT @ np.cross(normal, x), LIGHT @ normal]
+    np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), atol=1e-6)
+
+
+# --- The normal --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_a_flat_map_changes_nothing(filtered: bool, device: str) -> None:
+    flat = constant_map(0.0, 0.0, 1.0, filter=filtered)
+    for shows in PROBES:
+        with_map = render(lit(wrt.quad(*SQUARE), Probe(shows, tangents=True, normal_map=flat), LIGHT), device)
+        without = render(lit(wrt.quad(*SQUARE), Probe(shows, tangents=True), LIGHT), device)
+        np.testing.assert_allclose(with_map, without, rtol=0.0, atol=0.0 if not filtered else 1e-6)
+
+
+TILT = (0.35, -0.2, 1.0)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5, -1.0, 3.0])
+def test_irradiance_is_that_of_the_tilted_normal(scale: float, device: str, report: Report) -> None:
+    """E = n·l of the sun, with x and y of the map scaled."""
+    scene = lit(wrt.quad(*SQUARE), wrt.Diffuse(0.5, normal_map=constant_map(*TILT, scale=scale)), LIGHT)
+    stored = np.array(TILT) / np.linalg.norm(TILT)
+    normal = unit(stored[0] * scale, stored[1] * scale, stored[2])
+    measured = render(scene, device) * np.pi / 0.5
+    report(f"scale {scale:g}: irradiance", float(measured.mean()), float(normal @ LIGHT))
+    np.testing.assert_allclose(measured, normal @ LIGHT, rtol=2e-6)
+
+
+def test_from_behind_a_bump_is_a_dent(device: str) -> None:
+    """A sheet has one shape: its normal on the back is the opposite of that on the front."""
+    material = wrt.Diffuse(0.5, normal_map=constant_map(*TILT))
+    towards = unit(0.2, -0.4, -1.0)
+    measured = render(lit(wrt.quad(*SQUARE), material, towards, BACK), device) * np.pi / 0.5
+    np.testing.assert_allclose(measured, -unit(*TILT) @ towards, rtol=2e-6)
+
+
+@pytest.mark.parametrize("name", UVS)
+def test_the_normal_turns_with_the_texture(name: str, device: str) -> None:
+    matrix, along_u, along_v = UVS[name]
+    material = wrt.Diffuse(0.5, normal_map=constant_map(*TILT))
+    mesh = with_uvs(wrt.quad(*SQUARE), matrix)
+    tilt = np.array(TILT[0] * np.array(along_u) + TILT[1] * np.array(along_v))
+    measured = render(lit(mesh, material, LIGHT), device) * np.pi / 0.5
+    np.testing.assert_allclose(measured, unit(*tilt, 1.0) @ LIGHT, rtol=2e-6)
+
+
+def test_each_part_of_a_mixture_has_its_own_normals(device: str) -> None:
+    parts = [wrt.Diffuse(0.5, normal_map=constant_map(*TILT)), wrt.Diffuse(0.5)]
+    for weight, normal in ((0.0, unit(*TILT)), (1.0, unit(0.0, 0.0, 1.0))):
+        scene = lit(wrt.quad(*SQUARE), wrt.Mix(*parts, weight=weight), LIGHT)
+        np.testing.assert_allclose(render(scene, device) * np.pi / 0.5, normal @ LIGHT, rtol=2e-6)
+
+
+def test_bent_normals_mirror_to_above_the_surface(device: str, report: Report) -> None:
+    """And those that did before stay as they are to the bit; what is bent is bent no further than it must be."""
+    rng = np.random.default_rng(5)
+    n = 200_000
+    geometric, wo, normal = (rng.normal(size=(n, 3)) for _ in range(3))
+    for v in (geometric, wo, normal):
+        v /= np.linalg.norm(v, axis=1, keepdims=True)
+    wo *= np.sign(np.sum(wo * geometric, axis=1))[:, None]
+    wo[:1000] = geometric[:1000] * 1e-4 + np.cross(geometric[:1000], wo[:1000])  # grazing
+    wo /= np.linalg.norm(wo, axis=1, keepdims=True)
+    normal[1000:3000] = geometric[1000:3000] + 1e-5 * normal[1000:3000]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    bent = map_function(bent_normal, normal, geometric, wo, device=device).astype(np.float64)
+    assert np.isfinite(bent).all()
+    np.testing.assert_allclose(np.linalg.norm(bent, axis=1), 1.0, atol=1e-6)
+
+    def elevation(m: NDArray) -> NDArray:
+        return 2.0 * np.sum(m * wo, axis=1) * np.sum(m * geometric, axis=1) - np.sum(wo * geometric, axis=1)
+
+    least = np.minimum(0.02, 0.5 * np.sum(wo * geometric, axis=1))
+    before, after = elevation(normal), elevation(bent)
+    assert (after - least).min() > -1e-5
+    assert (np.sum(bent * wo, axis=1) > 0.0).all()
+    kept = (before > least + 1e-5) & (np.sum(normal * geometric, axis=1) > 1e-5)
+    np.testing.assert_array_equal(bent[kept], normal[kept].astype(np.float32))
+    changed = (before < least - 1e-5) & (np.abs(np.sum(normal * geometric, axis=1)) < 0.999)
+    report("bent normals: height of the mirror direction over the least", float((after - least)[changed].max()), 0.0)
+    assert (after - least)[changed].max() < 1e-5
+    # In the plane of both normals, on the same side.
+    plane = np.cross(geometric[changed], normal[changed])
+    plane /= np.linalg.norm(plane, axis=1, keepdims=True)
+    assert np.abs(np.sum(plane * bent[changed], axis=1)).max() < 1e-4
+    assert (np.sum(np.cross(geometric[changed], bent[changed]) * plane, axis=1) > -1e-6).all()
+
+
+def test_steep_bumps_seen_flat_are_finite_and_not_black(device: str) -> None:
+    """Every mirror direction is above the surface, so all of them see the sky: no speckles at all."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, -4.0, 0.12), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), fov_degrees=5.0))
+    scene.add(wrt.quad(*SQUARE), material=wrt.Mirror(normal_map=bumps(1.0)))
+    scene.environment = wrt.ConstantEnvironment(1.0)
+    np.testing.assert_allclose(render(scene, device, spp=64, size=16), 1.0, rtol=1e-6)
