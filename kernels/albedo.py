@@ -6,14 +6,15 @@ back by a smooth reciprocal lobe: Kulla and Conty, "Revisiting physically based 
 course; Jakob et al., "A comprehensive framework for rendering layered materials" (2014), section 5.6, had it for
 another model. It is chosen such that a white surface reflects all light, whatever its roughness.
 
-A table is TABLE_SIZE floats:
+A table is TABLE_SIZE floats, those of (ROWS, COLUMNS) by cosine:
 
-    0, 1            roughness along x and y of the surface that it was made for; 0 where its columns are roughnesses
-    2 ...           per column, the mean of 1 − E over the hemisphere, weighted by 2 cosθ
-    2 + COLUMNS ... (ROWS, COLUMNS) values of 1 − E, by cosine
+    0, 1        roughness along x and y of the surface that it was made for; 0 where its columns are roughnesses
+    AVERAGES    per column, the mean of 1 − E over the hemisphere, weighted by 2 cosθ
+    VALUES      (ROWS, COLUMNS), 1 − E
+    CUMULATIVE  (ROWS, COLUMNS), share of that mean below the row's cosine
 
-Rows are even in √(μ (1 + a) / (μ + a)), μ = cosθ and a the roughness towards w: losses happen where μ is about a, so
-that smooth surfaces need their rows near the horizon. Columns are even in √α; or, in a table for one anisotropic
+Rows are even in ln(1 + μ / s), μ = cosθ, s = 0.1 a, a the roughness towards w: losses happen where μ is about a, so
+that smooth surfaces need their rows near the horizon. Columns are even in ∛α; or, in a table for one anisotropic
 surface, in the azimuth stretched by √(αv/αu).
 """
 
@@ -22,73 +23,95 @@ import functools
 import warp as wp
 
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
-from wrt.kernels.warps import INV_PI, PI
+from wrt.kernels.warps import INV_PI, PI, TWO_PI
 
 ROWS = wp.constant(32)
 COLUMNS = wp.constant(32)
 AVERAGES = wp.constant(2)
 VALUES = wp.constant(2 + 32)
-TABLE_SIZE = 2 + 32 + 32 * 32
+CUMULATIVE = wp.constant(2 + 32 + 32 * 32)
+TABLE_SIZE = 2 + 32 + 2 * 32 * 32
+
+ROW_SCALE = wp.constant(0.1)
+"""Of the roughness; with it the interpolated 1 − E is right to 3e-3 at all angles and roughnesses."""
 
 GOLDEN = wp.constant(wp.uint32(2654435769))
 """The golden ratio's fraction in units of 2^-32: its multiples fill [0, 1) evenly (Fibonacci lattice)."""
 
 
+@wp.struct
+class TablePlace:
+    """Where a direction's azimuth falls in a table: the column and how far to the next, and the scale of the rows.
+
+    Row `rows_per_log` ln(1 + μ / `scale`) is that of cosine μ.
+    """
+
+    column: int
+    beyond: float
+    scale: float
+    rows_per_log: float
+
+
 @wp.func
 def table_column_of_alpha(alpha: float) -> float:
     """Return the place of a roughness among the columns of a table by roughness."""
-    least = wp.sqrt(LEAST_ALPHA)
-    return (wp.sqrt(wp.clamp(alpha, LEAST_ALPHA, 1.0)) - least) / (1.0 - least) * float(COLUMNS - 1)
+    least = wp.cbrt(LEAST_ALPHA)
+    return (wp.cbrt(wp.clamp(alpha, LEAST_ALPHA, 1.0)) - least) / (1.0 - least) * float(COLUMNS - 1)
 
 
 @wp.func
-def table_row(mu: float, alpha: float) -> float:
-    """Return the place of a cosine among the rows, for the roughness in its direction."""
-    return wp.sqrt(wp.clamp(mu * (1.0 + alpha) / (mu + alpha), 0.0, 1.0)) * float(ROWS - 1)
-
-
-@wp.func
-def read_table(tables: wp.array(dtype=float), first: int, row: float, column: float) -> float:
-    """Return the bilinearly interpolated value of (ROWS, COLUMNS) floats from `first` on."""
-    i = wp.min(int(row), ROWS - 2)
-    j = wp.min(int(column), COLUMNS - 2)
-    x = column - float(j)
-    y = row - float(i)
-    k = first + i * COLUMNS + j
-    near = tables[k] + (tables[k + 1] - tables[k]) * x
-    far = tables[k + COLUMNS] + (tables[k + COLUMNS + 1] - tables[k + COLUMNS]) * x
-    return near + (far - near) * y
-
-
-@wp.func
-def missing_energy(tables: wp.array(dtype=float), table: int, w: wp.vec3, alpha: float) -> float:
-    """Return 1 − E(w), for the roughness `alpha` where the table is not for one surface alone."""
+def table_place(tables: wp.array(dtype=float), table: int, x: float, y: float, alpha: float) -> TablePlace:
+    """Return the place of directions along (x, y), for the roughness `alpha` where columns are roughnesses."""
     along_x = tables[table]
     along_y = tables[table + 1]
     toward = float(alpha)
     column = float(0.0)
     if along_x > 0.0:
-        x = along_x * w[0]
-        y = along_y * w[1]
-        toward = wp.sqrt((x * x + y * y) / wp.max(w[0] * w[0] + w[1] * w[1], 1.0e-12))
+        length = wp.max(wp.sqrt(x * x + y * y), 1.0e-20)
+        cos_phi = wp.abs(x) / length
+        sin_phi = wp.abs(y) / length
+        toward = wp.sqrt(along_x * along_x * cos_phi * cos_phi + along_y * along_y * sin_phi * sin_phi)
         toward = wp.max(toward, wp.min(along_x, along_y))
-        stretched = wp.atan2(wp.sqrt(along_y) * wp.abs(w[1]), wp.sqrt(along_x) * wp.abs(w[0]))
+        stretched = wp.atan2(wp.sqrt(along_y) * sin_phi, wp.sqrt(along_x) * cos_phi)
         column = stretched * (2.0 / PI) * float(COLUMNS - 1)
     else:
-        column = table_column_of_alpha(alpha)
-    return read_table(tables, table + VALUES, table_row(wp.abs(w[2]), toward), column)
+        toward = wp.clamp(alpha, LEAST_ALPHA, 1.0)
+        column = table_column_of_alpha(toward)
+    place = TablePlace()
+    place.column = wp.clamp(int(column), 0, COLUMNS - 2)
+    place.beyond = wp.clamp(column - float(place.column), 0.0, 1.0)
+    place.scale = ROW_SCALE * toward
+    place.rows_per_log = float(ROWS - 1) / wp.log(1.0 + 1.0 / place.scale)
+    return place
+
+
+@wp.func
+def read_row(tables: wp.array(dtype=float), first: int, row: int, place: TablePlace) -> float:
+    """Return a value of a row of (ROWS, COLUMNS) floats from `first` on, interpolated between columns."""
+    k = first + row * COLUMNS + place.column
+    return tables[k] + (tables[k + 1] - tables[k]) * place.beyond
+
+
+@wp.func
+def row_of(mu: float, place: TablePlace) -> float:
+    """Return the row of a cosine."""
+    return wp.min(place.rows_per_log * wp.log(1.0 + mu / place.scale), float(ROWS - 1))
+
+
+@wp.func
+def missing_energy(tables: wp.array(dtype=float), table: int, w: wp.vec3, alpha: float) -> float:
+    """Return 1 − E(w), w on either side, for the roughness `alpha` where the table's columns are roughnesses."""
+    place = table_place(tables, table, w[0], w[1], alpha)
+    row = row_of(wp.abs(w[2]), place)
+    i = wp.min(int(row), ROWS - 2)
+    low = read_row(tables, table + VALUES, i, place)
+    return low + (read_row(tables, table + VALUES, i + 1, place) - low) * (row - float(i))
 
 
 @wp.func
 def average_missing_energy(tables: wp.array(dtype=float), table: int, alpha: float) -> float:
     """Return the mean of 1 − E over the hemisphere, weighted by 2 cosθ; greater than 0."""
-    column = float(0.0)
-    if tables[table] == 0.0:
-        column = table_column_of_alpha(alpha)
-    j = wp.min(int(column), COLUMNS - 2)
-    low = tables[table + AVERAGES + j]
-    high = tables[table + AVERAGES + j + 1]
-    return wp.max(low + (high - low) * (column - float(j)), 1.0e-9)
+    return wp.max(read_row(tables, table + AVERAGES, 0, table_place(tables, table, 0.0, 0.0, alpha)), 1.0e-12)
 
 
 @wp.func
@@ -106,10 +129,43 @@ def multiple_bounce_fresnel(reflectance: wp.vec3, average: float) -> wp.vec3:
     F² E_avg / (1 − F (1 − E_avg)): Kulla and Conty 2017, with one F more, as Hill explains ("A multi-faceted
     exploration", part 2, 2018).
     """
-    escapes = 1.0 - average
-    return wp.cw_div(
-        wp.cw_mul(reflectance, reflectance) * escapes, wp.vec3(1.0) - wp.min(reflectance, wp.vec3(1.0)) * average
-    )
+    f = wp.vec3(wp.min(reflectance[0], 1.0), wp.min(reflectance[1], 1.0), wp.min(reflectance[2], 1.0))
+    return wp.cw_div(wp.cw_mul(f, f) * (1.0 - average), wp.vec3(1.0) - f * wp.min(average, 0.999999))
+
+
+@wp.func
+def sample_multiple_bounces(tables: wp.array(dtype=float), table: int, alpha: float, u: wp.vec2) -> wp.vec3:
+    """Return a direction of a density close to that of the lobe, (1 − E(wi)) cosθi.
+
+    A smooth surface has its lobe along the horizon alone, where sampling by the cosine would seldom come.
+    """
+    phi = TWO_PI * u[0]
+    cos_phi = wp.cos(phi)
+    sin_phi = wp.sin(phi)
+    place = table_place(tables, table, cos_phi, sin_phi, alpha)
+    low = int(0)
+    high = int(ROWS - 1)
+    while high - low > 1:
+        middle = (low + high) / 2
+        if read_row(tables, table + CUMULATIVE, middle, place) <= u[1]:
+            low = middle
+        else:
+            high = middle
+    below = read_row(tables, table + CUMULATIVE, low, place)
+    part = (u[1] - below) / wp.max(read_row(tables, table + CUMULATIVE, high, place) - below, 1.0e-20)
+    row = float(low) + wp.clamp(part, 0.0, 1.0)
+    z = wp.min(place.scale * (wp.exp(row / place.rows_per_log) - 1.0), 1.0)
+    r = wp.sqrt((1.0 - z) * (1.0 + z))
+    return wp.vec3(r * cos_phi, r * sin_phi, z)
+
+
+@wp.func
+def multiple_bounces_pdf(tables: wp.array(dtype=float), table: int, w: wp.vec3, alpha: float) -> float:
+    """Return the density of `sample_multiple_bounces`: even in each row, and along the azimuth."""
+    place = table_place(tables, table, w[0], w[1], alpha)
+    i = wp.min(int(row_of(w[2], place)), ROWS - 2)
+    share = read_row(tables, table + CUMULATIVE, i + 1, place) - read_row(tables, table + CUMULATIVE, i, place)
+    return share * place.rows_per_log / ((place.scale + w[2]) * TWO_PI)
 
 
 @functools.cache

@@ -180,7 +180,7 @@ def add_children(nodes: wp.array(dtype=BinaryNode), index: int, left: int, right
 
 @wp.kernel(enable_backward=False)
 def find_centers(first: int, chunks: Chunks, boxes: wp.array(dtype=vec8)):
-    """Bound the centres of each chunk of the root, all as its left side."""
+    """Bound the centres of each chunk, whatever its sides."""
     c = first + wp.tid()
     chunks.centers[2 * c] = centers_of_range(boxes, chunks.first[c], chunks.count[c])
     chunks.centers[2 * c + 1] = vec8(_LARGE)

@@ -137,19 +137,37 @@ def fill_bins(
     ...
 
 
-# The sides are written by a choice of address, not of branch: which side is next cannot be guessed.
+# Which side a box goes to cannot be guessed, so the sides are chosen without a branch: by address, and
+# by a bound that leaves the side's bounds as they are.
 _PART = """
     const float* box = (const float*)boxes.data + (size_t)first * 8;
     float* left = (float*)left_out.data + (size_t)left_at * 8;
     float* right = (float*)right_out.data + (size_t)right_at * 8;
     const float* const left_start = left;
-    float bounds[2][8], center[8];
-    for (int q = 0; q < 8; ++q) bounds[0][q] = bounds[1][q] = 3.0e38f;
+    const float low_here = low[axis], scale_here = scale[axis];
+#if VECTOR_CODE
+    f8 left_bounds = 3.0e38f, right_bounds = 3.0e38f;
+#else
+    float left_bounds[8], right_bounds[8];
+    for (int q = 0; q < 8; ++q) left_bounds[q] = right_bounds[q] = 3.0e38f;
+#endif
     for (int i = 0; i < count; ++i, box += 8) {
-        FIND_BINS(bin, box);
-        const bool goes_left = bin[axis] <= last_left_bin;
+        int bin = (int)((box[axis] - box[4 + axis] - low_here) * scale_here);
+        bin = bin < bins - 1 ? bin : bins - 1;
+        const bool goes_left = bin <= last_left_bin;
+        float center[8];
         CENTER(center, box);
-        JOIN(bounds[goes_left ? 0 : 1], center);
+        const float least_left = goes_left ? -3.4e38f : 3.0e38f, least_right = goes_left ? 3.0e38f : -3.4e38f;
+#if VECTOR_CODE
+        const f8 here = *(const f8*)center;
+        left_bounds = __builtin_elementwise_min(left_bounds, __builtin_elementwise_max(here, (f8)least_left));
+        right_bounds = __builtin_elementwise_min(right_bounds, __builtin_elementwise_max(here, (f8)least_right));
+#else
+        for (int q = 0; q < 8; ++q) {
+            left_bounds[q] = fminf(left_bounds[q], fmaxf(center[q], least_left));
+            right_bounds[q] = fminf(right_bounds[q], fmaxf(center[q], least_right));
+        }
+#endif
         float* const target = goes_left ? left : right;
         left += goes_left ? 8 : 0;
         right += goes_left ? 0 : 8;
@@ -157,8 +175,8 @@ _PART = """
     }
     float* const out = (float*)centers_out.data + (size_t)centers_at * 8;
     for (int q = 0; q < 8; ++q) {
-        out[q] = bounds[0][q];
-        out[8 + q] = bounds[1][q];
+        out[q] = left_bounds[q];
+        out[8 + q] = right_bounds[q];
     }
     return (int)((left - left_start) / 8);
 """

@@ -2,9 +2,10 @@
 
 import warp as wp
 
+from wrt.kernels.bvh import Hit
 from wrt.kernels.environment import image_radiance, sample_image
 from wrt.kernels.geometry import offset_from_surface
-from wrt.kernels.intersect import INFINITE_DISTANCE
+from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT
 from wrt.kernels.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -21,7 +22,8 @@ class LightSample:
 
     `wi` is the unit vector from the surface, `distance` how far the way must be free, `radiance`
     what arrives divided by the probability of this choice: by `pdf` per solid angle for lights
-    that have an extent, by the probability of the light alone where `delta`.
+    that have an extent, by the probability of the light alone where `delta`. `point` is where on a triangle
+    it begins; its triangle is NO_HIT for other lights.
     """
 
     wi: wp.vec3
@@ -29,6 +31,7 @@ class LightSample:
     radiance: wp.vec3
     pdf: float
     delta: bool
+    point: Hit
 
 
 @wp.func
@@ -42,12 +45,16 @@ def sample_light(scene: SceneData, position: wp.vec3, u: wp.vec4, u_environment:
     """Return a way from `position` to a light; its radiance is zero where nothing arrives."""
     sample = LightSample()
     sample.radiance = wp.vec3(0.0)
+    sample.point.triangle = NO_HIT
     light = scene.lights[sample_alias(scene.light_thresholds, scene.light_aliases, u[0], u[1])]
     if light.kind == LIGHT_TRIANGLE:
         p0 = scene.points[scene.indices[3 * light.triangle]]
         e1 = scene.points[scene.indices[3 * light.triangle + 1]] - p0
         e2 = scene.points[scene.indices[3 * light.triangle + 2]] - p0
         b = square_to_triangle(wp.vec2(u[2], u[3]))
+        sample.point.triangle = light.triangle
+        sample.point.u = b[0]
+        sample.point.v = b[1]
         normal = wp.cross(e1, e2)
         cross_length = wp.length(normal)
         normal = normal / cross_length

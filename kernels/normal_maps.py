@@ -15,7 +15,7 @@ from wrt.kernels.surface import Surface
 from wrt.kernels.textures import image_color
 
 LEAST_ELEVATION = wp.constant(0.02)
-"""Sine of the least angle above the surface that `bent_normal` lets a mirror direction have, seen not too flat."""
+"""Sine of the least angle over the surface of the mirror direction, or of the viewer over the mapped one."""
 
 
 @wp.struct
@@ -102,28 +102,33 @@ def texels_across(
 
 
 @wp.func
-def bent_normal(n: wp.vec3, normal: wp.vec3, wo: wp.vec3) -> wp.vec3:
-    """Return a shading normal n that mirrors wo to above the surface, nearest to n in the plane of n and `normal`.
+def bent_normal(n: wp.vec3, normal: wp.vec3, wo: wp.vec3, matt: bool) -> wp.vec3:
+    """Return a shading normal n that faces wo and, if not matt, mirrors it to above the surface.
 
-    A mapped normal may face away from the viewer, or mirror into the surface: black spots, which are not there on real
-    bumps, since others hide those sides. With n at the angle θ from the geometric normal, and wo at φ and of
-    length a in their plane, the mirror direction is a cos(2θ − φ) above the surface. Where that is too little,
-    2θ = φ + arccos(least / a), which lies nearer to the geometric normal and faces the viewer. (For other ways see
+    Where a mapped normal does not, there would be black spots, which are not there on real bumps: others hide those
+    sides. It is turned in the plane of n and the geometric normal, no further than it must. (For other ways see
     Schüssler, Heitz, Hanika and Dachsbacher 2017, section 2.)
+
+    With n at the angle θ from the geometric normal, and wo at φ and of length a in their plane, n·wo is a cos(θ − φ),
+    and the mirror direction is a cos(2θ − φ) above the surface. Where that is less than it should be, θ or 2θ becomes
+    φ + arccos(least / a), which lies nearer to the geometric normal.
     """
     wo_z = wp.dot(wo, normal)
     n_z = wp.dot(n, normal)
     least = wp.min(LEAST_ELEVATION, 0.5 * wo_z)
-    if 2.0 * wp.dot(n, wo) * n_z - wo_z >= least and n_z > 0.0:
+    facing = wp.dot(n, wo)
+    if facing >= least and (matt or (2.0 * facing * n_z - wo_z >= least and n_z > 0.0)):
         return n
     across = n - normal * n_z
     length = wp.length(across)
     if length < 1.0e-6:
         return normal
     across = across / length
+    across = wp.normalize(across - normal * wp.dot(across, normal))  # short ones are all rounding
     wo_x = wp.dot(wo, across)
     phi = wp.atan2(wo_x, wo_z)
-    theta = 0.5 * (phi + wp.acos(wp.clamp(least / wp.sqrt(wo_x * wo_x + wo_z * wo_z), 0.0, 1.0)))
+    theta = phi + wp.acos(wp.clamp(least / wp.sqrt(wo_x * wo_x + wo_z * wo_z), 0.0, 1.0))
+    theta *= wp.where(matt, 1.0, 0.5)
     return wp.normalize(across * wp.sin(theta) + normal * wp.cos(theta))
 
 
@@ -162,7 +167,7 @@ def apply_normal_map(
         mean = -mean  # a bump is a dent from behind
     unbent = wp.normalize(wp.vec3(mean[0], mean[1], 1.0))
     frame = surface.frame
-    n = bent_normal(to_world(frame, unbent), surface.normal, -direction)
+    n = bent_normal(to_world(frame, unbent), surface.normal, -direction, record.matt != 0)
     if wp.dot(n, direction) >= 0.0:
         return surface
     # The new axes in those of the old frame.

@@ -14,14 +14,14 @@ from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray, offset_from_surface, to_local, to_world
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, closest_hit
 from wrt.kernels.lights import sample_light, triangle_light_pdf
-from wrt.kernels.materials import PASSED_THROUGH, choose_material, make_bsdf_at
+from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, choose_material, make_bsdf_at
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.sampler import (
     BLOCK_BSDF,
     BLOCK_ENVIRONMENT,
     BLOCK_LIGHT,
-    BLOCK_MATERIAL,
     Sampler,
+    passed_block,
     sample_4d,
     vertex_block,
 )
@@ -118,6 +118,7 @@ def make_trace_path(features: Features) -> wp.Function:
         passed = float(0.0)  # distance through what let the ray pass since it was last scattered
         rays = int(0)
         depth = int(0)
+        surfaces_passed = int(0)
         while depth < settings.max_depth:
             hit = closest_hit(scene, ray)
             rays += 1
@@ -133,6 +134,23 @@ def make_trace_path(features: Features) -> wp.Function:
             surface = surface_at(scene, ray, hit)
             shape = scene.shapes[surface.shape]
 
+            # Material; a surface that is not there takes no part in the path, nor counts as one of its vertices
+            if wp.static(textured or tangents):
+                surface = add_texture_coordinates(scene, hit, surface)
+            material = shape.material
+            if wp.static(layered):
+                u_material = sample_4d(sampler, passed_block(depth, surfaces_passed))
+                material = choose_material(scene, material, surface, u_material[0])
+                if material == PASSED_THROUGH:
+                    surfaces_passed += 1
+                    if surfaces_passed > MOST_PASSED:
+                        break
+                    depth -= 1
+                    beyond = offset_from_surface(surface.position, -surface.normal)
+                    passed += wp.length(beyond - ray.origin)
+                    ray.origin = beyond
+                    continue
+
             # Emission
             if shape.first_light >= 0:
                 if surface.front or shape.two_sided != 0:
@@ -144,18 +162,7 @@ def make_trace_path(features: Features) -> wp.Function:
             if depth >= settings.max_depth:
                 break
 
-            # Material
-            if wp.static(textured or tangents):
-                surface = add_texture_coordinates(scene, hit, surface)
-            material = shape.material
-            if wp.static(layered):
-                u_material = sample_4d(sampler, vertex_block(depth, BLOCK_MATERIAL))
-                material = choose_material(scene, material, surface, u_material[0])
-                if material == PASSED_THROUGH:
-                    beyond = offset_from_surface(surface.position, -surface.normal)
-                    passed += wp.length(beyond - ray.origin)
-                    ray.origin = beyond
-                    continue
+            # Normal
             if wp.static(tangents):
                 surface = align_tangents(scene, hit, surface)
                 surface = apply_normal_map(scene, material, hit, surface, ray.direction, angle * (passed + hit.t))
@@ -191,7 +198,7 @@ def make_trace_path(features: Features) -> wp.Function:
                                     distance = wp.length(way)
                                     shadow.direction = way / distance
                         rays += 1
-                        arriving = arriving * visibility(scene, shadow, distance)
+                        arriving = arriving * visibility(scene, shadow, distance, light.point)
                         radiance += wp.cw_mul(throughput, arriving)
 
             # BSDF sampling

@@ -66,7 +66,7 @@ BATCH_OF_RAYS = (
 #if VECTOR_CODE
             const char* place = item >= 0 ? (const char*)(all_nodes + (size_t)item * 56)
                                           : (const char*)(all_leaves + (size_t)(-1 - item) * (10 * LEAF_SIZE));
-            for (int line = 0; line < 4; ++line) __builtin_prefetch(place + 64 * line);
+            for (int line = 0; line < 5; ++line) __builtin_prefetch(place + 64 * line);
 #endif
     };
 

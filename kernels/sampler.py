@@ -11,6 +11,7 @@ import warp as wp
 BLOCK_FILM_AND_LENS = wp.constant(wp.uint32(0))
 BLOCK_VERTICES = wp.constant(wp.uint32(2))
 BLOCKS_PER_VERTEX = wp.constant(wp.uint32(4))
+BLOCKS_PER_PATH = wp.constant(wp.uint32(2**19 + 1))  # more than 65536 vertices have; odd, to change all bits
 BLOCK_LIGHT = wp.constant(wp.uint32(0))
 BLOCK_ENVIRONMENT = wp.constant(wp.uint32(1))
 BLOCK_BSDF = wp.constant(wp.uint32(2))
@@ -60,3 +61,12 @@ def sample_4d(sampler: Sampler, block: wp.uint32) -> wp.vec4:
 def vertex_block(depth: int, block: wp.uint32) -> wp.uint32:
     """Return the number of a block that belongs to the path vertex at `depth`."""
     return BLOCK_VERTICES + wp.uint32(depth) * BLOCKS_PER_VERTEX + block
+
+
+@wp.func
+def passed_block(depth: int, passed: int) -> wp.uint32:
+    """Return the number of the block for the material met after `passed` surfaces that let the path through.
+
+    All other blocks are those that a path has without these surfaces, so that what is not there changes nothing.
+    """
+    return vertex_block(depth, BLOCK_MATERIAL) + wp.uint32(passed) * BLOCKS_PER_PATH

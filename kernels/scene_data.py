@@ -44,6 +44,7 @@ class MaterialRecord:
     table: int  # where in `tables` the model's table begins
     normal_map: int  # -1 where the normal is the mesh's own
     normal_filter: int
+    matt: int
 
 
 @wp.struct

@@ -4,40 +4,53 @@ import functools
 
 import warp as wp
 
+from wrt.kernels.bvh import Hit
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray, offset_from_surface
 from wrt.kernels.intersect import NO_HIT, closest_hit_before, occluded
-from wrt.kernels.materials import transmittance_of
+from wrt.kernels.materials import MOST_PASSED, transmittance_of
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.surface import add_texture_coordinates, surface_at
+from wrt.kernels.surface import Surface, add_texture_coordinates, surface_at
 
 
 @functools.cache
 def make_visibility(features: Features) -> wp.Function:
-    """Return the device function (scene, ray, distance) -> share of light that comes through, 0 to 1."""
+    """Return the device function (scene, ray, distance, light_point) -> share of light that comes through, 0 to 1.
+
+    It is the product over all surfaces before `distance` of what they let pass, times what is there of the light
+    itself: `light_point` is where on a triangle it begins, or a Hit of no triangle.
+    """
     textured = features.textured
 
-    @wp.func
-    def through_opacity(scene: SceneData, ray: Ray, distance: float) -> float:
+    @wp.func(name=f"transmittance_at_{'textured' if textured else 'plain'}")
+    def transmittance_at(scene: SceneData, hit: Hit, surface: Surface) -> float:
+        if wp.static(textured):
+            surface = add_texture_coordinates(scene, hit, surface)
+        return transmittance_of(scene, scene.shapes[surface.shape].material, surface)
+
+    @wp.func(name=f"visibility_{'textured' if textured else 'plain'}")
+    def through_opacity(scene: SceneData, ray: Ray, distance: float, light_point: Hit) -> float:
         share = float(1.0)
+        if light_point.triangle != NO_HIT:
+            share -= transmittance_at(scene, light_point, surface_at(scene, ray, light_point))
         rest = Ray()
         rest.origin = ray.origin
         rest.direction = ray.direction
         left = float(distance)
-        while share > 0.0:
+        passed = int(0)
+        while share > 0.0 and passed < MOST_PASSED:
             hit = closest_hit_before(scene, rest, left)
             if hit.triangle == NO_HIT:
                 return share
             surface = surface_at(scene, rest, hit)
-            if wp.static(textured):
-                surface = add_texture_coordinates(scene, hit, surface)
-            share *= transmittance_of(scene, scene.shapes[surface.shape].material, surface)
+            share *= transmittance_at(scene, hit, surface)
             rest.origin = offset_from_surface(surface.position, -surface.normal)
             left = distance - wp.dot(rest.origin - ray.origin, ray.direction)
+            passed += 1
         return 0.0
 
     @wp.func
-    def unblocked(scene: SceneData, ray: Ray, distance: float) -> float:
+    def unblocked(scene: SceneData, ray: Ray, distance: float, light_point: Hit) -> float:
         return wp.where(occluded(scene, ray, distance), 0.0, 1.0)
 
     return through_opacity if features.layered else unblocked

@@ -10,7 +10,7 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.kernels import map_function
 
-from wrt.kernels.fresnel import fresnel_conductor, fresnel_conductor_channel, fresnel_dielectric
+from wrt.kernels.fresnel import fresnel_conductor, fresnel_conductor_channel, fresnel_dielectric, fresnel_schlick
 
 EPS = float(np.finfo(np.float32).eps)
 ROUNDINGS = 32.0 * EPS
@@ -186,3 +186,28 @@ def test_channels_do_not_mix(device: str) -> None:
     cos_i = np.array([0.3])
     found = map_function(fresnel_conductor, cos_i, eta, k, device=device)
     np.testing.assert_allclose(found, complex_fresnel(cos_i[:, None], eta, k), atol=ROUNDINGS)
+
+
+def test_schlick_is_its_formula(device: str) -> None:
+    """F0 at normal incidence, 1 along the surface, and F0 + (1 − F0)(1 − cosθ)⁵ between (Schlick 1994)."""
+    cos_i = np.concatenate([[0.0, 1.0], COSINES]).astype(np.float32).astype(np.float64)
+    f0 = np.broadcast_to(np.array([0.0, 0.04, 1.0], np.float32), (len(cos_i), 3))
+    found = map_function(fresnel_schlick, cos_i, f0, device=device)
+    np.testing.assert_array_equal(found[0], 1.0)
+    np.testing.assert_array_equal(found[1], f0[1])
+    expected = f0 + (1.0 - f0.astype(np.float64)) * (1.0 - cos_i[:, None]) ** 5
+    np.testing.assert_allclose(found, expected, atol=4.0 * EPS)
+    assert found.max() <= 1.0 + EPS
+
+
+@pytest.mark.parametrize(("eta", "bound"), [(1.33, 0.07), (1.5, 0.04), (1.6, 0.035), (1.8, 0.035), (2.4, 0.08)])
+def test_schlicks_error_for_dielectrics(eta: float, bound: float, device: str, report: Report) -> None:
+    """Against the exact law: largest near 85°, least for indices around 1.6, and everywhere less than `bound`."""
+    cos_i = np.linspace(0.0, 1.0, 2001)
+    f0 = np.full((len(cos_i), 3), ((eta - 1.0) / (eta + 1.0)) ** 2)
+    found = map_function(fresnel_schlick, cos_i, f0, device=device)[:, 0].astype(np.float64)
+    error = np.abs(found - cook_torrance(cos_i, np.array(eta)))
+    report(f"index {eta}: largest error", float(error.max()), f"< {bound}")
+    report(f"index {eta}: where, degrees", float(np.degrees(np.arccos(cos_i[error.argmax()]))))
+    assert 0.5 * bound < error.max() < bound
+    assert error[cos_i > np.cos(np.radians(60.0))].max() < 0.03

@@ -11,21 +11,32 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.values import ColorLike, image, number
 
+CHANNELS = ("r", "g", "b")
+"""Names of an image's channels."""
+
 
 @dataclass(frozen=True, eq=False)
 class ImageTexture:
     """An image laid over a mesh by its texture coordinates, bilinearly filtered and repeated.
 
+    Where a material wants a number it takes the red channel, unless another is named. Images that hold numbers, not
+    colours, are read by `load_image(path, linear=True)`.
+
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
         name: where the pixels came from, for messages.
+        channel: "r", "g" or "b": this one alone, standing for all three. glTF keeps roughness in green and
+            metalness in blue of one image.
     """
 
     pixels: NDArray[np.float32] = field(repr=False)
     name: str = "image"
+    channel: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pixels", image(self.pixels, f"texture {self.name}"))
+        if self.channel is not None and self.channel not in CHANNELS:
+            raise InputError(f"texture {self.name}: channel must be 'r', 'g' or 'b', not {self.channel!r}")
 
 
 @dataclass(frozen=True)

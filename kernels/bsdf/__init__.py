@@ -12,16 +12,23 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf import conductor, dielectric, diffuse, mirror, thin_dielectric
+from wrt.kernels.bsdf import conductor, dielectric, diffuse, glossy, mirror, oren_nayar, plastic, thin_dielectric
 from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.rough_conductor import make_rough_conductor
 from wrt.kernels.bsdf.rough_dielectric import make_rough_dielectric
+from wrt.kernels.bsdf.rough_plastic import make_rough_plastic
 
 FAMILIES: dict[str, Callable[..., Model]] = {
     "diffuse": lambda: diffuse.MODEL,
     "mirror": lambda: mirror.MODEL,
-    "conductor": lambda: conductor.MODEL,
+    "conductor": conductor.make_conductor,
+    "rough_conductor": make_rough_conductor,
     "dielectric": lambda: dielectric.MODEL,
+    "glossy": lambda: glossy.MODEL,
+    "oren_nayar": lambda: oren_nayar.MODEL,
+    "plastic": lambda: plastic.MODEL,
     "rough_dielectric": make_rough_dielectric,
+    "rough_plastic": make_rough_plastic,
     "thin_dielectric": lambda: thin_dielectric.MODEL,
 }
 

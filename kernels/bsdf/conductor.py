@@ -3,16 +3,33 @@
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero_evaluate, zero_pdf
-from wrt.kernels.fresnel import fresnel_conductor
+from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
 
 ETA = wp.constant(0)
 K = wp.constant(1)
+F0 = wp.constant(0)  # of "schlick"
 
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction."""
+    """Return the mirrored direction, by the complex index of refraction."""
     return mirror_sample(wo, fresnel_conductor(wo[2], bsdf.slots[ETA], bsdf.slots[K]))
 
 
-MODEL = Model(zero_evaluate, zero_pdf, sample, slots=2, delta=True)
+@wp.func
+def sample_schlick(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    """Return the mirrored direction, by the reflectance at normal incidence."""
+    return mirror_sample(wo, fresnel_schlick(wo[2], bsdf.slots[F0]))
+
+
+def make_conductor(fresnel: str = "conductor") -> Model:
+    """Return the model by exact Fresnel equations ("conductor") or by Schlick's approximation ("schlick").
+
+    Raises:
+        ValueError: for another name.
+    """
+    if fresnel == "conductor":
+        return Model(zero_evaluate, zero_pdf, sample, slots=2, delta=True)
+    if fresnel == "schlick":
+        return Model(zero_evaluate, zero_pdf, sample_schlick, slots=1, delta=True)
+    raise ValueError(f"no conductor of {fresnel!r}")

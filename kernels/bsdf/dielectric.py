@@ -15,16 +15,15 @@ TRANSMITTANCE = wp.constant(2)  # what refracted light is multiplied by
 
 
 @wp.func
-def relative_ior(bsdf: Bsdf) -> float:
-    """Return n_t / n_i, the index on the other side over that on the viewer's."""
-    eta = bsdf.slots[IOR][0]
-    return wp.where(bsdf.front, eta, 1.0 / eta)
+def seen_from(inside_over_outside: float, front: bool) -> float:
+    """Return n_t / n_i, the index on the other side over that on the viewer's, who is in front or not."""
+    return wp.where(front, inside_over_outside, 1.0 / inside_over_outside)
 
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return the reflected or the refracted direction."""
-    eta = relative_ior(bsdf)
+    eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
     s = mirror_sample(wo, bsdf.slots[REFLECTANCE])
     if u_lobe >= fresnel_dielectric(wo[2], eta):
         scale = 1.0 / eta

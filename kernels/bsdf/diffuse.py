@@ -32,4 +32,4 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=1)
+MODEL = Model(evaluate, pdf, sample, slots=1, matt=True)

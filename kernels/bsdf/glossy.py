@@ -1,7 +1,7 @@
 """Gloss by a jittered mirror direction: distribution ray tracing as it is taught.
 
-Cook, Porter and Carpenter, "Distributed ray tracing" (1984), in the form of Shirley, Ashikhmin and Marschner,
-"Fundamentals of Computer Graphics", section 13.4.4. A square of side a lies at the tip of the mirrored direction r,
+Cook, Porter and Carpenter, "Distributed ray tracing" (1984), in the form of Shirley and Marschner, "Fundamentals
+of Computer Graphics" (3rd edition, section 13.4). A square of side a lies at the tip of the mirrored direction r,
 perpendicular to it, and light comes from a random point of it:
 
     r' = r + u U + v V,    u, v uniform in ±a/2.

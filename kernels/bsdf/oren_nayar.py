@@ -153,4 +153,4 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=2)
+MODEL = Model(evaluate, pdf, sample, slots=2, matt=True)

@@ -54,6 +54,7 @@ class Model(NamedTuple):
         slots: how many values it reads, at most MAX_SLOTS.
         delta: whether `evaluate` is zero everywhere, so that sampling lights for it is useless.
         transmits: whether light may come through the surface.
+        matt: whether nothing in it goes mainly in the mirror direction: normal maps may then be steeper.
         widens: whether it adds `Bsdf.normal_variance` to its roughness; only then normal maps may be filtered.
     """
 
@@ -63,6 +64,7 @@ class Model(NamedTuple):
     slots: int
     delta: bool = False
     transmits: bool = False
+    matt: bool = False
     widens: bool = False
 
 

@@ -8,12 +8,18 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.albedo import average_missing_energy, missing_energy, multiple_bounce_fresnel, multiple_bounce_lobe
+from wrt.kernels.albedo import (
+    average_missing_energy,
+    missing_energy,
+    multiple_bounce_fresnel,
+    multiple_bounce_lobe,
+    multiple_bounces_pdf,
+    sample_multiple_bounces,
+)
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.microfacet.widening import WIDENED
-from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
 
 SHAPE = wp.constant(0)  # of the distribution: see kernels/microfacet
 REFLECTANCE = wp.constant(1)  # what Fresnel's reflectance is multiplied by
@@ -125,13 +131,13 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
         return wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
 
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
-    slots = 4 if conductor else 3
+    slots = {"schlick": 3, "conductor": 4}[fresnel]
     if bounces == "multiple":
         average = _average_conductor if conductor else _average_schlick
         evaluate, pdf, direction = _with_multiple_bounces(
             suffix, shape_of, average, evaluate_single, pdf_single, direction_single
         )
-        slots = 5 if conductor else 3
+        slots = {"schlick": 3, "conductor": 5}[fresnel]
     sample = _make_sample(suffix, evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=slots, widens=distribution in WIDENED)
 
@@ -167,7 +173,7 @@ def _with_multiple_bounces(
 ) -> tuple[wp.Function, wp.Function, wp.Function]:
     """Return the functions of a model of one bounce with the lobe of all further ones.
 
-    That lobe is sampled by the cosine, as often as it has a share of a white surface's light: 1 − E(wo).
+    That lobe is sampled as often as it has a share of a white surface's light, 1 − E(wo).
     """
 
     @wp.func(name=f"rough_conductor_alpha_{suffix}")
@@ -192,12 +198,13 @@ def _with_multiple_bounces(
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return 0.0
         share = missing(bsdf, wo)
-        return (1.0 - share) * pdf_single(bsdf, wo, wi) + share * INV_PI * wi[2]
+        other = multiple_bounces_pdf(bsdf.tables, bsdf.table, wi, alpha_of(bsdf))
+        return (1.0 - share) * pdf_single(bsdf, wo, wi) + share * other
 
     @wp.func(name=f"rough_conductor_direction_all_{suffix}")
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         if u_lobe < missing(bsdf, wo):
-            return square_to_cosine_hemisphere(u)
+            return sample_multiple_bounces(bsdf.tables, bsdf.table, alpha_of(bsdf), u)
         return direction_single(bsdf, wo, u, u_lobe)
 
     return evaluate, pdf, direction

@@ -1,33 +1,40 @@
-"""A rough boundary between two transparent media: microfacets that each reflect and refract.
+"""A rough boundary between two transparent media: facets too small to see that each reflect and refract.
 
-Walter, Marschner, Li and Torrance, "Microfacet Models for Refraction through Rough Surfaces" (2007). A normal m
-is drawn for the viewer, Fresnel's equations at m choose between reflection and refraction there. Equations are
-of that paper, with its i and o the other way round where it says so: here light comes from wi, in the medium of
-index n_t where it is refracted, and radiance is wanted towards wo, in that of index n_i; eta = n_t / n_i.
+Walter, Marschner, Li and Torrance, "Microfacet models for refraction through rough surfaces" (2007); the equations
+below are theirs. A normal m is drawn for the viewer, and Fresnel's equations there choose between both ways. Light
+comes from wi, where it was refracted in the medium of index n_t, and goes to wo, in that of n_i; eta = n_t / n_i.
+Radiance is scaled by (n_i / n_t)² on refraction, as in `kernels/bsdf/dielectric.py` and in eq. 21. Optionally the
+light that facets block bounces on (`kernels/albedo_dielectric.py`).
 
-Radiance is scaled by (n_i / n_t)² on refraction, as in `kernels/bsdf/dielectric.py`: eq. 21 has it, η_o = n_i.
-
-Where the indices are equal nothing is refracted and every half vector is none. Within INDEX_MATCHED of that the
-surface is one that light passes straight through.
+Where both indices are the same nothing is refracted and half vectors are nothing. Within INDEX_MATCHED of that, light
+passes straight through, unhindered.
 """
 
 import functools
 
 import warp as wp
 
-from wrt.kernels.bsdf.dielectric import relative_ior
+from wrt.kernels.albedo_dielectric import missing_energy_on, multiple_bounce_lobes, transmitted_share
+from wrt.kernels.bsdf.dielectric import seen_from
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.bsdf.rough_conductor import make_shape_of
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
-from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
+from wrt.kernels.microfacet import make_microfacet
+from wrt.kernels.microfacet.widening import WIDENED
+from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
 
-# Slot 0 is the relative index, as in kernels/bsdf/dielectric.py.
-REFLECTANCE = wp.constant(1)  # what reflected light is multiplied by
-TRANSMITTANCE = wp.constant(2)  # what refracted light is multiplied by
-ALPHA = wp.constant(3)  # roughness along x and y
+# Slot 0 is the shape of the distribution, as in kernels/bsdf/rough_conductor.py.
+IOR = wp.constant(1)  # n_inside / n_outside
+REFLECTANCE = wp.constant(2)  # what reflected light is multiplied by
+TRANSMITTANCE = wp.constant(3)  # what refracted light is multiplied by
 
 INDEX_MATCHED = wp.constant(1.0e-3)
-"""|eta − 1| below which a boundary counts as none. Half vectors lose digits as 1 / |eta − 1|; what such a boundary
-reflects is 2.5e-7 at normal incidence and 1 % at 86 degrees, and it bends light by less than a thousandth."""
+"""|eta − 1| below which a boundary counts as none. Half vectors lose digits as 1 / |eta − 1|. Such a boundary reflects
+less than 2.5e-7 of the light at normal incidence and 1 % at 87 degrees, and bends it by less than 0.06 degrees per
+unit of slope."""
+
+BELOW_ONE = wp.constant(0.99999994)
+BOUNCES = ("single", "multiple")
 
 
 @wp.func
@@ -37,107 +44,177 @@ def is_matched(eta: float) -> bool:
 
 
 @wp.func
-def roughness(bsdf: Bsdf) -> wp.vec3:
-    """Return the shape of the distribution of normals."""
-    alpha = bsdf.slots[ALPHA]
-    return wp.vec3(wp.max(alpha[0], LEAST_ALPHA), wp.max(alpha[1], LEAST_ALPHA), 0.0)
+def facet_normal(wo: wp.vec3, wi: wp.vec3, eta: float) -> wp.vec3:
+    """Return the normal of the facets that send light from wi to wo; zero where there are none.
 
-
-@wp.func
-def microfacet_between(wo: wp.vec3, wi: wp.vec3, eta: float) -> wp.vec3:
-    """Return the normal, above the surface, of microfacets that send light from wi to wo; zero where there is none.
-
-    By reflection (eq. 13) or, where wi is below the surface, refraction (eq. 16). Both directions must see the side
-    of the microfacet that they see of the surface.
+    By reflection (eq. 13) or, where wi is below the surface, by refraction (eq. 16). Each direction must be on the
+    same side of the facet as of the surface.
     """
     m = wp.normalize(wo + wi * wp.where(wi[2] > 0.0, 1.0, eta))
     m = wp.where(m[2] < 0.0, -m, m)
-    if wp.dot(wo, m) <= 0.0 or wp.dot(wi, m) * wi[2] <= 0.0:
+    if wo[2] <= 0.0 or wp.dot(wo, m) <= 0.0 or wp.dot(wi, m) * wi[2] <= 0.0:
         return wp.vec3(0.0)
     return m
 
 
 @wp.func
-def refracted_density(cos_o: float, cos_i: float, eta: float) -> float:
-    """Return dω_m / dω_i of refraction, eta² cosθi / (cosθo − eta cosθi)² (eq. 17), both cosines to m and positive.
+def refraction_density(cos_o: float, cos_i: float, eta: float) -> float:
+    """Return dω_m / dω_i of refraction, eta² cosθi / (cosθo − eta cosθi)² (eq. 17), for positive cosines to m.
 
-    The denominator's root is (1 − eta²) / (cosθo + eta cosθi) by Snell's law: no difference of near numbers.
+    By Snell's law the denominator's root is (1 − eta²) / (cosθo + eta cosθi), without a difference of near numbers.
     """
     root = eta * (cos_o + eta * cos_i) / ((1.0 - eta) * (1.0 + eta))
     return root * root * cos_i
 
 
 @functools.cache
-def make_rough_dielectric(distribution: str = "ggx", masking: str = "smith") -> Model:
-    """Return the model for a distribution of normals and a masking (see `kernels/microfacet/`)."""
-    microfacet = make_microfacet(distribution, masking)
-    d, g, normal_pdf, sample_normal = microfacet.d, microfacet.g, microfacet.normal_pdf, microfacet.sample_normal
-    suffix = f"rough_dielectric_{distribution}_{masking}".replace("-", "_")
+def make_rough_dielectric(distribution: str, masking: str, bounces: str = "single") -> Model:
+    """Return the model of a rough dielectric.
 
-    @wp.func(name=f"evaluate_{suffix}")
-    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-        eta = relative_ior(bsdf)
-        if is_matched(eta):
-            return wp.vec3(0.0)
-        m = microfacet_between(wo, wi, eta)
+    Args:
+        distribution: of normals, a name in `kernels.microfacet.DISTRIBUTIONS`.
+        masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
+        bounces: "single", or "multiple" for light not to be lost.
+
+    Raises:
+        ValueError: where there is no such thing, or distribution and masking do not go together.
+    """
+    if bounces not in BOUNCES:
+        raise ValueError(f"no rough dielectric of {bounces!r} bounces")
+    parts = make_microfacet(distribution, masking)
+    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    shape_of = make_shape_of(distribution)
+    suffix = f"{distribution}_{masking}_{bounces}".replace("-", "_")
+
+    @wp.func(name=f"rough_dielectric_evaluate_{suffix}")
+    def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        m = facet_normal(wo, wi, eta)
         cos_o = wp.dot(wo, m)
-        if cos_o <= 0.0:
+        if cos_o <= 0.0 or is_matched(eta):
             return wp.vec3(0.0)
-        shape = roughness(bsdf)
+        shape = shape_of(bsdf)
         reflected = fresnel_dielectric(cos_o, eta)
-        value = d(m, shape) * g(wo, wi, m, shape) / wo[2]
+        # cosθo below cannot be the cosine that G brings where both are next to nothing.
+        value = d(m, shape) * g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
         if wi[2] > 0.0:
             return bsdf.slots[REFLECTANCE] * (0.25 * reflected * value)  # eq. 20
-        scale = cos_o * refracted_density(cos_o, -wp.dot(wi, m), eta) / (eta * eta)
+        scale = cos_o * refraction_density(cos_o, -wp.dot(wi, m), eta) / (eta * eta)
         return bsdf.slots[TRANSMITTANCE] * ((1.0 - reflected) * value * scale)  # eq. 21
 
-    @wp.func(name=f"pdf_{suffix}")
-    def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-        eta = relative_ior(bsdf)
-        if is_matched(eta):
-            return 0.0
-        m = microfacet_between(wo, wi, eta)
+    @wp.func(name=f"rough_dielectric_pdf_{suffix}")
+    def pdf_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        m = facet_normal(wo, wi, eta)
         cos_o = wp.dot(wo, m)
-        if cos_o <= 0.0:
+        if cos_o <= 0.0 or is_matched(eta):
             return 0.0
         reflected = fresnel_dielectric(cos_o, eta)
-        density = normal_pdf(wo, m, roughness(bsdf))
+        density = normal_pdf(wo, m, shape_of(bsdf))
         if wi[2] > 0.0:
             return reflected * density / (4.0 * cos_o)  # eq. 14 and 38
-        return (1.0 - reflected) * density * refracted_density(cos_o, -wp.dot(wi, m), eta)  # eq. 17 and 38
+        return (1.0 - reflected) * density * refraction_density(cos_o, -wp.dot(wi, m), eta)  # eq. 17 and 38
 
-    @wp.func(name=f"sample_{suffix}")
+    @wp.func(name=f"rough_dielectric_direction_{suffix}")
+    def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        m = sample_normal(wo, shape_of(bsdf), u)
+        cos_o = wp.dot(wo, m)
+        if cos_o <= 0.0:
+            return wp.vec3(0.0)
+        if u_lobe < fresnel_dielectric(cos_o, eta):
+            wi = m * (2.0 * cos_o) - wo  # eq. 39
+            # Out of sight of the surface: not a direction of refraction, though it is below.
+            return wp.where(wi[2] > 0.0, wp.normalize(wi), wp.vec3(0.0))
+        cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
+        wi = m * (cos_o / eta - cos_t) - wo / eta  # eq. 40
+        return wp.where(wi[2] < 0.0, wp.normalize(wi), wp.vec3(0.0))
+
+    evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
+    if bounces == "multiple":
+        evaluate, pdf, direction = _with_multiple_bounces(
+            suffix, shape_of, evaluate_single, pdf_single, direction_single
+        )
+    sample = _make_sample(suffix, evaluate, pdf, direction)
+    return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=distribution in WIDENED)
+
+
+def _make_sample(suffix: str, evaluate: wp.Function, pdf: wp.Function, direction: wp.Function) -> wp.Function:
+    """Return the sampling of a model by a function (bsdf, wo, u, u_lobe) -> wi, which is zero where there is none.
+
+    Value and density are those of the direction, as for rough conductors.
+    """
+
+    @wp.func(name=f"rough_dielectric_sample_{suffix}")
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         s = no_sample()
-        eta = relative_ior(bsdf)
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         if is_matched(eta):
             s.wi = -wo
             s.weight = bsdf.slots[TRANSMITTANCE]
             s.delta = True
             return s
-        shape = roughness(bsdf)
-        m = sample_normal(wo, shape, u)
-        cos_o = wp.dot(wo, m)
-        density = normal_pdf(wo, m, shape)
-        if cos_o <= 0.0 or density <= 0.0:
-            return s
-        reflected = fresnel_dielectric(cos_o, eta)
-        if u_lobe < reflected:
-            wi = m * (2.0 * cos_o) - wo  # eq. 39
-            if wi[2] <= 0.0:
-                return s
-            s.weight = bsdf.slots[REFLECTANCE]
-            s.pdf = reflected * density / (4.0 * cos_o)
-        else:
-            cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
-            wi = m * (cos_o / eta - cos_t) - wo / eta  # eq. 40
-            if wi[2] >= 0.0:
-                return s
-            s.weight = bsdf.slots[TRANSMITTANCE] / (eta * eta)
-            s.pdf = (1.0 - reflected) * density * refracted_density(cos_o, cos_t, eta)
-            s.eta = eta
-        s.wi = wp.normalize(wi)
-        s.weight = s.weight * (d(m, shape) * g(wo, s.wi, m, shape) * cos_o / (wo[2] * density))  # eq. 41
+        wi = direction(bsdf, wo, u, u_lobe)
+        density = pdf(bsdf, wo, wi)
+        if density > 0.0:
+            s.wi = wi
+            s.weight = evaluate(bsdf, wo, wi) / density
+            s.pdf = density
+            s.eta = wp.where(wi[2] > 0.0, 1.0, eta)
         return s
 
-    return Model(evaluate, pdf, sample, slots=4, transmits=True)
+    return sample
+
+
+def _with_multiple_bounces(
+    suffix: str,
+    shape_of: wp.Function,
+    evaluate_single: wp.Function,
+    pdf_single: wp.Function,
+    direction_single: wp.Function,
+) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Return the functions of a model of one bounce with the lobes of all further ones.
+
+    Those lobes are sampled by the cosine, as often as they have a share of the light, 1 − E(wo), and on each side as
+    often as they go there.
+    """
+
+    @wp.func(name=f"rough_dielectric_alpha_{suffix}")
+    def alpha_of(bsdf: Bsdf) -> float:
+        shape = shape_of(bsdf)
+        return wp.sqrt(shape[0] * shape[1])
+
+    @wp.func(name=f"rough_dielectric_evaluate_all_{suffix}")
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(eta):
+            return wp.vec3(0.0)
+        lobes = multiple_bounce_lobes(bsdf.tables, bsdf.table, bsdf.front, wo, wi, alpha_of(bsdf))
+        further = bsdf.slots[REFLECTANCE] * lobes
+        if wi[2] < 0.0:
+            further = bsdf.slots[TRANSMITTANCE] * (lobes / (eta * eta))
+        return evaluate_single(bsdf, wo, wi) + further
+
+    @wp.func(name=f"rough_dielectric_pdf_all_{suffix}")
+    def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(eta):
+            return 0.0
+        alpha = alpha_of(bsdf)
+        further = missing_energy_on(bsdf.tables, bsdf.table, bsdf.front, wo, alpha)
+        through = transmitted_share(bsdf.tables, bsdf.table, bsdf.front, alpha)
+        side = wp.where(wi[2] > 0.0, 1.0 - through, through)
+        return (1.0 - further) * pdf_single(bsdf, wo, wi) + further * side * INV_PI * wp.abs(wi[2])
+
+    @wp.func(name=f"rough_dielectric_direction_all_{suffix}")
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        alpha = alpha_of(bsdf)
+        further = missing_energy_on(bsdf.tables, bsdf.table, bsdf.front, wo, alpha)
+        if u_lobe >= further:
+            return direction_single(bsdf, wo, u, wp.min((u_lobe - further) / (1.0 - further), BELOW_ONE))
+        wi = square_to_cosine_hemisphere(u)
+        if u_lobe < further * transmitted_share(bsdf.tables, bsdf.table, bsdf.front, alpha):
+            wi = wp.vec3(wi[0], wi[1], -wi[2])
+        return wi
+
+    return evaluate, pdf, direction

@@ -30,7 +30,10 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def stretched_cotangent(w: wp.vec3, shape: wp.vec3) -> float:
-    """Return a = 1 / (α tanθ), α the roughness towards w (Heitz 2014, section 5); at most 10, where nothing is hidden."""
+    """Return a = 1 / (α tanθ), α the roughness towards w (Heitz 2014, section 5).
+
+    At most 10: from 5 on nothing is hidden that float32 could tell.
+    """
     x = shape[0] * w[0]
     y = shape[1] * w[1]
     return wp.abs(w[2]) / wp.max(wp.sqrt(x * x + y * y), 0.1 * wp.abs(w[2]) + 1.0e-30)

@@ -65,7 +65,7 @@ def correlated(a: float, b: float, same_side: bool) -> float:
     on one side is low on the other: B(1 + a, 1 + b) (Heitz, Hanika, d'Eon and Dachsbacher 2016).
     """
     if same_side:
-        return 1.0 / (1.0 + a + b)
+        return 1.0 / (1.0 + (a + b))
     return beta_from_one(a, b)
 
 
@@ -98,13 +98,13 @@ def _smith_separable(name: str, smith_lambda: wp.Function) -> Masking:
 
 @wp.func
 def g1_walter(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return Smith's G1 of Beckmann's distribution by Walter's rational fit: Walter 2007, eq. 27."""
+    """Return Smith's G1 of Beckmann's distribution by a rational fit: Walter 2007, eq. 27, which passes 1 by 6e-5."""
     if not sees(w, m):
         return 0.0
     a = stretched_cotangent(w, shape)
     if a >= 1.6:
         return 1.0
-    return (3.535 + 2.181 * a) * a / (1.0 + (2.276 + 2.577 * a) * a)
+    return wp.min((3.535 + 2.181 * a) * a / (1.0 + (2.276 + 2.577 * a) * a), 1.0)
 
 
 @wp.func

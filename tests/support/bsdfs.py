@@ -13,6 +13,8 @@ from support.kernels import uniforms, upload
 from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 import wrt
+from wrt.build.tables import pack_tables
+from wrt.device import Device
 from wrt.kernels.bsdf import identifier, make_bsdf, model_of
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
 
@@ -77,7 +79,10 @@ class Case:
         for k, value in enumerate(self.material.slots):
             values[k] = value
         bsdf.slots = slot_values(*values.ravel().tolist())
-        bsdf.tables = wp.zeros(0, dtype=float, device=device)
+        # Where a table begins is not 0, lest a model forget to ask.
+        values, places = pack_tables([self.material.table_key], Device(device))
+        bsdf.tables = wp.array(np.concatenate([np.full(3, np.nan, np.float32), values]), dtype=float, device=device)
+        bsdf.table = 3 + places.get(self.material.table_key, 0)
         return bsdf
 
     def evaluate(self, wo: NDArray, wi: NDArray, device: str) -> tuple[NDArray, NDArray, NDArray]:

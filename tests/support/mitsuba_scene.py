@@ -5,6 +5,7 @@ What differs between the two is bridged here, exactly:
 - Texture rows: Mitsuba puts row 0 of a bitmap at v = 0, wrt at v = 1.
 - Environment: Mitsuba's column u = 1/2 looks along +z, wrt's along −z; Mitsuba's first and last row lie on
   the poles, wrt's half a row beside them.
+- A normal map seen from behind is mirrored in Mitsuba's `twosided`, and the same sheet in wrt.
 - Reflectors are one-sided in Mitsuba unless wrapped in `twosided`; area lights shine from the side where
   corners run counter-clockwise in both.
 
@@ -177,9 +178,12 @@ def _write_ply(mesh: wrt.Mesh, path: Path) -> None:
 def _color(value: ColorSource) -> dict[str, Any]:
     mi = load_mitsuba()
     if isinstance(value, wrt.ImageTexture):
+        pixels = value.pixels
+        if value.channel is not None:
+            pixels = np.repeat(pixels[..., ["rgb".index(value.channel)]], 3, axis=2)
         return {
             "type": "bitmap",
-            "bitmap": mi.Bitmap(np.ascontiguousarray(value.pixels[::-1])),
+            "bitmap": mi.Bitmap(np.ascontiguousarray(pixels[::-1])),
             "raw": True,
             "filter_type": "bilinear",
             "wrap_mode": "repeat",
@@ -189,7 +193,22 @@ def _color(value: ColorSource) -> dict[str, Any]:
     return _rgb(value)
 
 
+def _number(value: ColorSource) -> Any:
+    """Return a number that may vary; of a texture Mitsuba takes the luminance, wrt one channel."""
+    if isinstance(value, wrt.ImageTexture):
+        return _color(dataclasses.replace(value, channel=value.channel or "r"))
+    return value
+
+
 def _bsdf(material: Material) -> dict[str, Any]:
+    if material.opacity != 1.0:
+        opaque = dataclasses.replace(material, opacity=1.0)
+        return {"type": "mask", "opacity": _number(material.opacity), "nested": _bsdf(opaque)}
+    if isinstance(material, wrt.Mix):
+        parts = {"bsdf_0": _bsdf(material.first), "bsdf_1": _bsdf(material.second)}
+        return {"type": "blendbsdf", "weight": _number(material.weight), **parts}
+    if isinstance(material, wrt.TwoSided):
+        return {"type": "twosided", "bsdf_0": _bsdf(material.front)["bsdf"], "bsdf_1": _bsdf(material.back)["bsdf"]}
     if isinstance(material, wrt.Dielectric):
         return {"type": "dielectric", "int_ior": material.ior, "ext_ior": material.exterior_ior}
     if isinstance(material, wrt.Diffuse):
@@ -200,6 +219,13 @@ def _bsdf(material: Material) -> dict[str, Any]:
         inner = {"type": "conductor", "eta": _rgb(material.eta), "k": _rgb(material.k)}
     else:
         raise NotImplementedError(f"no Mitsuba counterpart of {type(material).__name__}")
+    if material.normal_map is not None:
+        pixels = material.normal_map.pixels * 2.0 - 1.0
+        pixels[..., :2] *= material.normal_map.scale
+        colors = wrt.ImageTexture(0.5 * pixels / np.abs(pixels).max() + 0.5)  # of any length; Mitsuba has no scale
+        # Without what it does against black spots and dark edges by default: wrt has a way of its own.
+        repairs = {"flip_invalid_normals": False, "use_shadowing_function": False}
+        inner = {"type": "normalmap", "normalmap": _color(colors), "bsdf": inner, **repairs}
     return {"type": "twosided", "bsdf": inner}
 
 

@@ -101,6 +101,8 @@ def _split(points: Any, indices: Any, device: Device, sah_depth: int) -> tuple[A
     sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES
     first_chunks = _chunks(np.zeros(1, np.int64), np.array([count]), sizes.chunk, name)
     device.launch(k.find_centers, len(first_chunks.first), [first_chunks, boxes])
+    root_centers = wp.array(first_chunks.centers.numpy().min(axis=0), dtype=vec8, device=name)
+    wp.copy(centers, root_centers, count=1)
     levels: list[Any] = []
     roots, root_counts, in_spare = [], [], []
     level, firsts, counts = np.zeros(1, np.int32), np.zeros(1, np.int64), np.array([count])

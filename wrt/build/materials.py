@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.build.normal_maps import normals_of, slope_pyramid
+from wrt.build.tables import pack_tables
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material, Mix, TwoSided
-from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.textures import CHANNELS, ColorSource, ImageTexture, NormalMap, VertexColor
 
 
 @dataclass
@@ -54,14 +55,16 @@ class MaterialTable:
 
         slots = _Slots()
         records = np.zeros(len(self.materials), MaterialRecord.numpy_dtype())
+        tables, places = pack_tables([material.table_key for material in self.materials], device)
         for record, material in zip(records, self.materials, strict=True):
             self._describe(record, material, slots)
+            record["table"] = 0 if material.table_key is None else places[material.table_key]
         rows = np.zeros(len(slots.rows), ColorSlot.numpy_dtype())
         for i, row in enumerate(slots.rows):
             rows[i] = row
         data.materials = wp.array(records, dtype=MaterialRecord, device=device.name)
         data.slots = wp.array(rows, dtype=ColorSlot, device=device.name)
-        data.tables = wp.zeros(0, dtype=float, device=device.name)
+        data.tables = wp.array(tables, dtype=float, device=device.name)
         if slots.images:
             images, texels = _pack_images(slots.images, ImageRecord.numpy_dtype())
             data.images = wp.array(images, dtype=ImageRecord, device=device.name)
@@ -81,7 +84,9 @@ class MaterialTable:
             slots.add(value)
         record["opacity_slot"] = -1 if material.opacity == 1.0 else slots.add(material.opacity)
         if material.parts:
-            record["kind"] = {Mix: MATERIAL_MIX, TwoSided: MATERIAL_SIDES}[type(material)]
+            if not isinstance(material, (Mix, TwoSided)):
+                raise InputError(f"{type(material).__name__}: only a Mix or a TwoSided can be made of other materials")
+            record["kind"] = MATERIAL_MIX if isinstance(material, Mix) else MATERIAL_SIDES
             record["first"], record["second"] = (self.numbers[id(part)] for part in material.parts)
             return
         expected = model_of(material.model).slots
@@ -91,6 +96,7 @@ class MaterialTable:
             )
         record["kind"] = MATERIAL_MODEL
         record["model"] = model_number(material.model, self.models)
+        record["matt"] = model_of(material.model).matt
         record["normal_map"] = -1
         if material.normal_map is not None:
             filtered = material.normal_map.filter and model_of(material.model).widens
@@ -148,10 +154,12 @@ class _Slots:
         from wrt.kernels.scene_data import SLOT_CONSTANT, SLOT_IMAGE, SLOT_VERTEX_COLOR
 
         if isinstance(value, ImageTexture):
-            number = self._image_numbers.setdefault(id(value), len(self.images))
+            # Channels of one file are several textures, but its pixels are there once.
+            number = self._image_numbers.setdefault(id(value.pixels), len(self.images))
             if number == len(self.images):
                 self.images.append(value.pixels)
-            self.rows.append(((1.0, 1.0, 1.0), SLOT_IMAGE, number, -1))
+            channel = -1 if value.channel is None else CHANNELS.index(value.channel)
+            self.rows.append(((1.0, 1.0, 1.0), SLOT_IMAGE, number, channel))
         elif isinstance(value, VertexColor):
             self.rows.append(((1.0, 1.0, 1.0), SLOT_VERTEX_COLOR, 0, -1))
         else:

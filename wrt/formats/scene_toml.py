@@ -25,10 +25,11 @@ from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
 from wrt.lights import DirectionalLight, PointLight
 from wrt.materials import MATERIALS, Material
+from wrt.materials.composite import MAX_NESTING
 from wrt.mesh import Mesh
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
-from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import integer, number, vector
 
 Table = dict[str, Any]
@@ -81,7 +82,8 @@ class _Reader:
         self.triangles = triangles
         self.triangles_used = False
         self.place: list[str] = []
-        self.images: dict[str, ImageTexture] = {}
+        self.pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
+        self.textures: dict[tuple[Path, bool, str], ImageTexture] = {}
 
     @contextmanager
     def at(self, key: str) -> Iterator[None]:
@@ -167,6 +169,8 @@ class _Reader:
             if name not in made:
                 if name in open_names:
                     raise InputError(f"{name!r} is made of itself")
+                if len(open_names) > MAX_NESTING:
+                    raise InputError(f"materials are nested more than {MAX_NESTING} deep")
                 open_names.append(name)
                 with self.at(name):
                     made[name] = self.material(table_of(tables[name]), part)
@@ -196,32 +200,39 @@ class _Reader:
             if kind is Material or kind == Material | None:
                 with self.at(key):
                     table[key] = part(value)
-            elif kind == ColorSource:
+            elif ImageTexture in typing.get_args(kind):
                 with self.at(key):
-                    table[key] = self.color_source(value)
+                    table[key] = self.color_source(value, names=str in typing.get_args(kind))
             elif kind == NormalMap | None:
                 with self.at(key):
                     table[key] = self.normal_map(table_of(value))
         result: Material = self.build(cls, table)
         return result
 
-    def color_source(self, value: Any) -> ColorSource:
-        """Return what a reflectance stands for: a constant, vertex colours or an image."""
+    def color_source(self, value: Any, *, names: bool) -> Any:
+        """Return what a value that may vary stands for: a constant, vertex colours or an image; or itself if a name."""
+        if isinstance(value, str) and value != "vertex-colors":
+            if names:
+                return value
+            raise InputError(f"must be a number, three numbers, {{ texture = FILE }} or 'vertex-colors', not {value!r}")
         if isinstance(value, str):
-            if value != "vertex-colors":
-                raise InputError(
-                    f"must be a number, three numbers, {{ texture = FILE }} or 'vertex-colors', not {value!r}"
-                )
             return VertexColor()
-        if not isinstance(value, dict):
-            constant: ColorSource = value
-            return constant
-        self.check_keys(value, ["texture"], ["texture"])
+        return self.texture(value) if isinstance(value, dict) else value
+
+    def texture(self, table: Table) -> ImageTexture:
+        """Return an image by its table; the same object for the same table, and its pixels once for all of them."""
+        self.check_keys(table, ["texture", "channel", "linear"], ["texture"])
+        linear, channel = table.get("linear", False), table.get("channel")
+        if not isinstance(linear, bool):
+            raise InputError(f"linear must be true or false, not {linear!r}")
         with self.at("texture"):
-            file = self.beside(value["texture"])
-            if str(file) not in self.images:
-                self.images[str(file)] = ImageTexture(load_image(file), file.name)
-            return self.images[str(file)]
+            file = self.beside(table["texture"])
+            if (file, linear) not in self.pixels:
+                self.pixels[file, linear] = load_image(file, linear=linear)
+            key = (file, linear, str(channel))
+            if key not in self.textures:
+                self.textures[key] = ImageTexture(self.pixels[file, linear], file.name, channel)
+            return self.textures[key]
 
     def normal_map(self, table: Table) -> NormalMap:
         self.check_keys(table, ["texture", "scale", "filter"], ["texture"])

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 from wrt.errors import InputError
 from wrt.materials.composite import Emissive, Mix, TwoSided
 from wrt.materials.dielectrics import Dielectric, RoughDielectric, ThinDielectric
-from wrt.materials.diffuse import Diffuse
+from wrt.materials.diffuse import Diffuse, OrenNayar
+from wrt.materials.glossy import Glossy
 from wrt.materials.material import Material
-from wrt.materials.metals import Conductor, Mirror
+from wrt.materials.metals import Conductor, Mirror, RoughConductor
+from wrt.materials.plastics import Plastic, RoughPlastic
 
 if TYPE_CHECKING:
     from wrt.kernels.bsdf.record import Model
@@ -18,11 +20,16 @@ MATERIALS: dict[str, type[Material]] = {
     cls.type_name: cls
     for cls in (
         Diffuse,
+        OrenNayar,
         Mirror,
+        Glossy,
         Conductor,
+        RoughConductor,
         Dielectric,
         RoughDielectric,
         ThinDielectric,
+        Plastic,
+        RoughPlastic,
         Mix,
         TwoSided,
         Emissive,
@@ -59,10 +66,15 @@ __all__ = [
     "Dielectric",
     "Diffuse",
     "Emissive",
+    "Glossy",
     "Material",
     "Mirror",
     "Mix",
+    "OrenNayar",
+    "Plastic",
+    "RoughConductor",
     "RoughDielectric",
+    "RoughPlastic",
     "ThinDielectric",
     "TwoSided",
     "register_material",

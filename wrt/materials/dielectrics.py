@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 from wrt.errors import InputError
 from wrt.materials.material import Material, color_source
+from wrt.materials.microfacet import albedo_table_key, check_microfacet, is_anisotropic, roughness, shape_of
 from wrt.presets import dielectric_ior
-from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.textures import ColorSource
 from wrt.values import number
-
-DISTRIBUTIONS = ("ggx", "beckmann", "blinn-phong")
-"""Distributions of microfacet normals that RoughDielectric knows."""
 
 
 def refractive_index(value: float | str, name: str) -> float:
@@ -92,20 +91,19 @@ class ThinDielectric(_Boundary):
 
 @dataclass(frozen=True)
 class RoughDielectric(_Boundary):
-    """A rough boundary of a transparent body, such as ground glass: microfacets that reflect and refract.
+    """A rough boundary of a transparent body, such as ground glass: facets too small to see reflect and refract.
 
-    The model of Walter, Marschner, Li and Torrance (2007). Triangles wind counter-clockwise seen from outside
-    the body; outside is `exterior_ior`.
+    The model of Walter, Marschner, Li and Torrance (2007). Triangles wind counter-clockwise seen from outside the
+    body; outside is `exterior_ior`. Where both indices are the same to a thousandth, light passes straight through.
 
     Attributes:
-        ior: refractive index inside, or a name in `wrt.presets.DIELECTRIC_IOR`.
-        exterior_ior: likewise outside.
-        alpha: roughness above 0, at most 1: about the root-mean-square slope of the microfacets. Two numbers are
-            those along the texture's u and v.
-        distribution: of the microfacets' normals: "ggx", "beckmann" or "blinn-phong".
-        masking: how microfacets hide one another; see `wrt.kernels.microfacet`.
-        multiple_bounces: whether light that microfacets block goes on to others and gets out at last. Without, a
-            rough surface loses it and is too dark.
+        ior: refractive index inside, or a name in `wrt.presets.DIELECTRIC_IOR`; 1.5 is common glass.
+        exterior_ior: likewise outside; 1 is vacuum, and air to three digits.
+        alpha: roughness, as for `RoughConductor`.
+        distribution: of normals, as for `RoughConductor`.
+        masking: how facets hide one another, as for `RoughConductor`.
+        multiple_bounces: whether light that facets block bounces on (Kulla and Conty 2017), so that none is lost.
+            Otherwise it is lost, as in most renderers, and rough glass is too dark.
         specular_reflectance: what reflected light is multiplied by; 1 in nature.
         specular_transmittance: what refracted light is multiplied by; 1 in nature.
     """
@@ -116,23 +114,36 @@ class RoughDielectric(_Boundary):
     multiple_bounces: bool = False
 
     type_name: ClassVar[str] = "rough-dielectric"
-    slot_names: ClassVar[tuple[str, ...]] = (*_Boundary.slot_names, "alpha")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set(alpha=_roughness(self.alpha))
+        check_microfacet(self.distribution, self.masking)
+        self._set(alpha=roughness(self.alpha, self.distribution))
+        if not isinstance(self.multiple_bounces, bool):
+            raise InputError(f"multiple_bounces must be true or false, not {self.multiple_bounces!r}")
+        if self.multiple_bounces:
+            albedo_table_key(self.alpha, self.distribution, self.masking)
 
     @property
     def model(self) -> str:
-        """The model for these parts."""
-        return f"rough_dielectric:{self.distribution}:{self.masking}"
+        """The combination of distribution, masking and number of bounces."""
+        name = f"rough_dielectric:{self.distribution}:{self.masking}"
+        return f"{name}:multiple" if self.multiple_bounces else name
 
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The shape of the distribution, then what a smooth boundary has."""
+        return (shape_of(self.alpha, self.distribution), *super().slots)
 
-def _roughness(value: ColorSource) -> ColorSource:
-    if isinstance(value, (ImageTexture, VertexColor)):
-        return value
-    if isinstance(value, (list, tuple)):
-        u, v = (number(a, "alpha", above=0.0, maximum=1.0) for a in value)
-        return (u, v, 0.0)
-    a = number(value, "alpha", above=0.0, maximum=1.0)
-    return (a, a, 0.0)
+    @property
+    def table_key(self) -> tuple[Hashable, ...] | None:
+        """For multiple bounces, the table of what one bounce loses on each side."""
+        if not self.multiple_bounces:
+            return None
+        _, *surface = albedo_table_key(self.alpha, self.distribution, self.masking)
+        return ("dielectric", *surface, self.relative_ior)
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether its roughness along x and y differs."""
+        return is_anisotropic(self.alpha, self.distribution)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -57,6 +58,11 @@ class Material:
     def needs_tangents(self) -> bool:
         """Whether it looks different when turned about its normal: then its x follows the texture coordinates."""
         return False
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...] | None:
+        """Which table the model reads: a kind in wrt/build/tables.py and what it is made from; None without one."""
+        return None
 
     @property
     def emission(self) -> Vec3:

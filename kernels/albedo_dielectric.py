@@ -1,0 +1,112 @@
+"""Energy that a rough dielectric of a single bounce loses, and the lobes that give it back on both sides.
+
+As in `kernels/albedo.py`, for a surface that also refracts. Glass absorbs nothing: E(w), reflected and refracted
+together, would be 1. What is missing comes back by two smooth lobes (Kulla and Conty, "Revisiting physically based
+shading at Imageworks", SIGGRAPH 2017 course, "Dielectrics"). With L = 1 − E, its mean L_avg weighted by 2 cosθ, and
+a, b the sides of wo and wi, energies are
+
+    f cosθi = share_ab L_a(wo) L_b(wi) / (π L_b,avg) cosθi,    share_aa = 1 − share_ab.
+
+Whatever the share, a white furnace is white. Light that goes along a path loses as much as light that comes along it
+if n_a² share_ab / L_b,avg = n_b² share_ba / L_a,avg. Kulla and Conty leave open which share does; here, τ being what
+Fresnel's equations let through on average,
+
+    share_ab = τ_a min(1, L_b,avg / L_a,avg),
+
+since n_a² τ_a = n_b² τ_b (that is what makes a smooth boundary reciprocal). It is at most τ_a, so at most 1.
+
+A table is that of the outside, that of the inside, each as in `kernels/albedo.py`, then τ outside and τ inside.
+"""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.albedo import GOLDEN, TABLE_SIZE, average_missing_energy, missing_energy, multiple_bounce_lobe
+from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
+from wrt.kernels.microfacet import make_microfacet
+
+SIDE_SIZE = wp.constant(TABLE_SIZE)
+DIELECTRIC_TABLE_SIZE = 2 * TABLE_SIZE + 2
+
+
+@wp.func
+def missing_energy_on(tables: wp.array(dtype=float), table: int, front: bool, w: wp.vec3, alpha: float) -> float:
+    """Return 1 − E(w) on the outside, which is the front, or on the inside."""
+    return missing_energy(tables, table + wp.where(front, 0, SIDE_SIZE), w, alpha)
+
+
+@wp.func
+def average_missing_energy_on(tables: wp.array(dtype=float), table: int, front: bool, alpha: float) -> float:
+    """Return the mean of 1 − E over one side, weighted by 2 cosθ; greater than 0."""
+    return average_missing_energy(tables, table + wp.where(front, 0, SIDE_SIZE), alpha)
+
+
+@wp.func
+def transmitted_share(tables: wp.array(dtype=float), table: int, front: bool, alpha: float) -> float:
+    """Return which share of what is given back goes through the surface, seen from the front or not."""
+    lost_here = average_missing_energy_on(tables, table, front, alpha)
+    lost_there = average_missing_energy_on(tables, table, not front, alpha)
+    return tables[table + 2 * SIDE_SIZE + wp.where(front, 0, 1)] * wp.min(1.0, lost_there / lost_here)
+
+
+@wp.func
+def multiple_bounce_lobes(
+    tables: wp.array(dtype=float), table: int, front: bool, wo: wp.vec3, wi: wp.vec3, alpha: float
+) -> float:
+    """Return f |cosθi| of the light that has bounced more than once, as energy: without the scale of radiance."""
+    share = transmitted_share(tables, table, front, alpha)
+    side = front
+    if wi[2] > 0.0:
+        share = 1.0 - share
+    else:
+        side = not front
+    missing_o = missing_energy_on(tables, table, front, wo, alpha)
+    missing_i = missing_energy_on(tables, table, side, wi, alpha)
+    average = average_missing_energy_on(tables, table, side, alpha)
+    return share * multiple_bounce_lobe(missing_o, missing_i, average) * wp.abs(wi[2])
+
+
+@functools.cache
+def make_missing_dielectric_kernel(distribution: str, masking: str) -> wp.Kernel:
+    """Return the kernel that computes 1 − E, one thread a direction and shape.
+
+    As `kernels.albedo.make_missing_kernel`, with both lobes at every normal. eta = n_t / n_i for light from wo.
+    """
+    parts = make_microfacet(distribution, masking)
+    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    name = f"dielectric_{distribution}_{masking}".replace("-", "_")
+
+    @wp.kernel(module=wp.get_module(f"wrt.albedo.{name}"), enable_backward=False)
+    def missing_energy_dielectric_kernel(
+        first: int,
+        points: int,
+        eta: float,
+        directions: wp.array(dtype=wp.vec3),
+        shapes: wp.array(dtype=wp.vec3),
+        missing_out: wp.array(dtype=float),
+    ):
+        n = first + wp.tid()
+        wo = directions[n]
+        shape = shapes[n]
+        total = wp.float64(0.0)
+        for k in range(points):
+            across = float(int((wp.uint32(k) * GOLDEN) >> wp.uint32(8))) * 5.9604644775390625e-08
+            m = sample_normal(wo, shape, wp.vec2((float(k) + 0.5) / float(points), across))
+            cos_o = wp.dot(wo, m)
+            density = normal_pdf(wo, m, shape)
+            weight = float(0.0)
+            if cos_o > 0.0 and density > 0.0:
+                reflected = fresnel_dielectric(cos_o, eta)
+                wr = m * (2.0 * cos_o) - wo
+                if wr[2] > 0.0:
+                    weight += reflected * g(wo, wr, m, shape)
+                cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
+                wt = m * (cos_o / eta - cos_t) - wo / eta
+                if wt[2] < 0.0 and reflected < 1.0:
+                    weight += (1.0 - reflected) * g(wo, wt, m, shape)
+                weight *= d(m, shape) / density * (cos_o / wo[2])
+            total += wp.float64(1.0 - weight)
+        missing_out[n] = float(total / wp.float64(points))
+
+    return missing_energy_dielectric_kernel

@@ -1,0 +1,99 @@
+"""Rough plastic: a diffuse base under a rough transparent coat, which the base's light leaves only in part.
+
+The model of kernels/bsdf/plastic.py with a microfacet reflection (Walter, Marschner, Li and Torrance 2007) in place of
+the mirror, and tables (kernels/coat.py) in place of Fresnel's transmittance:
+
+    f = F D G / (4 cosθo cosθi) + ρ/π T(θo) T(θi) / (η² (1 − R ρ)).
+
+Light that is refracted by the rough coat is taken to reach a base that forgets where it came from.
+"""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.bsdf.plastic import base_reflectance, base_share, transmitted
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.coat import coat_column, coat_internal_reflectance, coat_transmittance
+from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
+from wrt.kernels.microfacet.widening import widened_evenly
+from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+
+# The first two are those of plastic.py, for `base_share`.
+REFLECTANCE = wp.constant(0)  # of the base
+SPECULAR = wp.constant(1)  # what light reflected by the coat is multiplied by
+IOR = wp.constant(2)  # n of the coat / n outside
+ALPHA = wp.constant(3)
+NONLINEAR = wp.constant(4)  # 1 where colours shift by inner reflections, else 0
+
+
+@wp.func
+def coat_shape(bsdf: Bsdf) -> wp.vec3:
+    """Return the shape of the distribution of normals, widened by a filtered normal map."""
+    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
+    return widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+
+
+@wp.func
+def let_in(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
+    """Return the share of light from w that reaches the base."""
+    return coat_transmittance(bsdf.tables, bsdf.table, w[2], coat_column(bsdf.tables, bsdf.table, alpha))
+
+
+@wp.func
+def base_value(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3, alpha: float) -> wp.vec3:
+    """Return f cosθi of the base."""
+    internal = coat_internal_reflectance(bsdf.tables, bsdf.table, coat_column(bsdf.tables, bsdf.table, alpha))
+    base = base_reflectance(bsdf.slots[REFLECTANCE], internal, bsdf.slots[NONLINEAR][0])
+    eta = bsdf.slots[IOR][0]
+    return base * (INV_PI * wi[2] * let_in(bsdf, wo, alpha) * let_in(bsdf, wi, alpha) / (eta * eta))
+
+
+@functools.cache
+def make_rough_plastic(distribution: str, masking: str) -> Model:
+    """Return the model for a distribution of normals that has a roughness α and a masking (see kernels/microfacet).
+
+    Raises:
+        ValueError: where they do not go together.
+    """
+    parts = make_microfacet(distribution, masking)
+    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    suffix = f"{distribution}_{masking}".replace("-", "_")
+
+    @wp.func(name=f"rough_plastic_evaluate_{suffix}")
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return wp.vec3(0.0)
+        shape = coat_shape(bsdf)
+        m = wp.normalize(wo + wi)
+        reflected = 1.0 - transmitted(wp.min(wp.dot(wo, m), 1.0), bsdf.slots[IOR][0])
+        coat = reflected * d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
+        return bsdf.slots[SPECULAR] * coat + base_value(bsdf, wo, wi, shape[0])
+
+    @wp.func(name=f"rough_plastic_pdf_{suffix}")
+    def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return 0.0
+        shape = coat_shape(bsdf)
+        share = base_share(bsdf, let_in(bsdf, wo, shape[0]))
+        m = wp.normalize(wo + wi)
+        # dω_m / dω_i = 1 / (4 wo·m): Walter et al. 2007, eq. 14.
+        coat = normal_pdf(wo, m, shape) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
+        return share * INV_PI * wi[2] + (1.0 - share) * coat
+
+    @wp.func(name=f"rough_plastic_sample_{suffix}")
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        s = no_sample()
+        shape = coat_shape(bsdf)
+        wi = square_to_cosine_hemisphere(u)
+        if u_lobe >= base_share(bsdf, let_in(bsdf, wo, shape[0])):
+            m = sample_normal(wo, shape, u)
+            wi = wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
+        density = pdf(bsdf, wo, wi)
+        if density > 0.0:
+            s.wi = wi
+            s.weight = evaluate(bsdf, wo, wi) / density
+            s.pdf = density
+        return s
+
+    return Model(evaluate, pdf, sample, slots=5, widens=True)

@@ -1,0 +1,105 @@
+"""How much light a rough transparent coat lets in, in tables.
+
+A table is made for one refractive index and one distribution of normals (`wrt/build/coat_tables.py`):
+
+    0, 1            ROWS and COLUMNS of the values
+    2 ...           per column, the share of diffuse light from below that the coat sends back
+    2 + COLUMNS ... (ROWS, COLUMNS) shares T of the light from above that the coat lets in, by cosine
+
+Rows are even in √cosθ, as T changes fastest near the horizon. Columns are roughnesses as in `kernels/albedo.py`, or
+one column is that of a surface of one roughness.
+"""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.albedo import COLUMNS as ROUGHNESSES
+from wrt.kernels.albedo import GOLDEN, table_column_of_alpha
+from wrt.kernels.bsdf.plastic import transmitted
+from wrt.kernels.fresnel import cos_transmitted_squared
+from wrt.kernels.microfacet import make_microfacet
+
+HEADER = wp.constant(2)
+
+
+@wp.func
+def coat_column(tables: wp.array(dtype=float), table: int, alpha: float) -> float:
+    """Return the place of a roughness among the columns of a table."""
+    if tables[table + 1] < float(ROUGHNESSES):
+        return 0.0
+    return table_column_of_alpha(alpha)
+
+
+@wp.func
+def coat_internal_reflectance(tables: wp.array(dtype=float), table: int, column: float) -> float:
+    """Return the share of diffuse light from below that the coat sends back."""
+    last = int(tables[table + 1]) - 1
+    j = wp.min(int(column), last)
+    low = tables[table + HEADER + j]
+    return low + (tables[table + HEADER + wp.min(j + 1, last)] - low) * (column - float(j))
+
+
+@wp.func
+def coat_transmittance(tables: wp.array(dtype=float), table: int, cos_theta: float, column: float) -> float:
+    """Return the share of light from an angle that the coat lets in."""
+    rows = int(tables[table])
+    columns = int(tables[table + 1])
+    row = wp.sqrt(wp.min(cos_theta, 1.0)) * float(rows - 1)
+    i = wp.min(int(row), rows - 2)
+    j = wp.min(int(column), columns - 1)
+    k = table + HEADER + columns * (i + 1) + j
+    right = wp.where(j + 1 < columns, 1, 0)
+    x = column - float(j)
+    near = wp.lerp(tables[k], tables[k + right], x)
+    far = wp.lerp(tables[k + columns], tables[k + columns + right], x)
+    return wp.lerp(near, far, row - float(i))
+
+
+@functools.cache
+def make_coat_kernel(distribution: str, masking: str) -> wp.Kernel:
+    """Return the kernel that computes how much light a rough boundary reflects and lets in, one thread a direction.
+
+    Means over the normals of a Fibonacci lattice, each of which reflects a share F of the light and refracts the
+    rest; masking takes some of both. No random numbers.
+    """
+    parts = make_microfacet(distribution, masking)
+    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    name = f"{distribution}_{masking}".replace("-", "_")
+
+    @wp.kernel(module=wp.get_module(f"wrt.coat.{name}"), enable_backward=False)
+    def coat_kernel(
+        first: int,
+        points: int,
+        eta: float,
+        directions: wp.array(dtype=wp.vec3),
+        alphas: wp.array(dtype=float),
+        reflected_out: wp.array(dtype=float),
+        refracted_out: wp.array(dtype=float),
+    ):
+        n = first + wp.tid()
+        wo = directions[n]
+        shape = wp.vec3(alphas[n], alphas[n], 0.0)
+        reflected = wp.float64(0.0)
+        refracted = wp.float64(0.0)
+        for k in range(points):
+            # 24 bits: the nearest float to a 32-bit fraction may be 1.
+            across = float(int((wp.uint32(k) * GOLDEN) >> wp.uint32(8))) * 5.9604644775390625e-08
+            m = sample_normal(wo, shape, wp.vec2((float(k) + 0.5) / float(points), across))
+            cos_m = wp.dot(wo, m)
+            density = normal_pdf(wo, m, shape)
+            if cos_m > 0.0 and density > 0.0:
+                weight = d(m, shape) / density * (cos_m / wo[2])
+                let_in = transmitted(cos_m, eta)
+                wi = m * (2.0 * cos_m) - wo
+                if wi[2] > 0.0:
+                    reflected += wp.float64(weight * (1.0 - let_in) * g(wo, wi, m, shape))
+                # Walter, Marschner, Li and Torrance 2007, eq. 40.
+                cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_m, eta), 0.0))
+                wt = m * (cos_m / eta - cos_t) - wo / eta
+                if wt[2] < 0.0:
+                    refracted += wp.float64(weight * let_in * g(wo, wt, m, shape))
+        reflected_out[n] = float(reflected / wp.float64(points))
+        refracted_out[n] = float(refracted / wp.float64(points))
+
+    return coat_kernel

@@ -1,0 +1,309 @@
+"""Rays against every triangle in float64, and what rounding in float32 may make of each.
+
+A ray tracer in float32 may differ from the exact answer where a ray passes an edge, or where two
+triangles are equally far. How near is near enough is no matter of taste: each intersection test is a
+short formula, and the rounding of each of its steps adds up to a bound (Higham, "Accuracy and
+Stability of Numerical Algorithms", 2nd edition, section 3.1). `woop` and `moeller` give for a ray and a
+triangle the three edge functions, the distance, and those bounds, of the tests that wrt and Embree do.
+`explain` then tells whether an answer can be right.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+EPSILON = 2.0**-24
+"""Largest relative error of one rounded operation in float32."""
+
+SECOND_ORDER = 1.0 + 1e-6
+"""Bounds below are sums of first-order terms; products of two of them are smaller than this."""
+
+MANY_TRIANGLES = 5000
+"""Triangles above which it pays to leave out those that a ray passes far from."""
+
+Array = NDArray[np.float64]
+
+
+class Tested(NamedTuple):
+    """R rays tested against T triangles.
+
+    Attributes:
+        edges: (R, T, 3) edge functions, not negative inside: barycentric coordinates times `det`.
+        edge_error: (R, T, 3) how wrong each may be in float32.
+        det: (R, T) their sum, twice the area that the ray sees.
+        t: (R, T) distance to the plane.
+        t_error: (R, T) how wrong it may be in float32; infinite where the ray may lie in the plane.
+        least_t: (R, T) distance below which the tracer leaves a hit out.
+    """
+
+    edges: Array
+    edge_error: Array
+    det: Array
+    t: Array
+    t_error: Array
+    least_t: Array
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether the ray meets the triangle."""
+        return (self.edges.min(axis=2) >= 0.0) & (self.det > 0.0) & (self.t >= 0.0)
+
+    @property
+    def surely(self) -> NDArray[np.bool_]:
+        """Whether the ray meets it however the edge functions and t are rounded."""
+        clear = (self.t - self.t_error >= 0.0) & (self.t - self.t_error > self.least_t * SECOND_ORDER)
+        return (self.edges > self.edge_error).all(axis=2) & clear
+
+    @property
+    def perhaps(self) -> NDArray[np.bool_]:
+        """Whether the ray meets it for some rounding of them. Either sign will do where both may be."""
+        front = (self.edges >= -self.edge_error).all(axis=2)
+        back = (self.edges <= self.edge_error).all(axis=2)
+        clear = (self.t + self.t_error >= 0.0) & (self.t + self.t_error > self.least_t / SECOND_ORDER)
+        return (front | back) & clear
+
+
+Model = Callable[[Array, Array, Array], Tested]
+
+
+def _oriented(edges: Array, edge_error: Array, numerator: Array, numerator_error: Array) -> tuple[Array, ...]:
+    """Return edges, det, t and the error of t of t = numerator / (sum of edges), turned so that det ≥ 0."""
+    det = edges.sum(axis=2)
+    sign = np.where(det < 0.0, -1.0, 1.0)
+    det = det * sign
+    det_error = edge_error.sum(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = numerator * sign / det
+        t_error = np.where(det > det_error, numerator_error / (det - det_error), np.inf)
+    # A ray in the plane has no distance that could be compared.
+    return edges * sign[:, :, None], det, np.where(np.isfinite(t), t, 0.0), t_error
+
+
+def woop(corners: Array, origins: Array, directions: Array) -> Tested:
+    """Test as `kernels/simd.py` does (Woop, Benthin and Wald 2013).
+
+    There each corner is sheared so that the ray becomes the z axis; S is the shear, A = X − S Z one of a
+    corner's coordinates. S takes two roundings, X and Z one, S Z one, the difference one; in sum
+    e (|X| + 4 |S Z| + |A|). Its edge functions are differences of two products of such numbers.
+    """
+    parts: list[NDArray[np.int64]] = []
+    results: list[Tested] = []
+    main_axis = _main_axis(directions)
+    for kz in range(3):
+        rays = np.flatnonzero(main_axis == kz)
+        parts.append(rays)
+        kx, ky = (1, 2) if kz == 0 else (2, 0) if kz == 1 else (0, 1)
+        o, d = origins[rays], directions[rays]
+        x, y, z = (corners[None, :, :, k] - o[:, None, None, k] for k in (kx, ky, kz))
+        shear_x, shear_y = (d[:, k, None, None] / d[:, kz, None, None] for k in (kx, ky))
+        ax, ay = x - shear_x * z, y - shear_y * z
+        ax_error = EPSILON * (np.abs(x) + 4.0 * np.abs(shear_x * z) + np.abs(ax))
+        ay_error = EPSILON * (np.abs(y) + 4.0 * np.abs(shear_y * z) + np.abs(ay))
+        bx, by, cx, cy = (np.roll(a, shift, axis=2) for shift in (-1, -2) for a in (ax, ay))
+        bx_error, by_error, cx_error, cy_error = (
+            np.roll(a, shift, axis=2) for shift in (-1, -2) for a in (ax_error, ay_error)
+        )
+        edges = cx * by - cy * bx
+        products = np.abs(cx * by) + np.abs(cy * bx)
+        moved = np.abs(cx) * by_error + np.abs(by) * cx_error + np.abs(cy) * bx_error + np.abs(bx) * cy_error
+        # The sign of the difference is that of the rounded products, so only those count for the sign;
+        # the bound covers the value as well. What two moved corners add is of the second order, but not
+        # beside a corner that lies on the ray.
+        edge_error = moved + cx_error * by_error + cy_error * bx_error + EPSILON * (products + np.abs(edges))
+        edge_error *= SECOND_ORDER
+        # t is a mean of the corners' z, weighted by the edge functions. Beside those: z, product, two
+        # sums, shear, reciprocal of the determinant (three), and two products.
+        numerator = (edges * z).sum(axis=2)
+        inverse = 1.0 / d[:, None, kz]
+        edges, det, t, _ = _oriented(edges, edge_error, numerator * inverse, numerator)
+        spread = (edge_error * np.abs(z - (t * d[:, None, kz])[:, :, None])).sum(axis=2)
+        spread += 10.0 * EPSILON * np.abs(edges * z).sum(axis=2)
+        det_error = edge_error.sum(axis=2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t_error = np.where(det > det_error, np.abs(inverse) * spread / (det - det_error), np.inf)
+            # What WOOP_ERROR of kernels/simd.py says (Pharr, Jakob and Humphreys 2016, section 3.9.6).
+            most_x, most_y, most_z = (np.abs(a).max(axis=2) for a in (ax, ay, z))
+            error_x, error_y = 5.0 * EPSILON * (most_x + most_z), 5.0 * EPSILON * (most_y + most_z)
+            error_e = 2.0 * (2.0 * EPSILON * most_x * most_y + error_y * most_x + error_x * most_y)
+            most_e = np.abs(edges).max(axis=2)
+            least_t = 3.0 * most_z * (6.0 * EPSILON * most_e + error_e) * np.abs(inverse) / det
+        results.append(Tested(edges, edge_error, det, t, t_error, least_t))
+    order = np.argsort(np.concatenate(parts))
+    return Tested(*(np.concatenate(arrays)[order] for arrays in zip(*results, strict=True)))
+
+
+def _main_axis(directions: Array) -> NDArray[np.int64]:
+    """Return the axis along which each ray runs fastest; of equal ones the last, as in `RAY_SETUP`."""
+    dx, dy, dz = np.abs(directions).T
+    return np.where(dx > dy, np.where(dx > dz, 0, 2), np.where(dy > dz, 1, 2))
+
+
+def moeller(corners: Array, origins: Array, directions: Array) -> Tested:
+    """Test as Embree does unless asked to be robust (Möller and Trumbore 1997).
+
+    Its edges e1 = v0 − v1 and e2 = v2 − v0 and its normal e2 × e1 are kept rounded. With c = v0 − o and
+    r = c × d the edge functions are U = r · e2, V = r · e1 and N · d − U − V, and t = (N · c) / (N · d).
+    Every path from the input to U or V passes seven roundings, to N · d seven, to N · c eight.
+    """
+    v0, v1, v2 = (corners[None, :, k] for k in range(3))
+    c = v0 - origins[:, None]
+    d = np.broadcast_to(directions[:, None], c.shape)
+    e1, e2 = np.broadcast_to(v0 - v1, c.shape), np.broadcast_to(v2 - v0, c.shape)
+    r, r_size = _cross(c, d)
+    n, n_size = _cross(e2, e1)
+    u, v, det, top = ((a * b).sum(axis=2) for a, b in ((r, e2), (r, e1), (n, d), (n, c)))
+    u_error = 7.0 * EPSILON * (r_size * np.abs(e2)).sum(axis=2)
+    v_error = 7.0 * EPSILON * (r_size * np.abs(e1)).sum(axis=2)
+    det_error = 7.0 * EPSILON * (n_size * np.abs(d)).sum(axis=2)
+    w_error = u_error + v_error + det_error + EPSILON * (np.abs(u) + np.abs(v))
+    edges = np.stack([det - u - v, u, v], axis=2)
+    edge_error = np.stack([w_error, u_error, v_error], axis=2) * SECOND_ORDER
+    top_error = 8.0 * EPSILON * (n_size * np.abs(c)).sum(axis=2)
+    edges, det, t, _ = _oriented(edges, edge_error, top, top_error)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Its reciprocal is an estimate with one Newton step, good to two roundings or so.
+        error = (top_error + np.abs(t) * (det_error + 4.0 * EPSILON * det)) / (det - det_error)
+    return Tested(edges, edge_error, det, t, np.where(det > det_error, error, np.inf), np.zeros_like(t))
+
+
+def _cross(a: Array, b: Array) -> tuple[Array, Array]:
+    """Return a × b, and the same with all its terms positive."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)
+    first = np.stack([ay * bz, az * bx, ax * by], axis=2)
+    second = np.stack([az * by, ax * bz, ay * bx], axis=2)
+    return first - second, np.abs(first) + np.abs(second)
+
+
+class Reason(enum.Enum):
+    """Why an answer is not the exact one."""
+
+    SAME = "same triangle"
+    TIE = "equally far within 4 ulp"
+    SLANTED_TIE = "equally far within the rounding of t"
+    EDGE = "an edge within rounding"
+    OWN_ERROR = "nearer than the error of its own distance"
+    NONE = "not explained"
+
+
+class Explained(NamedTuple):
+    """What `explain` finds, ray by ray.
+
+    Attributes:
+        reason: (R,) Reason of each ray.
+        nearest: (R,) the exact answer, −1 for none.
+        t: (R,) exact distance to the answer that was given, infinite without one.
+        t_error: (R,) how wrong that may be in float32.
+        open: (R,) whether another answer than the exact one could be explained.
+    """
+
+    reason: NDArray[np.object_]
+    nearest: NDArray[np.int64]
+    t: Array
+    t_error: Array
+    open: NDArray[np.bool_]
+
+    def counts(self) -> dict[Reason, int]:
+        """Return how many rays there are of each reason."""
+        return {reason: int((self.reason == reason).sum()) for reason in Reason}
+
+
+def ulps(difference: ArrayLike, t: ArrayLike) -> Array:
+    """Return a difference of distances in units of the last place of t in float32."""
+    with np.errstate(invalid="ignore"):
+        return np.abs(difference) / np.spacing(np.abs(t).astype(np.float32)).astype(np.float64)
+
+
+def explain(
+    corners: ArrayLike,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    triangle: ArrayLike,
+    model: Model,
+    pairs: int = 200_000,
+) -> Explained:
+    """Judge the triangles that a tracer says rays hit first, against all triangles in float64.
+
+    An answer can be right if the ray meets that triangle for some rounding, and no triangle that it
+    meets for any rounding is nearer.
+
+    Args:
+        corners: (T, 3, 3) float32 corners.
+        origins: (R, 3) float32.
+        directions: (R, 3) float32.
+        triangle: (R,) the answers, −1 for none.
+        model: `woop` or `moeller`.
+        pairs: rays times triangles to hold in memory at once (of more than MANY_TRIANGLES a ray is
+            tested only against those that it comes near).
+    """
+    corners, origins, directions = (np.asarray(a, np.float64) for a in (corners, origins, directions))
+    answers = np.asarray(triangle)
+    if len(corners) > MANY_TRIANGLES:
+        found = [_explain_one(corners, o, d, answer, model) for o, d, answer in zip(origins, directions, answers)]
+    else:
+        size = max(1, pairs // len(corners))
+        chunks = [slice(i, i + size) for i in range(0, len(origins), size)]
+        found = [_explain(model(corners, origins[c], directions[c]), answers[c]) for c in chunks]
+    return Explained(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+
+
+def _explain_one(corners: Array, origin: Array, direction: Array, answer: int, model: Model) -> Explained:
+    """Judge one answer, testing only triangles that the ray comes near.
+
+    Those whose circle around the mean of the corners is farther from the line of the ray than 1e-4 of
+    its own distance, a thousand times what rounding may do, can neither be hit nor seem to be.
+    """
+    from_origin = corners.mean(axis=1) - origin
+    radius = np.sqrt(((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum(axis=2).max(axis=1))
+    aside = np.linalg.norm(np.cross(from_origin, direction / np.linalg.norm(direction)), axis=1)
+    near = aside <= 1.0001 * radius + 1e-4 * np.linalg.norm(from_origin, axis=1)
+    if answer >= 0:
+        near[answer] = True
+    numbers = np.flatnonzero(near)
+    if not len(numbers):
+        numbers = np.array([0])
+    place = np.searchsorted(numbers, answer) if answer >= 0 else -1
+    found = _explain(model(corners[numbers], origin[None], direction[None]), np.array([place]))
+    nearest = np.where(found.nearest >= 0, numbers[found.nearest], -1)
+    return found._replace(nearest=nearest)
+
+
+def _explain(tested: Tested, answer: NDArray[np.integer]) -> Explained:
+    rows = np.arange(len(answer))
+    inside, surely, perhaps = tested.inside, tested.surely, tested.perhaps
+    t, t_error = tested.t, tested.t_error
+
+    t_inside = np.where(inside, t, np.inf)
+    nearest = np.argmin(t_inside, axis=1)
+    exact = np.isfinite(t_inside[rows, nearest])
+    reach = np.where(surely, t + t_error, np.inf).min(axis=1)
+
+    given = answer >= 0
+    t_given = np.where(given, t[rows, answer], np.inf)
+    error_given = np.where(given, t_error[rows, answer], 0.0)
+    possible = np.where(given, perhaps[rows, answer] & ~(t_given - error_given > reach), ~np.isfinite(reach))
+
+    same = np.where(given, exact & (nearest == answer), ~exact)
+    both = given & exact & inside[rows, answer]
+    apart = np.where(both, np.abs(t_given - t[rows, nearest]), np.inf)
+    tie = both & (ulps(apart, t[rows, nearest]) <= 4.0)
+    edges_clear = (tested.edges > tested.edge_error).all(axis=2)
+    at_edge = (given & ~inside[rows, answer]) | (exact & ~edges_clear[rows, nearest])
+    own_error = exact & ~surely[rows, nearest]
+
+    reason = np.full(len(answer), Reason.SLANTED_TIE, dtype=object)
+    for mask, name in (
+        (own_error, Reason.OWN_ERROR),
+        (at_edge, Reason.EDGE),
+        (tie, Reason.TIE),
+        (~possible, Reason.NONE),
+        (same & possible, Reason.SAME),
+    ):
+        reason[mask] = name
+    others = (perhaps & ~((t - t_error) > reach[:, None])).sum(axis=1)
+    unsure = (others > 1) | ((others == 1) & ~np.isfinite(reach))
+    return Explained(reason, np.where(exact, nearest, -1), t_given, error_given, unsure)

@@ -1,0 +1,158 @@
+"""Plastics, paints and varnishes: a diffuse base under a transparent coat."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.materials.dielectrics import refractive_index
+from wrt.materials.material import Material, color_source, value_source
+from wrt.materials.microfacet import LEAST_ALPHA, check_microfacet
+from wrt.textures import ColorSource
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+
+
+def transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64]:
+    """Return 1 − F of a smooth boundary for cosθi > 0 and eta = n_t / n_i, by Fresnel's equations."""
+    cos_t = np.sqrt(np.maximum((eta - 1.0) * (eta + 1.0) + cos_i * cos_i, 0.0)) / eta
+    s, p = cos_i + eta * cos_t, eta * cos_i + cos_t
+    return np.asarray(2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p)))
+
+
+def internal_reflectance(eta: float) -> float:
+    """Return the share of diffuse light from inside that a smooth boundary sends back, eta being n inside / n outside.
+
+    1 − 2 ∫ (1 − F) cosθ d cosθ. For light from the side of the lower index the integrand is smooth; from the other
+    side the integral is 1 / eta² of that, since radiance over index squared is the same both ways.
+    """
+    # cosθ = t⁴ draws out what bends near grazing angles where the indices are almost equal.
+    t = 0.5 * (_NODES + 1.0)
+    let_through = float(np.sum(_WEIGHTS * 4.0 * t**7 * transmittance(t**4, max(eta, 1.0 / eta))))
+    return 1.0 - let_through / max(eta, 1.0) ** 2
+
+
+@dataclass(frozen=True)
+class Plastic(Material):
+    """A diffuse base under a smooth transparent coat, which mirrors some of the light and leaves the base the rest.
+
+    Both sides look the same. Light is reflected inside the coat any number of times.
+
+    Attributes:
+        reflectance: fraction of light that the base reflects per channel, 0 to 1.
+        ior: refractive index of the coat, or a name in `wrt.presets.DIELECTRIC_IOR`.
+        exterior_ior: likewise of what is around it.
+        nonlinear: whether inner reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
+            is the colour that one sees where the coat mirrors nothing.
+        specular_reflectance: what mirrored light is multiplied by; 1 in nature.
+    """
+
+    reflectance: ColorSource = 0.5
+    ior: float | str = 1.5
+    exterior_ior: float | str = 1.0
+    nonlinear: bool = False
+    specular_reflectance: ColorSource = 1.0
+
+    type_name: ClassVar[str] = "plastic"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(
+            reflectance=color_source(self.reflectance, "reflectance"),
+            ior=refractive_index(self.ior, "ior"),
+            exterior_ior=refractive_index(self.exterior_ior, "exterior_ior"),
+            specular_reflectance=color_source(self.specular_reflectance, "specular_reflectance"),
+        )
+        if not isinstance(self.nonlinear, bool):
+            raise InputError(f"nonlinear must be true or false, not {self.nonlinear!r}")
+
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index of the coat over that outside."""
+        return float(self.ior) / float(self.exterior_ior)
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """What kernels/bsdf/plastic.py reads."""
+        eta = self.relative_ior
+        return (self.reflectance, self.specular_reflectance, eta, internal_reflectance(eta), float(self.nonlinear))
+
+
+_DISTRIBUTIONS = ("ggx", "beckmann", "blinn-phong")
+
+
+@dataclass(frozen=True)
+class RoughPlastic(Material):
+    """A diffuse base under a rough transparent coat, which reflects some of the light and leaves the base the rest.
+
+    The coat is microfacets by the model of Walter, Marschner, Li and Torrance (2007). Both sides look the same.
+
+    Attributes:
+        reflectance: fraction of light that the base reflects per channel, 0 to 1.
+        ior: refractive index of the coat, or a name in `wrt.presets.DIELECTRIC_IOR`.
+        exterior_ior: likewise of what is around it.
+        alpha: roughness of the coat, 1e-4 to 1: about the root-mean-square slope of its facets times √2. Of an image
+            the red channel.
+        distribution: of the facets' normals: "ggx", "beckmann" or "blinn-phong".
+        masking: how facets hide one another, as for `RoughConductor`.
+        nonlinear: whether inner reflections make colours deeper. Otherwise `reflectance` is the colour of what is not
+            reflected by the coat.
+        specular_reflectance: what light reflected by the coat is multiplied by; 1 in nature.
+        multiple_bounces: whether light that facets block goes on to the base, so that a white one stays white.
+            Otherwise it is lost, as in most renderers, and rough coats are darker.
+    """
+
+    reflectance: ColorSource = 0.5
+    ior: float | str = 1.5
+    exterior_ior: float | str = 1.0
+    alpha: ColorSource = 0.1
+    distribution: str = "ggx"
+    masking: str = "smith"
+    nonlinear: bool = False
+    specular_reflectance: ColorSource = 1.0
+    multiple_bounces: bool = False
+
+    type_name: ClassVar[str] = "rough-plastic"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.distribution not in _DISTRIBUTIONS:
+            raise InputError(f"distribution must be one of {', '.join(_DISTRIBUTIONS)}, not {self.distribution!r}")
+        check_microfacet(self.distribution, self.masking)
+        self._set(
+            reflectance=color_source(self.reflectance, "reflectance"),
+            ior=refractive_index(self.ior, "ior"),
+            exterior_ior=refractive_index(self.exterior_ior, "exterior_ior"),
+            alpha=value_source(self.alpha, "alpha", minimum=LEAST_ALPHA, maximum=1.0),
+            specular_reflectance=color_source(self.specular_reflectance, "specular_reflectance"),
+        )
+        for name in ("nonlinear", "multiple_bounces"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name} must be true or false, not {getattr(self, name)!r}")
+
+    @property
+    def model(self) -> str:
+        """The combination of distribution and masking."""
+        return f"rough_plastic:{self.distribution}:{self.masking}"
+
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index of the coat over that outside."""
+        return float(self.ior) / float(self.exterior_ior)
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """What kernels/bsdf/rough_plastic.py reads."""
+        return (self.reflectance, self.specular_reflectance, self.relative_ior, self.alpha, float(self.nonlinear))
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...]:
+        """The table of what the coat lets in: for its roughness, or for all where that varies."""
+        filtered = self.normal_map is not None and self.normal_map.filter
+        alpha = self.alpha if isinstance(self.alpha, float) and not filtered else None
+        return ("coat", self.distribution, self.masking, self.relative_ior, alpha, self.multiple_bounces)
