@@ -22,49 +22,68 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.albedo import GOLDEN, TABLE_SIZE, average_missing_energy, missing_energy, multiple_bounce_lobe
+from wrt.kernels.albedo import (
+    GOLDEN,
+    TABLE_SIZE,
+    average_missing_energy,
+    missing_energy,
+    multiple_bounce_lobe,
+    multiple_bounces_pdf,
+    sample_multiple_bounces,
+)
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.microfacet import make_microfacet
 
 SIDE_SIZE = wp.constant(TABLE_SIZE)
-DIELECTRIC_TABLE_SIZE = 2 * TABLE_SIZE + 2
 
 
 @wp.func
-def missing_energy_on(tables: wp.array(dtype=float), table: int, front: bool, w: wp.vec3, alpha: float) -> float:
-    """Return 1 − E(w) on the outside, which is the front, or on the inside."""
-    return missing_energy(tables, table + wp.where(front, 0, SIDE_SIZE), w, alpha)
-
-
-@wp.func
-def average_missing_energy_on(tables: wp.array(dtype=float), table: int, front: bool, alpha: float) -> float:
-    """Return the mean of 1 − E over one side, weighted by 2 cosθ; greater than 0."""
-    return average_missing_energy(tables, table + wp.where(front, 0, SIDE_SIZE), alpha)
+def side_table(table: int, front: bool) -> int:
+    """Return where the table of the outside, which is the front, or of the inside begins."""
+    return table + wp.where(front, 0, SIDE_SIZE)
 
 
 @wp.func
 def transmitted_share(tables: wp.array(dtype=float), table: int, front: bool, alpha: float) -> float:
     """Return which share of what is given back goes through the surface, seen from the front or not."""
-    lost_here = average_missing_energy_on(tables, table, front, alpha)
-    lost_there = average_missing_energy_on(tables, table, not front, alpha)
+    lost_here = average_missing_energy(tables, side_table(table, front), alpha)
+    lost_there = average_missing_energy(tables, side_table(table, not front), alpha)
     return tables[table + 2 * SIDE_SIZE + wp.where(front, 0, 1)] * wp.min(1.0, lost_there / lost_here)
 
 
 @wp.func
-def multiple_bounce_lobes(
+def dielectric_lobes(
     tables: wp.array(dtype=float), table: int, front: bool, wo: wp.vec3, wi: wp.vec3, alpha: float
 ) -> float:
     """Return f |cosθi| of the light that has bounced more than once, as energy: without the scale of radiance."""
     share = transmitted_share(tables, table, front, alpha)
-    side = front
-    if wi[2] > 0.0:
-        share = 1.0 - share
-    else:
-        side = not front
-    missing_o = missing_energy_on(tables, table, front, wo, alpha)
-    missing_i = missing_energy_on(tables, table, side, wi, alpha)
-    average = average_missing_energy_on(tables, table, side, alpha)
-    return share * multiple_bounce_lobe(missing_o, missing_i, average) * wp.abs(wi[2])
+    above = wi[2] > 0.0
+    here = side_table(table, front)
+    there = side_table(table, front == above)
+    missing_o = missing_energy(tables, here, wo, alpha)
+    missing_i = missing_energy(tables, there, wi, alpha)
+    average = average_missing_energy(tables, there, alpha)
+    return wp.where(above, 1.0 - share, share) * multiple_bounce_lobe(missing_o, missing_i, average) * wp.abs(wi[2])
+
+
+@wp.func
+def sample_dielectric_lobes(
+    tables: wp.array(dtype=float), table: int, front: bool, alpha: float, u: wp.vec2, u_side: float
+) -> wp.vec3:
+    """Return a direction of a density close to that of the lobes, on either side of the surface."""
+    above = u_side >= transmitted_share(tables, table, front, alpha)
+    wi = sample_multiple_bounces(tables, side_table(table, front == above), alpha, u)
+    return wp.vec3(wi[0], wi[1], wp.where(above, wi[2], -wi[2]))
+
+
+@wp.func
+def dielectric_lobes_pdf(tables: wp.array(dtype=float), table: int, front: bool, wi: wp.vec3, alpha: float) -> float:
+    """Return the density of `sample_dielectric_lobes`."""
+    share = transmitted_share(tables, table, front, alpha)
+    above = wi[2] > 0.0
+    upwards = wp.vec3(wi[0], wi[1], wp.abs(wi[2]))
+    density = multiple_bounces_pdf(tables, side_table(table, front == above), upwards, alpha)
+    return wp.where(above, 1.0 - share, share) * density
 
 
 @functools.cache

@@ -31,7 +31,7 @@ class Bvh:
 
 # The loop is C++: written in Python with the two tests as intrinsics it reaches 80 to 85 % of this
 # (Warp clears the stack for each ray and copies it about). It comes in two pieces, which
-# `kernels/bvh_batch.py` uses as well.
+# kernels for many rays and for instances use as well.
 #
 #   in:  origin, direction: float[3]
 #   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray
@@ -56,12 +56,18 @@ RAY_SETUP = """
     shear[2] = inverse[kz];
 """
 
-# A stack entry is a child and where its box begins, as one integer whose order is that of the
-# distances (floats that are not negative sort like their bits).
-#   in:  current, the node to start at; t_max, id_max = NOTHING_HIT; any_hit
-#   out: t_max, id_max, hit_u, hit_v
-FOLLOW_RAY = (
+
+def follow_ray(visit_leaf: str) -> str:
+    """Return the loop that follows one ray down a tree.
+
+    `visit_leaf` is what it does at `current` < 0. A stack entry is a child and where its box begins, as
+    one integer whose order is that of the distances (floats that are not negative sort like their bits).
+
+      in:  current, the node to start at; t_max, id_max = NOTHING_HIT; any_hit
+      out: t_max, id_max, hit_u, hit_v
     """
+    return (
+        """
     unsigned long long stack[STACK_SIZE];
     int top = 0;
     for (;;) {
@@ -69,8 +75,8 @@ FOLLOW_RAY = (
             const float* node = all_nodes + (size_t)current * 56;
             const int* children = (const int*)(node + 48);
 """
-    + BOX_TEST
-    + """
+        + BOX_TEST
+        + """
             if (mask) {
                 int k = LOWEST_BIT(mask);
                 if ((mask & (mask - 1)) == 0) {
@@ -93,10 +99,9 @@ FOLLOW_RAY = (
                 continue;
             }
         } else {
-            const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
 """
-    + TRIANGLE_TEST
-    + """
+        + visit_leaf
+        + """
             if (any_hit && id_max != NOTHING_HIT) break;
         }
         // The nearest waiting child that is still within reach.
@@ -114,7 +119,10 @@ FOLLOW_RAY = (
     }
 done:;
 """
-)
+    )
+
+
+FOLLOW_RAY = follow_ray("const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);" + TRIANGLE_TEST)
 
 _TRAVERSE = (
     """

@@ -117,7 +117,12 @@ def bin_scale(centers: vec8, bins: int) -> wp.vec3:
 
 @wp.func
 def choose_split(
-    bin_boxes: wp.array(dtype=vec8), bin_counts: wp.array(dtype=int), scratch: int, bins: int, count: int, scale: wp.vec3
+    bin_boxes: wp.array(dtype=vec8),
+    bin_counts: wp.array(dtype=int),
+    scratch: int,
+    bins: int,
+    count: int,
+    scale: wp.vec3,
 ) -> Split:
     """Return the cheapest plane between bins by surface area."""
     split = Split()
@@ -201,7 +206,15 @@ def fill_chunk_bins(
     scale = bin_scale(bounds, wp.static(BINS))
     scratch = c * wp.static(3 * BINS)
     fill_bins(
-        boxes, chunks.first[c], chunks.count[c], low, scale, wp.static(BINS), chunks.bin_boxes, chunks.bin_counts, scratch
+        boxes,
+        chunks.first[c],
+        chunks.count[c],
+        low,
+        scale,
+        wp.static(BINS),
+        chunks.bin_boxes,
+        chunks.bin_counts,
+        scratch,
     )
 
 
@@ -545,6 +558,14 @@ def list_inner(
                 k_out += 1
 
 
+@wp.func
+def write_box(nodes_out: wp.array(dtype=float), place: int, lower: wp.vec3, upper: wp.vec3):
+    """Write one of the boxes of a wide node."""
+    for axis in range(3):
+        nodes_out[place + 8 * axis] = lower[axis]
+        nodes_out[place + 24 + 8 * axis] = upper[axis]
+
+
 @wp.kernel(enable_backward=False)
 def write_level(
     first: int,
@@ -572,9 +593,7 @@ def write_level(
         child = children[8 * i + k]
         if child >= 0:
             node = nodes[child]
-            for axis in range(3):
-                nodes_out[base + 8 * axis + k] = node.lower[axis]
-                nodes_out[base + 24 + 8 * axis + k] = node.upper[axis]
+            write_box(nodes_out, base + k, node.lower, node.upper)
             if node.right != 0:
                 children_out[base + 48 + k] = inner
                 inner += 1
@@ -591,7 +610,50 @@ def write_level(
                     leaf_ids_out[start + wp.static(9 * LEAF_SIZE) + n] = number
                 leaf += 1
         else:
-            for axis in range(3):
-                nodes_out[base + 8 * axis + k] = _LARGE
-                nodes_out[base + 24 + 8 * axis + k] = -_LARGE
+            write_box(nodes_out, base + k, wp.vec3(_LARGE), wp.vec3(-_LARGE))
+            children_out[base + 48 + k] = 0
+
+
+@wp.kernel(enable_backward=False)
+def write_upper_level(
+    first: int,
+    children: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    boxes: wp.array(dtype=vec8),
+    inner_start: wp.array(dtype=int),
+    leaf_start: wp.array(dtype=int),
+    first_node: int,
+    first_child: int,
+    first_leaf_node: int,
+    nodes_out: wp.array(dtype=float),
+    children_out: wp.array(dtype=int),
+):
+    """Write the wide nodes of a level of a tree over boxes; a leaf is a node whose children are −1 − their numbers."""
+    i = first + wp.tid()
+    base = (first_node + i) * wp.static(NODE_FLOATS)
+    inner = first_child + inner_start[i]
+    leaf = first_leaf_node + leaf_start[i]
+    for k in range(8):
+        child = children[8 * i + k]
+        if child >= 0:
+            node = nodes[child]
+            write_box(nodes_out, base + k, node.lower, node.upper)
+            if node.right != 0:
+                children_out[base + 48 + k] = inner
+                inner += 1
+            else:
+                children_out[base + 48 + k] = leaf
+                start = leaf * wp.static(NODE_FLOATS)
+                for n in range(8):
+                    if n < node.count:
+                        box = boxes[node.first + n]
+                        lower = wp.vec3(box[0], box[1], box[2])
+                        write_box(nodes_out, start + n, lower, wp.vec3(-box[4], -box[5], -box[6]))
+                        children_out[start + 48 + n] = -1 - wp.cast(box[3], wp.int32)
+                    else:
+                        write_box(nodes_out, start + n, wp.vec3(_LARGE), wp.vec3(-_LARGE))
+                        children_out[start + 48 + n] = 0
+                leaf += 1
+        else:
+            write_box(nodes_out, base + k, wp.vec3(_LARGE), wp.vec3(-_LARGE))
             children_out[base + 48 + k] = 0

@@ -215,8 +215,6 @@ _COPY = """
 
 
 @wp.func_native(_native(_COPY))
-def copy_range(
-    boxes: wp.array(dtype=vec8), first: int, count: int, boxes_out: wp.array(dtype=vec8), first_out: int
-):
+def copy_range(boxes: wp.array(dtype=vec8), first: int, count: int, boxes_out: wp.array(dtype=vec8), first_out: int):
     """Copy boxes from one array to another."""
     ...

@@ -1,4 +1,4 @@
-"""How much light a rough transparent coat lets in, in tables.
+"""How much light a transparent coat lets in: a smooth one by Fresnel's equations, a rough one by a table.
 
 A table is made for one refractive index and one distribution of normals (`wrt/build/coat_tables.py`):
 
@@ -16,11 +16,22 @@ import warp as wp
 
 from wrt.kernels.albedo import COLUMNS as ROUGHNESSES
 from wrt.kernels.albedo import GOLDEN, table_column_of_alpha
-from wrt.kernels.bsdf.plastic import transmitted
 from wrt.kernels.fresnel import cos_transmitted_squared
 from wrt.kernels.microfacet import make_microfacet
 
 HEADER = wp.constant(2)
+
+
+@wp.func
+def transmitted(cos_i: float, eta: float) -> float:
+    """Return 1 − F for cosθi > 0 and eta = n_t / n_i, with all digits at grazing angles and for eta near 1."""
+    cos2_t = ((eta - 1.0) * (eta + 1.0) + cos_i * cos_i) / (eta * eta)
+    if cos2_t <= 0.0:
+        return 0.0
+    cos_t = wp.sqrt(cos2_t)
+    s = cos_i + eta * cos_t
+    p = eta * cos_i + cos_t
+    return 2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p))
 
 
 @wp.func

@@ -89,17 +89,24 @@ NAMES_OF_TEST = """
 """
 
 
+@wp.func
+def reach_of(batch: RayBatch, ray: int) -> float:
+    """Return how far a ray reaches, below 0 where it has no direction."""
+    direction = batch.directions[ray]
+    if not (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]) > 0.0):
+        return -1.0
+    if batch.t_max.shape[0] > 1:
+        return batch.t_max[ray]
+    return batch.t_max[0]
+
+
 @wp.kernel(enable_backward=False)
 def trace_rays(first: int, bvh: Bvh, batch: RayBatch):
     """Trace rays one a thread."""
     ray = first + wp.tid()
     origin = batch.origins[ray]
     direction = batch.directions[ray]
-    reach = batch.t_max[0]
-    if batch.t_max.shape[0] > 1:
-        reach = batch.t_max[ray]
-    if not (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]) > 0.0):
-        reach = -1.0
+    reach = reach_of(batch, ray)
     triangle = int(-1)
     if batch.any_hit != 0:
         if reach >= batch.t_min:

@@ -151,6 +151,56 @@ def textures() -> wrt.Scene:
     return scene
 
 
+def spots(seed: int, low: float = 0.0) -> wrt.ImageTexture:
+    """Numbers from `low` to 1 in the green channel of a small image; the others mislead."""
+    pixels = np.random.default_rng(seed).uniform(low, 1.0, (4, 5, 3)).astype(np.float32)
+    return wrt.ImageTexture(pixels, channel="g")
+
+
+def see_through() -> wrt.Scene:
+    """Panes before the camera, between the blocks and under the lamp, one with holes by a texture.
+
+    Mitsuba counts a pane as a segment of the path, wrt does not: paths must be long in both.
+    """
+    scene = lamp(blocks(stage()))
+    scene.environment = wrt.ConstantEnvironment((0.2, 0.3, 0.4))
+    holes = wrt.Diffuse((0.8, 0.6, 0.2), opacity=spots(21))
+    scene.add(wrt.quad((-1.0, 0.1, 0.9), (1.2, 0, 0.2), (0, 0.9, 0)), material=holes)
+    scene.add(wrt.quad((-1.5, 1.6, -1.0), (2.0, 0, 0), (0, 0, 2.5)), material=wrt.Diffuse(0.5, opacity=0.4))
+    ball = flat(wrt.sphere((0.9, 0.5, 1.1), 0.35, subdivisions=1))
+    scene.add(ball, material=wrt.Mirror((0.9, 0.7, 0.5), opacity=0.6))
+    return scene
+
+
+def mixtures() -> wrt.Scene:
+    """A block half mirror half matt by a texture, and a faceted ball of three materials, one of them not all there."""
+    scene = lamp(stage())
+    scene.environment = wrt.ConstantEnvironment((0.2, 0.3, 0.4))
+    speckled = wrt.Mix(wrt.Diffuse((0.7, 0.2, 0.1)), wrt.Mirror(0.9), weight=spots(22))
+    side = wrt.quad((-0.9, 0, 0.3), (0.8, 0, 0.3), (0, 1.1, 0))
+    scene.add(side, material=speckled)
+    inner = wrt.Mix(wrt.Diffuse((0.1, 0.3, 0.8)), wrt.Diffuse(0.7, opacity=0.5), weight=0.6)
+    ball = flat(wrt.sphere((0.5, 0.45, 0.4), 0.45, subdivisions=2))
+    scene.add(ball, material=wrt.Mix(wrt.Conductor(), inner, weight=0.7))
+    return scene
+
+
+def two_sided() -> wrt.Scene:
+    """Standing and leaning sheets, seen from both sides, directly and in a mirror that is matt behind."""
+    scene = lamp(stage())
+    scene.environment = wrt.ConstantEnvironment((0.5, 0.6, 0.7))
+    matt = wrt.TwoSided(wrt.Diffuse((0.8, 0.2, 0.1)), wrt.Diffuse((0.1, 0.3, 0.8)))
+    mirror = wrt.TwoSided(wrt.Diffuse((0.2, 0.6, 0.2)), wrt.Mirror((0.9, 0.85, 0.8)))
+    for x, turned in ((-0.9, False), (0.1, True)):
+        low, along = ((x, 0.0, 0.2), (0.6, 0, 0.3))
+        if turned:
+            low, along = (x + 0.6, 0.0, 0.5), (-0.6, 0, -0.3)
+        scene.add(wrt.quad(low, along, (0, 0.8, 0.1)), material=matt)
+    scene.add(wrt.quad((1.0, 0.0, -0.3), (-0.4, 0, -0.8), (0, 1.0, 0)), material=mirror)
+    scene.add(wrt.quad((0.2, 0.0, 1.2), (0.5, 0, 0.1), (0, 0.3, -0.1)), material=mirror)
+    return scene
+
+
 class Case(NamedTuple):
     """What is rendered, and how much of it."""
 
@@ -179,6 +229,9 @@ CASES = {
     "glass-block": Case(glass_block, 10),
     "thin-lens": Case(thin_lens, 1, 4096, 4096, (48, 36)),
     "textures": Case(textures, 3),
+    "see-through": Case(see_through, 64, 512, 1024),
+    "mixtures": Case(mixtures, 64, 512, 1024),
+    "two-sided": Case(two_sided, 8),
 }
 SIGNIFICANCE = sidak(0.01, len(CASES))
 LEAK = 0.01
@@ -260,6 +313,36 @@ def with_material(scene: wrt.Scene, old: type[wrt.Material], new: wrt.Material) 
     return dataclasses.replace(scene, shapes=shapes)
 
 
+def with_opacity(scene: wrt.Scene, old: float, new: float) -> wrt.Scene:
+    shapes = [
+        dataclasses.replace(s, material=dataclasses.replace(s.material, opacity=new))
+        if s.material.opacity == old
+        else s
+        for s in scene.shapes
+    ]
+    return dataclasses.replace(scene, shapes=shapes)
+
+
+def with_weight(scene: wrt.Scene, old: float, new: float) -> wrt.Scene:
+    shapes = [
+        dataclasses.replace(s, material=dataclasses.replace(s.material, weight=new))
+        if isinstance(s.material, wrt.Mix) and s.material.weight == old
+        else s
+        for s in scene.shapes
+    ]
+    return dataclasses.replace(scene, shapes=shapes)
+
+
+def swapped(scene: wrt.Scene) -> wrt.Scene:
+    shapes = [
+        dataclasses.replace(s, material=wrt.TwoSided(s.material.back, s.material.front))
+        if isinstance(s.material, wrt.TwoSided)
+        else s
+        for s in scene.shapes
+    ]
+    return dataclasses.replace(scene, shapes=shapes)
+
+
 MISTAKES: dict[str, tuple[str, Callable[[wrt.Scene], wrt.Scene]]] = {
     "field of view 1 % wide": ("point-light", lambda s: with_camera(s, fov_degrees=1.01 * s.camera.fov_degrees)),
     "aperture 3 % wide": ("thin-lens", lambda s: with_camera(s, aperture_radius=1.03 * s.camera.aperture_radius)),
@@ -274,6 +357,9 @@ MISTAKES: dict[str, tuple[str, Callable[[wrt.Scene], wrt.Scene]]] = {
         "smooth-reflector",
         lambda s: with_material(s, wrt.Conductor, wrt.Conductor(k=(3.990, 2.501, 2.185))),
     ),
+    "opacity 0.02 high": ("see-through", lambda s: with_opacity(s, 0.4, 0.42)),
+    "weight 0.05 high": ("mixtures", lambda s: with_weight(s, 0.7, 0.75)),
+    "sides swapped": ("two-sided", swapped),
 }
 
 

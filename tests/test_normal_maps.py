@@ -170,6 +170,28 @@ def test_axes_stay_at_right_angles_where_normals_are_smooth(device: str) -> None
     np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), atol=1e-6)
 
 
+@pytest.mark.parametrize("camera", [FRONT, BACK], ids=["front", "back"])
+@pytest.mark.parametrize("name", UVS)
+def test_a_brushed_highlight_turns_with_the_texture(name: str, camera: wrt.PerspectiveCamera, device: str) -> None:
+    """It is what the untouched square shows of a light at the same place relative to u and v."""
+    matrix, along_u, along_v = UVS[name]
+    material = wrt.RoughConductor((0.1, 0.4))
+    far = wrt.PerspectiveCamera(tuple(50.0 * np.array(camera.origin)), (0.0, 0.0, 0.0), fov_degrees=0.1)
+    side = np.sign(camera.origin[2])
+
+    def brightness(mesh: wrt.Mesh, x: float, y: float) -> float:
+        return float(render(lit(mesh, material, unit(x, y, side), far), device).mean())
+
+    square = wrt.quad(*SQUARE)
+    seen = []
+    for degrees in (0.0, 25.0, 50.0, 90.0, 140.0):
+        x, y = 0.5 * np.cos(np.radians(degrees)), 0.5 * np.sin(np.radians(degrees))
+        on_u, on_v = x * along_u[0] + y * along_u[1], x * along_v[0] + y * along_v[1]
+        seen.append(brightness(with_uvs(square, matrix), x, y))
+        np.testing.assert_allclose(seen[-1], brightness(square, on_u, on_v), rtol=1e-3)
+    assert max(seen) > 3.0 * min(seen)
+
+
 # --- The normal --------------------------------------------------------------------------------------
 
 

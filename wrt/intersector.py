@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from wrt.build.bvh import build_bvh
+from wrt.build.bvh import build_bvh, refit_bvh
 from wrt.build.geometry import upload_triangles
+from wrt.build.instances import PlacedTrees
 from wrt.device import Device
 from wrt.errors import InputError
-from wrt.values import number
+from wrt.mesh import Mesh
+from wrt.values import integer, number
 
 SMALL_BATCH = 4096
 """Rays below which it does not matter how they are traced, and the kernel that compiles fastest will do."""
@@ -59,21 +63,103 @@ class Intersector:
             InputError: where there is nothing to hit, or the device is not there.
         """
         self.device = Device(device, threads=threads)
+        self._placed: PlacedTrees | None = None
         self._points, self._indices = upload_triangles(_meshes(source), self.device.name)
         self._built = build_bvh(self._points, self._indices, self.device)
         low, high = self._built.bounds
         extent = np.maximum(high - low, 1e-6 * float((high - low).max()) + 1e-30)
         self._inverse_extent = 1.0 / extent
 
+    @classmethod
+    def of_instances(
+        cls,
+        meshes: Sequence[Mesh],
+        numbers: ArrayLike,
+        transforms: ArrayLike,
+        *,
+        device: str = "cpu",
+        threads: int | None = None,
+    ) -> Intersector:
+        """Return an intersector over meshes that stand in many places; each mesh takes memory once.
+
+        Triangles are numbered through all instances, in their order.
+
+        Args:
+            meshes: the distinct meshes.
+            numbers: (N,) which mesh each instance is.
+            transforms: (N, 4, 4) affine matrices from the mesh's space to the world.
+            device: "cpu", "cuda" or "cuda:N".
+            threads: CPU threads; by default all cores.
+
+        Raises:
+            InputError: on arrays of other shapes, mesh numbers out of range, or matrices that are not
+                finite or not invertible.
+        """
+        made = cls.__new__(cls)
+        made.device = Device(device, threads=threads)
+        made._placed = PlacedTrees(meshes, numbers, transforms, made.device)
+        return made
+
     @property
     def triangles(self) -> int:
-        """How many triangles there are."""
-        return len(self._indices) // 3
+        """How many triangles there are, in all instances."""
+        return self._placed.triangles if self._placed else len(self._indices) // 3
 
     @property
     def bytes_per_triangle(self) -> float:
         """Memory of the tree, of points and of indices, over the number of triangles."""
+        if self._placed:
+            return self._placed.bytes / self.triangles
         return (self._built.bytes + 12 * len(self._points) + 4 * len(self._indices)) / self.triangles
+
+    def move(self, transforms: ArrayLike) -> None:
+        """Put the instances elsewhere; the meshes' own trees stay.
+
+        Args:
+            transforms: (N, 4, 4) as given to `of_instances`.
+
+        Raises:
+            InputError: where there are no instances, or on what `of_instances` refuses.
+        """
+        if self._placed is None:
+            raise InputError("only instances can be moved; make the intersector by Intersector.of_instances")
+        self._placed.move(transforms)
+
+    def refit(self, vertices: Any, mesh: int = 0) -> None:
+        """Follow vertices that have moved, without building the tree anew: many times faster than that.
+
+        Rays find all hits however far they moved, but the tree suits the places that it was built for.
+
+        Args:
+            vertices: (V, 3) NumPy array, or Warp array of vec3 on the device (not copied), as many as before;
+                of several meshes one after the other.
+            mesh: which mesh of instances.
+
+        Raises:
+            InputError: on another number of vertices, or values that are not finite.
+        """
+        if self._placed is None:
+            self._points = self._moved(vertices, self._points)
+            refit_bvh(self._built, self._points, self._indices, self.device)
+        else:
+            mesh = integer(mesh, "mesh", minimum=0, maximum=self._placed.meshes - 1)
+            self._placed.refit(mesh, self._moved(vertices, self._placed.points(mesh)))
+
+    def _moved(self, vertices: Any, before: Any) -> Any:
+        """Return new vertices on the device, checked."""
+        import warp as wp
+
+        from wrt.kernels.bvh_refit import find_not_finite
+
+        points = _vectors("vertices", vertices, self.device.name)
+        if len(points) != len(before):
+            raise InputError(f"there are {len(points)} vertices, but the tree was built over {len(before)}")
+        found = wp.full(1, -1, dtype=int, device=self.device.name)
+        self.device.launch(find_not_finite, len(points), [points, found])
+        bad = int(found.numpy()[0])
+        if bad >= 0:
+            raise InputError(f"vertex {bad} is not finite: {points[bad : bad + 1].numpy()[0]}")
+        return points if isinstance(vertices, wp.array) else wp.clone(points)
 
     def closest_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Hits:
         """Return the nearest hit of each ray with t in [t_min, t_max].
@@ -125,25 +211,18 @@ class Intersector:
         """Return both arrays on the device, and whether they were NumPy's."""
         import warp as wp
 
-        arrays, kinds = [], []
-        for name, value in (("origins", origins), ("directions", directions)):
-            kinds.append(not isinstance(value, wp.array))
-            if isinstance(value, wp.array):
-                if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != self.device.name:
-                    raise InputError(f"{name} must be a one-dimensional Warp array of vec3 on {self.device.name}")
-                arrays.append(value.contiguous())
-                continue
-            array = np.ascontiguousarray(value, dtype=np.float32)
-            if array.ndim != 2 or array.shape[1] != 3:
-                raise InputError(f"{name} must be (N, 3), not {array.shape}")
-            arrays.append(wp.array(array, dtype=wp.vec3, device=self.device.name, copy=False))
+        arrays = [
+            _vectors(name, value, self.device.name)
+            for name, value in (("origins", origins), ("directions", directions))
+        ]
         if len(arrays[0]) != len(arrays[1]):
             raise InputError(f"there are {len(arrays[0])} origins but {len(arrays[1])} directions")
-        return arrays, all(kinds)
+        return arrays, not (isinstance(origins, wp.array) or isinstance(directions, wp.array))
 
     def _trace(self, rays: list[Any], t_min: float, t_max: Any, outputs: list[Any], *, any_hit: bool) -> None:
         import warp as wp
 
+        from wrt.kernels.instances import trace_rays_instances
         from wrt.kernels.interleaved import RAYS_PER_THREAD, trace_interleaved
         from wrt.kernels.packets import PACKET, trace_packets
         from wrt.kernels.ray_batch import RayBatch, trace_rays
@@ -162,7 +241,9 @@ class Intersector:
                 raise InputError(f"t_max must be a number or ({n},), and not NaN")
             t_max = wp.array(limits, dtype=float, device=name)
         kernel, rays_per_thread = trace_rays, 1
-        if self.device.is_cpu and n >= SMALL_BATCH:
+        if self._placed:
+            kernel = trace_rays_instances
+        elif self.device.is_cpu and n >= SMALL_BATCH:
             together = self._built.bytes <= LARGE_TREE and self._coherent(*rays)
             kernel = trace_packets if together else trace_interleaved
             rays_per_thread = PACKET if together else RAYS_PER_THREAD
@@ -170,7 +251,8 @@ class Intersector:
         batch.origins, batch.directions = rays
         batch.t_min, batch.t_max, batch.any_hit = t_min, t_max, int(any_hit)
         batch.triangle_out, batch.t_out, batch.uv_out = outputs
-        self.device.launch(kernel, -(-n // rays_per_thread), [self._built.data, batch])
+        tree = self._placed.data if self._placed else self._built.data
+        self.device.launch(kernel, -(-n // rays_per_thread), [tree, batch])
 
     def _coherent(self, origins: Any, directions: Any) -> bool:
         """Return whether most rays run and begin close to the next one, judged by a thousand of them."""
@@ -181,8 +263,21 @@ class Intersector:
         return bool((near & (np.abs(a - b).max(axis=1) < SPREAD)).mean() > 0.8)
 
 
+def _vectors(name: str, value: Any, device: str) -> Any:
+    """Return an array of vec3 on the device; neither a Warp array there nor, on the CPU, a float32 one is copied."""
+    import warp as wp
+
+    if isinstance(value, wp.array):
+        if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != device:
+            raise InputError(f"{name} must be a one-dimensional Warp array of vec3 on {device}")
+        return value.contiguous()
+    array = np.ascontiguousarray(value, dtype=np.float32)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must be (N, 3), not {array.shape}")
+    return wp.array(array, dtype=wp.vec3, device=device, copy=False)
+
+
 def _meshes(source: Any) -> list[Any]:
-    from wrt.mesh import Mesh
     from wrt.scene import Scene
 
     if isinstance(source, Mesh):

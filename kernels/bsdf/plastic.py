@@ -14,6 +14,7 @@ denominator is that of a white base, 1 − R, and the albedo is ρ T(θo).
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample
+from wrt.kernels.coat import transmitted
 from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)  # of the base
@@ -21,18 +22,6 @@ SPECULAR = wp.constant(1)  # what light mirrored by the coat is multiplied by
 IOR = wp.constant(2)  # n of the coat / n outside
 INTERNAL = wp.constant(3)  # R, the coat's reflectance for diffuse light from below
 NONLINEAR = wp.constant(4)  # 1 where colours shift by inner reflections, else 0
-
-
-@wp.func
-def transmitted(cos_i: float, eta: float) -> float:
-    """Return 1 − F for cosθi > 0 and eta = n_t / n_i, with all digits at grazing angles and for eta near 1."""
-    cos2_t = ((eta - 1.0) * (eta + 1.0) + cos_i * cos_i) / (eta * eta)
-    if cos2_t <= 0.0:
-        return 0.0
-    cos_t = wp.sqrt(cos2_t)
-    s = cos_i + eta * cos_t
-    p = eta * cos_i + cos_t
-    return 2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p))
 
 
 @wp.func

@@ -14,14 +14,14 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.albedo_dielectric import missing_energy_on, multiple_bounce_lobes, transmitted_share
+from wrt.kernels.albedo import missing_energy
+from wrt.kernels.albedo_dielectric import dielectric_lobes, dielectric_lobes_pdf, sample_dielectric_lobes, side_table
 from wrt.kernels.bsdf.dielectric import seen_from
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.bsdf.rough_conductor import make_shape_of
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.microfacet.widening import WIDENED
-from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
 
 # Slot 0 is the shape of the distribution, as in kernels/bsdf/rough_conductor.py.
 IOR = wp.constant(1)  # n_inside / n_outside
@@ -175,8 +175,7 @@ def _with_multiple_bounces(
 ) -> tuple[wp.Function, wp.Function, wp.Function]:
     """Return the functions of a model of one bounce with the lobes of all further ones.
 
-    Those lobes are sampled by the cosine, as often as they have a share of the light, 1 − E(wo), and on each side as
-    often as they go there.
+    Those are sampled as often as they have a share of the light, 1 − E(wo).
     """
 
     @wp.func(name=f"rough_dielectric_alpha_{suffix}")
@@ -184,12 +183,16 @@ def _with_multiple_bounces(
         shape = shape_of(bsdf)
         return wp.sqrt(shape[0] * shape[1])
 
+    @wp.func(name=f"rough_dielectric_missing_{suffix}")
+    def missing(bsdf: Bsdf, wo: wp.vec3) -> float:
+        return missing_energy(bsdf.tables, side_table(bsdf.table, bsdf.front), wo, alpha_of(bsdf))
+
     @wp.func(name=f"rough_dielectric_evaluate_all_{suffix}")
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(eta):
             return wp.vec3(0.0)
-        lobes = multiple_bounce_lobes(bsdf.tables, bsdf.table, bsdf.front, wo, wi, alpha_of(bsdf))
+        lobes = dielectric_lobes(bsdf.tables, bsdf.table, bsdf.front, wo, wi, alpha_of(bsdf))
         further = bsdf.slots[REFLECTANCE] * lobes
         if wi[2] < 0.0:
             further = bsdf.slots[TRANSMITTANCE] * (lobes / (eta * eta))
@@ -197,24 +200,17 @@ def _with_multiple_bounces(
 
     @wp.func(name=f"rough_dielectric_pdf_all_{suffix}")
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
-        if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(eta):
+        if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(seen_from(bsdf.slots[IOR][0], bsdf.front)):
             return 0.0
-        alpha = alpha_of(bsdf)
-        further = missing_energy_on(bsdf.tables, bsdf.table, bsdf.front, wo, alpha)
-        through = transmitted_share(bsdf.tables, bsdf.table, bsdf.front, alpha)
-        side = wp.where(wi[2] > 0.0, 1.0 - through, through)
-        return (1.0 - further) * pdf_single(bsdf, wo, wi) + further * side * INV_PI * wp.abs(wi[2])
+        further = missing(bsdf, wo)
+        density = dielectric_lobes_pdf(bsdf.tables, bsdf.table, bsdf.front, wi, alpha_of(bsdf))
+        return (1.0 - further) * pdf_single(bsdf, wo, wi) + further * density
 
     @wp.func(name=f"rough_dielectric_direction_all_{suffix}")
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
-        alpha = alpha_of(bsdf)
-        further = missing_energy_on(bsdf.tables, bsdf.table, bsdf.front, wo, alpha)
-        if u_lobe >= further:
-            return direction_single(bsdf, wo, u, wp.min((u_lobe - further) / (1.0 - further), BELOW_ONE))
-        wi = square_to_cosine_hemisphere(u)
-        if u_lobe < further * transmitted_share(bsdf.tables, bsdf.table, bsdf.front, alpha):
-            wi = wp.vec3(wi[0], wi[1], -wi[2])
-        return wi
+        further = missing(bsdf, wo)
+        if u_lobe < further:
+            return sample_dielectric_lobes(bsdf.tables, bsdf.table, bsdf.front, alpha_of(bsdf), u, u_lobe / further)
+        return direction_single(bsdf, wo, u, wp.min((u_lobe - further) / (1.0 - further), BELOW_ONE))
 
     return evaluate, pdf, direction

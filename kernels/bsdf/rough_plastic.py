@@ -12,9 +12,9 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.bsdf.plastic import base_reflectance, base_share, transmitted
+from wrt.kernels.bsdf.plastic import base_reflectance, base_share
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
-from wrt.kernels.coat import coat_column, coat_internal_reflectance, coat_transmittance
+from wrt.kernels.coat import coat_column, coat_internal_reflectance, coat_transmittance, transmitted
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.microfacet.widening import widened_evenly
 from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere

@@ -51,13 +51,18 @@ class Tested(NamedTuple):
     @property
     def inside(self) -> NDArray[np.bool_]:
         """Whether the ray meets the triangle."""
-        return (self.edges.min(axis=2) >= 0.0) & (self.det > 0.0) & (self.t >= 0.0)
+        return (self.edges >= 0.0).all(axis=2) & (self.det > 0.0) & (self.t >= 0.0)
+
+    @property
+    def edges_clear(self) -> NDArray[np.bool_]:
+        """Whether all edge functions are greater than they can be wrong."""
+        return np.asarray((self.edges > self.edge_error).all(axis=2))
 
     @property
     def surely(self) -> NDArray[np.bool_]:
         """Whether the ray meets it however the edge functions and t are rounded."""
         clear = (self.t - self.t_error >= 0.0) & (self.t - self.t_error > self.least_t * SECOND_ORDER)
-        return (self.edges > self.edge_error).all(axis=2) & clear
+        return self.edges_clear & clear
 
     @property
     def perhaps(self) -> NDArray[np.bool_]:
@@ -69,6 +74,7 @@ class Tested(NamedTuple):
 
 
 Model = Callable[[Array, Array, Array], Tested]
+"""Takes corners, (1, T, 3, 3) for all rays or (R, T, 3, 3) for each, and (R, 3) origins and directions."""
 
 
 def _oriented(edges: Array, edge_error: Array, numerator: Array, numerator_error: Array) -> tuple[Array, ...]:
@@ -99,7 +105,8 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         parts.append(rays)
         kx, ky = (1, 2) if kz == 0 else (2, 0) if kz == 1 else (0, 1)
         o, d = origins[rays], directions[rays]
-        x, y, z = (corners[None, :, :, k] - o[:, None, None, k] for k in (kx, ky, kz))
+        near = corners if len(corners) == 1 else corners[rays]
+        x, y, z = (near[:, :, :, k] - o[:, None, None, k] for k in (kx, ky, kz))
         shear_x, shear_y = (d[:, k, None, None] / d[:, kz, None, None] for k in (kx, ky))
         ax, ay = x - shear_x * z, y - shear_y * z
         ax_error = EPSILON * (np.abs(x) + 4.0 * np.abs(shear_x * z) + np.abs(ax))
@@ -134,7 +141,7 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
             least_t = 3.0 * most_z * (6.0 * EPSILON * most_e + error_e) * np.abs(inverse) / det
         results.append(Tested(edges, edge_error, det, t, t_error, least_t))
     order = np.argsort(np.concatenate(parts))
-    return Tested(*(np.concatenate(arrays)[order] for arrays in zip(*results, strict=True)))
+    return Tested(*(np.concatenate(pieces)[order] for pieces in zip(*results, strict=True)))
 
 
 def _main_axis(directions: Array) -> NDArray[np.int64]:
@@ -150,7 +157,7 @@ def moeller(corners: Array, origins: Array, directions: Array) -> Tested:
     r = c × d the edge functions are U = r · e2, V = r · e1 and N · d − U − V, and t = (N · c) / (N · d).
     Every path from the input to U or V passes seven roundings, to N · d seven, to N · c eight.
     """
-    v0, v1, v2 = (corners[None, :, k] for k in range(3))
+    v0, v1, v2 = (corners[:, :, k] for k in range(3))
     c = v0 - origins[:, None]
     d = np.broadcast_to(directions[:, None], c.shape)
     e1, e2 = np.broadcast_to(v0 - v1, c.shape), np.broadcast_to(v2 - v0, c.shape)
@@ -218,6 +225,13 @@ def ulps(difference: ArrayLike, t: ArrayLike) -> Array:
         return np.abs(difference) / np.spacing(np.abs(t).astype(np.float32)).astype(np.float64)
 
 
+def exact_distances(corners: ArrayLike, origins: ArrayLike, directions: ArrayLike, model: Model) -> tuple[Array, Array]:
+    """Return for each ray the exact distance to the plane of its own (3, 3) corners, and how wrong t may be."""
+    own, o, d = (np.asarray(a, np.float64) for a in (corners, origins, directions))
+    tested = model(own[:, None], o, d)
+    return tested.t[:, 0], tested.t_error[:, 0]
+
+
 def explain(
     corners: ArrayLike,
     origins: ArrayLike,
@@ -242,12 +256,15 @@ def explain(
     """
     corners, origins, directions = (np.asarray(a, np.float64) for a in (corners, origins, directions))
     answers = np.asarray(triangle)
-    if len(corners) > MANY_TRIANGLES:
-        found = [_explain_one(corners, o, d, answer, model) for o, d, answer in zip(origins, directions, answers)]
+    if len(corners) > MANY_TRIANGLES and len(answers):
+        found = [
+            _explain_one(corners, o, d, answer, model)
+            for o, d, answer in zip(origins, directions, answers, strict=True)
+        ]
     else:
         size = max(1, pairs // len(corners))
-        chunks = [slice(i, i + size) for i in range(0, len(origins), size)]
-        found = [_explain(model(corners, origins[c], directions[c]), answers[c]) for c in chunks]
+        chunks = [slice(i, i + size) for i in range(0, max(1, len(origins)), size)]
+        found = [_explain(model(corners[None], origins[c], directions[c]), answers[c]) for c in chunks]
     return Explained(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 
 
@@ -267,7 +284,7 @@ def _explain_one(corners: Array, origin: Array, direction: Array, answer: int, m
     if not len(numbers):
         numbers = np.array([0])
     place = np.searchsorted(numbers, answer) if answer >= 0 else -1
-    found = _explain(model(corners[numbers], origin[None], direction[None]), np.array([place]))
+    found = _explain(model(corners[None, numbers], origin[None], direction[None]), np.array([place]))
     nearest = np.where(found.nearest >= 0, numbers[found.nearest], -1)
     return found._replace(nearest=nearest)
 
@@ -291,8 +308,7 @@ def _explain(tested: Tested, answer: NDArray[np.integer]) -> Explained:
     both = given & exact & inside[rows, answer]
     apart = np.where(both, np.abs(t_given - t[rows, nearest]), np.inf)
     tie = both & (ulps(apart, t[rows, nearest]) <= 4.0)
-    edges_clear = (tested.edges > tested.edge_error).all(axis=2)
-    at_edge = (given & ~inside[rows, answer]) | (exact & ~edges_clear[rows, nearest])
+    at_edge = (given & ~inside[rows, answer]) | (exact & ~tested.edges_clear[rows, nearest])
     own_error = exact & ~surely[rows, nearest]
 
     reason = np.full(len(answer), Reason.SLANTED_TIE, dtype=object)

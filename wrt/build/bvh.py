@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -40,19 +41,27 @@ class BuiltBvh:
 
     Attributes:
         data: the Bvh struct that kernels take.
-        depth: levels of wide nodes.
-        nodes: number of wide nodes.
+        level_starts: number of the first wide node of each level, and of all nodes.
         leaves: number of leaves.
         bytes: memory that nodes and leaves take.
-        bounds: (2, 3) float64 lowest and highest corner of all triangles.
+        bounds: (2, 3) float64 lowest and highest corner of all triangles as they were when it was built.
     """
 
     data: Any
-    depth: int
-    nodes: int
+    level_starts: tuple[int, ...]
     leaves: int
     bytes: int
     bounds: np.ndarray
+
+    @property
+    def depth(self) -> int:
+        """Levels of wide nodes."""
+        return len(self.level_starts) - 1
+
+    @property
+    def nodes(self) -> int:
+        """Number of wide nodes."""
+        return self.level_starts[-1]
 
 
 def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
@@ -69,26 +78,83 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     count = len(indices) // 3
     if count >= 2**26:
         raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
-    from wrt.kernels.bvh import MAX_DEPTH
+    import warp as wp
 
-    for sah_depth in SAH_DEPTHS:
-        nodes, boxes = _split(points, indices, device, sah_depth)
-        levels = _levels(nodes, device, MAX_DEPTH)
-        if len(levels) <= MAX_DEPTH:
-            break
+    from wrt.kernels.bvh import MAX_DEPTH
+    from wrt.kernels.bvh_build import make_boxes
+    from wrt.kernels.simd import vec8
+
+    boxes = wp.empty(count, dtype=vec8, device=device.name)
+    device.launch(make_boxes, count, [points, indices, boxes])
+    levels, nodes = _wide_tree(boxes, device, MAX_DEPTH)
     return _write(levels, nodes, boxes, points, indices, device)
 
 
-def _split(points: Any, indices: Any, device: Device, sah_depth: int) -> tuple[Any, Any]:
-    """Return the binary tree, with its collapse priced, and the triangles' boxes in its order."""
+def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> None:
+    """Let a tree follow its triangles after their vertices moved; it stays right, and fast while they move little.
+
+    Args:
+        built: the tree, changed in place; its `bounds` are not.
+        points: wp.array of vec3 on the device, as many as the tree was built over.
+        indices: those that the tree was built over.
+        device: where the tree is.
+    """
+    from wrt.kernels import bvh_refit as k
+
+    device.launch(k.refit_leaves, built.leaves, [points, indices, _as_int(built.data.leaves), built.data])
+    children = _as_int(built.data.nodes)
+    for start, end in reversed(list(itertools.pairwise(built.level_starts))):
+        device.launch(k.refit_level, end - start, [start, built.data, children])
+
+
+def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> Any:
+    """Return the nodes of a tree over boxes, as `kernels/instances.py` wants it: a leaf is −1 − (the box's number).
+
+    Args:
+        lower, upper: (N, 3) float32 corners, at least one.
+        device: where to build.
+    """
+    import warp as wp
+
+    from wrt.kernels import bvh_build as k
+    from wrt.kernels.bvh import MAX_DEPTH, NODE_FLOATS
+    from wrt.kernels.simd import vec8
+
+    rows = np.zeros((len(lower), 8), np.float32)
+    rows[:, :3], rows[:, 4:7] = lower, -upper
+    rows[:, 3] = np.arange(len(lower), dtype=np.int32).view(np.float32)
+    boxes = wp.array(rows, dtype=vec8, device=device.name)
+    # What would be a leaf becomes one more node, with the boxes one by one.
+    levels, nodes = _wide_tree(boxes, device, MAX_DEPTH - 1)
+    starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
+    out = device.empty_large((starts[-1] + sum(level.leaf_total for level in levels)) * NODE_FLOATS)
+    first_leaf = 0
+    for level, (first_node, first_child) in zip(levels, itertools.pairwise(starts), strict=True):
+        places = [level.inner_start, level.leaf_start, first_node, first_child, starts[-1] + first_leaf]
+        device.launch(k.write_upper_level, level.size, [level.children, nodes, boxes, *places, out, _as_int(out)])
+        first_leaf += level.leaf_total
+    return out
+
+
+def _wide_tree(boxes: Any, device: Device, max_depth: int) -> tuple[list[_Level], Any]:
+    """Return the wide tree over boxes, which are put in its order, and the binary tree below it."""
+    for sah_depth in SAH_DEPTHS:
+        nodes = _split(boxes, device, sah_depth)
+        levels = _levels(nodes, device, max_depth)
+        if len(levels) <= max_depth:
+            break
+    return levels, nodes
+
+
+def _split(boxes: Any, device: Device, sah_depth: int) -> Any:
+    """Return the binary tree, with its collapse priced; the boxes are put in its order."""
     import warp as wp
 
     from wrt.kernels import bvh_build as k
     from wrt.kernels.simd import vec8
 
-    name, count = device.name, len(indices) // 3
-    boxes, spare = (wp.empty(count, dtype=vec8, device=name) for _ in range(2))
-    device.launch(k.make_boxes, count, [points, indices, boxes])
+    name, count = device.name, len(boxes)
+    spare = wp.empty(count, dtype=vec8, device=name)
     nodes = wp.empty(2 * count, dtype=k.BinaryNode, device=name)
     centers = wp.empty(2 * count, dtype=vec8, device=name)
     # A node's centres are done with when its collapse is priced.
@@ -135,7 +201,7 @@ def _split(points: Any, indices: Any, device: Device, sah_depth: int) -> tuple[A
     device.launch(k.build_subtrees, len(subtrees), inputs)
     for on_device in reversed(levels):
         device.launch(k.price_nodes, len(on_device), [on_device, nodes, costs])
-    return nodes, boxes
+    return nodes
 
 
 def _bins(count: int, name: str) -> list[Any]:
@@ -208,27 +274,26 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
 
 
 def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
-
+    """Return the tree as rays follow it."""
     from wrt.kernels import bvh_build as k
     from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
 
-    node_count = sum(level.size for level in levels)
+    starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
+    node_count = starts[-1]
     leaf_count = sum(level.leaf_total for level in levels)
     data = Bvh()
     data.nodes = device.empty_large(node_count * NODE_FLOATS)
     data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)
     out = [data.nodes, _as_int(data.nodes), data.leaves, _as_int(data.leaves)]
-    first_node = first_leaf = 0
-    for level in levels:
-        first_child = first_node + level.size
+    first_leaf = 0
+    for level, (first_node, first_child) in zip(levels, itertools.pairwise(starts), strict=True):
         places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf]
         device.launch(k.write_level, level.size, [level.children, nodes, boxes, points, indices, *places, *out])
-        first_node = first_child
         first_leaf += level.leaf_total
     size = 4 * (len(data.nodes) + len(data.leaves))
     root = nodes[:1].numpy()
     bounds = np.concatenate([root["lower"], root["upper"]]).astype(np.float64)
-    return BuiltBvh(data, len(levels), node_count, leaf_count, size, bounds)
+    return BuiltBvh(data, starts, leaf_count, size, bounds)
 
 
 def _as_int(array: Any) -> Any:

@@ -1,0 +1,233 @@
+"""Layers on a base: a coat and sheen, each of which leaves what is below the light that it does not reflect.
+
+f = f_layer + f_base · min(1 − E(wo), 1 − E(wi)), with E the layer's own albedo: the base's share of light from wo is at
+most 1 − E(wo), which conserves energy, and both directions count alike, which is reciprocal. Estevez and Kulla (2017)
+have it for sheen, and KHR_materials_sheen after them.
+"""
+
+import functools
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.albedo_fits import LEAST_SHEEN_ROUGHNESS, sheen_albedo, specular_albedo
+from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.bsdf.sheen import sheen
+from wrt.kernels.microfacet import LEAST_ALPHA, ggx
+from wrt.kernels.microfacet.widening import widened_evenly
+from wrt.kernels.warps import TWO_PI
+
+COAT_F0 = wp.constant(0.04)
+"""Reflectance at normal incidence of a coat of index 1.5."""
+
+BELOW_ONE = wp.constant(0.99999994)
+
+
+@wp.struct
+class Response:
+    """A BSDF for two directions: `value`, f |cosθi|, and `density`, per solid angle, of what is drawn for wi."""
+
+    value: wp.vec3
+    density: float
+
+
+class Layer(NamedTuple):
+    """What a layer and all below it do, each lobe drawn as often as it reflects.
+
+    Attributes:
+        evaluate: (bsdf, wo, wi) -> Response, for wo above the surface.
+        direction: (bsdf, wo, u: vec2, u_lobe) -> wi; zero where there is none.
+        albedo: (bsdf, wo) -> float, about what share of the light it reflects or lets through.
+    """
+
+    evaluate: wp.Function
+    direction: wp.Function
+    albedo: wp.Function
+
+
+@wp.func
+def schlick(cos_m: float, f0: wp.vec3, f90: float) -> wp.vec3:
+    """Return f0 + (f90 − f0)(1 − cosθ)⁵ (Schlick 1994, eq. 15, with the reflectance at grazing incidence)."""
+    x = wp.clamp(1.0 - cos_m, 0.0, 1.0)
+    x2 = x * x
+    return f0 + (wp.vec3(f90) - f0) * (x2 * x2 * x)
+
+
+@wp.func
+def mirrored(wo: wp.vec3, m: wp.vec3) -> wp.vec3:
+    """Return the direction that a facet reflects to wo; zero where that is below the surface."""
+    wi = wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
+    return wp.where(wi[2] > 0.0, wi, wp.vec3(0.0))
+
+
+@wp.func
+def facet_response(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> wp.vec2:
+    """Return D G cosθi / (4 cosθo cosθi) of GGX, and the density of reflection by visible normals.
+
+    m is half way between both directions. With G = 1 / (1 + Λo + Λi) and the areas P = cosθ (1 + Λ) the first is
+    D cosθi / (4 (Po cosθi + cosθo Pi − cosθo cosθi)), finite at grazing angles. The second is D / (4 Po).
+    """
+    d = ggx.d(m, shape)
+    area_o = ggx.projected_area(wo, shape)
+    area_i = ggx.projected_area(wi, shape)
+    # P ≥ cosθ: the sum is at least Po cosθi.
+    both = wp.max(area_o * wi[2] + wo[2] * (area_i - wi[2]), 1.0e-30)
+    return wp.vec2(0.25 * d * (wi[2] / both), 0.25 * d / area_o)
+
+
+@wp.func
+def alpha_of(roughness: float) -> float:
+    """Return α = roughness² (Burley 2012), within its limits."""
+    r = wp.clamp(roughness, 0.0, 1.0)
+    return wp.max(r * r, LEAST_ALPHA)
+
+
+@wp.func
+def layer_share(reflected: float, below: float) -> float:
+    """Return how often a layer is sampled that reflects `reflected`, on what reflects `below` of the rest."""
+    return reflected / wp.max(reflected + (1.0 - reflected) * below, 1.0e-20)
+
+
+@functools.cache
+def make_outside(body: bool) -> wp.Function:
+    """Return the device function (bsdf, w) -> bool: whether a direction is on a side that layers are on.
+
+    Layers lie on the outside of a body; an opaque surface and a thin sheet have them on both sides.
+    """
+    if body:
+        return _is_outside
+    return _always
+
+
+@wp.func
+def _is_outside(bsdf: Bsdf, w: wp.vec3) -> bool:
+    return bsdf.front == (w[2] > 0.0)
+
+
+@wp.func
+def _always(bsdf: Bsdf, w: wp.vec3) -> bool:
+    return True
+
+
+@functools.cache
+def add_coat(name: str, below: Layer, coat: int, roughness: int, body: bool) -> Layer:
+    """Return a layer under a clear coat: KHR_materials_clearcoat, in a reciprocal form.
+
+    Args:
+        name: part of the names of the functions.
+        below: what it lies on.
+        coat: row of the share of the surface that is coated.
+        roughness: row of its roughness.
+        body: whether the surface is that of a transparent body, which has its coat outside.
+    """
+    below_evaluate, below_direction, below_albedo = below
+    outside = make_outside(body)
+
+    @wp.func(name=f"coat_shape_{name}")
+    def shape_of(bsdf: Bsdf) -> wp.vec3:
+        alpha = alpha_of(bsdf.slots[wp.static(roughness)][0])
+        return widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+
+    @wp.func(name=f"coat_taken_{name}")
+    def taken(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
+        if not outside(bsdf, w):
+            return 0.0
+        albedo = specular_albedo(wp.abs(w[2]), alpha)
+        return wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * (
+            COAT_F0 * (albedo[0] - albedo[1]) + albedo[1]
+        )
+
+    @wp.func(name=f"coat_evaluate_{name}")
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
+        shape = shape_of(bsdf)
+        reflected = taken(bsdf, wo, shape[0])
+        share = layer_share(reflected, below_albedo(bsdf, wo))
+        base = below_evaluate(bsdf, wo, wi)
+        r = Response()
+        r.value = base.value * (1.0 - wp.max(reflected, taken(bsdf, wi, shape[0])))
+        r.density = base.density * (1.0 - share)
+        if wi[2] > 0.0 and reflected > 0.0:
+            m = wp.normalize(wo + wi)
+            facets = facet_response(wo, wi, m, shape)
+            amount = wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * facets[0]
+            r.value = r.value + schlick(wp.dot(wo, m), wp.vec3(COAT_F0), 1.0) * amount
+            r.density += share * facets[1]
+        return r
+
+    @wp.func(name=f"coat_direction_{name}")
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        shape = shape_of(bsdf)
+        share = layer_share(taken(bsdf, wo, shape[0]), below_albedo(bsdf, wo))
+        if u_lobe < share:
+            return mirrored(wo, ggx.sample_normal(wo, shape, u))
+        return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+
+    @wp.func(name=f"coat_albedo_{name}")
+    def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
+        reflected = taken(bsdf, wo, shape_of(bsdf)[0])
+        return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
+
+    return Layer(evaluate, direction, albedo)
+
+
+@functools.cache
+def add_sheen(name: str, below: Layer, color: int, roughness: int, body: bool) -> Layer:
+    """Return a layer under fibres: KHR_materials_sheen.
+
+    Args:
+        name: part of the names of the functions.
+        below: what they stand on.
+        color: row of their colour.
+        roughness: row of their roughness.
+        body: whether the surface is that of a transparent body, which has them outside.
+    """
+    below_evaluate, below_direction, below_albedo = below
+    outside = make_outside(body)
+
+    @wp.func(name=f"sheen_color_{name}")
+    def color_of(bsdf: Bsdf) -> wp.vec3:
+        return wp.min(bsdf.slots[wp.static(color)], wp.vec3(1.0))
+
+    @wp.func(name=f"sheen_albedo_{name}")
+    def white_albedo(bsdf: Bsdf, w: wp.vec3) -> float:
+        if not outside(bsdf, w):
+            return 0.0
+        return sheen_albedo(
+            wp.abs(w[2]), wp.clamp(bsdf.slots[wp.static(roughness)][0], LEAST_SHEEN_ROUGHNESS, 1.0)
+        )
+
+    @wp.func(name=f"sheen_evaluate_{name}")
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
+        tint = color_of(bsdf)
+        albedo_o = white_albedo(bsdf, wo)
+        albedo_i = white_albedo(bsdf, wi)
+        most = wp.max(albedo_o, albedo_i)
+        share = layer_share(wp.max(tint) * wp.min(albedo_o, 1.0), below_albedo(bsdf, wo))
+        base = below_evaluate(bsdf, wo, wi)
+        r = Response()
+        r.value = base.value * (1.0 - wp.max(tint) * wp.min(most, 1.0))
+        r.density = base.density * (1.0 - share)
+        if wi[2] > 0.0 and share > 0.0:
+            smooth = wp.clamp(bsdf.slots[wp.static(roughness)][0], LEAST_SHEEN_ROUGHNESS, 1.0)
+            r.value = r.value + tint * sheen(wo, wi, smooth, most)
+            r.density += share / TWO_PI
+        return r
+
+    @wp.func(name=f"sheen_direction_{name}")
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        reflected = wp.max(color_of(bsdf)) * wp.min(white_albedo(bsdf, wo), 1.0)
+        share = layer_share(reflected, below_albedo(bsdf, wo))
+        if u_lobe < share:
+            # Evenly over the hemisphere, as Estevez and Kulla recommend.
+            z = 1.0 - u[0]
+            radius = wp.sqrt(wp.max(0.0, 1.0 - z * z))
+            phi = TWO_PI * u[1]
+            return wp.vec3(radius * wp.cos(phi), radius * wp.sin(phi), z)
+        return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+
+    @wp.func(name=f"sheen_albedo_all_{name}")
+    def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
+        reflected = wp.max(color_of(bsdf)) * wp.min(white_albedo(bsdf, wo), 1.0)
+        return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
+
+    return Layer(evaluate, direction, albedo)

@@ -1,0 +1,487 @@
+"""Rough metals: sampling, energy, agreement with Mitsuba, and light that bounces on between facets."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from scipy import special, stats
+from support.bsdfs import (
+    ANGLES,
+    EPS,
+    Case,
+    albedo,
+    assert_finite,
+    assert_weights,
+    chi_square,
+    hemisphere,
+    reciprocity_error,
+    total_pdf,
+    viewer,
+)
+from support.kernels import uniforms
+from support.mitsuba_scene import load_mitsuba
+from support.statistics import sidak
+from test_fresnel import complex_fresnel
+
+import wrt
+from wrt.build import tables
+from wrt.build.scene_data import build_scene
+from wrt.build.tables import pack_tables
+from wrt.device import Device
+from wrt.materials.metals import average_reflectance
+from wrt.materials.microfacet import MASKINGS
+from wrt.presets import metal_f0, metal_ior
+
+WHITE = dict(f0=1.0, multiple_bounces=True)
+
+
+def metal(alpha: object, distribution: str = "ggx", masking: str = "smith", **rest: object) -> Case:
+    """Return a case of a rough metal, copper by default."""
+    return Case(wrt.RoughConductor(alpha, distribution=distribution, masking=masking, **rest))  # type: ignore[arg-type]
+
+
+WIDE = {
+    "ggx 0.1": metal(0.1),
+    "ggx 1": metal(1.0),
+    "ggx 0.1, 0.5": metal((0.1, 0.5)),
+    "beckmann 0.1": metal(0.1, "beckmann"),
+    "beckmann 0.7, 0.2": metal((0.7, 0.2), "beckmann"),
+    "blinn-phong 0.3": metal(0.3, "blinn-phong", "walter"),
+    "abc 100, 1.2": metal((100.0, 1.2), "abc", "cook-torrance"),
+    "sgd 0.1, 0.6": metal((0.1, 0.6), "sgd", "kelemen"),
+    "ggx 0.3, all bounces": metal(0.3, **WHITE),
+    "beckmann 1, all bounces": metal(1.0, "beckmann", **WHITE),
+    "beckmann 0.1, 0.4, all bounces": metal((0.1, 0.4), "beckmann", **WHITE),
+}
+"""Lobes wide enough for the cells of the sphere."""
+
+NARROW = {
+    "ggx 1e-4": metal(1e-4),
+    "ggx 0.01": metal(0.01),
+    "beckmann 1e-4": metal(1e-4, "beckmann"),
+    "beckmann 1e-3, 0.5": metal((1e-3, 0.5), "beckmann"),
+    "blinn-phong 1e-4": metal(1e-4, "blinn-phong", "walter"),
+    "ggx 1e-4, all bounces": metal(1e-4, **WHITE),
+    "beckmann 1e-2, all bounces": metal(0.01, "beckmann", **WHITE),
+}
+CORNERS = {
+    "black": metal(0.3, reflectance=0.0),
+    "white": metal(1.0, reflectance=1.0),
+    "black, all bounces": metal(0.3, f0=0.0, multiple_bounces=True),
+    "abc, flat": metal((0.1, 0.0), "abc", "cook-torrance"),
+    "abc, sharp": metal((1e8, 3.0), "abc", "cook-torrance"),
+    "sgd, sharp": metal((1e-5, 1.4), "sgd", "kelemen"),
+    "sgd, flat": metal((10.0, 0.0), "sgd", "kelemen"),
+}
+CASES = {**WIDE, **NARROW, **CORNERS}
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("name", WIDE)
+def test_samples_follow_the_density(name: str, degrees: float, device: str, report: Report) -> None:
+    result = chi_square(WIDE[name], degrees, device, tests=len(WIDE) * len(ANGLES), samples=2**18)
+    report(f"{name} at {degrees:g}°", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+
+
+SLOPES: dict[str, Callable[[NDArray], NDArray]] = {"ggx": lambda t: t / (1.0 + t), "beckmann": lambda t: -np.expm1(-t)}
+"""Share of normals, as seen from straight above, of tan²θ / α² up to t."""
+
+
+@pytest.mark.parametrize("alpha", [1e-4, 1e-3, 0.03])
+@pytest.mark.parametrize("distribution", SLOPES)
+def test_mirror_like_lobes_have_their_shape(distribution: str, alpha: float, device: str, report: Report) -> None:
+    """Where cells of the sphere see one point: the slopes of half vectors, by Kolmogorov and Smirnov's test."""
+    wo = viewer(0.0)
+    found = metal(alpha, distribution).sample(wo, uniforms(2**17, 3, seed=31), device)
+    wi = found["wi"].astype(np.float64)
+    # tanθ of the half vector of +z and wi is tan(θi / 2) = sinθi / (1 + cosθi).
+    slopes = np.hypot(wi[:, 0], wi[:, 1]) / (1.0 + np.sqrt(1.0 - wi[:, 0] ** 2 - wi[:, 1] ** 2)) / alpha
+    slopes = slopes[wi[:, 2] > 0.9]  # the root has digits
+    share = SLOPES[distribution](np.array([(math.tan(0.5 * math.acos(0.9)) / alpha) ** 2]))[0]
+    assert len(slopes) > 0.999 * share * len(wi)
+    p = float(stats.kstest(slopes**2, lambda t: SLOPES[distribution](t) / share).pvalue)
+    report(f"{distribution} {alpha:g}: slopes", len(slopes), p=p)
+    assert p > sidak(0.01, 6)
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("name", CASES)
+def test_weight_is_value_over_density(name: str, degrees: float, device: str) -> None:
+    assert_weights(CASES[name], degrees, device, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_density_integrates_to_at_most_one(name: str, device: str, report: Report) -> None:
+    """To less by what is drawn below the horizon, whose weight is 0."""
+    for degrees in ANGLES:
+        total = total_pdf(WIDE[name], degrees, device)
+        found = WIDE[name].sample(viewer(degrees), uniforms(2**16, 3, seed=32), device)
+        drawn = float((found["pdf"] > 0.0).mean())
+        report(f"{name} at {degrees:g}°: integral, share above the horizon", total, drawn)
+        assert total <= 1.0 + 1e-4
+        assert total == pytest.approx(drawn, abs=0.01)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_reciprocity(name: str, device: str, report: Report) -> None:
+    error = reciprocity_error(CASES[name], device)
+    report(f"{name}: largest relative difference", error, "< 1e-5")
+    assert error < 1e-5
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("name", CASES)
+def test_no_energy_is_made(name: str, degrees: float, device: str) -> None:
+    """To 3σ; with multiple bounces a white surface reflects 1, to the error of the table's interpolation."""
+    mean, error = albedo(CASES[name], degrees, device, samples=2**17)
+    table = 3e-3 if CASES[name].material.table_key else 0.0
+    assert (mean <= 1.0 + table + 3.0 * error + 4.0 * EPS).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_values_are_finite(name: str, device: str) -> None:
+    assert_finite(CASES[name], device)
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_nothing_goes_through(name: str, device: str) -> None:
+    below = hemisphere(10_000, seed=4) * np.array([1.0, 1.0, -1.0])
+    value, pdf, delta = WIDE[name].evaluate(viewer(30.0), below, device)
+    assert (value == 0.0).all()
+    assert (pdf == 0.0).all()
+    assert not delta.any()
+
+
+def test_both_sides_reflect_alike(device: str) -> None:
+    wi = hemisphere(1000, seed=33)
+    front, back = (dataclasses.replace(metal(0.3), front=side).evaluate(viewer(50.0), wi, device) for side in (1, 0))
+    np.testing.assert_array_equal(front[0], back[0])
+
+
+# --- Against Mitsuba --------------------------------------------------------------------------------
+
+
+def smith_lambda_beckmann(w: NDArray, alpha: tuple[float, float]) -> NDArray:
+    """Return Λ of Beckmann's distribution: Walter 2007, G1 = 1 / (1 + Λ)."""
+    a = w[:, 2] / np.maximum(np.hypot(alpha[0] * w[:, 0], alpha[1] * w[:, 1]), 1e-300)
+    return 0.5 * (np.exp(-a * a) / (a * np.sqrt(np.pi)) - special.erfc(a))
+
+
+def g1_fit(w: NDArray, alpha: tuple[float, float]) -> NDArray:
+    """Return Walter's rational fit of 1 / (1 + Λ): Walter 2007, eq. 27."""
+    a = w[:, 2] / np.maximum(np.hypot(alpha[0] * w[:, 0], alpha[1] * w[:, 1]), 1e-300)
+    return np.where(a >= 1.6, 1.0, (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a))
+
+
+@pytest.mark.parametrize("alpha", [(0.1, 0.1), (0.4, 0.4), (1.0, 1.0), (0.1, 0.5)])
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+def test_agrees_with_mitsuba(distribution: str, alpha: tuple[float, float], device: str, report: Report) -> None:
+    """Value and density at a thousand pairs of directions.
+
+    Mitsuba multiplies both directions' G1, which of Beckmann's distribution is Walter's fit. It takes that in the
+    density too, where what it samples has the exact G1 as ours has: its density is ours times fit / exact. It leaves
+    out values of D cosθ below 1e-20.
+    """
+    mi = load_mitsuba()
+    eta, k = (0.2, 0.924, 1.102), (3.912, 2.452, 2.142)
+    bsdf = mi.load_dict(
+        {
+            "type": "roughconductor",
+            "distribution": distribution,
+            "alpha_u": alpha[0],
+            "alpha_v": alpha[1],
+            "eta": {"type": "rgb", "value": list(eta)},
+            "k": {"type": "rgb", "value": list(k)},
+        }
+    )
+    masking = {"ggx": "smith-separable", "beckmann": "walter"}[distribution]
+    case = metal(alpha, distribution, masking, eta=eta, k=k)
+    wo, wi = hemisphere(1000, seed=34).astype(np.float32), hemisphere(1000, seed=35).astype(np.float32)
+    # Half of them anywhere, half where the lobe is.
+    for i, drawn in enumerate(case.sample(wo[500:], uniforms(500, 3, seed=36), device), start=500):
+        wi[i] = drawn["wi"]
+    context = mi.BSDFContext()
+    surface = mi.SurfaceInteraction3f()
+    expected = np.empty((1000, 3))
+    expected_pdf = np.empty(1000)
+    for i in range(1000):
+        surface.wi = mi.Vector3f(*wo[i].tolist())
+        direction = mi.Vector3f(*wi[i].tolist())
+        expected[i] = np.array(bsdf.eval(context, surface, direction))
+        expected_pdf[i] = bsdf.pdf(context, surface, direction)
+    value, pdf, _ = case.evaluate(wo, wi, device)
+    if distribution == "beckmann":
+        w = wo.astype(np.float64)
+        pdf = pdf * g1_fit(w, alpha) * (1.0 + smith_lambda_beckmann(w, alpha))
+    there = expected_pdf > 0.0
+    assert there.sum() > 600
+    assert (value[~there] < 1e-18).all()
+    difference = np.abs(value / np.where(expected > 0.0, expected, 1.0) - 1.0)[there].max()
+    difference_pdf = np.abs(pdf / np.where(there, expected_pdf, 1.0) - 1.0)[there].max()
+    report(f"{distribution} {alpha}: largest relative difference of value, density", f"{difference:.2g}",
+           f"{difference_pdf:.2g}")  # fmt: skip
+    assert difference < 1e-4
+    assert difference_pdf < 1e-4
+
+
+# --- Fresnel ----------------------------------------------------------------------------------------
+
+
+def test_reflectance_is_fresnels_at_the_facet(device: str) -> None:
+    """A metal's value over that of a white one is its reflectance at the half vector, times the factor."""
+    wo, wi = hemisphere(2000, seed=37), hemisphere(2000, seed=38)
+    half = (wo + wi) / np.linalg.norm(wo + wi, axis=1, keepdims=True)
+    cosine = np.sum(wo * half, axis=1)[:, None]
+    white = metal(0.5, f0=1.0).evaluate(wo, wi, device)[0]
+    eta, k = metal_ior("gold")
+    gold = metal(0.5, metal="gold", reflectance=(1.0, 0.5, 0.25)).evaluate(wo, wi, device)[0]
+    expected = complex_fresnel(cosine, np.array(eta), np.array(k)) * [1.0, 0.5, 0.25]
+    np.testing.assert_allclose(gold, white * expected, rtol=2e-5)
+    f0 = np.array([0.9, 0.5, 0.1])
+    schlick = metal(0.5, f0=tuple(f0)).evaluate(wo, wi, device)[0]
+    np.testing.assert_allclose(schlick, white * (f0 + (1.0 - f0) * (1.0 - cosine) ** 5), rtol=2e-5)
+
+
+def test_smooth_metal_by_its_colour(device: str) -> None:
+    f0 = (0.9, 0.5, 0.1)
+    case = Case(wrt.Conductor(f0=f0))
+    assert case.model.delta
+    wo = np.stack([viewer(a) for a in np.linspace(0.0, 89.99, 500)]).astype(np.float32)
+    found = case.sample(wo, uniforms(500, 3, seed=39), device)
+    np.testing.assert_array_equal(found["wi"], wo * np.array([-1, -1, 1], np.float32))
+    expected = np.array(f0) + (1.0 - np.array(f0)) * (1.0 - wo[:, 2:].astype(np.float64)) ** 5
+    np.testing.assert_allclose(found["weight"], expected, atol=8.0 * EPS)
+
+
+def test_average_reflectance() -> None:
+    """Of a dielectric without absorption it is known: 1 − Σ of the light let in (Ryde 1931; Egan and Hilgeman)."""
+    eta = 1.5
+    # Diffuse reflectance of a dielectric surface from outside, exact: Walsh 1926, as in Duntley 1942.
+    e2 = eta * eta
+    exact = (
+        0.5
+        + (eta - 1.0) * (3.0 * eta + 1.0) / (6.0 * (eta + 1.0) ** 2)
+        + e2 * (e2 - 1.0) ** 2 / (e2 + 1.0) ** 3 * math.log((eta - 1.0) / (eta + 1.0))
+        - 2.0 * eta**3 * (e2 + 2.0 * eta - 1.0) / ((e2 + 1.0) * (e2 * e2 - 1.0))
+        + 8.0 * e2 * e2 * (e2 * e2 + 1.0) / ((e2 + 1.0) * (e2 * e2 - 1.0) ** 2) * math.log(eta)
+    )
+    assert average_reflectance((eta,) * 3, (0.0,) * 3)[0] == pytest.approx(exact, abs=1e-6)
+
+
+# --- Light that bounces on --------------------------------------------------------------------------
+
+ROUGHNESSES = (1e-4, 1e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0)
+
+
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+def test_white_furnace(distribution: str, device: str, report: Report) -> None:
+    """A white surface reflects all light within 1 %, at every roughness and angle."""
+    for alpha in (*ROUGHNESSES, (0.05, 0.5), (1.0, 0.01)):
+        row = []
+        for degrees in (*ANGLES, 89.9):
+            mean, error = albedo(metal(alpha, distribution, **WHITE), degrees, device, samples=2**17)
+            single, _ = albedo(metal(alpha, distribution, f0=1.0), degrees, device, samples=2**15)
+            row.append(f"{single[0]:.3f}→{mean[0]:.4f}")
+            assert abs(mean[0] - 1.0) < 0.01, (alpha, degrees)
+            assert error[0] < 0.0025
+        report(f"{distribution} {alpha}: albedo by one bounce → by all at 0, 45, 80, 89, 89.9°", "  ".join(row), 1)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "distribution", "masking"),
+    [((100.0, 1.2), "abc", "cook-torrance"), ((0.1, 0.6), "sgd", "kelemen"), (0.5, "blinn-phong", "walter")],
+)
+def test_other_distributions_are_white_too(
+    alpha: object, distribution: str, masking: str, device: str, report: Report
+) -> None:
+    """But where one bounce alone reflects more than it gets, as masking that ignores the distribution may let it."""
+    for degrees in (0.0, 45.0, 80.0):
+        single, _ = albedo(metal(alpha, distribution, masking, f0=1.0), degrees, device, samples=2**18)
+        mean, error = albedo(metal(alpha, distribution, masking, **WHITE), degrees, device, samples=2**18)
+        report(f"{distribution} at {degrees:g}°: one bounce, all", float(single[0]), float(mean[0]))
+        assert abs(mean[0] - max(single[0], 1.0)) < 0.01 + 3.0 * error[0]
+
+
+def test_missing_energy_has_its_closed_form(device: str) -> None:
+    """GGX of α = 1 straight on: D = 1/π, Λ = (1/μ − 1)/2, so that E = ∫ μ/(1 + μ) dμ = 1 − ln 2."""
+    values, places = pack_tables([("reflection", "ggx", "smith", None)], Device(device))
+    assert places == {("reflection", "ggx", "smith", None): 0}
+    missing = values[34 : 34 + 1024].reshape(32, 32)
+    assert missing[-1, -1] == pytest.approx(math.log(2.0), abs=1e-4)
+    assert (missing >= 0.0).all()
+    # Rougher surfaces lose more straight on, and a mirror nothing.
+    assert (np.diff(missing[-1]) > -1e-4).all()
+    assert missing[-1, 0] < 1e-5
+
+
+def test_bounces_colour_the_light_as_often_as_they_happen(device: str, report: Report) -> None:
+    """Reflectance F at each bounce: of the share that got away after bounce k, E_avg (1 − E_avg)^(k−1), F^k is left.
+
+    Averages over the hemisphere, by which the lobe is made: of one bounce F E_avg, of all others the lobe's own.
+    """
+    values, _ = pack_tables([("reflection", "ggx", "smith", None)], Device(device))
+    escapes = 1.0 - float(values[2 + 31])
+    # A reflectance that does not depend on the angle: white metal with a factor.
+    for factor in (0.25, 0.5, 0.9, 1.0):
+        # Directions of density cosθ/π see the average over the hemisphere.
+        wo = hemisphere(2**17, seed=40)
+        wo[:, 2] = np.sqrt(uniforms(len(wo), 1, seed=41)[:, 0])
+        wo[:, :2] *= (np.sqrt(1.0 - wo[:, 2] ** 2) / np.hypot(wo[:, 0], wo[:, 1]))[:, None]
+        found = metal(1.0, reflectance=factor, **WHITE).sample(wo, uniforms(len(wo), 3, seed=42), device)
+        weight = found["weight"][:, 0].astype(np.float64)
+        error = weight.std() / math.sqrt(len(weight))
+        series = sum(escapes * (1.0 - escapes) ** (k - 1) * factor**k for k in range(1, 200))
+        report(f"reflectance {factor:g} a bounce", float(weight.mean()), series)
+        assert abs(weight.mean() - series) < 4.0 * error + 2e-3
+
+
+def test_metals_get_brighter_and_more_saturated(device: str) -> None:
+    one, _ = albedo(metal(1.0, metal="gold"), 30.0, device)
+    every, error = albedo(metal(1.0, metal="gold", multiple_bounces=True), 30.0, device)
+    assert (every > one * 1.05).all()
+    assert every[2] / every[0] < one[2] / one[0] - 0.01
+    assert (every <= np.array(metal_f0("gold")) + 0.05 + 3.0 * error).all()
+
+
+def test_tables_are_made_once(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    key, other = ("reflection", "ggx", "smith", None), ("reflection", "ggx", "smith", (0.05, 0.5, 0.0))
+    where = Device(device)
+    first, _ = pack_tables([key, other], where)
+    monkeypatch.setattr(tables, "MAKERS", {})
+    second, places = pack_tables([None, key, other, key], where)
+    np.testing.assert_array_equal(first, second)
+    assert places == {key: 0, other: len(second) // 2}
+
+
+def test_a_scene_of_two_tables_is_white(device: str) -> None:
+    """Every picture of a white furnace is white, here by two surfaces whose tables lie one behind the other."""
+    camera = wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=30.0)
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment(1.0))
+    for x, alpha in ((-2.0, (0.2, 0.9)), (0.0, 0.8)):
+        scene.add(wrt.quad((x, -2, 0), (2, 0, 0), (0, 4, 0)), material=wrt.RoughConductor(alpha, **WHITE))
+    built = build_scene(scene, Device(device))
+    assert built.features.tangents
+    assert len(built.data.tables) > 4000
+    renderer = wrt.Renderer(scene, width=8, height=8, device=device)
+    for _ in renderer.passes(spp=1024):
+        pass
+    image, error = renderer.image(), np.sqrt(renderer.variance())
+    np.testing.assert_array_less(np.abs(image - 1.0), 0.01 + 4.5 * error)
+    assert abs(image.mean() - 1.0) < 0.01
+
+
+# --- Descriptions -----------------------------------------------------------------------------------
+
+
+def test_maskings_are_those_of_the_kernels() -> None:
+    from wrt.kernels.microfacet import DISTRIBUTIONS, LEAST_ALPHA, maskings_of
+    from wrt.materials.microfacet import LEAST_ALPHA as LEAST
+
+    assert {name: set(maskings_of(name)) for name in DISTRIBUTIONS} == {k: set(v) for k, v in MASKINGS.items()}
+    assert float(LEAST_ALPHA) == LEAST
+
+
+def test_every_combination_has_a_model() -> None:
+    for distribution, maskings in MASKINGS.items():
+        for masking, f0, bounces in itertools.product(maskings, (None, 0.5), (False, True)):
+            alpha = (1.0, 1.0) if distribution in ("abc", "sgd") else 0.3
+            case = metal(alpha, distribution, masking, f0=f0, multiple_bounces=bounces)
+            assert case.model.slots == len(case.material.slots)
+            assert case.model.widens == (distribution != "sgd")
+
+
+@pytest.mark.parametrize("make", [wrt.Conductor, wrt.RoughConductor])
+def test_a_metal_is_given_in_one_way(make: type) -> None:
+    copper = make()
+    assert (copper.eta, copper.k, copper.f0) == ((0.200, 0.924, 1.102), (3.912, 2.452, 2.142), None)
+    assert make(k=2.0).eta == copper.eta
+    assert make(metal="gold") == make(eta=metal_ior("gold")[0], k=metal_ior("gold")[1])
+    assert make(metal="Au") == make(metal="gold")
+    assert make(metal="zinc") == make(f0=metal_f0("zinc"))
+    assert make(f0=0.5).f0 == (0.5, 0.5, 0.5)
+    gold = make(metal="gold")
+    assert dataclasses.replace(gold, opacity=0.5).eta == gold.eta
+    for wrong in ({"eta": 1.0, "f0": 0.5}, {"k": 1.0, "metal": "gold"}, {"f0": 0.5, "metal": "gold"}):
+        with pytest.raises(wrt.InputError, match="by eta and k, by f0 or by metal"):
+            make(**wrong)
+    with pytest.raises(wrt.InputError, match="metal: 'gould'.*gold"):
+        make(metal="gould")
+    with pytest.raises(wrt.InputError, match="f0.*at most 1"):
+        make(f0=1.5)
+    with pytest.raises(wrt.InputError, match="eta must be greater than 0"):
+        make(eta=0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"alpha": 1e-5}, "alpha must be at least 0.0001"),
+        ({"alpha": 1.1}, "alpha must be at most 1"),
+        ({"alpha": (0.1, 0.0)}, r"alpha\[1\] must be at least"),
+        ({"alpha": (0.1, 0.2, 0.3)}, "two numbers"),
+        ({"alpha": "rough"}, "alpha must be a number"),
+        ({"alpha": (0.1, 0.2), "distribution": "blinn-phong"}, "one number for distribution 'blinn-phong'"),
+        ({"alpha": 0.1, "distribution": "abc", "masking": "implicit"}, "two numbers, B and C"),
+        ({"alpha": (0.1, 99), "distribution": "sgd", "masking": "implicit"}, r"alpha\[1\] \(p\) must be at most 10"),
+        ({"distribution": "phong"}, "distribution must be one of ggx"),
+        ({"masking": "walter"}, "masking must be one of smith, .* for distribution 'ggx'"),
+        ({"distribution": "abc", "alpha": (9.0, 1.0)}, "masking must be one of cook-torrance"),
+        ({"multiple_bounces": 1}, "multiple_bounces must be true or false"),
+        ({"reflectance": 2.0}, "reflectance must be at most 1"),
+        ({"alpha": wrt.VertexColor(), "multiple_bounces": True}, "multiple_bounces needs an alpha"),
+    ],
+)
+def test_mistakes_are_named(arguments: dict, message: str) -> None:
+    with pytest.raises(wrt.InputError, match=message):
+        wrt.RoughConductor(**arguments)
+
+
+def test_tangents_are_needed_where_roughness_has_a_direction() -> None:
+    grey = wrt.ImageTexture(np.full((2, 2, 3), 0.3, np.float32))
+    brushed = wrt.ImageTexture(np.full((2, 2, 3), (0.1, 0.4, 0.0), np.float32))
+    needed = {
+        wrt.RoughConductor(0.3): False,
+        wrt.RoughConductor((0.3, 0.3)): False,
+        wrt.RoughConductor((0.1, 0.3)): True,
+        wrt.RoughConductor(grey): False,
+        wrt.RoughConductor(brushed): True,
+        wrt.RoughConductor(brushed, distribution="blinn-phong"): False,
+        wrt.RoughConductor((0.1, 0.3), distribution="sgd", masking="implicit"): False,
+        wrt.Conductor(): False,
+    }
+    for material, expected in needed.items():
+        assert material.needs_tangents == expected, material
+        scene = wrt.Scene()
+        scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=material)
+        assert build_scene(scene, Device("cpu")).features.tangents == expected
+
+
+def test_scene_files_describe_rough_metals(tmp_path: Path) -> None:
+    file = tmp_path / "metals.toml"
+    wrt.save_image(tmp_path / "rough.png", np.full((2, 2, 3), 0.25, np.float32))
+    quad = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\nmaterial = "{}"\n'
+    materials = {
+        "brushed": 'type = "rough-conductor"\nmetal = "gold"\nalpha = [0.1, 0.4]\nmultiple_bounces = true',
+        "worn": 'type = "rough-conductor"\nf0 = { texture = "rough.png" }\nalpha = { texture = "rough.png" }',
+        "shiny": 'type = "conductor"\nf0 = [0.9, 0.8, 0.7]',
+    }
+    text = "".join(f"[materials.{name}]\n{keys}\n" for name, keys in materials.items())
+    file.write_text(text + "".join(quad.format(name) for name in materials))
+    brushed, worn, shiny = (shape.material for shape in wrt.load(file).shapes)
+    assert brushed == wrt.RoughConductor((0.1, 0.4), metal="gold", multiple_bounces=True)
+    assert isinstance(worn, wrt.RoughConductor)
+    assert isinstance(worn.alpha, wrt.ImageTexture)
+    assert isinstance(worn.f0, wrt.ImageTexture)
+    assert shiny == wrt.Conductor(f0=(0.9, 0.8, 0.7))
+    file.write_text('[materials.odd]\ntype = "rough-conductor"\nf0 = 0.5\nmetal = "gold"\n')
+    with pytest.raises(wrt.InputError, match=r"metals.toml: materials.odd: a metal is given by"):
+        wrt.load(file)
