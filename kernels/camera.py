@@ -24,7 +24,7 @@ class Camera:
 
 @wp.func
 def pixel_angle(camera: Camera, direction: wp.vec3) -> float:
-    """Return the angle under which a pixel is seen in a direction, its smaller side: a length falls by cos² outwards."""
+    """Return the angle that a pixel takes up in a direction, along its shorter side: outwards it falls as cos²."""
     cos = wp.dot(camera.forward, direction)
     return 2.0 * wp.length(camera.up) / float(camera.height) * cos * cos
 

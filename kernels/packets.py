@@ -85,6 +85,10 @@ _PACKET = (
             const f8 limit = *(const f8*)reach;
             unsigned rays = RAY_MASK(*(const f8*)begins[top] <= limit * pad);
             if (rays == 0) continue;
+            if (__builtin_popcount(rays) <= LONE_RAYS) {
+                for (; rays; rays &= rays - 1) follow_alone(LOWEST_BIT(rays), current);
+                continue;
+            }
             if (current < 0) {
                 const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
                 const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
@@ -119,10 +123,6 @@ _PACKET = (
                 *(i8*)numbers = best_id;
                 continue;
             }
-            if (__builtin_popcount(rays) <= LONE_RAYS) {
-                for (; rays; rays &= rays - 1) follow_alone(LOWEST_BIT(rays), current);
-                continue;
-            }
             const float* node = all_nodes + (size_t)current * 56;
             const int* children = (const int*)(node + 48);
             const f8 still = (*(const f8*)begins[top] <= limit * pad) ? limit : (f8)-1.0f;
@@ -150,6 +150,7 @@ _PACKET = (
                 *(f8*)begins[place] = begin;
                 waiting[place] = children[k];
                 nearest[place - bottom] = key;
+                prefetch(children[k]);
             }
         }
     } else

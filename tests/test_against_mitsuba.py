@@ -173,15 +173,18 @@ def see_through() -> wrt.Scene:
 
 
 def mixtures() -> wrt.Scene:
-    """A block half mirror half matt by a texture, and a faceted ball of three materials, one of them not all there."""
+    """A sheet part paint, part metal by a texture, and a faceted ball of three materials, one of them not all there.
+
+    All of them are rough: what Mitsuba makes of a mixture with a mirror is not its mean.
+    """
     scene = lamp(stage())
     scene.environment = wrt.ConstantEnvironment((0.2, 0.3, 0.4))
-    speckled = wrt.Mix(wrt.Diffuse((0.7, 0.2, 0.1)), wrt.Mirror(0.9), weight=spots(22))
-    side = wrt.quad((-0.9, 0, 0.3), (0.8, 0, 0.3), (0, 1.1, 0))
-    scene.add(side, material=speckled)
+    metal = wrt.RoughConductor(0.4, masking="smith-separable")
+    speckled = wrt.Mix(wrt.Diffuse((0.7, 0.2, 0.1)), metal, weight=spots(22))
+    scene.add(wrt.quad((-0.9, 0, 0.3), (0.8, 0, 0.3), (0, 1.1, 0)), material=speckled)
     inner = wrt.Mix(wrt.Diffuse((0.1, 0.3, 0.8)), wrt.Diffuse(0.7, opacity=0.5), weight=0.6)
     ball = flat(wrt.sphere((0.5, 0.45, 0.4), 0.45, subdivisions=2))
-    scene.add(ball, material=wrt.Mix(wrt.Conductor(), inner, weight=0.7))
+    scene.add(ball, material=wrt.Mix(metal, inner, weight=0.7))
     return scene
 
 
@@ -279,12 +282,13 @@ def with_a_leak(scene: wrt.Scene, share: float) -> wrt.Scene:
     shapes = []
     for shape in scene.shapes:
         material = shape.material
-        if isinstance(material, wrt.Diffuse):
+        if isinstance(material, wrt.Diffuse) and not isinstance(material.reflectance, wrt.VertexColor):
             reflectance = material.reflectance
             if isinstance(reflectance, wrt.ImageTexture):
-                material = wrt.Diffuse(wrt.ImageTexture(np.float32(1.0 - share) * reflectance.pixels))
-            elif not isinstance(reflectance, wrt.VertexColor):
-                material = wrt.Diffuse(tuple((1.0 - share) * x for x in np.broadcast_to(reflectance, 3)))
+                less = dataclasses.replace(reflectance, pixels=np.float32(1.0 - share) * reflectance.pixels)
+            else:
+                less = tuple((1.0 - share) * x for x in np.broadcast_to(reflectance, 3))
+            material = dataclasses.replace(material, reflectance=less)
         shapes.append(dataclasses.replace(shape, material=material))
     return dataclasses.replace(scene, shapes=shapes)
 

@@ -1,4 +1,4 @@
-"""Mixtures, two sides, opacity and emission of a material: what they are made of shows in the stated shares."""
+"""Mixtures, two sides and materials that shine: what they are made of shows in the stated shares."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from support.hits import Hit
 from support.kernels import draw
 from support.statistics import chi_square_test, image_z_test, t_test_mean
 from test_furnace import flat_ball
-from test_irradiance import check, floor_scene, irradiance, pixel_mean, rectangle_irradiance
 
 import wrt
 from wrt.fingerprint import scene_fingerprint
@@ -196,11 +195,66 @@ def test_mixture_has_the_mixed_value_and_density(device: str) -> None:
             np.testing.assert_allclose(found[k], expected, rtol=1e-4, atol=1e-7)
 
 
+def to_mitsuba(material: wrt.Material) -> object:
+    from support.mitsuba_scene import _bsdf, load_mitsuba
+
+    return load_mitsuba().load_dict(_bsdf(material))
+
+
+METAL = wrt.RoughConductor(0.4, masking="smith-separable")
+BOTH_HAVE = {
+    "blendbsdf": wrt.Mix(A, METAL, weight=0.3),
+    "mask": wrt.Diffuse((0.8, 0.1, 0.2), opacity=0.35),
+    "mask of blendbsdf of masks": wrt.Mix(
+        wrt.Diffuse(0.5, opacity=0.25), wrt.RoughConductor(0.2, masking="smith-separable", opacity=0.5), opacity=0.8
+    ),
+    "twosided": wrt.TwoSided(A, METAL),
+    "blendbsdf of twosided": wrt.Mix(wrt.TwoSided(A, METAL), wrt.TwoSided(B, A), weight=0.8),
+}
+
+
+@pytest.mark.parametrize("front", [True, False])
+@pytest.mark.parametrize("name", BOTH_HAVE)
+def test_values_and_densities_are_those_of_mitsuba(name: str, front: bool, device: str) -> None:
+    """At a thousand pairs of directions; Mitsuba's frame is that of the front, wrt's that of the viewer."""
+    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+    bsdf = to_mitsuba(BOTH_HAVE[name])
+    import mitsuba as mi
+
+    wo, wi = hemisphere(1000, seed=3), hemisphere(1000, seed=4)
+    even = (np.arange(2000) + 0.5) / 2000  # weights are whole parts of it
+    value, pdf = Hit(BOTH_HAVE[name], device, front=front).evaluate(even, wo, wi)
+    flip = np.array([1.0, 1.0, 1.0 if front else -1.0])
+    there = mi.SurfaceInteraction3f()
+    context = mi.BSDFContext()
+    expected = np.empty((1000, 4))
+    for i, (o, w) in enumerate(zip(wo * flip, wi * flip, strict=True)):
+        there.wi = mi.Vector3f(*o)
+        direction = mi.Vector3f(*w)
+        expected[i] = (*bsdf.eval(context, there, direction), bsdf.pdf(context, there, direction))  # type: ignore[attr-defined]
+    np.testing.assert_allclose(value, expected[:, :3], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(pdf, expected[:, 3], rtol=1e-4, atol=1e-6)
+
+
 def render(scene: wrt.Scene, device: str, spp: int = 64, size: int = 16, **options: object) -> wrt.Renderer:
     renderer = wrt.Renderer(scene, width=size, height=size, device=device, seed=5, **options)  # type: ignore[arg-type]
     for _ in renderer.passes(spp=spp):
         pass
     return renderer
+
+
+def room(lamp: bool = True) -> wrt.Scene:
+    """A floor, a mirror and a box under a lamp, a point light and an image of a sky."""
+    rng = np.random.default_rng(4)
+    scene = wrt.Scene(environment=wrt.ImageEnvironment(rng.random((4, 8, 3)).astype(np.float32)))
+    scene.camera = wrt.PerspectiveCamera((0.0, 1.2, 4.0), (0.0, 0.5, 0.0))
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse((0.6, 0.5, 0.4)))
+    scene.add(wrt.box((-1.0, 0.0, -0.5), (-0.3, 0.8, 0.2)), material=wrt.Diffuse(wrt.VertexColor()))
+    scene.add(wrt.sphere((0.7, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Mirror(0.9))
+    if lamp:
+        scene.add(wrt.quad((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1)), emission=4.0)
+    scene.add_light(wrt.PointLight((1.0, 2.0, 1.0), power=20.0))
+    return scene
 
 
 def ball_scene(material: wrt.Material, mesh: wrt.Mesh | None = None) -> wrt.Scene:
@@ -228,6 +282,25 @@ def test_a_mixture_under_a_constant_sky_shows_the_mean_of_both(device: str, repo
     assert_mean(renderer, tuple(2.0 * mixed), report, "radiance of a mixture")
 
 
+def test_direct_light_on_a_mixture_is_the_mean_of_that_on_its_parts(device: str, report: Report) -> None:
+    """Pixel by pixel, also of parts that reflect into single directions, where shadow rays find nothing."""
+
+    def ball_in_room(material: wrt.Material, max_depth: int) -> tuple[NDArray, NDArray]:
+        scene = room()
+        scene.shapes[2] = dataclasses.replace(scene.shapes[2], material=material)
+        renderer = render(scene, device, spp=512, size=24, max_depth=max_depth)
+        return renderer.image().astype(np.float64), renderer.variance()
+
+    # As long as a path can meet the ball but once: a ray inside glass would meet it again.
+    for a, b, depth in ((wrt.Mirror(0.9), A, 3), (wrt.Dielectric(1.5), B, 2), (wrt.Mirror(0.9), METAL, 3)):
+        (image_a, variance_a), (image_b, variance_b) = ball_in_room(a, depth), ball_in_room(b, depth)
+        image, variance = ball_in_room(wrt.Mix(a, b, weight=0.3), depth)
+        expected, expected_variance = 0.7 * image_a + 0.3 * image_b, 0.49 * variance_a + 0.09 * variance_b
+        result = image_z_test(image, variance, expected, expected_variance, n_a=512, n_b=512)
+        report(f"{a.type_name} and {b.type_name}: mean, per cent", f"{100 * result.relative_difference[1]:+.3f}", 0)
+        assert result.agrees(), result.message
+
+
 def test_a_mixture_of_one_material_is_that_material(device: str) -> None:
     """Bit for bit: the choice takes random numbers of its own."""
     mixed = render(ball_scene(wrt.Mix(A, A, weight=0.3)), device, spp=16).image()
@@ -247,211 +320,6 @@ def test_the_back_is_black_unless_given(device: str) -> None:
     ball = flat_ball()
     inside_out = wrt.Mesh(ball.vertices, ball.faces[:, ::-1])
     assert render(ball_scene(wrt.TwoSided(A), inside_out), device, spp=4).image().max() == 0.0
-
-
-# --- Opacity ----------------------------------------------------------------------------------------
-
-
-def room(lamp: bool = True) -> wrt.Scene:
-    """A floor, a mirror and a box under a lamp, a point light and an image of a sky."""
-    rng = np.random.default_rng(4)
-    scene = wrt.Scene(environment=wrt.ImageEnvironment(rng.random((4, 8, 3)).astype(np.float32)))
-    scene.camera = wrt.PerspectiveCamera((0.0, 1.2, 4.0), (0.0, 0.5, 0.0))
-    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse((0.6, 0.5, 0.4)))
-    scene.add(wrt.box((-1.0, 0.0, -0.5), (-0.3, 0.8, 0.2)), material=wrt.Diffuse(wrt.VertexColor()))
-    scene.add(wrt.sphere((0.7, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Mirror(0.9))
-    if lamp:
-        scene.add(wrt.quad((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1)), emission=4.0)
-    scene.add_light(wrt.PointLight((1.0, 2.0, 1.0), power=20.0))
-    return scene
-
-
-@pytest.mark.parametrize("max_depth", [1, 2, 5])
-@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_what_has_no_opacity_is_not_there(strategy: str, max_depth: int, device: str) -> None:
-    """Nor does it cost any of the path's segments; in front of the camera, between surfaces, around lights."""
-    empty = render(room(), device, spp=8, strategy=strategy, max_depth=max_depth).image()
-    scene = room()
-    ghosts = (
-        wrt.Diffuse(0.5, opacity=0.0),
-        wrt.Dielectric(1.5, opacity=0.0),
-        wrt.Mix(wrt.Mirror(opacity=0.0), A, weight=0.0),
-        wrt.Diffuse(0.5, opacity=wrt.ImageTexture(np.zeros((2, 2, 3)))),
-    )
-    scene.add(wrt.box((-2.0, 0.1, -2.0), (2.0, 1.0, 2.0)), material=ghosts[0])
-    scene.add(wrt.sphere((0.0, 1.2, 4.0), 0.5, subdivisions=2), material=ghosts[1])
-    scene.add(wrt.sphere((0.0, 2.5, 0.0), 0.9, subdivisions=2), material=ghosts[2])
-    scene.add(wrt.quad((-3, 0.05, 3), (6, 0, 0), (0, 0, -6)), material=ghosts[3], emission=100.0)
-    seen = render(scene, device, spp=8, strategy=strategy, max_depth=max_depth)
-    if max_depth == 1:
-        np.testing.assert_allclose(seen.image(), empty, rtol=1e-4, atol=1e-6)
-        return
-    # The glowing ghost above the floor takes part in the choice of lights: other numbers, the same mean.
-    plain = dataclasses.replace(scene, shapes=[dataclasses.replace(s, emission=0.0) for s in scene.shapes])
-    plain.shapes[3] = scene.shapes[3]
-    pixels = render(plain, device, spp=8, strategy=strategy, max_depth=max_depth).image()
-    # A ray that leaves a ghost is off by its rounding, so a few hit another thing; all others see the same.
-    assert np.isclose(pixels, empty, rtol=1e-3, atol=1e-4).mean() > 0.995
-    assert pixels.mean() == pytest.approx(empty.mean(), rel=1e-2)
-
-
-def test_a_glowing_thing_that_is_not_there_gives_no_light(device: str) -> None:
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.0, 3.0)))
-    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)))
-    scene.add(wrt.sphere((0.0, 1.0, 0.0), 0.5, subdivisions=2), material=wrt.Diffuse(opacity=0.0), emission=5.0)
-    for strategy in ("mis", "light", "bsdf"):
-        assert render(scene, device, spp=16, strategy=strategy).image().max() == 0.0
-
-
-def pane(height: float, material: wrt.Material, half: float = 9.0) -> wrt.Shape:
-    """A horizontal pane over the floor whose front faces up; u grows along x and v along −z."""
-    return wrt.Shape(wrt.quad((-half, height, half), (2 * half, 0.0, 0.0), (0.0, 0.0, -2 * half)), material)
-
-
-@pytest.mark.parametrize("panes", [1, 2, 3])
-def test_panes_before_a_constant_sky(panes: int, device: str, report: Report) -> None:
-    """Each lets 0.7 of what is behind through, and shows its reflectance times the sky's radiance in the rest."""
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(2.0))
-    scene.camera = wrt.PerspectiveCamera((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov_degrees=20)
-    for i in range(panes):
-        scene.shapes.append(pane(-0.1 * i, wrt.Diffuse(0.0, opacity=0.3), half=50.0))
-    assert_mean(render(scene, device, spp=256), (2.0 * 0.7**panes,) * 3, report, f"sky through {panes} black panes")
-    scene.shapes = [pane(0.0, wrt.Diffuse((0.1, 0.5, 0.9), opacity=0.3))]
-    expected = tuple(2.0 * (0.7 + 0.3 * r) for r in (0.1, 0.5, 0.9))
-    assert_mean(render(scene, device, spp=256), expected, report, "sky through a coloured pane")
-
-
-PANES: dict[str, tuple[list[wrt.Material], float]] = {
-    "0.4 opaque": ([wrt.Diffuse(opacity=0.4)], 0.6),
-    "two panes": ([wrt.Diffuse(opacity=0.4), wrt.Mirror(opacity=0.7)], 0.6 * 0.3),
-    "five panes": ([wrt.Diffuse(opacity=0.1)] * 5, 0.9**5),
-    "glass, which shadow rays do not pass": ([wrt.Dielectric(1.5, opacity=0.25)], 0.75),
-    "an opaque one behind": ([wrt.Diffuse(opacity=0.4), wrt.Diffuse()], 0.0),
-    "a mixture with a part not opaque": ([wrt.Mix(wrt.Diffuse(opacity=0.5), wrt.Diffuse(), weight=0.2)], 0.8 * 0.5),
-    "a mixture not opaque": (
-        [wrt.Mix(wrt.Diffuse(opacity=0.5), wrt.Diffuse(), weight=0.2, opacity=0.3)],
-        0.7 + 0.3 * 0.4,
-    ),
-    # Light from above is seen from below: shadow rays start at the floor and meet the back.
-    "two sides": ([wrt.TwoSided(wrt.Diffuse(opacity=0.9), wrt.Diffuse(opacity=0.2))], 0.8),
-    "all nested": ([chain(composite.MAX_NESTING)], expected_shares(chain(composite.MAX_NESTING))[0]),
-}
-
-
-@pytest.mark.parametrize("light", ["point", "directional"])
-@pytest.mark.parametrize("name", PANES)
-def test_shadows_of_panes_are_their_share(name: str, light: str, device: str) -> None:
-    """Irradiance through panes is that without them times what they let through, sample by sample."""
-    materials, share = PANES[name]
-    images = []
-    for panes in ([], materials):
-        scene = floor_scene(eye=0.5)
-        scene.add_light(
-            wrt.PointLight((0.4, 1.8, -0.3), intensity=3.0)
-            if light == "point"
-            else wrt.DirectionalLight((0.3, -1.0, 0.2))
-        )
-        scene.shapes += [pane(1.0 + 0.1 * i, material, 4.0) for i, material in enumerate(panes)]
-        images.append(irradiance(scene, device, 4)[1])
-    assert images[0].min() > 0.0
-    np.testing.assert_allclose(images[1], share * images[0], rtol=2e-5, atol=1e-9)
-
-
-def test_shadow_of_a_textured_pane(device: str) -> None:
-    """A light from straight above draws the texture's transparency on the floor, bilinearly filtered."""
-    rng = np.random.default_rng(6)
-    pixels = rng.random((5, 4, 3)).astype(np.float32)
-    half = 1.7
-    scene = floor_scene(eye=0.5)
-    scene.add_light(wrt.DirectionalLight((0.0, -1.0, 0.0), irradiance=2.0))
-    scene.shapes.append(pane(1.0, wrt.Diffuse(opacity=wrt.ImageTexture(pixels, channel="b")), half))
-    opacity = np.pad(pixels[..., 2].astype(np.float64), 1, mode="wrap")
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        column, row = (x / (2 * half) + 0.5) * 4 + 0.5, (z / (2 * half) + 0.5) * 5 + 0.5
-        j, i = np.floor(column).astype(int), np.floor(row).astype(int)
-        fx, fy = column - j, row - i
-        top = opacity[i, j] * (1 - fx) + opacity[i, j + 1] * fx
-        bottom = opacity[i + 1, j] * (1 - fx) + opacity[i + 1, j + 1] * fx
-        return 2.0 * (1.0 - top * (1 - fy) - bottom * fy)
-
-    where, measured, variance = irradiance(scene, device, 2048)
-    x, z = where
-    nodes = np.linspace(-0.475, 0.475, 20) * (x[0, 1] - x[0, 0])
-    mean = np.mean([expected(x + a, z + b) for a in nodes for b in nodes], axis=0)
-    p = t_test_mean(measured, variance + (1e-4 * mean) ** 2, 2048, mean)
-    assert p.min() > 0.01 / p.size
-    assert np.ptp(mean) > 0.5
-
-
-@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_a_lamp_through_a_pane(strategy: str, device: str, report: Report) -> None:
-    """All ways to find the lamp agree: shadow rays take shares, rays that are followed choose."""
-    scene = floor_scene(eye=0.7)
-    scene.add(wrt.quad((-0.6, 1.0, -0.4), (1.2, 0.0, 0.0), (0.0, 0.0, 0.8)), material=BLACK, emission=1.0)
-    scene.shapes.append(pane(0.8, wrt.Diffuse(0.0, opacity=0.25), 20.0))
-    spp = 2048
-    where, measured, variance = irradiance(scene, device, spp, strategy=strategy)
-    expected = 0.75 * pixel_mean(lambda x, z: rectangle_irradiance(x, z, 1.0, (0.6, 0.4)), where)
-    check(f"rectangle through a pane, {strategy}", measured, variance, expected, spp, report)
-
-
-@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_a_lamp_partly_there(strategy: str, device: str, report: Report) -> None:
-    """What shines is what is there: all of its left half, a quarter of its right one."""
-    columns = np.repeat(np.float32([1.0] * 32 + [0.25] * 32)[None, :, None], 3, axis=2)
-    scene = floor_scene(eye=0.7)
-    scene.add(
-        wrt.quad((-0.6, 1.0, -0.4), (1.2, 0.0, 0.0), (0.0, 0.0, 0.8)),
-        material=wrt.Emissive(1.0, opacity=wrt.ImageTexture(columns)),
-    )
-    spp = 2048
-    where, measured, variance = irradiance(scene, device, spp, strategy=strategy)
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        # Between the halves, and at the seam of the repeated texture, opacity runs over 2 cm: less than noise.
-        left = rectangle_irradiance(x + 0.3, z, 1.0, (0.3, 0.4))
-        right = rectangle_irradiance(x - 0.3, z, 1.0, (0.3, 0.4))
-        return left + 0.25 * right
-
-    check(f"lamp partly there, {strategy}", measured, variance, pixel_mean(expected, where), spp, report)
-
-
-def test_a_lamp_partly_there_is_seen_so(device: str, report: Report) -> None:
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), fov_degrees=10))
-    scene.add(wrt.quad((-9, -9, 0), (18, 0, 0), (0, 18, 0)), material=wrt.Emissive((1.0, 2.0, 3.0), opacity=0.3))
-    assert_mean(render(scene, device, spp=256), (0.3, 0.6, 0.9), report, "a lamp of opacity 0.3")
-
-
-def test_sky_found_through_a_pane_by_sampling_it_or_not(device: str, report: Report) -> None:
-    rng = np.random.default_rng(7)
-    pixels = rng.uniform(0.0, 0.5, (8, 16, 3)).astype(np.float32)
-    pixels[1:3, 4:6] = 10.0
-    results = {}
-    for strategy, spp in (("mis", 512), ("light", 512), ("bsdf", 2048)):
-        scene = floor_scene(eye=0.7)
-        scene.environment = wrt.ImageEnvironment(pixels)
-        scene.shapes.append(pane(1.0, wrt.Diffuse(0.4, opacity=0.5), 2.0))
-        renderer = render(scene, device, spp=spp, strategy=strategy, max_depth=4)
-        results[strategy] = renderer.image(), renderer.variance()
-    for other in ("light", "bsdf"):
-        test = image_z_test(*results["mis"], *results[other])
-        report(f"mis against {other}: pixels that agree", test.pass_fraction, ">= 0.995", p=test.p_min)
-        assert test.pass_fraction >= 0.995, test.message
-        assert test.mean_p > 0.005, test.message
-
-
-def test_a_ray_among_crowded_panes_comes_to_an_end(device: str) -> None:
-    """A thousand crossing panes with no opacity, all through one line: what is behind is seen, grazing or not."""
-    rng = np.random.default_rng(8)
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 3.0), fov_degrees=3)
-    scene.add_light(wrt.DirectionalLight((0.0, 0.0, -1.0)))
-    for angle in rng.uniform(0.0, 180.0, 1000):
-        leaf = wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)).rotated((1.0, 0.0, 0.0), angle)
-        scene.add(leaf, material=GHOST)
-    image = render(scene, device, spp=16, size=8).image()
-    np.testing.assert_array_equal(image, 1.0)
 
 
 # --- Emission ---------------------------------------------------------------------------------------

@@ -41,7 +41,8 @@ def test_directions_fill_the_square_evenly(side: float, degrees: float, device: 
     place = in_square(wo, found["wi"][up].astype(np.float64)) / side
     assert np.abs(place).max() <= 0.5 + 1e-6 / side
     cells = 31
-    counts = np.histogram2d(*place.T, bins=cells, range=[[-0.5, 0.5]] * 2)[0]
+    # Rounding may take one just over the edge, and into a cell below the horizon.
+    counts = np.histogram2d(*np.clip(place, -0.5, 0.5).T, bins=cells, range=[[-0.5, 0.5]] * 2)[0]
     # The share of each cell above the horizon, which cuts it along a line of constant v.
     r, _, v = square_of(wo)
     edges = np.linspace(-0.5, 0.5, cells + 1)
@@ -151,6 +152,6 @@ def test_all_estimators_find_the_same_blur(device: str) -> None:
             pass
         means.append(float(renderer.image()[..., 0].astype(np.float64).mean()))
         errors.append(float(np.sqrt(renderer.variance()[..., 0].sum())) / 24**2)
-    assert min(means) > 0.05
+    assert max(errors) < 0.02 * min(means)
     for i, j in ((0, 1), (0, 2), (1, 2)):
         assert abs(means[i] - means[j]) < 4.0 * np.hypot(errors[i], errors[j])

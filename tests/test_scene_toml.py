@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import typing
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import wrt
 from wrt.formats.images import linear_from_srgb, save_image
 from wrt.formats.scene_toml import load_scene
+from wrt.materials import MATERIALS
 
 FULL = """
 [settings]
@@ -164,6 +166,86 @@ def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     assert flat.material == wrt.Mirror((0.9, 0.8, 0.7))
 
 
+COMPOSITES = """
+[materials.sheet]                  # names materials that come later
+type = "two-sided"
+front = "leaf"
+back = "speckled"
+opacity = { texture = "data.png", channel = "b", linear = true }
+
+[materials.speckled]
+type = "mix"
+first = "leaf"
+second = "paint"
+weight = { texture = "data.png", channel = "g", linear = true }
+
+[materials.leaf]
+type = "diffuse"
+reflectance = { texture = "data.png" }
+opacity = 0.75
+
+[materials.paint]
+type = "mirror"
+reflectance = { texture = "data.png", channel = "r" }
+opacity = "vertex-colors"
+
+[materials.even]
+type = "mix"
+first = "paint"
+second = "paint"
+
+[materials.lamp]
+type = "emissive"
+radiance = [1, 2, 3]
+opacity = { texture = "data.png", channel = "b", linear = true }
+"""
+
+
+def test_materials_made_of_others_and_partly_there(folder):
+    codes = np.array([[[10, 100, 200]]], np.uint8)
+    save_image(folder / "data.png", linear_from_srgb(codes / 255))
+    names = ("sheet", "speckled", "leaf", "paint", "even", "lamp")
+    scene = scene_of(folder, COMPOSITES + "".join(f'{QUAD}material = "{name}"\n' for name in names))
+    sheet, speckled, leaf, paint, even, lamp = (shape.material for shape in scene.shapes)
+    assert isinstance(sheet, wrt.TwoSided)
+    assert isinstance(speckled, wrt.Mix)
+    # One object a name, wherever it is used: it is uploaded once.
+    assert (sheet.front, sheet.back, speckled.first, speckled.second) == (leaf, speckled, leaf, paint)
+    assert sheet.back.first is leaf
+    assert even.first is even.second is paint
+    assert (even.weight, leaf.opacity, paint.opacity) == (0.5, 0.75, wrt.VertexColor())
+    # Numbers as they are in the file, where it says so; else decoded like colours. Pixels of a file are read once.
+    for texture, channel, linear in (
+        (sheet.opacity, "b", True),
+        (speckled.weight, "g", True),
+        (leaf.reflectance, None, False),
+        (paint.reflectance, "r", False),
+    ):
+        assert (texture.channel, texture.name) == (channel, "data.png")
+        expected = codes / 255 if linear else linear_from_srgb(codes / 255)
+        np.testing.assert_allclose(texture.pixels, expected, rtol=1e-6)
+    assert sheet.opacity.pixels is speckled.weight.pixels
+    assert leaf.reflectance.pixels is paint.reflectance.pixels
+    assert lamp.opacity is sheet.opacity
+    assert scene.shapes[5].emission == (1.0, 2.0, 3.0)
+    assert [shape.emits for shape in scene.shapes] == [False] * 5 + [True]
+
+
+@pytest.mark.parametrize("kind", MATERIALS)
+def test_every_material_is_there_with_opacity_and_textures_wherever_values_vary(folder, kind):
+    cls = MATERIALS[kind]
+    scene = scene_of(folder, f'[materials.m]\ntype = "{kind}"\nopacity = 0.5\n{QUAD}material = "m"\n')
+    assert scene.shapes[0].material == cls(opacity=0.5)
+    varying = [key for key, hint in typing.get_type_hints(cls).items() if wrt.ImageTexture in typing.get_args(hint)]
+    assert "opacity" in varying
+    for key in varying:
+        value = f'{key} = {{ texture = "wood.png", linear = true }}'
+        scene = scene_of(folder, f'[materials.m]\ntype = "{kind}"\n{value}\n{QUAD}material = "m"\n')
+        made = getattr(scene.shapes[0].material, key)
+        assert isinstance(made, wrt.ImageTexture), key
+        np.testing.assert_allclose(made.pixels, 100 / 255, rtol=1e-6)
+
+
 def test_an_empty_file_is_an_empty_scene(folder):
     scene = scene_of(folder, "# nothing yet\n")
     assert scene.shapes == []
@@ -228,6 +310,43 @@ MISTAKES = {
         "materials.red.reflectance.texture: {folder}/no.png: no such file"
     ),
     "[materials.red]\ntype = 'diffuse'\nroughness = 1": "materials.red.roughness: unknown key",
+    "[materials.red]\ntype = 'diffuse'\nopacity = 2": "materials.red: opacity must be at most 1, not 2",
+    "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', chanel = 'g' }": (
+        "materials.red.opacity.chanel: unknown key (did you mean 'channel'?)"
+    ),
+    "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', channel = 'a' }": (
+        "materials.red.opacity.texture: texture wood.png: channel must be 'r', 'g' or 'b', not 'a'"
+    ),
+    "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', channel = ['r'] }": (
+        "materials.red.opacity.texture: texture wood.png: channel must be 'r', 'g' or 'b', not ['r']"
+    ),
+    "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', linear = 1 }": (
+        "materials.red.opacity: linear must be true or false, not 1"
+    ),
+    "[materials.red]\ntype = 'diffuse'\nopacity = { channel = 'r' }": (
+        "materials.red.opacity: the key 'texture' is missing"
+    ),
+    "[materials.both]\ntype = 'mix'\nweight = 1.5": "materials.both: weight must be at most 1, not 1.5",
+    "[materials.both]\ntype = 'mix'\nfirst = 'gold'\n[materials.old]\ntype = 'mirror'": (
+        "materials.both.first: there is no [materials.gold] (did you mean 'old'?)"
+    ),
+    "[materials.both]\ntype = 'mix'\nfirst = 0.5": "materials.both.first: must be a text, not 0.5",
+    "[materials.both]\ntype = 'two-sided'\nback = { type = 'mirror' }": "materials.both.back: must be a text, not {",
+    "[materials.both]\ntype = 'mix'\nfirst = 'both'": "materials.both.first: 'both' is made of itself",
+    "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'two-sided'\nfront = 'a'": (
+        "materials.b.front: 'a' is made of itself"
+    ),
+    "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'mirror'\nreflectance = 2": (
+        "materials.b: reflectance must be at most 1, not 2"
+    ),
+    "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'emissive'": (
+        "materials.a: second must not emit light; give the shape an emission instead"
+    ),
+    "".join(f"[materials.m{i}]\ntype = 'mix'\nfirst = 'm{i + 1}'\n" for i in range(300)): (
+        "materials.m7.first: materials are nested more than 7 deep"
+    ),
+    "".join(f"[materials.m{i}]\ntype = 'mix'\nfirst = 'm{i + 1}'\n" for i in range(8))
+    + "[materials.m8]\ntype = 'mirror'": ("materials.m7.first: materials are nested more than 7 deep"),
     "[[shapes]]\norigin = [0, 0, 0]": "shapes[0]: the key 'type' is missing",
     "[[shapes]]\ntype = 'quad'\norigin = [0, 0, 0]": "shapes[0]: the key 'edge_u' is missing",
     "[[shapes]]\ntype = 'cube'": "shapes[0]: type must be one of",

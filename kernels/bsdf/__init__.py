@@ -13,6 +13,7 @@ from typing import NamedTuple
 import warp as wp
 
 from wrt.kernels.bsdf import conductor, dielectric, diffuse, glossy, mirror, oren_nayar, plastic, thin_dielectric
+from wrt.kernels.bsdf.principled import make_principled
 from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
 from wrt.kernels.bsdf.rough_conductor import make_rough_conductor
 from wrt.kernels.bsdf.rough_dielectric import make_rough_dielectric
@@ -27,6 +28,7 @@ FAMILIES: dict[str, Callable[..., Model]] = {
     "glossy": lambda: glossy.MODEL,
     "oren_nayar": lambda: oren_nayar.MODEL,
     "plastic": lambda: plastic.MODEL,
+    "principled": make_principled,
     "rough_dielectric": make_rough_dielectric,
     "rough_plastic": make_rough_plastic,
     "thin_dielectric": lambda: thin_dielectric.MODEL,

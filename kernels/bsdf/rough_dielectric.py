@@ -58,6 +58,26 @@ def facet_normal(wo: wp.vec3, wi: wp.vec3, eta: float) -> wp.vec3:
 
 
 @wp.func
+def cosine_to(m: wp.vec3, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return the cosine of wo to the facet; of reflection the mean of both, which are the same but for rounding."""
+    cos_o = wp.dot(wo, m)
+    if wi[2] > 0.0:
+        return 0.5 * (cos_o + wp.dot(wi, m))
+    return cos_o
+
+
+@wp.func
+def transmittance(cos_o: float, cos_i: float, eta: float) -> float:
+    """Return 1 − F for positive cosines on both sides: precise where it is small, and the same from both sides.
+
+    (T_s + T_p) / 2 (Born and Wolf, 1.5.3), where each is 4 n n' cosθ cosθ' over the square of a sum.
+    """
+    s = cos_o + eta * cos_i
+    p = eta * cos_o + cos_i
+    return 2.0 * eta * cos_o * cos_i * (1.0 / (s * s) + 1.0 / (p * p))
+
+
+@wp.func
 def refraction_density(cos_o: float, cos_i: float, eta: float) -> float:
     """Return dω_m / dω_i of refraction, eta² cosθi / (cosθo − eta cosθi)² (eq. 17), for positive cosines to m.
 
@@ -90,30 +110,30 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
     def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         m = facet_normal(wo, wi, eta)
-        cos_o = wp.dot(wo, m)
+        cos_o = cosine_to(m, wo, wi)
         if cos_o <= 0.0 or is_matched(eta):
             return wp.vec3(0.0)
         shape = shape_of(bsdf)
-        reflected = fresnel_dielectric(cos_o, eta)
         # cosθo below cannot be the cosine that G brings where both are next to nothing.
         value = d(m, shape) * g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
         if wi[2] > 0.0:
-            return bsdf.slots[REFLECTANCE] * (0.25 * reflected * value)  # eq. 20
-        scale = cos_o * refraction_density(cos_o, -wp.dot(wi, m), eta) / (eta * eta)
-        return bsdf.slots[TRANSMITTANCE] * ((1.0 - reflected) * value * scale)  # eq. 21
+            return bsdf.slots[REFLECTANCE] * (0.25 * fresnel_dielectric(cos_o, eta) * value)  # eq. 20
+        cos_i = -wp.dot(wi, m)
+        scale = transmittance(cos_o, cos_i, eta) * cos_o * refraction_density(cos_o, cos_i, eta) / (eta * eta)
+        return bsdf.slots[TRANSMITTANCE] * (scale * value)  # eq. 21
 
     @wp.func(name=f"rough_dielectric_pdf_{suffix}")
     def pdf_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         m = facet_normal(wo, wi, eta)
-        cos_o = wp.dot(wo, m)
+        cos_o = cosine_to(m, wo, wi)
         if cos_o <= 0.0 or is_matched(eta):
             return 0.0
-        reflected = fresnel_dielectric(cos_o, eta)
         density = normal_pdf(wo, m, shape_of(bsdf))
         if wi[2] > 0.0:
-            return reflected * density / (4.0 * cos_o)  # eq. 14 and 38
-        return (1.0 - reflected) * density * refraction_density(cos_o, -wp.dot(wi, m), eta)  # eq. 17 and 38
+            return fresnel_dielectric(cos_o, eta) * density / (4.0 * cos_o)  # eq. 14 and 38
+        cos_i = -wp.dot(wi, m)
+        return transmittance(cos_o, cos_i, eta) * density * refraction_density(cos_o, cos_i, eta)  # eq. 17 and 38
 
     @wp.func(name=f"rough_dielectric_direction_{suffix}")
     def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:

@@ -65,8 +65,10 @@ def make_rough_plastic(distribution: str, masking: str) -> Model:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return wp.vec3(0.0)
         shape = coat_shape(bsdf)
-        m = wp.normalize(wo + wi)
-        reflected = 1.0 - transmitted(wp.min(wp.dot(wo, m), 1.0), bsdf.slots[IOR][0])
+        h = wo + wi
+        m = wp.normalize(h)
+        # wo·m = wi·m = |wo + wi| / 2: the same to the last bit when light and viewer change places.
+        reflected = 1.0 - transmitted(wp.min(0.5 * wp.length(h), 1.0), bsdf.slots[IOR][0])
         coat = reflected * d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
         return bsdf.slots[SPECULAR] * coat + base_value(bsdf, wo, wi, shape[0])
 

@@ -9,8 +9,15 @@ What differs between the two is bridged here, exactly:
 - Reflectors are one-sided in Mitsuba unless wrapped in `twosided`; area lights shine from the side where
   corners run counter-clockwise in both.
 
-What cannot be bridged: an interpolated normal. Mitsuba lights a surface by its shading normal alone, wrt asks
-the geometric one too. Compare flat meshes, or smooth ones whose materials are specular.
+What cannot be bridged:
+
+- An interpolated normal. Mitsuba lights a surface by its shading normal alone, wrt asks the geometric one too.
+  Compare flat meshes, or smooth ones whose materials are specular.
+- A mixture of a smooth part and one of single directions. Where `blendbsdf` (3.9) samples the latter it returns
+  (w ρ + (1 − w) f cosθ) / (w + (1 − w) p), as if the probability w were a density like p. That loses light: its
+  picture of a mixture, direct light only, is not the mean of its pictures of the two parts.
+- A pane that is not opaque counts as a segment of the path in Mitsuba, and is opaque to its shadow rays: paths must be
+  long, and light from points or directions does not come through. It does not dim a surface's own emission.
 """
 
 from __future__ import annotations
@@ -217,6 +224,12 @@ def _bsdf(material: Material) -> dict[str, Any]:
         inner = {"type": "conductor", "material": "none", "specular_reflectance": _color(material.reflectance)}
     elif isinstance(material, wrt.Conductor):
         inner = {"type": "conductor", "eta": _rgb(material.eta), "k": _rgb(material.k)}
+    elif isinstance(material, wrt.RoughConductor) and (material.distribution, material.masking) == (
+        "ggx",
+        "smith-separable",  # the only one that Mitsuba has
+    ):
+        inner = {"type": "roughconductor", "distribution": "ggx", "alpha": material.alpha}
+        inner |= {"eta": _rgb(material.eta), "k": _rgb(material.k)}
     else:
         raise NotImplementedError(f"no Mitsuba counterpart of {type(material).__name__}")
     if material.normal_map is not None:

@@ -35,7 +35,12 @@ def reflection_table(
 
 
 def missing_table(
-    distribution: str, shape: tuple[float, float, float] | None, device: Device, kernel: Any, *parameters: float
+    distribution: str,
+    shape: tuple[float, float, float] | None,
+    device: Device,
+    kernel: Any,
+    *parameters: float,
+    grazing: float = 0.0,
 ) -> NDArray[np.float32]:
     """Return the table that a kernel fills, one thread a value.
 
@@ -45,6 +50,7 @@ def missing_table(
         device: where it is computed.
         kernel: such as `kernels.albedo.make_missing_kernel` makes.
         parameters: what it takes after the number of points.
+        grazing: cosine that stands for the first row, in units of the second's: not 0 where the function is steep.
     """
     import warp as wp
 
@@ -63,6 +69,7 @@ def missing_table(
     scale = float(ROW_SCALE) * toward
     logs = np.linspace(0.0, 1.0, int(ROWS))[:, None] * np.log1p(1.0 / scale)
     cosine = np.clip(scale * np.expm1(logs), 1e-6, 1.0)
+    cosine[0] = np.maximum(cosine[0], grazing * cosine[1])
     sine = np.sqrt(1.0 - cosine**2)
     directions = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1).reshape(-1, 3)
     out = wp.empty(len(directions), dtype=float, device=device.name)

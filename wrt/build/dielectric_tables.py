@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from wrt.build.albedo_tables import missing_table
 from wrt.device import Device
 
+GRAZING = 0.1
+
 
 def dielectric_table(
     distribution: str,
@@ -28,7 +30,10 @@ def dielectric_table(
     from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
 
     kernel = make_missing_dielectric_kernel(distribution, masking)
-    sides = [missing_table(distribution, shape, device, kernel, eta) for eta in (relative_ior, 1.0 / relative_ior)]
+    sides = [
+        missing_table(distribution, shape, device, kernel, eta, grazing=GRAZING)
+        for eta in (relative_ior, 1.0 / relative_ior)
+    ]
     return np.concatenate([*sides, average_transmittances(relative_ior)]).astype(np.float32)
 
 

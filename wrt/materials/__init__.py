@@ -12,6 +12,7 @@ from wrt.materials.glossy import Glossy
 from wrt.materials.material import Material
 from wrt.materials.metals import Conductor, Mirror, RoughConductor
 from wrt.materials.plastics import Plastic, RoughPlastic
+from wrt.materials.principled import Principled
 
 if TYPE_CHECKING:
     from wrt.kernels.bsdf.record import Model
@@ -30,6 +31,7 @@ MATERIALS: dict[str, type[Material]] = {
         ThinDielectric,
         Plastic,
         RoughPlastic,
+        Principled,
         Mix,
         TwoSided,
         Emissive,
@@ -72,6 +74,7 @@ __all__ = [
     "Mix",
     "OrenNayar",
     "Plastic",
+    "Principled",
     "RoughConductor",
     "RoughDielectric",
     "RoughPlastic",
