@@ -9,12 +9,12 @@ another model. It is chosen such that a white surface reflects all light, whatev
 A table is TABLE_SIZE floats, those of (ROWS, COLUMNS) by cosine:
 
     0, 1        roughness along x and y of the surface that it was made for; 0 where its columns are roughnesses
-    AVERAGES    per column, the mean of 1 − E over the hemisphere, weighted by 2 cosθ
+    AVERAGES    per column, the mean of 1 − E over the hemisphere, weighted by 2 cosθ; of roughnesses, over α²
     VALUES      (ROWS, COLUMNS), 1 − E
     CUMULATIVE  (ROWS, COLUMNS), share of that mean below the row's cosine
 
 Rows are even in ln(1 + μ / s), μ = cosθ, s = 0.1 a, a the roughness towards w: losses happen where μ is about a, so
-that smooth surfaces need their rows near the horizon. Columns are even in ∛α; or, in a table for one anisotropic
+that smooth surfaces need their rows near the horizon. Columns are even in ln α; or, in a table for one anisotropic
 surface, in the azimuth stretched by √(αv/αu).
 """
 
@@ -55,8 +55,7 @@ class TablePlace:
 @wp.func
 def table_column_of_alpha(alpha: float) -> float:
     """Return the place of a roughness among the columns of a table by roughness."""
-    least = wp.cbrt(LEAST_ALPHA)
-    return (wp.cbrt(wp.clamp(alpha, LEAST_ALPHA, 1.0)) - least) / (1.0 - least) * float(COLUMNS - 1)
+    return wp.log(wp.clamp(alpha, LEAST_ALPHA, 1.0) / LEAST_ALPHA) / -wp.log(LEAST_ALPHA) * float(COLUMNS - 1)
 
 
 @wp.func
@@ -111,7 +110,12 @@ def missing_energy(tables: wp.array(dtype=float), table: int, w: wp.vec3, alpha:
 @wp.func
 def average_missing_energy(tables: wp.array(dtype=float), table: int, alpha: float) -> float:
     """Return the mean of 1 − E over the hemisphere, weighted by 2 cosθ; greater than 0."""
-    return wp.max(read_row(tables, table + AVERAGES, 0, table_place(tables, table, 0.0, 0.0, alpha)), 1.0e-12)
+    place = table_place(tables, table, 0.0, 0.0, alpha)
+    average = read_row(tables, table + AVERAGES, 0, place)
+    if tables[table] == 0.0:
+        toward = place.scale / ROW_SCALE
+        average *= toward * toward
+    return wp.max(average, 1.0e-12)
 
 
 @wp.func

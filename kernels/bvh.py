@@ -8,7 +8,7 @@ Unused places of a node hold inverted boxes, unused triangles coincident corners
 
 import warp as wp
 
-from wrt.kernels.simd import BOX_TEST, TRIANGLE_TEST, with_vectors
+from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, with_vectors
 
 WIDTH = 8
 NODE_FLOATS = 56
@@ -36,6 +36,7 @@ class Bvh:
 #   in:  origin, direction: float[3]
 #   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray
 RAY_SETUP = """
+    flip = 7;
     for (int k = 0; k < 3; ++k) {
         // Finite, so that a ray in the plane of a box side gives 0 and not 0 times infinity.
         const float d = direction[k];
@@ -43,6 +44,7 @@ RAY_SETUP = """
         const float shift = origin[k] * inverse[k], error = fabsf(shift) * 2.4e-7f;
         near_shift[k] = shift + error;
         far_shift[k] = shift - error;
+        flip ^= inverse[k] < 0.0f ? 1 << k : 0;
         near_row[k] = (inverse[k] < 0.0f ? 24 : 0) + 8 * k;
         far_row[k] = (inverse[k] < 0.0f ? 0 : 24) + 8 * k;
     }
@@ -60,16 +62,14 @@ RAY_SETUP = """
 def follow_ray(visit_leaf: str) -> str:
     """Return the loop that follows one ray down a tree.
 
-    `visit_leaf` is what it does at `current` < 0. A stack entry is a child and where its box begins, as
-    one integer whose order is that of the distances (floats that are not negative sort like their bits).
+    `visit_leaf` is what it does at `current` < 0.
 
       in:  current, the node to start at; t_max, id_max = NOTHING_HIT; any_hit
       out: t_max, id_max, hit_u, hit_v
     """
     return (
         """
-    unsigned long long stack[STACK_SIZE];
-    int top = 0;
+    int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8], top = 0;
     for (;;) {
         if (current >= 0) {
             const float* node = all_nodes + (size_t)current * 56;
@@ -77,27 +77,9 @@ def follow_ray(visit_leaf: str) -> str:
 """
         + BOX_TEST
         + """
-            if (mask) {
-                int k = LOWEST_BIT(mask);
-                if ((mask & (mask - 1)) == 0) {
-                    current = children[k];
-                    continue;
-                }
-                // Insert the children one by one, the nearest on top. A sorting network in vector
-                // registers was tried: at best the same on this loop's usual two or three.
-                const int bottom = top;
-                for (unsigned rest = mask; rest; rest &= rest - 1) {
-                    k = LOWEST_BIT(rest);
-                    unsigned bits;
-                    memcpy(&bits, &begin[k], 4);
-                    const unsigned long long entry = ((unsigned long long)bits << 32) | (unsigned)children[k];
-                    int place = top++;
-                    for (; place > bottom && stack[place - 1] < entry; --place) stack[place] = stack[place - 1];
-                    stack[place] = entry;
-                }
-                current = (int)(unsigned)stack[--top];
-                continue;
-            }
+"""
+        + PUSH_CHILDREN
+        + """
         } else {
 """
         + visit_leaf
@@ -107,12 +89,11 @@ def follow_ray(visit_leaf: str) -> str:
         // The nearest waiting child that is still within reach.
         for (;;) {
             if (top == 0) goto done;
-            const unsigned long long entry = stack[--top];
-            const unsigned bits = (unsigned)(entry >> 32);
-            float begins;
-            memcpy(&begins, &bits, 4);
-            if (begins <= t_max * pad) {
-                current = (int)(unsigned)entry;
+            --top;
+            float begins_at;
+            memcpy(&begins_at, &begins[top], 4);
+            if (begins_at <= t_max * pad) {
+                current = waiting[top];
                 break;
             }
         }
@@ -130,7 +111,7 @@ _TRAVERSE = (
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
     float inverse[3], near_shift[3], far_shift[3], shear[3];
-    int near_row[3], far_row[3], kx, ky, kz;
+    int near_row[3], far_row[3], kx, ky, kz, flip;
 """
     + RAY_SETUP
     + """

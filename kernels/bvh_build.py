@@ -526,17 +526,41 @@ def find_children(
 ):
     """Write the children of each wide node of a level, −1 for unused places, and count nodes and leaves among them."""
     i = first + wp.tid()
+    root = nodes[level[i]]
     children = children_of(nodes, level[i])
+    count = children[15]
+    middle = root.lower + root.upper
     inner = int(0)
     for k in range(8):
-        child = int(-1)
-        if k < children[15]:
-            child = children[k]
-            if nodes[child].right != 0:
-                inner += 1
-        children_out[8 * i + k] = child
+        children_out[8 * i + k] = -1
+    # Ylitie et al., section 3.2: each child at the place towards whose corner of the node it lies. The
+    # best pair of a child and a place that are both left, again and again.
+    free = int(255)
+    waiting = (1 << count) - 1
+    while waiting != 0:
+        best = float(-_LARGE)
+        best_child = int(0)
+        best_place = int(0)
+        for k in range(count):
+            if (waiting >> k) & 1 != 0:
+                child = nodes[children[k]]
+                off = child.lower + child.upper - middle
+                for place in range(8):
+                    if (free >> place) & 1 != 0:
+                        fit = wp.where((place & 1) != 0, off[0], -off[0])
+                        fit += wp.where((place & 2) != 0, off[1], -off[1])
+                        fit += wp.where((place & 4) != 0, off[2], -off[2])
+                        if not (fit <= best):
+                            best = fit
+                            best_child = k
+                            best_place = place
+        waiting = waiting & ~(1 << best_child)
+        free = free & ~(1 << best_place)
+        children_out[8 * i + best_place] = children[best_child]
+        if nodes[children[best_child]].right != 0:
+            inner += 1
     inner_out[i] = inner
-    leaves_out[i] = children[15] - inner
+    leaves_out[i] = count - inner
 
 
 @wp.kernel(enable_backward=False)

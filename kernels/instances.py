@@ -46,7 +46,7 @@ class InstanceHit:
 
 _RAY_NAMES = """
     float inverse[3], near_shift[3], far_shift[3], shear[3];
-    int near_row[3], far_row[3], kx, ky, kz;
+    int near_row[3], far_row[3], kx, ky, kz, flip;
 """
 
 _TRAVERSE = (

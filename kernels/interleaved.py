@@ -16,70 +16,11 @@ import warp as wp
 
 from wrt.kernels.bvh import Bvh, native_code
 from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
-from wrt.kernels.simd import BOX_TEST, TRIANGLE_TEST
+from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST
 
 RAYS_PER_THREAD = 64
 RAYS_IN_TURN = 6
 
-
-def _sorting_network() -> str:
-    """Return C++ that sorts the eight elements of `key`, greatest first (Batcher 1968, bitonic)."""
-    steps = []
-    for block in (2, 4, 8):
-        distance = block // 2
-        while distance > 0:
-            partners = [i ^ distance for i in range(8)]
-            takes_greater = [((i & distance) == 0) == ((i & block) == 0) for i in range(8)]
-            choice = [i if greater else i + 8 for i, greater in enumerate(takes_greater)]
-            steps.append((partners, choice))
-            distance //= 2
-    return "".join(
-        f"""
-            {{
-                const i8 other = __builtin_shufflevector(key, key, {", ".join(map(str, partners))});
-                const i8 greater = __builtin_elementwise_max(key, other), less = __builtin_elementwise_min(key, other);
-                key = __builtin_shufflevector(greater, less, {", ".join(map(str, choice))});
-            }}"""
-        for partners, choice in steps
-    )
-
-
-# Put the children that the ray meets on its stack, the nearest on top, without a branch: those it
-# misses sort below all others and lie above the top, where the next children overwrite them. A key
-# is where the box begins, its last three bits replaced by the child's place (and not looked at again).
-_PUSH = (
-    """
-#if VECTOR_CODE
-            const i8 places = {0, 1, 2, 3, 4, 5, 6, 7};
-            i8 key = (__builtin_bit_cast(i8, tn) & ~7) | places;
-            key = (tn <= tf) ? key : (i8)-1;
-"""
-    + _sorting_network()
-    + """
-            *(i8*)(r.begins + r.top) = key;
-#if defined(__AVX2__)
-            *(i8*)(r.waiting + r.top) = __builtin_ia32_permvarsi256(*(const i8*)children, key & 7);
-#else
-            for (int k = 0; k < 8; ++k) r.waiting[r.top + k] = children[key[k] & 7];
-#endif
-            r.top += __builtin_popcount(mask);
-#else
-            const int bottom = r.top;
-            for (unsigned rest = mask; rest; rest &= rest - 1) {
-                const int k = LOWEST_BIT(rest);
-                int bits;
-                memcpy(&bits, &begin[k], 4);
-                int place = r.top++;
-                for (; place > bottom && r.begins[place - 1] < bits; --place) {
-                    r.begins[place] = r.begins[place - 1];
-                    r.waiting[place] = r.waiting[place - 1];
-                }
-                r.begins[place] = bits;
-                r.waiting[place] = children[k];
-            }
-#endif
-"""
-)
 
 # One step of the ray called RAY: a node or a leaf, and the choice of the next.
 _STEP = (
@@ -88,7 +29,8 @@ _STEP = (
         Ray& r = RAY;
         const RayTest& test = r.test;
         float &t_max = r.t_max, &hit_u = r.hit_u, &hit_v = r.hit_v;
-        int& id_max = r.id_max;
+        int &id_max = r.id_max, &top = r.top;
+        int *const begins = r.begins, *const waiting = r.waiting;
 """
     + NAMES_OF_TEST
     + """
@@ -97,27 +39,27 @@ _STEP = (
             const int* children = (const int*)(node + 48);
 """
     + BOX_TEST
-    + _PUSH
+    + PUSH_CHILDREN
     + """
         } else {
             const float* leaf = all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
 """
     + TRIANGLE_TEST
     + """
-            if (any_hit && id_max != NOTHING_HIT) r.top = 0;
+            if (any_hit && id_max != NOTHING_HIT) top = 0;
         }
         const float limit = t_max * pad;
         int limit_bits;
         memcpy(&limit_bits, &limit, 4);
         for (;;) {
-            if (r.top == 0) {
+            if (top == 0) {
                 write_hit(r.number, id_max, t_max, hit_u, hit_v);
                 start(r);
                 break;
             }
-            --r.top;
-            if ((r.begins[r.top] & ~7) <= limit_bits) {
-                r.current = r.waiting[r.top];
+            --top;
+            if (begins[top] <= limit_bits) {
+                r.current = waiting[top];
                 prefetch(r.current);
                 break;
             }

@@ -36,7 +36,7 @@ BATCH_OF_RAYS = (
 
     struct RayTest {
         float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
-        int near_row[3], far_row[3], kx, ky, kz;
+        int near_row[3], far_row[3], kx, ky, kz, flip;
     };
 
     // Prepare a ray for the tests; return how far it reaches, below 0 where it has no direction.
@@ -48,7 +48,7 @@ BATCH_OF_RAYS = (
         float* const shear = test.shear;
         int* const near_row = test.near_row;
         int* const far_row = test.far_row;
-        int &kx = test.kx, &ky = test.ky, &kz = test.kz;
+        int &kx = test.kx, &ky = test.ky, &kz = test.kz, &flip = test.flip;
         float direction[3];
         for (int k = 0; k < 3; ++k) {
             origin[k] = batch.origins.data[ray][k];
@@ -85,7 +85,7 @@ NAMES_OF_TEST = """
         const float *const origin = test.origin, *const inverse = test.inverse, *const shear = test.shear;
         const float *const near_shift = test.near_shift, *const far_shift = test.far_shift;
         const int *const near_row = test.near_row, *const far_row = test.far_row;
-        const int kx = test.kx, ky = test.ky, kz = test.kz;
+        const int kx = test.kx, ky = test.ky, kz = test.kz, flip = test.flip;
 """
 
 

@@ -45,6 +45,47 @@ BOX_TEST = """
 #endif
 """
 
+# Put the children that the ray meets on its stack, the one it comes to first on top. The builder lays
+# the children of a node out by octant (Ylitie et al. 2017, section 3.2): place p is towards the corner
+# of the node that the bits of p name. So the order in which a ray comes to them is known from the signs
+# of its direction, near enough, and nothing is sorted: `flip` turns places into that order, and what the
+# ray misses is left out. Without the instruction for that, they are sorted by distance.
+#   in:  what BOX_TEST leaves; children: int[8]; flip; begins, waiting: int[], top
+#   out: begins, waiting, top; a begin is a float's bits, whose order is that of the distances (floats
+#        that are not negative sort like their bits)
+PUSH_CHILDREN = """
+#if defined(__AVX512VL__) && VECTOR_CODE
+    {
+        const i8 order = (i8){0, 1, 2, 3, 4, 5, 6, 7} ^ flip;
+        const f8 begins_in_order = __builtin_bit_cast(f8, __builtin_ia32_permvarsi256(__builtin_bit_cast(i8, tn), order));
+        const f8 ends_in_order = __builtin_bit_cast(f8, __builtin_ia32_permvarsi256(__builtin_bit_cast(i8, tf), order));
+        const unsigned char met =
+            __builtin_bit_cast(unsigned char, __builtin_convertvector(begins_in_order <= ends_in_order, b8));
+        const i8 children_in_order = __builtin_ia32_permvarsi256(*(const i8*)children, order);
+        *(i8*)(begins + top) = __builtin_ia32_compresssi256_mask(
+            __builtin_bit_cast(i8, begins_in_order), (i8)0, met);
+        *(i8*)(waiting + top) = __builtin_ia32_compresssi256_mask(children_in_order, (i8)0, met);
+        top += __builtin_popcount(met);
+    }
+#else
+    {
+        const int bottom = top;
+        for (unsigned rest = mask; rest; rest &= rest - 1) {
+            const int k = LOWEST_BIT(rest);
+            int bits;
+            memcpy(&bits, &begin[k], 4);
+            int place = top++;
+            for (; place > bottom && begins[place - 1] < bits; --place) {
+                begins[place] = begins[place - 1];
+                waiting[place] = waiting[place - 1];
+            }
+            begins[place] = bits;
+            waiting[place] = children[k];
+        }
+    }
+#endif
+"""
+
 # Woop, Benthin and Wald (2013). Every vertex is moved and sheared by arithmetic of its own, so
 # triangles that share an edge see the same numbers; and products are rounded before they are
 # subtracted (MUL is never contracted), so the sign of an edge function may vanish but is never

@@ -41,7 +41,7 @@ def test_directions_fill_the_square_evenly(side: float, degrees: float, device: 
     place = in_square(wo, found["wi"][up].astype(np.float64)) / side
     assert np.abs(place).max() <= 0.5 + 1e-6 / side
     cells = 31
-    # Rounding may take one just over the edge, and into a cell below the horizon.
+    # Rounding may take one just over the edge.
     counts = np.histogram2d(*np.clip(place, -0.5, 0.5).T, bins=cells, range=[[-0.5, 0.5]] * 2)[0]
     # The share of each cell above the horizon, which cuts it along a line of constant v.
     r, _, v = square_of(wo)

@@ -117,7 +117,7 @@ def test_without_roughness_it_is_lambertian(sigma: float, device: str) -> None:
 
 @pytest.mark.parametrize("sigma", [0.1, MID, 1.0, ROUGH])
 def test_a_dark_surface_has_the_shape_of_the_published_model(sigma: float, device: str) -> None:
-    """Of a dark surface only the first bounce is left: on the viewer's side, the qualitative model but for its scale."""
+    """Of a dark surface only the first bounce is left: on the viewer's side the published model, scaled."""
     wo, wi = hemisphere(20_000, seed=32), hemisphere(20_000, seed=33)
     same_side = wo[:, 0] * wi[:, 0] + wo[:, 1] * wi[:, 1] > 0.0
     wo, wi = wo[same_side], wi[same_side]

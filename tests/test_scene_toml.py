@@ -12,6 +12,7 @@ import wrt
 from wrt.formats.images import linear_from_srgb, save_image
 from wrt.formats.scene_toml import load_scene
 from wrt.materials import MATERIALS
+from wrt.materials.composite import MAX_NESTING
 
 FULL = """
 [settings]
@@ -246,6 +247,15 @@ def test_every_material_is_there_with_opacity_and_textures_wherever_values_vary(
         np.testing.assert_allclose(made.pixels, 100 / 255, rtol=1e-6)
 
 
+def test_materials_may_be_nested_as_deep_as_kernels_go(folder):
+    links = "".join(f"[materials.m{i}]\ntype = 'mix'\nfirst = 'm{i + 1}'\n" for i in range(MAX_NESTING))
+    scene = scene_of(folder, f"{links}[materials.m{MAX_NESTING}]\ntype = 'mirror'\n{QUAD}material = 'm0'\n")
+    material = scene.shapes[0].material
+    for _ in range(MAX_NESTING):
+        material = material.first
+    assert material == wrt.Mirror()
+
+
 def test_an_empty_file_is_an_empty_scene(folder):
     scene = scene_of(folder, "# nothing yet\n")
     assert scene.shapes == []
@@ -331,7 +341,7 @@ MISTAKES = {
         "materials.both.first: there is no [materials.gold] (did you mean 'old'?)"
     ),
     "[materials.both]\ntype = 'mix'\nfirst = 0.5": "materials.both.first: must be a text, not 0.5",
-    "[materials.both]\ntype = 'two-sided'\nback = { type = 'mirror' }": "materials.both.back: must be a text, not {",
+    "[materials.both]\ntype = 'two-sided'\nback = { type = 'mirror' }": "materials.both.back: must be a text, not {{",
     "[materials.both]\ntype = 'mix'\nfirst = 'both'": "materials.both.first: 'both' is made of itself",
     "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'two-sided'\nfront = 'a'": (
         "materials.b.front: 'a' is made of itself"

@@ -1,4 +1,4 @@
-"""The command line: ``wrt render`` and ``wrt scenes``.
+"""The command line: ``wrt render``, ``wrt scenes`` and ``wrt materials``.
 
 Exit status: 0 when done; 1 when a file could not be written or memory ran out; 2 when something
 given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended a render. What goes wrong is said in
@@ -119,6 +119,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     scenes.set_defaults(run=_scenes)
 
+    materials = commands.add_parser(
+        "materials",
+        help="list the materials and their parameters, or explain one",
+        description="List the materials and their parameters, or explain one.",
+        allow_abbrev=False,
+    )
+    materials.add_argument("name", metavar="NAME", nargs="?", help="explain this one, such as diffuse")
+    materials.set_defaults(run=_materials)
+
     render = commands.add_parser(
         "render",
         help="render a scene or a mesh to a picture",
@@ -204,6 +213,13 @@ def _scenes(options: argparse.Namespace) -> int:
     for name, description in descriptions.items():
         print(f"{name:<{width}}  {description}")
     sys.stdout.flush()
+    return 0
+
+
+def _materials(options: argparse.Namespace) -> int:
+    from wrt.describe_materials import explain_material, list_materials
+
+    print(list_materials() if options.name is None else explain_material(options.name), flush=True)
     return 0
 
 

@@ -83,7 +83,7 @@ def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _cosine_of(wo: wp.vec3, r: float) -> _Cosine:
-    """Return the lobe fitted to the model for a viewer, as a function of r and cosθo: numbers of the paper's listing."""
+    """Return the lobe fitted to the model for a viewer; the numbers are those of the paper's listing."""
     mu = wo[2]
     lobe = _Cosine()
     lobe.axis = wp.vec2(1.0, 0.0)

@@ -5,10 +5,10 @@ below is let out or sent back to the base, any number of times. That makes a geo
 
     f = ρ/π T(θo) T(θi) / (η² (1 − R ρ)),    T = 1 − F,    R = 2 ∫ F_inside cosθ d cosθ
 
-(as in the coloured base of Weidlich and Wilkie 2007, "Arbitrarily layered micro-facet surfaces", with Saunderson's (1942)
-correction for inner reflections). The division by η² is the spreading of radiance on the way out. By Stokes's
-relation 1 − R = (1 − R_outside) / η², so that a white base keeps all light. Without the nonlinear colour shift the
-denominator is that of a white base, 1 − R, and the albedo is ρ T(θo).
+(Wolff 1994, "Diffuse-reflectance model for smooth dielectric surfaces"; its series is that of Saunderson 1942,
+"Calculation of the color of pigmented plastics"). The division by η² is the spreading of radiance on the way out.
+As 1 − R = (1 − R_outside) / η², a white base keeps nothing. Without the nonlinear shift of colours the denominator is
+that of a white base, 1 − R, and the albedo is ρ T(θo).
 """
 
 import warp as wp
@@ -26,7 +26,7 @@ NONLINEAR = wp.constant(4)  # 1 where colours shift by inner reflections, else 0
 
 @wp.func
 def base_reflectance(rho: wp.vec3, internal: float, nonlinear: float) -> wp.vec3:
-    """Return ρ / (1 − R ρ), or ρ / (1 − R) where `nonlinear` is 0: what the base sends up, inner reflections included."""
+    """Return what the base sends up with all inner reflections, ρ / (1 − R ρ); or ρ / (1 − R) if `nonlinear` is 0."""
     one = wp.vec3(1.0)
     return wp.cw_div(rho, one - (one + (rho - one) * nonlinear) * internal)
 
@@ -39,9 +39,9 @@ def mean(color: wp.vec3) -> float:
 
 @wp.func
 def base_share(bsdf: Bsdf, let_in: float) -> float:
-    """Return how often the base is sampled: as often as it sends back light, of the part `let_in` that the coat lets in.
+    """Return how often the base is sampled, by the share of light that it sends back of what the coat lets in.
 
-    The base is not asked for its inner reflections; without nonlinear shifts its share is exact.
+    Inner reflections are left out; without nonlinear shifts of colour the share is exact.
     """
     base = let_in * mean(bsdf.slots[REFLECTANCE])
     return base / wp.max(base + (1.0 - let_in) * mean(bsdf.slots[SPECULAR]), 1.0e-20)

@@ -89,7 +89,9 @@ def missing_table(
     # Where nothing is lost there is nothing to sample, but a distribution there must be.
     cumulative = np.where(averages > 0.0, cumulative / np.where(averages > 0.0, averages, 1.0), 1.0)
     cumulative[0], cumulative[-1] = 0.0, 1.0
-    if shape is not None:
+    if shape is None:
+        averages = averages / toward**2
+    else:
         averages = np.full_like(averages, _average_over_azimuth(averages, along))
     return np.concatenate([along, averages, missing.ravel(), cumulative.ravel()]).astype(np.float32)
 
@@ -99,8 +101,7 @@ def roughnesses_of_columns() -> Floats:
     from wrt.kernels.albedo import COLUMNS
     from wrt.kernels.microfacet import LEAST_ALPHA
 
-    roots: Floats = np.linspace(np.cbrt(float(LEAST_ALPHA)), 1.0, int(COLUMNS))
-    return roots**3
+    return np.geomspace(float(LEAST_ALPHA), 1.0, int(COLUMNS))
 
 
 def _roughness(distribution: str, shape: tuple[float, float, float]) -> tuple[float, float]:

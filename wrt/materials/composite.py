@@ -37,7 +37,7 @@ class Mix(Material):
     At each hit one of them is chosen at random in that proportion.
 
     Attributes:
-        first, second: the two.
+        first, second: the two materials; in scene files their names.
         weight: share of the second, 0 to 1.
     """
 
@@ -66,8 +66,8 @@ class TwoSided(Material):
     Every reflecting material by itself looks the same on both sides.
 
     Attributes:
-        front: the material of the front.
-        back: the material of the back; a black one by default.
+        front: the material of the front; in scene files its name.
+        back: the material of the back; by default a black one.
     """
 
     front: Material = field(default_factory=Diffuse)

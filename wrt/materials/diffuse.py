@@ -30,7 +30,7 @@ class Diffuse(Material):
 
 @dataclass(frozen=True)
 class OrenNayar(Material):
-    """A rough matt surface such as plaster, clay or cloth, on both sides: flatter than Diffuse, brighter towards the lamp.
+    """A rough matt surface such as plaster or clay, on both sides: flatter than Diffuse, and brighter towards the lamp.
 
     The energy-preserving form (Portsmouth, Kutz and Hill 2025) of the model of Oren and Nayar (1994), whose
     `sigma` it keeps. With `sigma` 0 it is Diffuse.
