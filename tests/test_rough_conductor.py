@@ -320,7 +320,7 @@ def test_missing_energy_has_its_closed_form(device: str) -> None:
     """GGX of α = 1 straight on: D = 1/π, Λ = (1/μ − 1)/2, so that E = ∫ μ/(1 + μ) dμ = 1 − ln 2."""
     values, places = pack_tables([("reflection", "ggx", "smith", None)], Device(device))
     assert places == {("reflection", "ggx", "smith", None): 0}
-    missing = values[34 : 34 + 1024].reshape(32, 32)
+    missing = values[VALUES : VALUES + 1024].reshape(32, 32)
     assert missing[-1, -1] == pytest.approx(math.log(2.0), abs=1e-4)
     assert (missing >= 0.0).all()
     # Rougher surfaces lose more straight on, and a mirror nothing.
@@ -334,7 +334,7 @@ def test_bounces_colour_the_light_as_often_as_they_happen(device: str, report: R
     Averages over the hemisphere, by which the lobe is made: of one bounce F E_avg, of all others the lobe's own.
     """
     values, _ = pack_tables([("reflection", "ggx", "smith", None)], Device(device))
-    escapes = 1.0 - float(values[2 + 31])
+    escapes = 1.0 - float(values[VALUES - 1])
     # A reflectance that does not depend on the angle: white metal with a factor.
     for factor in (0.25, 0.5, 0.9, 1.0):
         # Directions of density cosθ/π see the average over the hemisphere.

@@ -54,24 +54,25 @@ def missing_table(
     """
     import warp as wp
 
-    from wrt.kernels.albedo import COLUMNS, ROW_SCALE, ROWS
+    from wrt.kernels.albedo import COLUMNS, ROWS
 
     columns = np.linspace(0.0, 1.0, int(COLUMNS))
     if shape is None:
-        along, azimuth, toward = (0.0, 0.0), np.zeros_like(columns), roughnesses_of_columns()
+        along, azimuth, toward = (0.0, 0.0), np.zeros_like(columns), _roughness_at(columns)
         shapes = np.stack([toward, toward, np.zeros_like(toward)], axis=1)
     else:
         along = _roughness(distribution, shape)
-        azimuth = _azimuth(columns, along)
-        toward = np.hypot(along[0] * np.cos(azimuth), along[1] * np.sin(azimuth))
+        azimuth, toward = _azimuth_at(columns, along)
         shapes = np.broadcast_to(np.asarray(shape, np.float64), (len(columns), 3))
 
-    scale = float(ROW_SCALE) * toward
-    logs = np.linspace(0.0, 1.0, int(ROWS))[:, None] * np.log1p(1.0 / scale)
+    logs, scale = _rows(int(ROWS), toward)
     cosine = np.clip(scale * np.expm1(logs), 1e-6, 1.0)
     cosine[0] = np.maximum(cosine[0], grazing * cosine[1])
     sine = np.sqrt(1.0 - cosine**2)
-    directions = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1).reshape(-1, 3)
+    directions = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    if along[0] == along[1] > 0.0:  # the same at every azimuth
+        directions, shapes = directions[:, :1], shapes[:1]
+    directions = directions.reshape(-1, 3)
     out = wp.empty(len(directions), dtype=float, device=device.name)
     inputs = [
         LATTICE_POINTS.get(distribution, MORE_LATTICE_POINTS),
@@ -81,27 +82,49 @@ def missing_table(
         out,
     ]
     device.launch(kernel, len(directions), inputs)
-    missing = np.clip(out.numpy().reshape(cosine.shape).astype(np.float64), 0.0, 1.0)
+    missing = np.clip(out.numpy().reshape(len(logs), -1).astype(np.float64), 0.0, 1.0)
+    missing = np.broadcast_to(missing, cosine.shape)
 
     masses = _masses(missing, logs, scale)
-    averages = masses.sum(axis=0)
+    totals = masses.sum(axis=0)
     cumulative = np.concatenate([np.zeros((1, len(columns))), np.cumsum(masses, axis=0)])
     # Where nothing is lost there is nothing to sample, but a distribution there must be.
-    cumulative = np.where(averages > 0.0, cumulative / np.where(averages > 0.0, averages, 1.0), 1.0)
+    cumulative = np.where(totals > 0.0, cumulative / np.where(totals > 0.0, totals, 1.0), 1.0)
     cumulative[0], cumulative[-1] = 0.0, 1.0
-    if shape is None:
-        averages = averages / toward**2
-    else:
-        averages = np.full_like(averages, _average_over_azimuth(averages, along))
+    averages = _averages(missing, None if shape is None else along)
     return np.concatenate([along, averages, missing.ravel(), cumulative.ravel()]).astype(np.float32)
 
 
 def roughnesses_of_columns() -> Floats:
     """Return the (COLUMNS,) roughnesses that tables have columns for (`kernels.albedo.table_column_of_alpha`)."""
     from wrt.kernels.albedo import COLUMNS
+
+    return _roughness_at(np.linspace(0.0, 1.0, int(COLUMNS)))
+
+
+def _roughness_at(column: Floats) -> Floats:
+    """Return the roughness at a place among the columns, 0 to 1."""
     from wrt.kernels.microfacet import LEAST_ALPHA
 
-    return np.geomspace(float(LEAST_ALPHA), 1.0, int(COLUMNS))
+    return np.asarray(float(LEAST_ALPHA) ** (1.0 - column))
+
+
+def _azimuth_at(column: Floats, along: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Return the azimuth φ in the first quadrant at a place among the columns, 0 to 1, and the roughness towards it.
+
+    tan(π/2 · column) = √(αv/αu) tanφ.
+    """
+    angle = 0.5 * np.pi * column
+    azimuth = np.arctan2(np.sqrt(along[0]) * np.sin(angle), np.sqrt(along[1]) * np.cos(angle))
+    return azimuth, np.hypot(along[0] * np.cos(azimuth), along[1] * np.sin(azimuth))
+
+
+def _rows(count: int, toward: Floats) -> tuple[Floats, Floats]:
+    """Return (rows, columns) ln(1 + μ / scale) of the rows' cosines μ, and the scale for each column's roughness."""
+    from wrt.kernels.albedo import ROW_SCALE
+
+    scale = float(ROW_SCALE) * toward
+    return np.linspace(0.0, 1.0, count)[:, None] * np.log1p(1.0 / scale), scale
 
 
 def _roughness(distribution: str, shape: tuple[float, float, float]) -> tuple[float, float]:
@@ -112,12 +135,6 @@ def _roughness(distribution: str, shape: tuple[float, float, float]) -> tuple[fl
     if distribution == "sgd":
         first = second = min(np.sqrt(first), 1.0)
     return max(first, 1e-4), max(second, 1e-4)
-
-
-def _azimuth(stretched: Floats, along: tuple[float, float]) -> Floats:
-    """Return azimuths φ in the first quadrant where tan(π/2 · stretched) = √(αv/αu) tanφ."""
-    angle = 0.5 * np.pi * stretched
-    return np.arctan2(np.sqrt(along[0]) * np.sin(angle), np.sqrt(along[1]) * np.cos(angle))
 
 
 def _masses(missing: Floats, logs: Floats, scale: Floats) -> Floats:
@@ -136,14 +153,27 @@ def _masses(missing: Floats, logs: Floats, scale: Floats) -> Floats:
     mu = scale * np.expm1(low + x * step)
     slope = (mu + scale) * step  # dμ/dx
     values = missing[:-1] + np.diff(missing, axis=0) * x
-    masses: Floats = (weights[:, None, None] * values * mu * slope).sum(axis=0)
-    return masses
+    return np.asarray((weights[:, None, None] * values * mu * slope).sum(axis=0))
 
 
-def _average_over_azimuth(averages: Floats, along: tuple[float, float]) -> float:
-    """Return the mean over the azimuth of values at even stretched azimuths, linear in between."""
-    steps = 4096
-    edges = _azimuth(np.linspace(0.0, 1.0, steps + 1), along)
-    middles = (np.arange(steps) + 0.5) / steps
-    values = np.interp(middles, np.linspace(0.0, 1.0, len(averages)), averages)
-    return float((values * np.diff(edges)).sum() / (0.5 * np.pi))
+def _averages(missing: Floats, along: tuple[float, float] | None) -> Floats:
+    """Return the mean of 1 − E over the hemisphere between columns, as the kernels read it.
+
+    Args:
+        missing: (rows, columns) 1 − E.
+        along: roughness along x and y where columns are azimuths. Else they are roughnesses, and the mean is over α².
+    """
+    from wrt.kernels.albedo import STEPS
+
+    rows, columns = missing.shape
+    steps = (columns - 1) * int(STEPS)
+    place = np.arange(steps + 1) / steps
+    j = np.minimum((place * (columns - 1)).astype(np.int64), columns - 2)
+    between = missing[:, j] + (missing[:, j + 1] - missing[:, j]) * (place * (columns - 1) - j)
+    if along is None:
+        toward = _roughness_at(place)
+        return np.asarray(_masses(between, *_rows(rows, toward)).sum(axis=0) / toward**2)
+    azimuth, toward = _azimuth_at(place, along)
+    means = _masses(between, *_rows(rows, toward)).sum(axis=0)
+    mean = float((0.5 * (means[1:] + means[:-1]) * np.diff(azimuth)).sum() / (0.5 * np.pi))
+    return np.full(len(place), mean)

@@ -9,8 +9,8 @@ from wrt.build.albedo_tables import missing_table
 from wrt.device import Device
 
 GRAZING = 0.15
-"""Towards the horizon E outside falls as a small power of cosθ. With this the table is right to 8e-3 up to 89.9 degrees,
-and beyond gives back up to 15 % too little, but never more than 8e-3 too much."""
+"""Towards the horizon E outside falls as a small power of cosθ. With this the table is right to 8e-3 up to 89.9
+degrees, and beyond gives back up to 15 % too little, but never more than 8e-3 too much."""
 
 
 def dielectric_table(

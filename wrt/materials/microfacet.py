@@ -60,7 +60,7 @@ def roughness(value: ColorSource, distribution: str, name: str = "alpha") -> Col
 
 def _pair(value: ColorSource, name: str) -> tuple[object, object]:
     try:
-        first, second = value  # type: ignore[misc,union-attr]
+        first, second = value  # type: ignore[misc]
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a number, two numbers or an image, not {value!r}") from None
     return first, second
@@ -83,7 +83,7 @@ def shape_of(alpha: ColorSource, distribution: str) -> ColorSource:
     """Return what the kernels' `shape` is made from: three numbers (see kernels/microfacet), or the texture."""
     if isinstance(alpha, (ImageTexture, VertexColor)):
         return alpha
-    first, second = (alpha, alpha) if isinstance(alpha, float) else alpha  # type: ignore[misc]
+    first, second = (alpha, alpha) if isinstance(alpha, float) else alpha
     if distribution == "sgd":
         return first, second, sgd_normalization(first, second)
     return first, second, 0.0
@@ -100,7 +100,7 @@ def is_anisotropic(alpha: ColorSource, distribution: str) -> bool:
         return bool((alpha.pixels[..., 0] != alpha.pixels[..., 1]).any())
     if isinstance(alpha, VertexColor):
         return True
-    first, second = alpha  # type: ignore[misc]
+    first, second = alpha
     return bool(first != second)
 
 
