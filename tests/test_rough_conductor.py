@@ -23,7 +23,6 @@ from support.bsdfs import (
     chi_square,
     hemisphere,
     reciprocity_error,
-    total_pdf,
     viewer,
 )
 from support.kernels import uniforms
@@ -36,6 +35,7 @@ from wrt.build import tables
 from wrt.build.scene_data import build_scene
 from wrt.build.tables import pack_tables
 from wrt.device import Device
+from wrt.kernels.albedo import VALUES
 from wrt.materials.metals import average_reflectance
 from wrt.materials.microfacet import MASKINGS
 from wrt.presets import metal_f0, metal_ior
@@ -87,6 +87,7 @@ CASES = {**WIDE, **NARROW, **CORNERS}
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("name", WIDE)
 def test_samples_follow_the_density(name: str, degrees: float, device: str, report: Report) -> None:
+    """One more cell holds the samples below the horizon, whose weight is 0: by them the density integrates to less."""
     result = chi_square(WIDE[name], degrees, device, tests=len(WIDE) * len(ANGLES), samples=2**18)
     report(f"{name} at {degrees:g}°", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
@@ -117,18 +118,6 @@ def test_mirror_like_lobes_have_their_shape(distribution: str, alpha: float, dev
 @pytest.mark.parametrize("name", CASES)
 def test_weight_is_value_over_density(name: str, degrees: float, device: str) -> None:
     assert_weights(CASES[name], degrees, device, rtol=1e-5)
-
-
-@pytest.mark.parametrize("name", WIDE)
-def test_density_integrates_to_at_most_one(name: str, device: str, report: Report) -> None:
-    """To less by what is drawn below the horizon, whose weight is 0."""
-    for degrees in ANGLES:
-        total = total_pdf(WIDE[name], degrees, device)
-        found = WIDE[name].sample(viewer(degrees), uniforms(2**16, 3, seed=32), device)
-        drawn = float((found["pdf"] > 0.0).mean())
-        report(f"{name} at {degrees:g}°: integral, share above the horizon", total, drawn)
-        assert total <= 1.0 + 1e-4
-        assert total == pytest.approx(drawn, abs=0.01)
 
 
 @pytest.mark.parametrize("name", CASES)

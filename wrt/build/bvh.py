@@ -1,4 +1,4 @@
-"""Building the ray tree on a device: the host's side of `kernels/bvh_build.py`."""
+"""Building the ray tree on a device: the host's side of the kernels in `kernels/bvh_*.py`."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     import warp as wp
 
     from wrt.kernels.bvh import MAX_DEPTH
-    from wrt.kernels.bvh_build import make_boxes
+    from wrt.kernels.bvh_split import make_boxes
     from wrt.kernels.simd import vec8
 
     boxes = wp.empty(count, dtype=vec8, device=device.name)
@@ -111,12 +111,13 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     """Return the nodes of a tree over boxes, as `kernels/instances.py` wants it: a leaf is −1 − (the box's number).
 
     Args:
-        lower, upper: (N, 3) float32 corners, at least one.
+        lower: (N, 3) float32 least corners, at least one.
+        upper: (N, 3) float32 greatest corners.
         device: where to build.
     """
     import warp as wp
 
-    from wrt.kernels import bvh_build as k
+    from wrt.kernels import bvh_collapse as k
     from wrt.kernels.bvh import MAX_DEPTH, NODE_FLOATS
     from wrt.kernels.simd import vec8
 
@@ -150,23 +151,23 @@ def _split(boxes: Any, device: Device, sah_depth: int) -> Any:
     """Return the binary tree, with its collapse priced; the boxes are put in its order."""
     import warp as wp
 
-    from wrt.kernels import bvh_build as k
+    from wrt.kernels import bvh_collapse, bvh_split, bvh_top
     from wrt.kernels.simd import vec8
 
     name, count = device.name, len(boxes)
     spare = wp.empty(count, dtype=vec8, device=name)
-    nodes = wp.empty(2 * count, dtype=k.BinaryNode, device=name)
+    nodes = wp.empty(2 * count, dtype=bvh_split.BinaryNode, device=name)
     centers = wp.empty(2 * count, dtype=vec8, device=name)
     # A node's centres are done with when its collapse is priced.
-    costs = wp.array(ptr=centers.ptr, shape=2 * count * k.COST_SLOTS, dtype=float, device=name)
-    root = np.zeros(1, k.BinaryNode.numpy_dtype())
+    costs = wp.array(ptr=centers.ptr, shape=2 * count * bvh_collapse.COST_SLOTS, dtype=float, device=name)
+    root = np.zeros(1, bvh_split.BinaryNode.numpy_dtype())
     root["count"] = count
-    wp.copy(nodes, wp.array(root, dtype=k.BinaryNode, device=name), count=1)
+    wp.copy(nodes, wp.array(root, dtype=bvh_split.BinaryNode, device=name), count=1)
 
     # Top: level by level, each node by many threads, down to subtrees that one thread builds whole.
     sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES
     first_chunks = _chunks(np.zeros(1, np.int64), np.array([count]), sizes.chunk, name)
-    device.launch(k.find_centers, len(first_chunks.first), [first_chunks, boxes])
+    device.launch(bvh_top.find_centers, len(first_chunks.first), [first_chunks, boxes])
     root_centers = wp.array(first_chunks.centers.numpy().min(axis=0), dtype=vec8, device=name)
     wp.copy(centers, root_centers, count=1)
     levels: list[Any] = []
@@ -183,11 +184,11 @@ def _split(boxes: Any, device: Device, sah_depth: int) -> Any:
             break
         chunks = _chunks(firsts, counts, sizes.chunk, name)
         on_device, n, chunk_count = wp.array(level, dtype=int, device=name), len(level), len(chunks.first)
-        splits = wp.empty(n, dtype=k.Split, device=name)
-        device.launch(k.fill_chunk_bins, chunk_count, [on_device, chunks, source, centers])
-        device.launch(k.split_level, n, [on_device, chunks, nodes, centers, sah_depth, splits])
-        device.launch(k.part_chunks, chunk_count, [on_device, chunks, splits, centers, source, target])
-        device.launch(k.join_centers, n, [on_device, chunks, nodes, centers])
+        splits = wp.empty(n, dtype=bvh_split.Split, device=name)
+        device.launch(bvh_top.fill_chunk_bins, chunk_count, [on_device, chunks, source, centers])
+        device.launch(bvh_top.split_level, n, [on_device, chunks, nodes, centers, sah_depth, splits])
+        device.launch(bvh_top.part_chunks, chunk_count, [on_device, chunks, splits, centers, source, target])
+        device.launch(bvh_top.join_centers, n, [on_device, chunks, nodes, centers])
         levels.append(on_device)
         left = splits.numpy()["left"]
         level = np.stack([level + 1, level + 2 * left], axis=1).ravel().astype(np.int32)
@@ -197,10 +198,12 @@ def _split(boxes: Any, device: Device, sah_depth: int) -> Any:
     order = np.argsort(-np.concatenate(root_counts), kind="stable")
     subtrees = wp.array(np.concatenate(roots)[order], dtype=int, device=name)
     moved = wp.array(np.concatenate(in_spare)[order].astype(np.int32), dtype=int, device=name)
-    inputs = [subtrees, moved, nodes, boxes, spare, centers, costs, *_bins(len(subtrees), name), sah_depth]
-    device.launch(k.build_subtrees, len(subtrees), inputs)
+    subtree_sizes = wp.empty(len(subtrees), dtype=int, device=name)
+    inputs = [subtrees, moved, nodes, boxes, spare, centers, *_bins(len(subtrees), name), sah_depth, subtree_sizes]
+    device.launch(bvh_split.build_subtrees, len(subtrees), inputs)
+    device.launch(bvh_collapse.price_subtrees, len(subtrees), [subtrees, subtree_sizes, nodes, costs])
     for on_device in reversed(levels):
-        device.launch(k.price_nodes, len(on_device), [on_device, nodes, costs])
+        device.launch(bvh_collapse.price_nodes, len(on_device), [on_device, nodes, costs])
     return nodes
 
 
@@ -221,7 +224,7 @@ def _chunks(firsts: np.ndarray, counts: np.ndarray, size: int, name: str) -> Any
     """Return the Chunks of nodes over `counts` boxes from `firsts`."""
     import warp as wp
 
-    from wrt.kernels.bvh_build import Chunks
+    from wrt.kernels.bvh_top import Chunks
     from wrt.kernels.simd import vec8
 
     pieces = -(-counts // size)
@@ -255,7 +258,7 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
     """Return the wide tree level by level, down to no more than one level too many."""
     import warp as wp
 
-    from wrt.kernels import bvh_build as k
+    from wrt.kernels import bvh_collapse as k
 
     levels: list[_Level] = []
     roots = wp.zeros(1, dtype=int, device=device.name)
@@ -275,7 +278,7 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
 
 def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
     """Return the tree as rays follow it."""
-    from wrt.kernels import bvh_build as k
+    from wrt.kernels import bvh_collapse as k
     from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
 
     starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))

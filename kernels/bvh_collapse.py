@@ -1,0 +1,279 @@
+"""From the binary tree to eight-wide nodes: the cheapest collapse, and writing it out.
+
+Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs"
+(2017), section 3.
+"""
+
+import warp as wp
+
+from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS
+from wrt.kernels.bvh_split import LARGE, BinaryNode
+from wrt.kernels.simd import vec8
+
+COST_SLOTS = 8
+# Cost of a node's test in units of a leaf's, measured.
+_NODE_COST = wp.constant(1.0)
+_open_nodes = wp.types.vector(length=16, dtype=int)
+
+
+@wp.func
+def collapse_costs(nodes: wp.array(dtype=BinaryNode), index: int, costs: wp.array(dtype=float)):
+    """Find the cheapest way to stand for a subtree by at most j = 1 to 7 roots (Ylitie et al., eq. 2)."""
+    node = nodes[index]
+    size = node.upper - node.lower
+    area = size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
+    base = index * wp.static(COST_SLOTS)
+    if node.right == 0:
+        for j in range(1, 8):
+            costs[base + j] = area
+        return
+    left = node.left * wp.static(COST_SLOTS)
+    right = node.right * wp.static(COST_SLOTS)
+    choices = int(0)
+    shared = vec8()
+    for j in range(2, 9):
+        best = float(LARGE)
+        share = int(1)
+        for k in range(1, j):
+            cost = costs[left + k] + costs[right + j - k]
+            if cost < best:
+                best = cost
+                share = k
+        shared[j - 1] = best
+        choices = choices | (share << (3 * (j - 2)))
+    cheapest = area * _NODE_COST + shared[7]
+    costs[base + 1] = cheapest
+    for j in range(2, 8):
+        # Of equal costs, as among boxes without area, the one with more roots: it is less deep.
+        if shared[j - 1] <= cheapest:
+            cheapest = shared[j - 1]
+        else:
+            choices = choices & ~(7 << (3 * (j - 2)))
+        costs[base + j] = cheapest
+    nodes[index].choices = choices
+
+
+@wp.kernel(enable_backward=False)
+def price_subtrees(
+    first: int,
+    roots: wp.array(dtype=int),
+    sizes: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    costs: wp.array(dtype=float),
+):
+    """Price the collapse of everything below each of a list of nodes."""
+    i = first + wp.tid()
+    # Children come after their parents, so this order is bottom-up.
+    for k in range(sizes[i]):
+        collapse_costs(nodes, roots[i] + sizes[i] - 1 - k, costs)
+
+
+@wp.kernel(enable_backward=False)
+def price_nodes(
+    first: int, order: wp.array(dtype=int), nodes: wp.array(dtype=BinaryNode), costs: wp.array(dtype=float)
+):
+    """Price the collapse of each of a list of nodes of one level, whose children are priced."""
+    collapse_costs(nodes, order[first + wp.tid()], costs)
+
+
+@wp.func
+def children_of(nodes: wp.array(dtype=BinaryNode), root: int):
+    """Return the binary nodes that become the children of a wide node, and how many they are."""
+    children = _open_nodes()
+    pending = _open_nodes()
+    shares = _open_nodes()
+    count = int(0)
+    top = int(1)
+    pending[0] = root
+    shares[0] = 8
+    while top > 0:
+        top -= 1
+        index = pending[top]
+        share = shares[top]
+        right = nodes[index].right
+        choices = nodes[index].choices
+        left_share = int(0)
+        if right != 0 and share > 1:
+            left_share = (choices >> (3 * (share - 2))) & 7
+            while left_share == 0 and share > 2:
+                share -= 1
+                left_share = (choices >> (3 * (share - 2))) & 7
+        if left_share == 0:
+            children[count] = index
+            count += 1
+        else:
+            pending[top] = right
+            shares[top] = share - left_share
+            pending[top + 1] = nodes[index].left
+            shares[top + 1] = left_share
+            top += 2
+    children[15] = count
+    return children
+
+
+@wp.kernel(enable_backward=False)
+def find_children(
+    first: int,
+    level: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    children_out: wp.array(dtype=int),
+    inner_out: wp.array(dtype=int),
+    leaves_out: wp.array(dtype=int),
+):
+    """Write the children of each wide node of a level, −1 for unused places, and count nodes and leaves among them."""
+    i = first + wp.tid()
+    root = nodes[level[i]]
+    children = children_of(nodes, level[i])
+    count = children[15]
+    middle = root.lower + root.upper
+    inner = int(0)
+    for k in range(8):
+        children_out[8 * i + k] = -1
+    # Ylitie et al., section 3.2: each child at the place towards whose corner of the node it lies. The
+    # best pair of a child and a place that are both left, again and again.
+    free = int(255)
+    waiting = (1 << count) - 1
+    while waiting != 0:
+        best = float(-LARGE)
+        best_child = int(0)
+        best_place = int(0)
+        for k in range(count):
+            if (waiting >> k) & 1 != 0:
+                child = nodes[children[k]]
+                off = child.lower + child.upper - middle
+                for place in range(8):
+                    if (free >> place) & 1 != 0:
+                        fit = wp.where((place & 1) != 0, off[0], -off[0])
+                        fit += wp.where((place & 2) != 0, off[1], -off[1])
+                        fit += wp.where((place & 4) != 0, off[2], -off[2])
+                        if not (fit <= best):
+                            best = fit
+                            best_child = k
+                            best_place = place
+        waiting = waiting & ~(1 << best_child)
+        free = free & ~(1 << best_place)
+        children_out[8 * i + best_place] = children[best_child]
+        if nodes[children[best_child]].right != 0:
+            inner += 1
+    inner_out[i] = inner
+    leaves_out[i] = count - inner
+
+
+@wp.kernel(enable_backward=False)
+def list_inner(
+    first: int,
+    children: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    inner_start: wp.array(dtype=int),
+    next_level_out: wp.array(dtype=int),
+):
+    """Write the wide nodes of the next level."""
+    i = first + wp.tid()
+    k_out = inner_start[i]
+    for k in range(8):
+        child = children[8 * i + k]
+        if child >= 0:
+            if nodes[child].right != 0:
+                next_level_out[k_out] = child
+                k_out += 1
+
+
+@wp.func
+def write_box(nodes_out: wp.array(dtype=float), place: int, lower: wp.vec3, upper: wp.vec3):
+    """Write one of the boxes of a wide node."""
+    for axis in range(3):
+        nodes_out[place + 8 * axis] = lower[axis]
+        nodes_out[place + 24 + 8 * axis] = upper[axis]
+
+
+@wp.kernel(enable_backward=False)
+def write_level(
+    first: int,
+    children: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    boxes: wp.array(dtype=vec8),
+    points: wp.array(dtype=wp.vec3),
+    indices: wp.array(dtype=int),
+    inner_start: wp.array(dtype=int),
+    leaf_start: wp.array(dtype=int),
+    first_node: int,
+    first_child: int,
+    first_leaf: int,
+    nodes_out: wp.array(dtype=float),
+    children_out: wp.array(dtype=int),
+    leaves_out: wp.array(dtype=float),
+    leaf_ids_out: wp.array(dtype=int),
+):
+    """Write the wide nodes of a level and their leaves in the layout of `kernels/bvh.py`."""
+    i = first + wp.tid()
+    base = (first_node + i) * wp.static(NODE_FLOATS)
+    inner = first_child + inner_start[i]
+    leaf = first_leaf + leaf_start[i]
+    for k in range(8):
+        child = children[8 * i + k]
+        if child >= 0:
+            node = nodes[child]
+            write_box(nodes_out, base + k, node.lower, node.upper)
+            if node.right != 0:
+                children_out[base + 48 + k] = inner
+                inner += 1
+            else:
+                children_out[base + 48 + k] = -1 - leaf
+                start = leaf * wp.static(LEAF_FLOATS)
+                for n in range(wp.static(LEAF_SIZE)):
+                    # Unused places repeat one corner three times: no ray hits that.
+                    number = wp.cast(boxes[node.first + wp.min(n, node.count - 1)][3], wp.int32)
+                    for corner in range(3):
+                        p = points[indices[3 * number + wp.where(n < node.count, corner, 0)]]
+                        for axis in range(3):
+                            leaves_out[start + wp.static(LEAF_SIZE) * (3 * corner + axis) + n] = p[axis]
+                    leaf_ids_out[start + wp.static(9 * LEAF_SIZE) + n] = number
+                leaf += 1
+        else:
+            write_box(nodes_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE))
+            children_out[base + 48 + k] = 0
+
+
+@wp.kernel(enable_backward=False)
+def write_upper_level(
+    first: int,
+    children: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    boxes: wp.array(dtype=vec8),
+    inner_start: wp.array(dtype=int),
+    leaf_start: wp.array(dtype=int),
+    first_node: int,
+    first_child: int,
+    first_leaf_node: int,
+    nodes_out: wp.array(dtype=float),
+    children_out: wp.array(dtype=int),
+):
+    """Write the wide nodes of a level of a tree over boxes; a leaf is a node whose children are −1 − their numbers."""
+    i = first + wp.tid()
+    base = (first_node + i) * wp.static(NODE_FLOATS)
+    inner = first_child + inner_start[i]
+    leaf = first_leaf_node + leaf_start[i]
+    for k in range(8):
+        child = children[8 * i + k]
+        if child >= 0:
+            node = nodes[child]
+            write_box(nodes_out, base + k, node.lower, node.upper)
+            if node.right != 0:
+                children_out[base + 48 + k] = inner
+                inner += 1
+            else:
+                children_out[base + 48 + k] = leaf
+                start = leaf * wp.static(NODE_FLOATS)
+                for n in range(8):
+                    if n < node.count:
+                        box = boxes[node.first + n]
+                        lower = wp.vec3(box[0], box[1], box[2])
+                        write_box(nodes_out, start + n, lower, wp.vec3(-box[4], -box[5], -box[6]))
+                        children_out[start + 48 + n] = -1 - wp.cast(box[3], wp.int32)
+                    else:
+                        write_box(nodes_out, start + n, wp.vec3(LARGE), wp.vec3(-LARGE))
+                        children_out[start + 48 + n] = 0
+                leaf += 1
+        else:
+            write_box(nodes_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE))
+            children_out[base + 48 + k] = 0

@@ -1,0 +1,202 @@
+"""docs/own-bsdf.md: its program runs, its model is right, and a model of one's own is as good as a built-in one."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT, Report
+from support.bsdfs import (
+    ANGLES,
+    Case,
+    albedo,
+    assert_finite,
+    assert_weights,
+    chi_square,
+    reciprocity_error,
+    total_pdf,
+)
+from test_cli import ENVIRONMENT
+
+import wrt
+from wrt.kernels.bsdf import FAMILIES, register_model
+from wrt.kernels.bsdf.diffuse import MODEL as LAMBERT
+from wrt.kernels.bsdf.record import MAX_SLOTS
+from wrt.materials import MATERIALS
+
+(CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-bsdf.md").read_text("utf-8"), re.M | re.S)
+
+
+@functools.cache
+def example() -> ModuleType:
+    """Return the page's program as a module; it registers its material, which can be done but once."""
+    folder = Path(tempfile.mkdtemp())
+    (folder / "lunar.py").write_text(CODE, "utf-8")
+    spec = importlib.util.spec_from_file_location("lunar", folder / "lunar.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget() -> Iterator[None]:
+    """Leave the registers as they were found, for tests of other files that look at every material."""
+    yield
+    MATERIALS.pop("lunar", None)
+
+
+def lunar(w: Any, front: bool = True) -> Case:
+    MATERIALS.setdefault("lunar", example().Lunar)
+    return Case(example().Lunar(w), front)
+
+
+def test_the_program_runs_and_the_full_moon_is_flat(tmp_path: Path) -> None:
+    """Seen from where the light comes from, cosθi = cosθo: the radiance is E w / 8π, to the rim."""
+    (tmp_path / "moon.py").write_text(CODE, "utf-8")
+    done = subprocess.run([sys.executable, "moon.py"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (done.stdout, done.stderr) == ("", "")
+    pixels = wrt.load_image(tmp_path / "moon.png").astype(np.float64)
+    expected = 100.0 * np.array([0.22, 0.2, 0.18]) / (8.0 * np.pi)
+    y, x = np.indices(pixels.shape[:2]) - 255.5
+    # The disc: its rim is seen under asin(1/10), the picture's half height under 7 degrees.
+    rim = np.tan(np.arcsin(0.1)) / np.tan(np.radians(7.0)) * 256.0
+    distance = np.hypot(x, y)
+    inside, outside = distance < 0.98 * rim, distance > 1.02 * rim
+    # The camera stands but ten radii away, so cosθi and cosθo differ a little away from the middle.
+    np.testing.assert_allclose(pixels[distance < 30].mean(axis=0), expected, rtol=5e-3)
+    assert (np.abs(pixels[inside] / expected - 1.0) < 0.25).all()
+    assert np.abs(pixels[distance < 0.6 * rim] / expected - 1.0).max() < 0.1
+    assert pixels[outside].max() == 0.0
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+def test_samples_follow_the_density(degrees: float, device: str, report: Report) -> None:
+    result = chi_square(lunar(0.8), degrees, device, tests=len(ANGLES))
+    report(f"Moon at {degrees:g}°", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+    assert total_pdf(lunar(0.8), degrees, device) == pytest.approx(1.0, abs=1e-5)
+    assert_weights(lunar((1.0, 0.5, 0.0)), degrees, device)
+
+
+@pytest.mark.parametrize("front", [True, False])
+@pytest.mark.parametrize("degrees", [*ANGLES, 89.99])
+def test_energy_is_the_closed_form(degrees: float, front: bool, device: str, report: Report) -> None:
+    mean, error = albedo(lunar(1.0, front), degrees, device)
+    mu = np.cos(np.radians(degrees))
+    expected = 0.5 * (1.0 - mu * np.log1p(1.0 / mu))
+    report(f"Moon at {degrees:g}°: energy", float(mean[0]), float(expected))
+    assert (np.abs(mean - expected) < 3.5 * error + 1e-5).all()
+
+
+def test_it_is_reciprocal_and_finite(device: str) -> None:
+    assert reciprocity_error(lunar((0.9, 0.5, 0.1)), device) < 1e-5
+    for w in (0.0, 1.0):
+        assert_finite(lunar(w), device)
+
+
+def test_it_is_a_material_like_any_other(tmp_path: Path, device: str) -> None:
+    """In scene files with textures and opacity, in mixtures, among others; each with what it has by itself."""
+    lunar(0.5)
+    wrt.save_image(tmp_path / "map.npy", np.full((2, 2, 3), 0.6))
+    (tmp_path / "scene.toml").write_text(
+        '[environment]\ntype = "constant"\n[camera]\norigin = [0, 0, 3]\nfov_degrees = 10\n'
+        '[materials.dust]\ntype = "lunar"\nalbedo = { texture = "map.npy" }\n'
+        '[materials.both]\ntype = "mix"\nfirst = "dust"\nsecond = "white"\nweight = 0.25\n'
+        '[materials.white]\ntype = "diffuse"\nreflectance = 0.8\n'
+        '[[shapes]]\ntype = "quad"\norigin = [-1, -1, 0]\nedge_u = [2, 0, 0]\nedge_v = [0, 2, 0]\nmaterial = "both"\n'
+    )
+    scene = wrt.load(tmp_path / "scene.toml")
+    assert isinstance(scene.shapes[0].material.first, example().Lunar)  # type: ignore[attr-defined]
+    renderer = wrt.Renderer(scene, width=16, height=16, device=device)
+    for _ in renderer.passes(spp=1024):
+        pass
+    error = np.sqrt(renderer.variance()[..., 0].sum()) / 256
+    expected = 0.75 * 0.6 * 0.5 * (1.0 - np.log(2.0)) + 0.25 * 0.8
+    # 5 degrees off at the corners: the closed form for looking straight down, to second order.
+    assert abs(renderer.image().mean(dtype=np.float64) - expected) < 3.5 * error + 3e-4
+    with pytest.raises(wrt.InputError, match="albedo must be at most 1, not 1.5"):
+        example().Lunar(1.5)
+
+
+def test_a_copy_of_lambert_is_lambert(device: str) -> None:
+    """The same picture bit for bit: what is compiled is the same."""
+
+    class Copy(wrt.Diffuse):
+        type_name = "copy-of-lambert"
+
+    wrt.register_material(Copy, LAMBERT)
+    try:
+        images = []
+        for cls in (wrt.Diffuse, Copy):
+            scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 2.0, 3.0)))
+            scene.add(wrt.quad((-3, -0.5, 3), (6, 0, 0), (0, 0, -6)), material=cls(0.7))
+            scene.add(wrt.box(), material=cls((0.2, 0.5, 0.8)))
+            scene.add_light(wrt.PointLight((1.0, 2.0, 1.0), power=100.0))
+            images.append(wrt.render(scene, width=24, height=16, spp=8, device=device))
+    finally:
+        del MATERIALS[Copy.type_name]
+    assert images[0].max() > 0.0
+    np.testing.assert_array_equal(*images)
+
+
+def test_what_cannot_be_registered_is_refused() -> None:
+    lunar(0.5)
+
+    class Nameless(wrt.Material):
+        pass
+
+    class Taken(wrt.Material):
+        type_name = "diffuse"
+
+    class Odd(wrt.Material):
+        type_name = "odd name"
+
+    class Greedy(wrt.Material):
+        type_name = "greedy"
+
+    class Unknown(wrt.Material):
+        type_name = "unknown"
+
+    before, families = dict(MATERIALS), dict(FAMILIES)
+    for cls, model, message in (
+        (Nameless, LAMBERT, "Nameless: type_name '' is empty or taken"),
+        (Taken, None, "Taken: type_name 'diffuse' is empty or taken"),
+        (example().Lunar, LAMBERT, "Lunar: there is a model 'lunar' already"),
+        (Odd, LAMBERT, "Odd: a model's name must be an identifier, not 'odd name'"),
+        (Greedy, LAMBERT._replace(slots=MAX_SLOTS + 1), f"Greedy: greedy: a model reads 0 to {MAX_SLOTS} values"),
+    ):
+        with pytest.raises(wrt.InputError) as caught:
+            wrt.register_material(cls, model)
+        assert str(caught.value).startswith(message)
+    with pytest.raises(ValueError, match="there is a model 'mirror' already"):
+        register_model("mirror", LAMBERT)
+    assert (before, families) == (MATERIALS, FAMILIES)
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(wrt.box(), material=Unknown())
+    with pytest.raises(wrt.InputError, match="Unknown: there is no reflection model 'unknown'"):
+        wrt.Renderer(scene, width=4, height=4)
+
+
+def test_slots_must_be_as_many_as_the_model_reads() -> None:
+    class Short(wrt.Mirror):
+        type_name = "short"
+        slot_names = ()
+        model = "mirror"  # type: ignore[assignment]
+
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(wrt.box(), material=Short())
+    with pytest.raises(wrt.InputError, match="Short gives 0 values, but mirror reads 1"):
+        wrt.Renderer(scene, width=4, height=4)
