@@ -10,6 +10,9 @@ from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS
 from wrt.kernels.bvh_split import LARGE, BinaryNode
 from wrt.kernels.simd import vec8
 
+# Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
+wp.set_module_options({"max_unroll": 1})
+
 COST_SLOTS = 8
 # Cost of a node's test in units of a leaf's, measured.
 _NODE_COST = wp.constant(1.0)

@@ -4,6 +4,9 @@ import warp as wp
 
 from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS, Bvh
 
+# Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
+wp.set_module_options({"max_unroll": 1})
+
 
 @wp.kernel(enable_backward=False)
 def refit_leaves(

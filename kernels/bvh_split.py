@@ -13,6 +13,9 @@ from wrt.kernels.bvh import LEAF_SIZE
 from wrt.kernels.bvh_ranges import BINS, bounds_of_range, copy_range, fill_bins, part_range
 from wrt.kernels.simd import vec8
 
+# Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
+wp.set_module_options({"max_unroll": 1})
+
 FEW_BINS = 8
 """Bins for nodes over few triangles, where sweeping the bins costs more than filling them."""
 

@@ -10,6 +10,9 @@ from wrt.kernels.bvh_ranges import BINS, centers_of_range, copy_range, fill_bins
 from wrt.kernels.bvh_split import LARGE, BinaryNode, Split, add_children, bin_scale, choose_split, set_box
 from wrt.kernels.simd import vec8
 
+# Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
+wp.set_module_options({"max_unroll": 1})
+
 
 @wp.struct
 class Chunks:

@@ -6,20 +6,20 @@ A table is made for one refractive index and one distribution of normals (`wrt/b
     2 ...           per column, the share of diffuse light from below that the coat sends back
     2 + COLUMNS ... (ROWS, COLUMNS) shares T of the light from above that the coat lets in, by cosine
 
-Rows are even in √cosθ, as T changes fastest near the horizon. Columns are roughnesses as in `kernels/albedo.py`, or
-one column is that of a surface of one roughness.
+Rows are even in √cosθ, as T changes fastest near the horizon. Columns are ROUGHNESSES even in √α; or one column is that
+of a surface of one roughness.
 """
 
 import functools
 
 import warp as wp
 
-from wrt.kernels.albedo import COLUMNS as ROUGHNESSES
-from wrt.kernels.albedo import GOLDEN, table_column_of_alpha
+from wrt.kernels.albedo import GOLDEN
 from wrt.kernels.fresnel import cos_transmitted_squared
-from wrt.kernels.microfacet import make_microfacet
+from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 
 HEADER = wp.constant(2)
+ROUGHNESSES = wp.constant(32)
 
 
 @wp.func
@@ -39,7 +39,8 @@ def coat_column(tables: wp.array(dtype=float), table: int, alpha: float) -> floa
     """Return the place of a roughness among the columns of a table."""
     if tables[table + 1] < float(ROUGHNESSES):
         return 0.0
-    return table_column_of_alpha(alpha)
+    least = wp.sqrt(LEAST_ALPHA)
+    return (wp.sqrt(wp.clamp(alpha, LEAST_ALPHA, 1.0)) - least) / (1.0 - least) * float(ROUGHNESSES - 1)
 
 
 @wp.func

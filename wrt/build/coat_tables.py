@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.build.albedo_tables import roughnesses_of_columns
 from wrt.device import Device
 
 ROWS = 128
@@ -39,13 +38,15 @@ def coat_table(
     """
     import warp as wp
 
-    from wrt.kernels.coat import make_coat_kernel
+    from wrt.kernels.coat import ROUGHNESSES, make_coat_kernel
+    from wrt.kernels.microfacet import LEAST_ALPHA
 
     points = POINTS.get(distribution, MORE_POINTS)
     rows, points = (ROWS, points) if alpha is not None else (ROWS_OF_MANY, points // 4)
     root = np.linspace(0.0, 1.0, rows)
     cosine = np.maximum(root**2, LEAST_COSINE)
-    alphas = np.array([alpha]) if alpha is not None else roughnesses_of_columns()
+    least = np.sqrt(float(LEAST_ALPHA))
+    alphas = np.array([alpha]) if alpha is not None else np.linspace(least, 1.0, int(ROUGHNESSES)) ** 2
     shape = (rows, len(alphas))
     directions = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(rows), cosine], axis=1)
     out = [wp.empty(rows * len(alphas), dtype=float, device=device.name) for _ in range(2)]
