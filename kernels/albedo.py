@@ -14,7 +14,7 @@ A table is TABLE_SIZE floats, those of (ROWS, COLUMNS) by cosine:
     CUMULATIVE  (ROWS, COLUMNS), share of that mean below the row's cosine
 
 Rows are even in ln(1 + μ / s), μ = cosθ, s = 0.1 a, a the roughness towards w: losses happen where μ is about a, so
-that smooth surfaces need their rows near the horizon. Columns are even in ln α; or, in a table for one anisotropic
+that smooth surfaces need their rows near the horizon. Columns are even in ∜α; or, in a table for one anisotropic
 surface, in the azimuth stretched by √(αv/αu).
 """
 
@@ -58,7 +58,8 @@ class TablePlace:
 @wp.func
 def table_column_of_alpha(alpha: float) -> float:
     """Return the place of a roughness among the columns of a table by roughness."""
-    return wp.log(wp.clamp(alpha, LEAST_ALPHA, 1.0) / LEAST_ALPHA) / -wp.log(LEAST_ALPHA) * float(COLUMNS - 1)
+    least = wp.sqrt(wp.sqrt(LEAST_ALPHA))
+    return (wp.sqrt(wp.sqrt(wp.clamp(alpha, LEAST_ALPHA, 1.0))) - least) / (1.0 - least) * float(COLUMNS - 1)
 
 
 @wp.func

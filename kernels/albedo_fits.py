@@ -60,6 +60,35 @@ def average_specular_albedo(alpha: float) -> wp.vec2:
 
 
 @wp.func
+def facet_albedo(w: wp.vec3, shape: wp.vec3) -> wp.vec2:
+    """Return (W, G) of anisotropic GGX for light from w, of the shape (αu, αv, 0).
+
+    Facets mask each other by the roughness towards w. They tilt across it as well; G is that of an isotropic surface
+    which is smoother the more the smooth axis points towards w, and W at most that by the mean roughness. The numbers
+    are such that the true albedo exceeds neither (tests/test_principled.py); on average E is 0.02 too large.
+    """
+    rough = wp.max(shape[0], shape[1])
+    smooth = wp.min(shape[0], shape[1])
+    if rough == smooth:
+        return specular_albedo(w[2], rough)
+    along = wp.where(shape[0] < shape[1], w[0], w[1])
+    smooth_share = along * along / wp.max(w[0] * w[0] + w[1] * w[1], 1.0e-12)
+    toward = wp.sqrt(rough * rough * (1.0 - smooth_share) + smooth * smooth * smooth_share)
+    contrast = 1.0 - smooth / rough
+    tilt = 0.7 * wp.sqrt(wp.sqrt(rough)) * contrast * smooth_share * smooth_share * smooth_share
+    first = specular_albedo(w[2], wp.max(toward * (1.0 - tilt), 1.0e-4))
+    second = specular_albedo(w[2], wp.sqrt(rough * smooth))
+    white = wp.min(wp.max(first[0], second[0]) + wp.min(0.03, 0.08 * contrast), 1.0)
+    return wp.vec2(white, wp.min(first[1] + 0.008 * contrast, white))
+
+
+@wp.func
+def average_facet_albedo(shape: wp.vec3) -> wp.vec2:
+    """Return at most 2 ∫ (W, G) μ dμ of `facet_albedo`: that of the rougher axis, which is least."""
+    return average_specular_albedo(wp.max(shape[0], shape[1]))
+
+
+@wp.func
 def sheen_albedo(mu: float, roughness: float) -> float:
     """Return the albedo of white sheen (`kernels/bsdf/sheen.py`); above 1 where it is smooth and seen at grazing angles.
 

@@ -2,12 +2,11 @@
 
 A ray's next step waits for the last one: for memory, and for a chain of dependent instructions. The
 steps of other rays do not, so a processor that looks ahead works on all of them at once. For that
-nothing must make it guess wrongly, as a mistaken branch throws away the work of every ray: where
-`FOLLOW_RAY` sorts the two or three boxes that a ray meets in a loop, here a fixed network sorts all
-eight. And what a ray needs next is fetched while the others have their turns. Measured on one thread
-and incoherent rays, in units of single rays: on 82 k triangles a loop with two rays in turn 1.1, a
-network with one 0.93, with two 1.4, with three to six 1.6; on 5.2 M triangles, four in turn 1.3, with
-fetching ahead 1.7, six 2.1, eight 2.3 (but 0.95 of four on the small mesh).
+nothing must make it guess wrongly, as a mistaken branch throws away the work of every ray: hence children
+are pushed without one (`PUSH_CHILDREN`). And what a ray needs next is fetched while the others have their
+turns. Measured on one thread and incoherent rays, when children were still sorted by a network, in units
+of single rays: on 82 k triangles two in turn 1.4, three to six 1.6; on 5.2 M triangles four in turn 1.3,
+with fetching ahead 1.7, six 2.1, eight 2.3 (but 0.95 of four on the small mesh).
 
 A kernel for the CPU; on CUDA the hardware does this with whole warps, and `trace_rays` is the way.
 """

@@ -54,17 +54,16 @@ BOX_TEST = """
 #   out: begins, waiting, top; a begin is a float's bits, whose order is that of the distances (floats
 #        that are not negative sort like their bits)
 PUSH_CHILDREN = """
-#if defined(__AVX512VL__) && VECTOR_CODE
+#if defined(__AVX2__) && VECTOR_CODE
     {
         const i8 order = (i8){0, 1, 2, 3, 4, 5, 6, 7} ^ flip;
-        const f8 begins_in_order = __builtin_bit_cast(f8, __builtin_ia32_permvarsi256(__builtin_bit_cast(i8, tn), order));
-        const f8 ends_in_order = __builtin_bit_cast(f8, __builtin_ia32_permvarsi256(__builtin_bit_cast(i8, tf), order));
-        const unsigned char met =
-            __builtin_bit_cast(unsigned char, __builtin_convertvector(begins_in_order <= ends_in_order, b8));
-        const i8 children_in_order = __builtin_ia32_permvarsi256(*(const i8*)children, order);
-        *(i8*)(begins + top) = __builtin_ia32_compresssi256_mask(
-            __builtin_bit_cast(i8, begins_in_order), (i8)0, met);
-        *(i8*)(waiting + top) = __builtin_ia32_compresssi256_mask(children_in_order, (i8)0, met);
+        const i8 begins_in_order = PERMUTE(__builtin_bit_cast(i8, tn), order);
+        const i8 ends_in_order = PERMUTE(__builtin_bit_cast(i8, tf), order);
+        const i8 children_in_order = PERMUTE(*(const i8*)children, order);
+        const unsigned char met = __builtin_bit_cast(unsigned char, __builtin_convertvector(
+            __builtin_bit_cast(f8, begins_in_order) <= __builtin_bit_cast(f8, ends_in_order), b8));
+        *(i8*)(begins + top) = COMPRESS(begins_in_order, met);
+        *(i8*)(waiting + top) = COMPRESS(children_in_order, met);
         top += __builtin_popcount(met);
     }
 #else
@@ -202,6 +201,15 @@ _PRELUDE = """
     #define LEAST(a, b) __builtin_elementwise_min(a, b)
     #define MOST(a, b) __builtin_elementwise_max(a, b)
     #define SIZE(a) __builtin_elementwise_abs(a)
+    #define PERMUTE(a, places) __builtin_ia32_permvarsi256(a, places)
+#if defined(__AVX512VL__)
+    // The elements of which bits are set in m, one after the other.
+    #define COMPRESS(a, m) __builtin_ia32_compresssi256_mask(a, (i8)0, m)
+#else
+    typedef unsigned char u8 __attribute__((ext_vector_type(8), aligned(1)));
+    static const unsigned char set_bits[2048] = {SET_BITS};
+    #define COMPRESS(a, m) PERMUTE(a, __builtin_convertvector(*(const u8*)(set_bits + 8 * (m)), i8))
+#endif
 #if LEAF_SIZE == 8
     #define LEAF_MASK(m) __builtin_bit_cast(unsigned char, __builtin_convertvector(m, b8))
 #else
@@ -226,10 +234,18 @@ _POSTLUDE = """
 #undef LEAST
 #undef MOST
 #undef SIZE
+#undef PERMUTE
+#undef COMPRESS
 """
+
+
+def _set_bits() -> str:
+    """Return for each number of eight bits the places of those that are set, padded to eight by zeros."""
+    rows = [[k for k in range(8) if m >> k & 1] for m in range(256)]
+    return ", ".join(str(place) for row in rows for place in row + [0] * (8 - len(row)))
 
 
 def with_vectors(code: str, leaf_size: int) -> str:
     """Return a body of C++ with the vector types and macros of this file around it."""
-    code = _PRELUDE + code + _POSTLUDE
+    code = (_PRELUDE + code + _POSTLUDE).replace("SET_BITS", _set_bits())
     return code.replace("VECTOR_CODE", VECTOR_CODE).replace("LEAF_SIZE", str(leaf_size))

@@ -417,3 +417,10 @@ def test_a_checkpoint_knows_the_channel() -> None:
         for t in (texture, dataclasses.replace(texture, channel="g"))
     )
     assert before["materials"] != after["materials"]
+
+
+def test_roughness_of_one_channel_is_the_same_along_both_axes() -> None:
+    pixels = np.random.default_rng(9).random((2, 2, 3)).astype(np.float32)
+    assert wrt.RoughConductor(wrt.ImageTexture(pixels)).needs_tangents
+    for channel in "rgb":
+        assert not wrt.RoughConductor(wrt.ImageTexture(pixels, channel=channel)).needs_tangents

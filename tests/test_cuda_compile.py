@@ -14,10 +14,11 @@ import warp as wp
 
 import wrt.kernels
 from wrt.device import initialize_warp
-from wrt.kernels.bsdf import MODELS
 from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.features import Features
+from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.render import make_render_kernel
+from wrt.materials import MATERIALS
 
 ARCHITECTURES = (75, 90)
 """Turing, the oldest that Warp supports, and Hopper."""
@@ -28,7 +29,19 @@ FACTORIES = {("wrt.kernels.render", "make_render_kernel")}
 FEATURES = [
     Features(("diffuse",), False, "none"),
     Features(("conductor", "dielectric"), False, "constant"),
-    Features(tuple(sorted(MODELS)), True, "image"),
+    # Each material's model as it comes, with all that a scene can have besides.
+    Features(
+        tuple(sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})),
+        True,
+        "image",
+        layered=True,
+        tangents=True,
+    ),
+    # Each distribution of normals, and each masking with one of them.
+    *(
+        Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")
+        for distribution in DISTRIBUTIONS
+    ),
 ]
 
 

@@ -10,7 +10,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from wrt.environment import ConstantEnvironment
 from wrt.formats import scene_toml
 from wrt.formats.images import load_environment
 from wrt.formats.scene_toml import load_scene
+from wrt.materials import MATERIALS
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -51,7 +52,9 @@ def write_files(folder: Path) -> None:
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
     (folder / "bunny.obj").write_text("\n".join(lines) + "\n")
     rng = np.random.default_rng(0)
-    wrt.save_image(folder / "wood.png", rng.uniform(0.0, 1.0, (4, 4, 3)))
+    for name in ("wood", "robot", "robot-orm", "leaf", "leaf-mask", "letters"):
+        wrt.save_image(folder / f"{name}.png", rng.uniform(0.0, 1.0, (4, 4, 3)))
+    wrt.save_image(folder / "robot-bumps.png", np.full((4, 4, 3), (0.2, 0.2, 1.0)))
     wrt.save_image(folder / "sky.exr", rng.uniform(0.0, 2.0, (4, 8, 3)))
 
 
@@ -79,7 +82,9 @@ def test_python_examples_run_and_write_what_they_say(
 ) -> None:
     write_files(tmp_path)
     monkeypatch.chdir(tmp_path)
-    examples = [(page, code) for page, text in PAGES.items() for code in blocks(text, "python")]
+    # That of docs/own-bsdf.md is a program of its own, which tests/test_own_bsdf.py runs.
+    pages = {page: text for page, text in PAGES.items() if page != "docs/own-bsdf.md"}
+    examples = [(page, code) for page, text in pages.items() for code in blocks(text, "python")]
     assert len([page for page, _ in examples if page == "README.md"]) >= 2
     for page, code in examples:
         names: dict[str, Any] = {}
@@ -175,10 +180,7 @@ TABLES: dict[str, Callable[..., Any]] = {
     "[environment] image": load_environment,
     "[[lights]] point": wrt.PointLight,
     "[[lights]] directional": wrt.DirectionalLight,
-    "[materials.NAME] diffuse": wrt.Diffuse,
-    "[materials.NAME] mirror": wrt.Mirror,
-    "[materials.NAME] conductor": wrt.Conductor,
-    "[materials.NAME] dielectric": wrt.Dielectric,
+    **{f"[materials.NAME] {kind}": cls for kind, cls in MATERIALS.items()},
     "[[shapes]] quad": wrt.quad,
     "[[shapes]] box": wrt.box,
     "[[shapes]] sphere": wrt.sphere,
@@ -188,10 +190,12 @@ TABLES: dict[str, Callable[..., Any]] = {
     "[[shapes]] many-triangles": READER.many_triangles,
 }
 COMMON = "[[shapes]]"
+COMMON_OF_MATERIALS = "[materials.NAME]"
+MATERIAL_TABLES = [heading for heading in TABLES if heading.startswith(COMMON_OF_MATERIALS)]
 
 
-def documented() -> dict[str, dict[str, str]]:
-    """Return the tables of keys: what heading they stand under, then key and text of the default."""
+def documented(column: str = "default") -> dict[str, dict[str, str]]:
+    """Return the tables of keys: what heading they stand under, then key and text of the default or the meaning."""
     result: dict[str, dict[str, str]] = {}
     section = heading = ""
     for line in SCENE_FORMAT.splitlines():
@@ -199,8 +203,8 @@ def documented() -> dict[str, dict[str, str]]:
             section = heading = found[1]
         elif found := re.match(r'### type = "(.+)"$', line):
             heading = f"{section} {found[1]}"
-        elif found := re.match(r"\| `(\w+)` \| (.+?) \| .+ \|$", line):
-            result.setdefault(heading, {})[found[1]] = found[2]
+        elif found := re.match(r"\| `(\w+)` \| (?P<default>.+?) \| (?P<meaning>.+) \|$", line):
+            result.setdefault(heading, {})[found[1]] = found[column]
     return result
 
 
@@ -217,8 +221,8 @@ def value_of(text: str) -> Any:
 
 
 def test_every_kind_of_table_is_documented_and_no_other() -> None:
-    assert set(documented()) == {*TABLES, COMMON}
-    kinds = {"[[lights]]": scene_toml._LIGHTS, "[materials.NAME]": scene_toml._MATERIALS}
+    assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS}
+    kinds = {"[[lights]]": scene_toml._LIGHTS, "[materials.NAME]": MATERIALS}
     for section, known in kinds.items():
         assert {f"{section} {kind}" for kind in known} == {name for name in TABLES if name.startswith(f"{section} ")}
     with pytest.raises(wrt.InputError) as caught:
@@ -233,6 +237,9 @@ def test_keys_and_defaults_are_those_of_the_code(heading: str) -> None:
     parameters = dict(inspect.signature(maker).parameters)
     for other in ("self", "path"):
         parameters.pop(other, None)
+    if heading in MATERIAL_TABLES:
+        for other in inspect.signature(wrt.Material).parameters:
+            parameters.pop(other)
     table = documented()[heading]
     expected = set(parameters)
     if maker is load_environment:  # whose path the file calls `file`
@@ -245,10 +252,29 @@ def test_keys_and_defaults_are_those_of_the_code(heading: str) -> None:
     for name, parameter in parameters.items():
         if parameter.default is inspect.Parameter.empty:
             assert table[name] == "required", name
-        elif parameter.default is None:
-            assert "`" not in table[name].replace("`target`", ""), name
+        elif parameter.default is None or repr(parameter.default) == "<factory>":
+            assert value_of(table[name]) is None, name
+            assert heading in MATERIAL_TABLES or "`" not in table[name].replace("`target`", ""), name
         else:
             assert plain(value_of(table[name])) == plain(parameter.default), name
+
+
+def test_keys_of_every_material_are_those_of_the_code() -> None:
+    table = documented()[COMMON_OF_MATERIALS]
+    assert set(table) == {"type", *inspect.signature(wrt.Material).parameters}
+    assert (table["type"], value_of(table["opacity"]), table["normal_map"]) == (
+        "required",
+        wrt.Diffuse().opacity,
+        "none",
+    )
+
+
+@pytest.mark.parametrize("heading", MATERIAL_TABLES)
+def test_what_varies_is_said_to(heading: str) -> None:
+    hints = get_type_hints(TABLES[heading])
+    said = {key for key, text in documented("meaning")[heading].items() if text.endswith("Varies")}
+    varying = {key for key, hint in hints.items() if wrt.ImageTexture in get_args(hint)}
+    assert said == varying - {"opacity"}
 
 
 def test_keys_of_every_shape_are_those_of_the_code() -> None:
@@ -353,7 +379,10 @@ def test_kernels_know_nothing_of_the_host() -> None:
 
 
 def test_a_scene_knows_nothing_of_warp() -> None:
-    described = ("scene", "mesh", "shapes", "materials", "textures", "lights", "environment", "camera", "values")
-    for name in described:
-        found = imports(ROOT / "wrt" / f"{name}.py")
+    described = ("scene", "mesh", "shapes", "textures", "lights", "environment", "camera", "values")
+    paths = [ROOT / "wrt" / f"{name}.py" for name in described] + sorted((ROOT / "wrt" / "materials").glob("*.py"))
+    for path in paths:
+        found = imports(path)
+        if path.parent.name == "materials" and path.name == "__init__.py":
+            found -= {"wrt.kernels.bsdf", "wrt.kernels.bsdf.record"}  # `register_material`, once it is called
         assert not [module for module in found if module.startswith(("warp", "wrt.kernels", "wrt.build", "wrt.device"))]

@@ -29,7 +29,7 @@ import functools
 import warp as wp
 
 from wrt.kernels.albedo import average_missing_energy, missing_energy, multiple_bounce_fresnel, multiple_bounce_lobe
-from wrt.kernels.albedo_fits import average_specular_albedo, specular_albedo
+from wrt.kernels.albedo_fits import average_facet_albedo, facet_albedo
 from wrt.kernels.bsdf.layering import (
     BELOW_ONE,
     Layer,
@@ -81,24 +81,6 @@ class Base:
     f0: wp.vec3
     f90: float
     transmission: float
-
-
-@wp.func
-def white_albedo(mu: float, shape: wp.vec3) -> wp.vec2:
-    """Return `specular_albedo`; where roughness along x and y differs, what neither of them exceeds."""
-    albedo = specular_albedo(mu, shape[0])
-    if shape[1] != shape[0]:
-        albedo = wp.max(albedo, specular_albedo(mu, shape[1]))
-    return albedo
-
-
-@wp.func
-def average_white_albedo(shape: wp.vec3) -> wp.vec2:
-    """Return `average_specular_albedo`, likewise."""
-    albedo = average_specular_albedo(shape[0])
-    if shape[1] != shape[0]:
-        albedo = wp.max(albedo, average_specular_albedo(shape[1]))
-    return albedo
 
 
 @wp.func
@@ -260,9 +242,8 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         return wp.lerp(dielectric, metal, b.metallic)
 
     @wp.func(name=f"principled_shares_{name}")
-    def shares(bsdf: Bsdf, b: Base, wo: wp.vec3) -> wp.vec2:
+    def shares(bsdf: Bsdf, b: Base, wo: wp.vec3, white: wp.vec2) -> wp.vec2:
         """What facets reflect or let through at once, and what is spread like a diffuse reflection."""
-        white = white_albedo(wo[2], b.shape)
         dielectric = schlick_albedo(white, wp.max(b.f0), b.f90)
         below = (1.0 - b.metallic) * (1.0 - dielectric) * wp.max(b.color)
         facets = wp.lerp(dielectric, schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
@@ -278,12 +259,12 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         return wp.vec2(facets, spread)
 
     @wp.func(name=f"principled_spread_{name}")
-    def spread(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    def spread(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, white: wp.vec2) -> wp.vec3:
         """f cosθi of what lies under the facets, and of light that they blocked."""
         f0 = wp.max(b.f0)
-        average = 1.0 - schlick_albedo(average_white_albedo(b.shape), f0, b.f90)
-        left_o = 1.0 - schlick_albedo(white_albedo(wo[2], b.shape), f0, b.f90)
-        left_i = 1.0 - schlick_albedo(white_albedo(wi[2], b.shape), f0, b.f90)
+        average = 1.0 - schlick_albedo(average_facet_albedo(b.shape), f0, b.f90)
+        left_o = 1.0 - schlick_albedo(white, f0, b.f90)
+        left_i = 1.0 - schlick_albedo(facet_albedo(wi, b.shape), f0, b.f90)
         lobe = wp.vec3(0.0)
         if wp.static(bounces):
             lost = average_missing_energy(bsdf.tables, bsdf.table, wp.sqrt(b.shape[0] * b.shape[1]))
@@ -320,14 +301,15 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         wo = turned(bsdf, viewer, 1.0)
         wi = turned(bsdf, light, 1.0)
         b = base_of(bsdf)
-        parts = shares(bsdf, b, wo)
+        white = facet_albedo(wo, b.shape)
+        parts = shares(bsdf, b, wo, white)
         share = parts[0] / wp.max(parts[0] + parts[1], 1.0e-20)
         r = Response()
         if wi[2] > 0.0:
             m = wp.normalize(wo + wi)
             s = split(bsdf, b, wp.dot(wo, m))
             facets = facet_response(wo, wi, m, b.shape)
-            r.value = s.reflected * facets[0] + spread(bsdf, b, wo, wi)
+            r.value = s.reflected * facets[0] + spread(bsdf, b, wo, wi, white)
             r.density = facets[1] * s.chosen * share + INV_PI * wi[2] * (1.0 - share)
             return r
         if wp.static(thin):
@@ -345,7 +327,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
     def direction(bsdf: Bsdf, viewer: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         wo = turned(bsdf, viewer, 1.0)
         b = base_of(bsdf)
-        parts = shares(bsdf, b, wo)
+        parts = shares(bsdf, b, wo, facet_albedo(wo, b.shape))
         share = parts[0] / wp.max(parts[0] + parts[1], 1.0e-20)
         if u_lobe >= share:
             return square_to_cosine_hemisphere(u)
@@ -366,7 +348,9 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
 
     @wp.func(name=f"principled_albedo_{name}")
     def albedo(bsdf: Bsdf, viewer: wp.vec3) -> float:
-        parts = shares(bsdf, base_of(bsdf), turned(bsdf, viewer, 1.0))
+        b = base_of(bsdf)
+        wo = turned(bsdf, viewer, 1.0)
+        parts = shares(bsdf, b, wo, facet_albedo(wo, b.shape))
         return wp.min(parts[0] + parts[1], 1.0)
 
     return Layer(evaluate, direction, albedo)

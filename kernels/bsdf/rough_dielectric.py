@@ -30,7 +30,7 @@ TRANSMITTANCE = wp.constant(3)  # what refracted light is multiplied by
 
 INDEX_MATCHED = wp.constant(1.0e-3)
 """|eta − 1| below which a boundary counts as none. Half vectors lose digits as 1 / |eta − 1|. Such a boundary reflects
-less than 2.5e-7 of the light at normal incidence and 1 % at 87 degrees, and bends it by less than 0.06 degrees per
+at most 2.5e-7 of the light at normal incidence and 1 % up to 86 degrees, and bends it by less than 0.06 degrees per
 unit of slope."""
 
 BELOW_ONE = wp.constant(0.99999994)

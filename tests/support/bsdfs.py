@@ -123,12 +123,17 @@ def sphere(n: int, seed: int) -> NDArray[np.float64]:
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-def chi_square(case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19) -> ChiSquareResult:
-    """Compare the histogram of samples that are not deltas with the integral of the density over its bins."""
+def chi_square(
+    case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19, **integration: Any
+) -> ChiSquareResult:
+    """Compare the histogram of samples that are not deltas with the integral of the density over its bins.
+
+    `integration` is what `integrate_pdf_over_bins` takes.
+    """
     wo = viewer(degrees)
     found = case.sample(wo, uniforms(samples, 3, seed=int(degrees)), device)
     smooth = ~found["delta"].astype(bool) & (found["pdf"] > 0.0)
-    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1])
+    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1], **integration)
     return chi_square_test(sphere_histogram(found["wi"][smooth]), expected, tests=tests, samples=samples)
 
 

@@ -106,7 +106,8 @@ def _roughness_at(column: Floats) -> Floats:
     """Return the roughness at a place among the columns, 0 to 1."""
     from wrt.kernels.microfacet import LEAST_ALPHA
 
-    return np.asarray(float(LEAST_ALPHA) ** (1.0 - column))
+    least = float(LEAST_ALPHA) ** 0.25
+    return np.asarray((least + (1.0 - least) * column) ** 4)
 
 
 def _azimuth_at(column: Floats, along: tuple[float, float]) -> tuple[Floats, Floats]:

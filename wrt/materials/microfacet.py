@@ -92,12 +92,12 @@ def shape_of(alpha: ColorSource, distribution: str) -> ColorSource:
 def is_anisotropic(alpha: ColorSource, distribution: str) -> bool:
     """Return whether a surface may look different when turned about its normal.
 
-    Of an image, red is the roughness along x and green that along y: a grey one is the same along both.
+    Of an image, red is the roughness along x and green that along y: a grey one, or one channel, is the same along both.
     """
     if distribution not in _ANISOTROPIC or isinstance(alpha, float):
         return False
     if isinstance(alpha, ImageTexture):
-        return bool((alpha.pixels[..., 0] != alpha.pixels[..., 1]).any())
+        return alpha.channel is None and bool((alpha.pixels[..., 0] != alpha.pixels[..., 1]).any())
     if isinstance(alpha, VertexColor):
         return True
     first, second = alpha
