@@ -6,8 +6,7 @@ import warp as wp
 @wp.func
 def cos_transmitted_squared(cos_i: float, eta: float) -> float:
     """Return cos²θt by Snell's law, eta = n_t / n_i; not positive beyond the critical angle."""
-    # 1 − (1 − cos²θi) / η² in a form that keeps its digits at grazing angles where η is near 1.
-    return ((eta - 1.0) * (eta + 1.0) + cos_i * cos_i) / (eta * eta)
+    return 1.0 - (1.0 - cos_i * cos_i) / (eta * eta)
 
 
 @wp.func

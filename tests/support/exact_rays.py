@@ -133,12 +133,12 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         det_error = edge_error.sum(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
             t_error = np.where(det > det_error, np.abs(inverse) * spread / (det - det_error), np.inf)
-            # What WOOP_ERROR of kernels/simd.py says (Pharr, Jakob and Humphreys 2016, section 3.9.6).
+            # What WOOP_ERROR of kernels/simd.py says.
             most_x, most_y, most_z = (np.abs(a).max(axis=2) for a in (ax, ay, z))
             error_x, error_y = 5.0 * EPSILON * (most_x + most_z), 5.0 * EPSILON * (most_y + most_z)
             error_e = 2.0 * (2.0 * EPSILON * most_x * most_y + error_y * most_x + error_x * most_y)
-            most_e = np.abs(edges).max(axis=2)
-            least_t = 3.0 * most_z * (6.0 * EPSILON * most_e + error_e) * np.abs(inverse) / det
+            apart = z.max(axis=2) - z.min(axis=2)
+            least_t = np.abs(inverse) * (18.0 * EPSILON * most_z + 3.0 * apart * error_e / det)
         results.append(Tested(edges, edge_error, det, t, t_error, least_t))
     order = np.argsort(np.concatenate(parts))
     return Tested(*(np.concatenate(pieces)[order] for pieces in zip(*results, strict=True)))

@@ -115,7 +115,7 @@ class RoughPlastic(Material):
     masking: str = "smith"
     nonlinear: bool = False
     specular_reflectance: ColorSource = 1.0
-    multiple_bounces: bool = False
+    multiple_bounces: bool = True
 
     type_name: ClassVar[str] = "rough-plastic"
 
