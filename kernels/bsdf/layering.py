@@ -133,9 +133,7 @@ def add_coat(name: str, below: Layer, coat: int, roughness: int, body: bool) -> 
         if not outside(bsdf, w):
             return 0.0
         albedo = specular_albedo(wp.abs(w[2]), alpha)
-        return wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * (
-            COAT_F0 * (albedo[0] - albedo[1]) + albedo[1]
-        )
+        return wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * (COAT_F0 * (albedo[0] - albedo[1]) + albedo[1])
 
     @wp.func(name=f"coat_evaluate_{name}")
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
@@ -192,9 +190,7 @@ def add_sheen(name: str, below: Layer, color: int, roughness: int, body: bool) -
     def white_albedo(bsdf: Bsdf, w: wp.vec3) -> float:
         if not outside(bsdf, w):
             return 0.0
-        return sheen_albedo(
-            wp.abs(w[2]), wp.clamp(bsdf.slots[wp.static(roughness)][0], LEAST_SHEEN_ROUGHNESS, 1.0)
-        )
+        return sheen_albedo(wp.abs(w[2]), wp.clamp(bsdf.slots[wp.static(roughness)][0], LEAST_SHEEN_ROUGHNESS, 1.0))
 
     @wp.func(name=f"sheen_evaluate_{name}")
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:

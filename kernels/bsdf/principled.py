@@ -147,9 +147,7 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
             # Of independent slopes along x and y.
             axis = turned(bsdf, wp.vec3(1.0, 0.0, 0.0), 1.0)
             c2 = axis[0] * axis[0]
-            variance = wp.vec2(
-                c2 * variance[0] + (1.0 - c2) * variance[1], (1.0 - c2) * variance[0] + c2 * variance[1]
-            )
+            variance = wp.vec2(c2 * variance[0] + (1.0 - c2) * variance[1], (1.0 - c2) * variance[0] + c2 * variance[1])
         b.shape = widened(wp.vec3(along, alpha, 0.0), variance)
         b.transmission = 0.0
         if wp.static(transmits):

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from support.kernels import uniforms, upload
-from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 import wrt
+from support.kernels import uniforms, upload
+from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 from wrt.build.tables import pack_tables
 from wrt.device import Device
 from wrt.kernels.bsdf import identifier, make_bsdf, model_of
@@ -190,8 +190,10 @@ def assert_finite(case: Case, device: str) -> None:
     mirrored = wo * np.array([-1.0, -1.0, 1.0])
     for directions in (wi, mirrored, -wo):
         value, pdf, _ = case.evaluate(wo, directions, device)
-        assert np.isfinite(value).all() and (value >= 0.0).all()
-        assert np.isfinite(pdf).all() and (pdf >= 0.0).all()
+        assert np.isfinite(value).all()
+        assert (value >= 0.0).all()
+        assert np.isfinite(pdf).all()
+        assert (pdf >= 0.0).all()
     found = case.sample(wo, uniforms(len(wo), 3, seed=22), device)
     for name in ("wi", "weight", "pdf", "eta"):
         assert np.isfinite(found[name]).all(), name

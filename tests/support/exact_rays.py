@@ -38,7 +38,7 @@ class Tested(NamedTuple):
         det: (R, T) their sum, twice the area that the ray sees.
         t: (R, T) distance to the plane.
         t_error: (R, T) how wrong it may be in float32; infinite where the ray may lie in the plane.
-        least_t: (R, T) distance below which the tracer leaves a hit out.
+        least_t: (R, T, 2) distance below which the tracer may leave a hit out, and below which it surely does.
     """
 
     edges: Array
@@ -61,7 +61,7 @@ class Tested(NamedTuple):
     @property
     def surely(self) -> NDArray[np.bool_]:
         """Whether the ray meets it however the edge functions and t are rounded."""
-        clear = (self.t - self.t_error >= 0.0) & (self.t - self.t_error > self.least_t * SECOND_ORDER)
+        clear = (self.t - self.t_error >= 0.0) & (self.t - self.t_error > self.least_t[:, :, 0])
         return self.edges_clear & clear
 
     @property
@@ -69,7 +69,7 @@ class Tested(NamedTuple):
         """Whether the ray meets it for some rounding of them. Either sign will do where both may be."""
         front = (self.edges >= -self.edge_error).all(axis=2)
         back = (self.edges <= self.edge_error).all(axis=2)
-        clear = (self.t + self.t_error >= 0.0) & (self.t + self.t_error > self.least_t / SECOND_ORDER)
+        clear = (self.t + self.t_error >= 0.0) & (self.t + self.t_error > self.least_t[:, :, 1])
         return (front | back) & clear
 
 
@@ -133,13 +133,20 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         det_error = edge_error.sum(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
             t_error = np.where(det > det_error, np.abs(inverse) * spread / (det - det_error), np.inf)
-            # What WOOP_ERROR of kernels/simd.py says.
+            # What WOOP_ERROR of kernels/simd.py says: least_t, but 0 where the triangle is wholly in front.
             most_x, most_y, most_z = (np.abs(a).max(axis=2) for a in (ax, ay, z))
             error_x, error_y = 5.0 * EPSILON * (most_x + most_z), 5.0 * EPSILON * (most_y + most_z)
             error_e = 2.0 * (2.0 * EPSILON * most_x * most_y + error_y * most_x + error_x * most_y)
             apart = z.max(axis=2) - z.min(axis=2)
             least_t = np.abs(inverse) * (18.0 * EPSILON * most_z + 3.0 * apart * error_e / det)
-        results.append(Tested(edges, edge_error, det, t, t_error, least_t))
+            least = np.stack(
+                [
+                    np.where(most_z - apart > 24.0 * EPSILON * most_z, 0.0, least_t * SECOND_ORDER),
+                    np.where(most_z - apart > 12.0 * EPSILON * most_z, 0.0, least_t / SECOND_ORDER),
+                ],
+                axis=2,
+            )
+        results.append(Tested(edges, edge_error, det, t, t_error, least))
     order = np.argsort(np.concatenate(parts))
     return Tested(*(np.concatenate(pieces)[order] for pieces in zip(*results, strict=True)))
 
@@ -175,7 +182,7 @@ def moeller(corners: Array, origins: Array, directions: Array) -> Tested:
     with np.errstate(divide="ignore", invalid="ignore"):
         # Its reciprocal is an estimate with one Newton step, good to two roundings or so.
         error = (top_error + np.abs(t) * (det_error + 4.0 * EPSILON * det)) / (det - det_error)
-    return Tested(edges, edge_error, det, t, np.where(det > det_error, error, np.inf), np.zeros_like(t))
+    return Tested(edges, edge_error, det, t, np.where(det > det_error, error, np.inf), np.zeros((*t.shape, 2)))
 
 
 def _cross(a: Array, b: Array) -> tuple[Array, Array]:

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
-from support.kernels import upload
 
 import wrt
+from support.kernels import upload
 from wrt.build.materials import describe_materials
 from wrt.device import Device
 from wrt.kernels.bsdf import make_bsdf

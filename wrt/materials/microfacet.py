@@ -92,7 +92,8 @@ def shape_of(alpha: ColorSource, distribution: str) -> ColorSource:
 def is_anisotropic(alpha: ColorSource, distribution: str) -> bool:
     """Return whether a surface may look different when turned about its normal.
 
-    Of an image, red is the roughness along x and green that along y: a grey one, or one channel, is the same along both.
+    Of an image, red is the roughness along x and green that along y: a grey one, or a channel of one, is the same
+    along both.
     """
     if distribution not in _ANISOTROPIC or isinstance(alpha, float):
         return False

@@ -116,7 +116,10 @@ class Principled(Material):
         if "anisotropic" in features:
             turn = self.anisotropy_rotation
             along_u = isinstance(self.anisotropy, float)
-            values += [(1.0, 0.5, self.anisotropy) if along_u else self.anisotropy, (math.cos(turn), math.sin(turn), 0.0)]
+            values += [
+                (1.0, 0.5, self.anisotropy) if along_u else self.anisotropy,
+                (math.cos(turn), math.sin(turn), 0.0),
+            ]
         if "transmission" in features or "thin" in features:
             values += [self.transmission]
         if "coat" in features:
