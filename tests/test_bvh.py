@@ -55,7 +55,10 @@ def build(corners: ArrayLike, device: str) -> Tree:
 
 
 def build_indexed(points: NDArray, indices: NDArray, device: str) -> Tree:
-    built = build_bvh(upload(points, wp.vec3, device), upload(indices.ravel(), int, device), Device(device))
+    return read_back(build_bvh(upload(points, wp.vec3, device), upload(indices.ravel(), int, device), Device(device)))
+
+
+def read_back(built: BuiltBvh) -> Tree:
     nodes = built.data.nodes.numpy().reshape(-1, NODE_FLOATS)
     leaves = built.data.leaves.numpy().reshape(-1, LEAF_FLOATS)
     boxes = nodes[:, :48].reshape(-1, 2, 3, WIDTH).transpose(1, 0, 3, 2)

@@ -164,8 +164,7 @@ def test_wrong_answers_are_not_explained(report: Report) -> None:
         assert changed.sum() > 20
         found = explain_instances(scene, *rays, answers)
         report(f"{name}: not explained", int((found.reason == Reason.NONE).sum()), int(changed.sum()))
-        assert (found.reason[changed] == Reason.NONE).mean() > 0.97
-        assert (found.reason[~changed] == Reason.SAME).all()
+        np.testing.assert_array_equal(found.reason, np.where(changed, Reason.NONE, Reason.SAME))
 
 
 def strewn_copies(copies: int, kind: str, seed: int) -> tuple[Placed, NDArray[np.int64]]:
@@ -179,6 +178,7 @@ def strewn_copies(copies: int, kind: str, seed: int) -> tuple[Placed, NDArray[np
 @pytest.mark.parametrize("distance", [0.0, 1e2, 1e4])
 @pytest.mark.parametrize("kind", KINDS)
 def test_of_instances_in_one_place_the_lowest_is_hit(kind: str, distance: float, device: str) -> None:
+    """But for a ray in ten thousand at most, of which rounding puts the hit before the box that it is in."""
     for copies in (2, 9):
         scene, which = strewn_copies(copies, kind, seed=7)
         lowest = np.array([np.flatnonzero(which == place)[0] for place in range(40)])
@@ -187,36 +187,29 @@ def test_of_instances_in_one_place_the_lowest_is_hit(kind: str, distance: float,
         hits = tracer_of(scene, device).closest_hit(origins, directions)
         instance = scene.instance_of(hits.triangle[hits.triangle >= 0])
         assert len(instance) > 1000
-        np.testing.assert_array_equal(instance, lowest[which[instance]])
-
-
-def walls(count: int) -> tuple[Placed, NDArray[np.float64]]:
-    """Return squares side by side in one plane, all of one mesh, each a flat box that rays meet all over."""
-    rng = np.random.default_rng(9)
-    turn = rotation(rng)
-    square = wrt.quad((-0.5, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    transforms = np.stack([affine(turn, turn @ np.array([i, 0.0, 0.0])) for i in range(count)])
-    return Placed([square], np.zeros(count, int), transforms), turn
+        assert (instance != lowest[which[instance]]).mean() <= 1e-4
 
 
 @pytest.mark.parametrize("distance", [1.0, 1e3, 1e5])
-def test_flat_meshes_in_one_place(distance: float, device: str) -> None:
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_flat_meshes_in_one_place(axis: int, distance: float, device: str) -> None:
     """A box without depth begins where the triangles are: rounding must not hide the lower number behind it."""
-    scene, turn = walls(1)
-    scene = Placed(scene.meshes, np.zeros(20, int), np.repeat(scene.transforms, 20, axis=0))
+    square = wrt.quad((-0.5, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    turn = np.roll(np.eye(3), axis, axis=0)
+    place = affine(0.7 * turn, (30.1, -20.3, 10.7))
+    tracer = wrt.Intersector.of_instances([square], np.zeros(20, int), np.tile(place, (20, 1, 1)), device=device)
     rng = np.random.default_rng(10)
-    targets = rng.uniform(-0.4, 0.4, (20_000, 3)) * np.array([1.0, 1.0, 0.0]) @ turn.T
-    origins = (targets + distance * turn[:, 2]).astype(np.float32)
-    directions = np.tile(-turn[:, 2], (len(origins), 1)).astype(np.float32)
-    hits = tracer_of(scene, device).closest_hit(origins, directions)
-    assert (hits.triangle >= 0).mean() > 0.9
-    assert hits.triangle.max() < 2
+    targets = rng.uniform(-0.4, 0.4, (20_000, 3)) * np.array([1.0, 1.0, 0.0]) @ place[:3, :3].T + place[:3, 3]
+    directions = np.tile(-turn[:, 2], (len(targets), 1)) + rng.uniform(-0.2, 0.2, targets.shape) / distance
+    hits = tracer.closest_hit(targets - distance * directions, directions)
+    assert (hits.triangle >= 0).all()
+    assert (hits.triangle >= 2).mean() <= 1e-4
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_escapes_a_closed_mesh(kind: str, scale: float, device: str, report: Report) -> None:
-    """A hundred thousand rays from inside, at faces, edges and corners of a ball that is turned, flattened and moved."""
+    """A hundred thousand rays from inside a ball that is turned, flattened and moved, at faces, edges and corners."""
     ball = wrt.sphere(subdivisions=4)
     rng = np.random.default_rng(11)
     linear = scale * linear_part(kind, rng)

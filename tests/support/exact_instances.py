@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from support.exact_rays import EPSILON, Array, Explained, Tested, _explain, woop
 
 import wrt
+from support.exact_rays import EPSILON, Array, Explained, Tested, _explain, woop
 
 SECOND_ORDER = 1.001
 """Where the ray is moved by a millionth, so are the bounds on what follows: this is far more."""

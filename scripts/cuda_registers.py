@@ -1,0 +1,151 @@
+"""Tell how many registers and how much local memory every kernel takes on CUDA. No GPU is needed.
+
+    pip install nvidia-cuda-cuobjdump    # reads what Warp's own compiler makes
+    pip install nvidia-cuda-nvcc         # optional: its ptxas tells spills from arrays
+    python scripts/cuda_registers.py [--arch N ...] [--kernels TEXT ...] [--json FILE]
+
+Registers bound how many threads a multiprocessor holds; the stack lies in local memory, which is device
+memory behind caches: arrays that are indexed at run time, and registers that did not fit (spills).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import pkgutil
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+import wrt
+import wrt.kernels
+from wrt.device import initialize_warp
+from wrt.kernels.features import Features
+from wrt.kernels.render import make_render_kernel
+from wrt.materials import MATERIALS
+
+CPU_ONLY = {"trace_packets", "trace_interleaved"}
+"""Kernels that are never launched on CUDA."""
+
+REGISTERS_PER_SM = 65536
+MOST_THREADS = {75: 1024, 80: 2048, 86: 1536, 89: 1536, 90: 2048, 100: 2048, 120: 1536}
+"""Of a multiprocessor, by architecture (CUDA C++ Programming Guide, technical specifications)."""
+
+BLOCK = 256
+"""Threads of a block, Warp's default."""
+
+
+def render_features() -> dict[str, Features]:
+    """Return scenes' features, from the least to all that there is."""
+    models = {cls().model for cls in MATERIALS.values() if not cls().parts}
+    return {
+        "diffuse": Features(("diffuse",), False, "none"),
+        "usual": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),
+        "everything": Features(tuple(sorted(models)), True, "image", layered=True, tangents=True),
+    }
+
+
+def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
+    """Return the kernels of the package by name: those at the top level of modules, then the renderer's."""
+    for found in pkgutil.walk_packages(wrt.kernels.__path__, "wrt.kernels."):
+        module = importlib.import_module(found.name)
+        for name, value in vars(module).items():
+            if isinstance(value, wp.Kernel) and value.func.__module__ == found.name and name not in CPU_ONLY:
+                yield f"{found.name.removeprefix('wrt.kernels.')}.{name}", value
+    for name, features in render_features().items():
+        yield f"render.render_pass ({name})", make_render_kernel(features)
+
+
+def find_tool(name: str, package: str) -> str | None:
+    """Return the path of a program of the CUDA toolkit: on the PATH, or out of its package on PyPI."""
+    try:
+        inside = [str(file.locate()) for file in files(package) or [] if file.name in (name, f"{name}.exe")]
+    except PackageNotFoundError:
+        inside = []
+    return shutil.which(name) or next(iter(inside), None)
+
+
+def run(*command: str) -> str:
+    """Return what a program writes, or end with what it complains of."""
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"{Path(command[0]).name}: {(done.stderr or done.stdout).strip()}")
+    return done.stdout + done.stderr
+
+
+def resources(module: wp.Module, arch: int, cuobjdump: str, ptxas: str | None) -> dict[str, dict[str, int]]:
+    """Return registers, bytes of stack, and bytes spilled, by the mangled names of a module's kernels."""
+    found: dict[str, dict[str, int]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        cubin = wp.compile_aot_module(module, arch=arch, use_ptx=False, module_dir=Path(folder))[0]
+        text = run(cuobjdump, "--dump-resource-usage", str(cubin))
+        for name, registers, stack in re.findall(r"Function (\w+):\s+REG:(\d+) STACK:(\d+)", text):
+            found[name] = {"registers": int(registers), "stack": int(stack)}
+        if ptxas:
+            ptx = wp.compile_aot_module(module, arch=arch, use_ptx=True, module_dir=Path(folder))[0]
+            ptx.write_bytes(ptx.read_bytes().rstrip(b"\0"))
+            text = run(ptxas, f"-arch=sm_{arch}", "-v", str(ptx), "-o", str(cubin))
+            spilled = r"properties for (\w+)\s+\d+ bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads"
+            for name, stores, loads in re.findall(spilled, text):
+                found[name] |= {"spill_stores": int(stores), "spill_loads": int(loads)}
+    return found
+
+
+def resident_threads(registers: int, arch: int) -> int:
+    """Return how many threads a multiprocessor holds at once, as far as registers bound them."""
+    per_warp = 32 * (-(-registers // 8) * 8)
+    blocks = REGISTERS_PER_SM // per_warp // (BLOCK // 32)
+    return min(blocks * BLOCK, MOST_THREADS.get(arch, 2048))
+
+
+def main() -> None:
+    """Read the command line, compile, print a table, and save."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--arch", type=int, nargs="+", default=[75, 90])
+    parser.add_argument("--kernels", nargs="+", help="only kernels whose names contain one of these texts")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    cuobjdump = find_tool("cuobjdump", "nvidia-cuda-cuobjdump")
+    ptxas = find_tool("ptxas", "nvidia-cuda-nvcc")
+    if cuobjdump is None:
+        sys.exit("cuobjdump was not found: pip install nvidia-cuda-cuobjdump")
+    initialize_warp()
+    kernels = [
+        (name, kernel)
+        for name, kernel in all_kernels()
+        if not options.kernels or any(text in name for text in options.kernels)
+    ]
+    rows: list[dict[str, Any]] = []
+    print("| kernel | sm | registers | stack, bytes | spilled, bytes | threads a multiprocessor |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for arch in options.arch:
+        compiled: dict[str, dict[str, dict[str, int]]] = {}
+        for name, kernel in kernels:
+            module = kernel.module
+            start = time.perf_counter()
+            if module.name not in compiled:
+                compiled[module.name] = resources(module, arch, cuobjdump, ptxas)
+                print(f"{module.name}, sm_{arch}: {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+            used = compiled[module.name][f"{kernel.get_mangled_name()}_cuda_kernel_forward"]
+            threads = resident_threads(used["registers"], arch)
+            rows.append({"kernel": name, "arch": arch, "threads_per_multiprocessor": threads, **used})
+            spilled = used.get("spill_stores", "")
+            print(f"| `{name}` | {arch} | {used['registers']} | {used['stack']} | {spilled} | {threads} |", flush=True)
+    if options.json:
+        toolkit = ".".join(map(str, wp.get_cuda_toolkit_version()))
+        result = {"wrt": wrt.__version__, "warp": wp.__version__, "toolkit": toolkit, "rows": rows}
+        options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
