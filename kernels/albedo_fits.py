@@ -23,8 +23,8 @@ def _quintic(y: float, a: float, b: float, c: float, d: float, e: float, f: floa
 def specular_albedo(mu: float, alpha: float) -> wp.vec2:
     """Return (W, G) of GGX with height-correlated masking, for light at a cosine mu to the normal.
 
-    With Schlick's Fresnel f0 + (f90 − f0)(1 − wo·m)⁵ the albedo is f0 (W − G) + f90 G. W is at most 0.0033 too large
-    and G 0.0067.
+    With Schlick's Fresnel f0 + (f90 − f0)(1 − wo·m)⁵ the albedo is f0 (W − G) + f90 G. W is at most 0.004 too large
+    and G 0.009.
     """
     y = 2.0 * wp.sqrt(alpha) - 1.0
     x = 2.0 * mu / (mu + 0.5 * alpha) - 1.0
@@ -90,7 +90,7 @@ def average_facet_albedo(shape: wp.vec3) -> wp.vec2:
 
 @wp.func
 def sheen_albedo(mu: float, roughness: float) -> float:
-    """Return the albedo of white sheen (`kernels/bsdf/sheen.py`); above 1 where it is smooth and seen at grazing angles.
+    """Return the albedo of white sheen (`kernels/bsdf/sheen.py`); above 1 where smooth and seen at grazing angles.
 
     At most 0.02 too large, or where it exceeds 1, by a factor of 1.02.
     """

@@ -12,7 +12,7 @@ import warp as wp
 
 from wrt.kernels.bvh import FOLLOW_RAY, Bvh, native_code
 from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
-from wrt.kernels.simd import WOOP_ERROR, WOOP_TEST
+from wrt.kernels.simd import WOOP_DISTANCE, WOOP_EDGES, WOOP_ERROR
 
 # As many as a vector holds.
 PACKET = 8
@@ -100,7 +100,11 @@ _PACKET = (
                     #define INTEGERS i8
                     #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
 """
-        + WOOP_TEST
+        + WOOP_EDGES
+        + """
+                    if (RAY_MASK(inside) == 0) continue;
+"""
+        + WOOP_DISTANCE
         + """
                     const i8 nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
                     if (RAY_MASK(nearer) == 0) continue;

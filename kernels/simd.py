@@ -90,8 +90,9 @@ PUSH_CHILDREN = """
 # subtracted (MUL is never contracted), so the sign of an edge function may vanish but is never
 # wrong. A vanishing one counts as inside on both sides: nothing slips between two triangles.
 #   in:  CORNER(vertex, axis), origin, shear: vectors or numbers; kx, ky, kz
-#   out: t, u, v, w, inverse_det: VECTOR; inside: INTEGERS, not 0 where the line meets the triangle
-WOOP_TEST = """
+#   out of the first part: u, v, w, det: VECTOR; inside: INTEGERS, not 0 where the line meets the triangle
+#   out of the second: t, inverse_det
+WOOP_EDGES = """
     const VECTOR az = CORNER(0, kz) - origin[kz], bz = CORNER(1, kz) - origin[kz], cz = CORNER(2, kz) - origin[kz];
     const VECTOR ax = (CORNER(0, kx) - origin[kx]) - MUL(shear[0], az);
     const VECTOR ay = (CORNER(0, ky) - origin[ky]) - MUL(shear[1], az);
@@ -101,10 +102,13 @@ WOOP_TEST = """
     const VECTOR cy = (CORNER(2, ky) - origin[ky]) - MUL(shear[1], cz);
     const VECTOR u = MUL(cx, by) - MUL(cy, bx), v = MUL(ax, cy) - MUL(ay, cx), w = MUL(bx, ay) - MUL(by, ax);
     const VECTOR det = (u + v) + w;
-    const VECTOR inverse_det = 1.0f / det;
-    const VECTOR t = MUL(MUL((MUL(u, az) + MUL(v, bz)) + MUL(w, cz), shear[2]), inverse_det);
     const INTEGERS inside = ((LEAST(LEAST(u, v), w) >= 0.0f) | (MOST(MOST(u, v), w) <= 0.0f)) & (det != 0.0f);
 """
+WOOP_DISTANCE = """
+    const VECTOR inverse_det = 1.0f / det;
+    const VECTOR t = MUL(MUL((MUL(u, az) + MUL(v, bz)) + MUL(w, cz), shear[2]), inverse_det);
+"""
+WOOP_TEST = WOOP_EDGES + WOOP_DISTANCE
 
 # The bound on the error of t (Pharr, Jakob and Humphreys, "Physically Based Rendering", 3rd edition,
 # section 3.9.6; gamma(n) = n eps / (1 - n eps) with eps = 2^-24). A nearer hit cannot be told from

@@ -4,9 +4,9 @@ A layer may take from what lies below it only what it reflects itself: its albed
 closed form for microfacets, but is a smooth function of the cosine μ and the roughness in the right variables.
 
 - GGX with Smith's height-correlated masking and Schlick's Fresnel, F = f0 + (f90 − f0)(1 − wo·m)⁵, has the albedo
-  f0 (W − G) + f90 G: W is that of a white surface, G what it reflects with the weight (1 − wo·m)⁵. With u = μ / (μ + α/2)
-  W is a polynomial in u and √α, as masking depends on μ/α where both are small. G/W is the fifth power of one in √α and
-  the root of ½ (μ + √(μ² + α² (1 − μ²))), the mean cosine of the visible facets.
+  f0 (W − G) + f90 G: W is that of a white surface, G what it reflects with the weight (1 − wo·m)⁵. W is a polynomial in
+  μ / (μ + α/2) and √α, as masking depends on μ/α where both are small. G/W is the fifth power of one in √α and the root
+  of ½ (μ + √(μ² + α² (1 − μ²))), the mean cosine of the visible facets.
 - Sheen, after Estevez and Kulla (2017): its albedo is the square of a polynomial in h / (h + r) and ln r, with r its
   roughness (the root of their r) and h = √(μ² + c²), c the cosine where its shadowing is cut.
 

@@ -1,19 +1,25 @@
-"""Measure wrt: `rays` beside Embree and Warp's own mesh query, `threads` for the renderer's scaling.
+"""Measure wrt: `rays` beside Embree and Warp's own mesh query, `threads` for the renderer's scaling, `compile`.
 
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N] [--json FILE]
     python scripts/benchmark.py threads [--scene NAME] [--spp N] [--repeats N] [--json FILE]
+    python scripts/benchmark.py compile [--kernels TEXT ...] [--json FILE]
 
-Everything is warmed up first; what competes is measured in turn, A B A B, and reported as medians and
-as the ratio of medians. Machines are noisy: ratios are worth more than times.
+Rays and threads: everything is warmed up first; what competes is measured in turn, A B A B, and reported as medians
+and as the ratio of medians. Machines are noisy: ratios are worth more than times. Compile: seconds of CPU that each
+kernel costs where Warp's cache is empty, each in a process and a cache of its own.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
+import os
+import pkgutil
 import platform
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +28,7 @@ from typing import Any
 import numpy as np
 
 import wrt
+from wrt.materials import MATERIALS
 
 DEFAULT_TRIANGLES = (70_000, 330_000, 5_200_000)
 KINDS = ("coherent", "incoherent", "diffuse")
@@ -202,6 +209,86 @@ def benchmark_threads(options: argparse.Namespace) -> dict[str, Any]:
     return {"benchmark": "threads", "scene": options.scene, "paths_per_second": rates}
 
 
+def largest_models() -> tuple[str, ...]:
+    """Return each family of models once, in the variant that has most in it."""
+    every = [cls() for cls in MATERIALS.values()]
+    models = {material.model for material in every if not material.parts}
+    image = wrt.ImageTexture(np.ones((1, 1, 3), np.float32))
+    large = (
+        wrt.RoughConductor(multiple_bounces=True),
+        wrt.RoughDielectric(multiple_bounces=True),
+        wrt.Principled(anisotropy=0.5, transmission=image, coat=image, sheen_color=image, multiple_bounces=True),
+    )
+    for material in large:
+        models = {name for name in models if name.split(":")[0] != material.model.split(":")[0]} | {material.model}
+    return tuple(sorted(models))
+
+
+def compile_cases() -> dict[str, Any]:
+    """Return what is compiled: Features of render kernels, and names of modules, by what the table calls them."""
+    import wrt.kernels
+    from wrt.kernels.features import Features
+
+    every = [cls() for cls in MATERIALS.values()]
+    usual = tuple(sorted({material.model for material in every if not material.parts}))
+    largest = largest_models()
+    cases: dict[str, Any] = {
+        f"model {name}": Features((name,), False, "constant") for name in (*usual, *sorted(set(largest) - set(usual)))
+    }
+    one = ("diffuse",)
+    cases["no environment"] = Features(one, False, "none")
+    cases["textured"] = Features(one, True, "constant")
+    cases["image environment"] = Features(one, False, "image")
+    cases["layered"] = Features(one, False, "constant", layered=True)
+    cases["tangents"] = Features(one, False, "constant", tangents=True)
+    cases["every model as it comes"] = Features(usual, False, "constant")
+    cases["every model as it comes, every feature"] = Features(usual, True, "image", layered=True, tangents=True)
+    cases["every model at its largest, every feature"] = Features(largest, True, "image", layered=True, tangents=True)
+    for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
+        if found.name.startswith("wrt.kernels.bvh_"):
+            cases[f"tree: {found.name.removeprefix('wrt.kernels.')}"] = found.name
+    return cases
+
+
+def compile_seconds(name: str) -> tuple[float, float]:
+    """Return CPU seconds to write the code of a case and to compile it; for a new process with an empty cache."""
+    import importlib
+
+    import warp as wp
+
+    from wrt.device import Device
+    from wrt.kernels.render import make_render_kernel
+
+    device = Device("cpu")
+    case = compile_cases()[name]
+    start = time.process_time()
+    if isinstance(case, str):
+        importlib.import_module(case)
+        module = wp.get_module(case)
+    else:
+        module = make_render_kernel(case).module
+    module.get_module_hash()
+    written = time.process_time()
+    wp.load_module(module, device=device.name)
+    return written - start, time.process_time() - written
+
+
+def benchmark_compile(options: argparse.Namespace) -> dict[str, Any]:
+    """Return CPU seconds to compile each case."""
+    rows = []
+    print(f"{'kernel':<90} seconds")
+    for name in compile_cases():
+        if options.kernels and not any(text in name for text in options.kernels):
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["WARP_CACHE_PATH"] = folder
+            with multiprocessing.get_context("spawn").Pool(1) as pool:
+                written, compiled = pool.apply(compile_seconds, (name,))
+        rows.append({"kernel": name, "seconds": written + compiled, "seconds_of_writing": written})
+        print(f"{name:<90} {written + compiled:6.1f}  (reading the Python {written:.1f})", flush=True)
+    return {"benchmark": "compile", "rows": rows}
+
+
 def main() -> None:
     """Read the command line, measure, print, and save."""
     from wrt.device import available_threads
@@ -218,10 +305,16 @@ def main() -> None:
     for command in (rays, threads):
         command.add_argument("--threads", type=int, nargs="+", default=every)
         command.add_argument("--repeats", type=int, default=5)
+    compiling = commands.add_parser("compile")
+    compiling.add_argument("--kernels", nargs="+", help="only those whose names contain one of these texts")
+    for command in (rays, threads, compiling):
         command.add_argument("--json", type=Path)
     options = parser.parse_args()
-    result = benchmark_rays(options) if options.command == "rays" else benchmark_threads(options)
-    result |= {"machine": platform.processor() or platform.machine(), "threads": options.threads}
+    benchmarks = {"rays": benchmark_rays, "threads": benchmark_threads, "compile": benchmark_compile}
+    result = benchmarks[options.command](options)
+    result |= {"machine": platform.processor() or platform.machine()}
+    if options.command != "compile":
+        result["threads"] = options.threads
     result |= {"wrt": wrt.__version__, "python": sys.version.split()[0]}
     if options.json:
         options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")

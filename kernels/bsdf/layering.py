@@ -61,13 +61,13 @@ def mirrored(wo: wp.vec3, m: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def facet_response(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> wp.vec2:
+def facet_response(wo: wp.vec3, wi: wp.vec3, shape: wp.vec3) -> wp.vec2:
     """Return D G cosθi / (4 cosθo cosθi) of GGX, and the density of reflection by visible normals.
 
-    m is half way between both directions. With G = 1 / (1 + Λo + Λi) and the areas P = cosθ (1 + Λ) the first is
+    With G = 1 / (1 + Λo + Λi) and the areas P = cosθ (1 + Λ) the first is
     D cosθi / (4 (Po cosθi + cosθo Pi − cosθo cosθi)), finite at grazing angles. The second is D / (4 Po).
     """
-    d = ggx.d(m, shape)
+    d = ggx.d(wp.normalize(wo + wi), shape)
     area_o = ggx.projected_area(wo, shape)
     area_i = ggx.projected_area(wi, shape)
     # P ≥ cosθ: the sum is at least Po cosθi.
@@ -145,10 +145,9 @@ def add_coat(name: str, below: Layer, coat: int, roughness: int, body: bool) -> 
         r.value = base.value * (1.0 - wp.max(reflected, taken(bsdf, wi, shape[0])))
         r.density = base.density * (1.0 - share)
         if wi[2] > 0.0 and reflected > 0.0:
-            m = wp.normalize(wo + wi)
-            facets = facet_response(wo, wi, m, shape)
+            facets = facet_response(wo, wi, shape)
             amount = wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * facets[0]
-            r.value = r.value + schlick(wp.dot(wo, m), wp.vec3(COAT_F0), 1.0) * amount
+            r.value = r.value + schlick(0.5 * wp.length(wo + wi), wp.vec3(COAT_F0), 1.0) * amount
             r.density += share * facets[1]
         return r
 

@@ -8,14 +8,14 @@ _volume (refraction), _clearcoat, _sheen; after Burley, "Physically based shadin
     base        metallic · metal + (1 − metallic) · dielectric
     sheen, coat on it (`kernels/bsdf/layering.py`)
 
-with α = roughness², f0 = min(((ior − 1) / (ior + 1))² specular_color, 1) specular, f90 = specular, and t = transmission.
+with α = roughness², f0 = min(((ior − 1) / (ior + 1))² specular_color, 1) specular, f90 = specular, t = transmission.
 Appendix B asks that a BRDF be positive, reciprocal and energy conserving, but its sample implementation is not. Where
 this differs from that:
 
 - G is Smith's height-correlated form, which the appendix calls more accurate, not the product of both G1.
 - Under the specular layer lies diffuse = (1 − E(θo)) (1 − E(θi)) / (π (1 − E_avg)), E being that layer's albedo, as the
-  appendix recommends after Kulla and Conty (2017), instead of (1 − F(wo·m)) / π: at grazing angles that would reflect up
-  to twice the light. A white dielectric reflects all light, less what `kernels/albedo_fits.py` overestimates E by.
+  appendix recommends after Kulla and Conty (2017), instead of (1 − F(wo·m)) / π: at grazing angles that would reflect
+  up to twice the light. A white dielectric reflects all light, less what `kernels/albedo_fits.py` overestimates E by.
 - Coat and sheen leave the base min(1 − E(θo), 1 − E(θi)), where the coat has 1 − F(θo).
 
 A transmitting share t of a dielectric is a rough boundary (Walter et al. 2007) with Schlick's Fresnel taken on the side
@@ -31,7 +31,6 @@ import warp as wp
 from wrt.kernels.albedo import average_missing_energy, missing_energy, multiple_bounce_fresnel, multiple_bounce_lobe
 from wrt.kernels.albedo_fits import average_facet_albedo, facet_albedo
 from wrt.kernels.bsdf.layering import (
-    BELOW_ONE,
     Layer,
     Response,
     add_coat,
@@ -73,7 +72,7 @@ LEAST_IOR = wp.constant(1.001)
 
 @wp.struct
 class Base:
-    """A metal or dielectric at one point. `f0` and `f90` are the dielectric's, `transmission` the share that transmits."""
+    """A metal or dielectric at one point; `f0` and `f90` are the dielectric's, `transmission` its clear share."""
 
     shape: wp.vec3
     color: wp.vec3
@@ -165,18 +164,16 @@ def seen_index(bsdf: Bsdf) -> float:
 
 
 @wp.func
-def _as_opaque(bsdf: Bsdf, b: Base, cos_m: float) -> wp.vec3:
-    return schlick(cos_m, b.f0, b.f90)
+def _cos_of_opaque(bsdf: Bsdf, cos_m: float) -> float:
+    return cos_m
 
 
 @wp.func
-def _as_body(bsdf: Bsdf, b: Base, cos_m: float) -> wp.vec3:
+def _cos_of_body(bsdf: Bsdf, cos_m: float) -> float:
     if bsdf.front:
-        return schlick(cos_m, b.f0, b.f90)
+        return cos_m
     cos2_t = cos_transmitted_squared(cos_m, seen_index(bsdf))
-    if cos2_t <= 0.0:
-        return wp.vec3(1.0)
-    return schlick(wp.sqrt(cos2_t), b.f0, b.f90)
+    return wp.where(cos2_t > 0.0, wp.sqrt(wp.max(cos2_t, 0.0)), -1.0)
 
 
 @wp.struct
@@ -189,25 +186,25 @@ class Split:
 
 
 @functools.cache
-def make_split(transmits: bool, body: bool) -> wp.Function:
-    """Return the device function (bsdf, base, wo·m) -> Split."""
-    fresnel = _as_body if body else _as_opaque
+def make_split(transmits: bool) -> wp.Function:
+    """Return the device function (base, wo·m, cosine outside) -> Split; the last is negative where that is nowhere."""
 
-    @wp.func(name=f"principled_split_{int(transmits)}{int(body)}")
-    def split(bsdf: Bsdf, b: Base, cos_m: float) -> Split:
+    @wp.func(name=f"principled_split_{int(transmits)}")
+    def split(b: Base, cos_m: float, cos_outside: float) -> Split:
         s = Split()
         dielectric = schlick(cos_m, b.f0, b.f90)
         s.chosen = 1.0
         if wp.static(transmits):
-            boundary = fresnel(bsdf, b, cos_m)
+            boundary = wp.vec3(1.0)
+            if cos_outside >= 0.0:
+                boundary = schlick(cos_outside, b.f0, b.f90)
             dielectric = wp.lerp(dielectric, boundary, b.transmission)
             s.transmitted = b.color * ((1.0 - b.metallic) * b.transmission * (1.0 - wp.max(boundary)))
         s.reflected = wp.lerp(dielectric, schlick(cos_m, b.color, 1.0), b.metallic)
         if wp.static(transmits):
-            reflected = wp.max(s.reflected)
-            s.chosen = 1.0
             through = wp.max(s.transmitted)
             if through > 0.0:
+                reflected = wp.max(s.reflected)
                 s.chosen = reflected / (reflected + through)
         return s
 
@@ -225,7 +222,8 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
     rows = rows_of(features)
     name = name_of(features)
     base_of = make_base_of(features)
-    split = make_split(transmits, body)
+    split = make_split(transmits)
+    outside = _cos_of_body if body else _cos_of_opaque
     turned = make_turned(rows["anisotropy"]) if anisotropic else _not_turned
 
     @wp.func(name=f"principled_missing_{name}")
@@ -234,14 +232,14 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
 
     @wp.func(name=f"principled_bounced_{name}")
     def bounced(bsdf: Bsdf, b: Base, average: float) -> wp.vec3:
-        """The share of light blocked once that comes out after all, of the metal and the opaque dielectric."""
+        """Return the share of light blocked once that comes out after all, of the metal and the opaque dielectric."""
         metal = multiple_bounce_fresnel(average_schlick(b.color, 1.0), average)
         dielectric = multiple_bounce_fresnel(average_schlick(b.f0, b.f90), average) * (1.0 - b.transmission)
         return wp.lerp(dielectric, metal, b.metallic)
 
     @wp.func(name=f"principled_shares_{name}")
     def shares(bsdf: Bsdf, b: Base, wo: wp.vec3, white: wp.vec2) -> wp.vec2:
-        """What facets reflect or let through at once, and what is spread like a diffuse reflection."""
+        """Return what facets reflect or let through at once, and what is spread like a diffuse reflection."""
         dielectric = schlick_albedo(white, wp.max(b.f0), b.f90)
         below = (1.0 - b.metallic) * (1.0 - dielectric) * wp.max(b.color)
         facets = wp.lerp(dielectric, schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
@@ -258,7 +256,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
 
     @wp.func(name=f"principled_spread_{name}")
     def spread(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, white: wp.vec2) -> wp.vec3:
-        """f cosθi of what lies under the facets, and of light that they blocked."""
+        """Return f cosθi of what lies under the facets, and of light that they blocked."""
         f0 = wp.max(b.f0)
         average = 1.0 - schlick_albedo(average_facet_albedo(b.shape), f0, b.f90)
         left_o = 1.0 - schlick_albedo(white, f0, b.f90)
@@ -285,8 +283,9 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         m = facet_normal(wo, wi, eta)
         cos_o = wp.dot(wo, m)
         if cos_o > 0.0:
-            s = split(bsdf, b, cos_o)
-            density = ggx.d(m, b.shape) * cos_o * refraction_density(cos_o, -wp.dot(wi, m), eta)
+            cos_i = -wp.dot(wi, m)
+            s = split(b, cos_o, wp.where(bsdf.front, cos_o, cos_i))
+            density = ggx.d(m, b.shape) * cos_o * refraction_density(cos_o, cos_i, eta)
             density = density / ggx.projected_area(wo, b.shape)
             # G1(wi) = cosθi / P: with visible normals that of wo is in the density.
             hidden = -wi[2] / ggx.projected_area(-wi, b.shape)
@@ -304,17 +303,18 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         share = parts[0] / wp.max(parts[0] + parts[1], 1.0e-20)
         r = Response()
         if wi[2] > 0.0:
-            m = wp.normalize(wo + wi)
-            s = split(bsdf, b, wp.dot(wo, m))
-            facets = facet_response(wo, wi, m, b.shape)
+            # wo·m is half the length of wo + wi, the same from both sides to the last bit.
+            cos_m = 0.5 * wp.length(wo + wi)
+            s = split(b, cos_m, outside(bsdf, cos_m))
+            facets = facet_response(wo, wi, b.shape)
             r.value = s.reflected * facets[0] + spread(bsdf, b, wo, wi, white)
             r.density = facets[1] * s.chosen * share + INV_PI * wi[2] * (1.0 - share)
             return r
         if wp.static(thin):
             through = wp.vec3(wi[0], wi[1], -wi[2])
-            m = wp.normalize(wo + through)
-            s = split(bsdf, b, wp.dot(wo, m))
-            facets = facet_response(wo, through, m, b.shape)
+            cos_m = 0.5 * wp.length(wo + through)
+            s = split(b, cos_m, cos_m)
+            facets = facet_response(wo, through, b.shape)
             r.value = s.transmitted * facets[0]
             r.density = facets[1] * (1.0 - s.chosen) * share
         if wp.static(body):
@@ -333,7 +333,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         wi = mirrored(wo, m)
         if wp.static(transmits):
             cos_o = wp.dot(wo, m)
-            s = split(bsdf, b, cos_o)
+            s = split(b, cos_o, outside(bsdf, cos_o))
             if u_lobe >= share * s.chosen:
                 if wp.static(thin):
                     wi = wp.vec3(wi[0], wi[1], -wi[2])

@@ -309,5 +309,7 @@ def mitsuba_density(p: wrt.Principled, wo: Array, wi: Array) -> Array:
     if above:
         density = mirrored * visible / (4.0 * o) + spread * wi[:, 2] / np.pi
     else:
-        density = np.where(i < 0.0, through * visible * p.ior**2 * np.abs(i) / (o + p.ior * i) ** 2, 0.0)
+        density = np.where(
+            (i < 0.0) & (m[:, 2] > 0.0), through * visible * p.ior**2 * np.abs(i) / (o + p.ior * i) ** 2, 0.0
+        )
     return density / (mirrored + through + spread)

@@ -24,9 +24,9 @@ _SHARES = ("metallic", "roughness", "specular", "transmission", "coat", "coat_ro
 class Principled(Material):
     """A material by few numbers that are easy to choose: the metalness workflow, as glTF 2.0 files mean it.
 
-    Metal and dielectric (plastic, paint, wood, stone, glass) are mixed by `metallic`; on them may lie sheen, and on that
-    a clear coat. The names of glTF differ in part: `coat` is its clearcoat, `transmission` and `thin_walled` are
-    KHR_materials_transmission with and without KHR_materials_volume.
+    Metal and dielectric (plastic, paint, wood, stone, glass) are mixed by `metallic`; on them may lie sheen, and on
+    that a clear coat. Some names are not glTF's: `coat` is its clearcoat, `transmission` with `thin_walled` is
+    KHR_materials_transmission, and without it the same with KHR_materials_volume.
 
     Attributes:
         base_color: what a dielectric's body, or a metal seen straight on, reflects per channel, 0 to 1.

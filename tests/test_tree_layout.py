@@ -1,0 +1,305 @@
+"""How the tree lies in memory, and how rays go through it: places by octant, the stack, sums that overflow."""
+
+from __future__ import annotations
+
+import functools
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import ROOT, Report
+from support.exact_rays import Reason, explain, woop
+from support.kernels import upload
+from test_bvh import HARD, Tree, build, build_indexed, cast_rays, check, rays, soup
+
+import wrt
+from wrt.build.bvh import CPU_SIZES, build_bvh
+from wrt.device import Device
+from wrt.kernels import bvh as traversal
+from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, STACK_SIZE, WIDTH, Bvh
+from wrt.kernels.interleaved import RAYS_PER_THREAD, trace_interleaved
+from wrt.kernels.packets import PACKET, trace_packets
+from wrt.kernels.ray_batch import RayBatch, trace_rays
+
+OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k in range(8)])
+"""Row k points towards the corner with the bits of 7 − k: bit `axis` of k is set where it is negative."""
+
+
+def assert_greedy(tree: Tree) -> int:
+    """Assert that children lie where the greedy assignment puts them; return how many nodes have a choice.
+
+    Best first: no child that is placed later would fit a place still free better than the one placed now.
+    """
+    used = (tree.lower <= tree.upper).all(axis=2)
+    chosen = 0
+    for node in range(tree.built.nodes):
+        places = np.flatnonzero(used[node])
+        low, high = (box[node, places].astype(np.float64) for box in (tree.lower, tree.upper))
+        off = low + high - (low.min(axis=0) + high.max(axis=0))
+        # Place p is towards the corner that the bits of p name.
+        fit = -off @ OCTANTS.T
+        rounding = 16.0 * 2.0**-24 * (np.abs(low) + np.abs(high)).sum(axis=1).max()
+        own = fit[np.arange(len(places)), places]
+        free = np.arange(WIDTH)
+        waiting = np.arange(len(places))
+        while len(waiting):
+            best = waiting[np.argmax(own[waiting])]
+            assert own[best] >= fit[np.ix_(waiting, free)].max() - rounding
+            waiting = waiting[waiting != best]
+            free = free[free != places[best]]
+        chosen += len(places) > 1
+    return chosen
+
+
+@pytest.mark.parametrize("name", ["soup", "large triangles", "needles", "coplanar x", "tiny", "exponential"])
+def test_children_lie_towards_their_octants(name: str, device: str, report: Report) -> None:
+    corners = HARD[name]()
+    tree = build(corners, device)
+    report(f"{name}: nodes with a choice", assert_greedy(tree))
+    check(tree, corners)
+
+
+def sorted_code() -> str:
+    """Return the traversal for processors without AVX-512, which sorts the children that it meets."""
+    code = traversal.native_code(traversal._TRAVERSE)
+    assert "defined(__AVX512VL__)" in code
+    return code.replace("defined(__AVX512VL__)", "0")
+
+
+@wp.func_native(sorted_code())
+def traverse_sorted(
+    bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
+) -> wp.vec4: ...
+
+
+@wp.kernel(enable_backward=False, module="test_tree_layout.sorted")
+def cast_sorted(
+    tree: Bvh,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    triangle_out: wp.array(dtype=int),
+    tuv_out: wp.array(dtype=wp.vec3),
+    any_out: wp.array(dtype=int),
+):
+    i = wp.tid()
+    found = traverse_sorted(tree, origins[i], directions[i], 0.0, 1.0e30, False)
+    triangle_out[i] = wp.cast(found[0], wp.int32)
+    tuv_out[i] = wp.vec3(found[1], found[2], found[3])
+    found = traverse_sorted(tree, origins[i], directions[i], 0.0, 1.0e30, True)
+    any_out[i] = int(wp.cast(found[0], wp.int32) >= 0)
+
+
+@pytest.mark.parametrize("octant", range(8))
+def test_rays_of_every_octant_find_what_they_meet(octant: int, device: str) -> None:
+    """Each octant has an order of its own in which it comes to a node's places."""
+    corners = soup(800, seed=1, size=0.3)
+    rng = np.random.default_rng(2)
+    directions = (OCTANTS[octant] * rng.uniform(0.02, 1.0, (700, 3))).astype(np.float32)
+    origins = (rng.uniform(-0.8, 0.8, (700, 3)) - 2.0 * directions).astype(np.float32)
+    triangle, _ = cast_rays(build(corners, device), origins, directions, device)
+    found = explain(corners, origins, directions, triangle, woop)
+    assert not (found.reason == Reason.NONE).any()
+    assert (found.reason == Reason.SAME).mean() > 0.99
+    assert (triangle >= 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("name", ["soup", "large triangles", "coplanar y", "needles"])
+def test_children_by_octant_or_sorted_give_the_same_hits(name: str, report: Report) -> None:
+    """The order in which a ray comes to boxes decides how fast it is, not what it hits."""
+    tree = build(HARD[name](), "cpu")
+    origins, directions = rays(50_000, seed=3)
+    triangle, tuv = cast_rays(tree, origins, directions, "cpu")
+    sorted_triangle, sorted_tuv = cast_rays(tree, origins, directions, "cpu", cast_sorted)
+    report(f"{name}: rays that hit, of {len(origins)}", int((triangle >= 0).sum()))
+    np.testing.assert_array_equal(sorted_triangle, triangle)
+    np.testing.assert_array_equal(sorted_tuv, tuv)
+
+
+SIZES = sorted({size + more for size in CPU_SIZES for more in (-1, 0, 1)} | {2 * CPU_SIZES.chunk + 1})
+
+
+@pytest.mark.parametrize("count", SIZES)
+def test_trees_over_as_many_triangles_as_a_thread_has(count: int, device: str) -> None:
+    """One more and one less than a chunk or a subtree: whole, and the same for any number of threads."""
+    corners = soup(count, seed=4)
+    tree = build(corners, device)
+    check(tree, corners)
+    if device == "cpu":
+        points, indices = upload(corners.reshape(-1, 3), wp.vec3, "cpu"), upload(np.arange(3 * count), int, "cpu")
+        for threads in (1, 3):
+            other = build_bvh(points, indices, Device("cpu", threads=threads)).data
+            for a, b in ((other.nodes, tree.built.data.nodes), (other.leaves, tree.built.data.leaves)):
+                np.testing.assert_array_equal(a.numpy().view(np.int32), b.numpy().view(np.int32))
+
+
+def test_trees_over_equal_boxes_larger_than_a_chunk(device: str) -> None:
+    """No plane parts them: the chunks of a node are halved by number."""
+    count = 2 * CPU_SIZES.chunk + 3
+    indices = np.tile(np.arange(3), count)
+    points = soup(1)[0]
+    tree = build_indexed(points, indices, device)
+    check(tree, points[indices.reshape(-1, 3)])
+
+
+# The stack -------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
+    """Return a tree of MAX_DEPTH levels in which a ray of an octant leaves seven children waiting on each.
+
+    A node's first child for such rays is the next node, its others are leaves of one triangle. All boxes
+    hold the ray's origin, so none is left out; leaf after leaf, as they are come to, is nearer.
+    """
+    nodes = np.zeros((MAX_DEPTH, NODE_FLOATS), np.float32)
+    children = nodes.view(np.int32)[:, 48:]
+    nodes[:, :24], nodes[:, 24:48] = -2.0, 2.0
+    count = 0
+    last_node = MAX_DEPTH - 1
+    # From the deepest node up, each in the order of the octant: first the place towards the ray's origin.
+    for node in range(last_node, -1, -1):
+        for k in range(WIDTH):
+            place = octant ^ k
+            if k == 0 and node < last_node:
+                children[node, place] = node + 1
+                # For those who sort by distance: it begins a little earlier than the leaves.
+                for axis in range(3):
+                    nodes[node, (0 if OCTANTS[octant, axis] > 0 else 24) + 8 * axis + place] *= 1.5
+            else:
+                children[node, place] = -1 - count
+                count += 1
+    leaves = np.zeros((count, LEAF_FLOATS), np.float32)
+    s = OCTANTS[octant]
+    for leaf in range(count):
+        # Farthest the one that is come to first, all in front of the boxes' middle.
+        corners = s * (1.0 - 0.9 * leaf / count) + 4.0 * np.array([(1, -1, 0), (0, 1, -1), (-1, 0, 1)]) * s
+        places = leaves[leaf, : 9 * LEAF_SIZE].reshape(3, 3, LEAF_SIZE)
+        places[:] = corners[0, :, None]
+        places[:, :, 0] = corners
+        leaves[leaf, 9 * LEAF_SIZE :].view(np.int32)[:] = leaf
+    data = Bvh()
+    data.nodes = upload(nodes.ravel(), float, device)
+    data.leaves = upload(leaves.ravel(), float, device)
+    return data, count
+
+
+def counting_code(code: str) -> str:
+    """Return a traversal that returns in place of u how much of the stack was ever written."""
+    pushes = {
+        "const i8 order =": "if (top + 8 > most) most = top + 8;",
+        "int place = top++;": "if (top >= most) most = top + 1;",
+    }
+    for push, count in pushes.items():
+        assert code.count(push) == 1
+        code = code.replace(push, count + push)
+    assert code.count("t_max, hit_u, hit_v);") == 1
+    return "int most = 0;" + code.replace("t_max, hit_u, hit_v);", "t_max, (float)most, hit_v);")
+
+
+@wp.func_native(counting_code(traversal.native_code(traversal._TRAVERSE)))
+def traverse_counting(
+    bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
+) -> wp.vec4: ...
+
+
+@wp.func_native(counting_code(sorted_code()))
+def traverse_counting_sorted(
+    bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
+) -> wp.vec4: ...
+
+
+@wp.kernel(enable_backward=False, module="test_tree_layout.counting")
+def count_stack(tree: Bvh, direction: wp.vec3, found_out: wp.array(dtype=wp.vec4)):
+    i = wp.tid()
+    if i == 0:
+        found_out[i] = traverse_counting(tree, wp.vec3(0.0), direction, 0.0, 1.0e30, False)
+    else:
+        found_out[i] = traverse_counting_sorted(tree, wp.vec3(0.0), direction, 0.0, 1.0e30, False)
+
+
+@pytest.mark.parametrize("octant", range(8))
+def test_the_deepest_tree_does_not_overflow_the_stack(octant: int, report: Report) -> None:
+    """Counted, with the eight places that the compressing store writes beyond the top."""
+    tree, count = deepest_tree(octant, "cpu")
+    out = wp.zeros(2, dtype=wp.vec4, device="cpu")
+    wp.launch(count_stack, 2, [tree, wp.vec3(*OCTANTS[octant])], [out], device="cpu")
+    found = out.numpy()
+    np.testing.assert_array_equal(found[:, 0].copy().view(np.int32), count - 1)
+    sizes = re.findall(r"\b(?:begins|waiting)\[(\d+) \+ 8\]", traversal.native_code(traversal._TRAVERSE))
+    assert sizes == [str(STACK_SIZE)] * 2
+    written = found[:, 2].astype(int)
+    report("places of the stack written, by octant and sorted", str(written.tolist()), f"<= {STACK_SIZE + 8}")
+    # As much as there can be, or the tree would not show anything.
+    np.testing.assert_array_equal(written, (WIDTH - 1) * (MAX_DEPTH - 1) + WIDTH)
+    assert (written <= STACK_SIZE + 8).all()
+
+
+KERNELS = {
+    "single": (trace_rays, 1),
+    "in turn": (trace_interleaved, RAYS_PER_THREAD),
+    "packets": (trace_packets, PACKET),
+}
+
+
+@pytest.mark.parametrize("octant", [0, 3, 7])
+@pytest.mark.parametrize("kind", KERNELS)
+def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str) -> None:
+    tree, count = deepest_tree(octant, device)
+    kernel, rays_per_thread = KERNELS[kind]
+    n = 203
+    batch = RayBatch()
+    directions = OCTANTS[octant] * np.random.default_rng(5).uniform(0.9, 1.0, (n, 3))
+    batch.origins, batch.directions = upload(np.zeros((n, 3)), wp.vec3, device), upload(directions, wp.vec3, device)
+    batch.t_min, batch.t_max = 0.0, upload([np.inf], float, device)
+    batch.triangle_out = wp.empty(n, dtype=int, device=device)
+    batch.t_out, batch.uv_out = wp.empty(n, dtype=float, device=device), wp.empty(n, dtype=wp.vec2, device=device)
+    for any_hit in (0, 1):
+        batch.any_hit = any_hit
+        Device(device).launch(kernel, -(-n // rays_per_thread), [tree, batch])
+        triangle = batch.triangle_out.numpy()
+        assert (triangle >= 0).all() if any_hit else (triangle == count - 1).all()
+
+
+# Sides of boxes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [32, 5000])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("place", [0.0, -0.0, 0.75, -3.0])
+def test_rays_along_the_side_of_a_box_meet_what_it_holds(
+    place: float, side: float, axis: int, count: int, device: str
+) -> None:
+    """A border belongs to its triangle, whichever side of a plane that is parallel to the ray that lies on."""
+    corners = np.array([[place, -1.0, 0.0], [place, 1.0, 0.0], [place + side, 0.0, 0.0]], np.float32)
+    mesh = wrt.Mesh(np.roll(corners, axis, axis=1), np.array([[0, 1, 2]]))
+    origin, direction = np.roll([place, 0.25, 1.0], axis), np.roll([0.0, 0.0, -1.0], axis)
+    for sign in (1.0, -1.0):
+        rays = np.tile(origin - 2.0 * (sign < 0.0) * np.roll([0.0, 0.0, 1.0], axis), (count, 1)), sign * direction
+        hits = wrt.Intersector(mesh, device=device).closest_hit(rays[0], np.tile(rays[1], (count, 1)))
+        assert (hits.triangle == 0).all()
+        np.testing.assert_array_equal(hits.t, 1.0)
+
+
+_OVERFLOWING = """
+import numpy as np, wrt
+from wrt.device import Device
+rng = np.random.default_rng(0)
+for attempt in range(40):
+    count = int(rng.integers(9, 200))
+    corners = np.zeros((count, 3, 3))
+    corners[:, :, 0] = 1e37 + 3.2e38 * rng.random((count, 1)) ** rng.uniform(0.2, 4.0)
+    corners[:, :, 0] += 1e30 * rng.normal(size=(count, 3))
+    corners[:, :, 1:] = 10.0 ** rng.uniform(-6.0, -1.0) * rng.normal(size=(count, 3, 2))
+    corners *= 1 - 2 * (attempt % 2)
+    wrt.Intersector(wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)), device=DEVICE)
+"""
+
+
+def test_a_tree_is_built_where_sums_of_coordinates_overflow(device: str) -> None:
+    """In a process of its own: assigning children to places once went on for ever."""
+    code = _OVERFLOWING.replace("DEVICE", repr(device))
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
