@@ -27,17 +27,18 @@ _PACKET = (
     const int left = (int)batch.origins.shape[0] - first, count = left < PACKET ? left : PACKET;
 
     RayTest tests[PACKET];
+    unsigned prepared = 0;
     alignas(64) float reach[PACKET], hit_us[PACKET], hit_vs[PACKET];
     alignas(64) int numbers[PACKET];
     for (int i = 0; i < PACKET; ++i) {
-        reach[i] = i < count ? load_ray(tests[i], first + i) : -1.0f;
         numbers[i] = NOTHING_HIT;
         hit_us[i] = hit_vs[i] = 0.0f;
     }
 
     // The way of one ray from a node on.
     const auto follow_alone = [&](int i, int current) {
-        if (reach[i] < t_min) return;
+        if (!(prepared >> i & 1)) load_ray(tests[i], first + i);
+        prepared |= 1u << i;
         const RayTest& test = tests[i];
 """
         + NAMES_OF_TEST
@@ -54,25 +55,49 @@ _PACKET = (
     };
 
 #if VECTOR_CODE
+    // Eight vectors of three as three of eight.
+    const auto load_vectors = [](f8* out, const float* from) {
+        const f8 a = LOAD8(from), b = LOAD8(from + 8), c = LOAD8(from + 16);
+        const f8 x = __builtin_shufflevector(a, b, 0, 3, 6, 9, 12, 15, -1, -1);
+        const f8 y = __builtin_shufflevector(a, b, 1, 4, 7, 10, 13, -1, -1, -1);
+        const f8 z = __builtin_shufflevector(a, b, 2, 5, 8, 11, 14, -1, -1, -1);
+        out[0] = __builtin_shufflevector(x, c, 0, 1, 2, 3, 4, 5, 10, 13);
+        out[1] = __builtin_shufflevector(y, c, 0, 1, 2, 3, 4, 8, 11, 14);
+        out[2] = __builtin_shufflevector(z, c, 0, 1, 2, 3, 4, 9, 12, 15);
+    };
     #define RAY_MASK(m) __builtin_bit_cast(unsigned char, __builtin_convertvector(m, b8))
-    // Together go rays of one octant, which share the boxes' near sides, and of one main axis.
+    // Together go rays of one octant, which share the boxes' near sides, and of one main axis: for all of
+    // them RAY_SETUP is done at once.
     bool together = count == PACKET;
-    for (int i = 1; i < count; ++i)
-        for (int k = 0; k < 3; ++k)
-            together &= tests[i].near_row[k] == tests[0].near_row[k] && tests[i].kz == tests[0].kz;
+    f8 origin[3], direction[3], inverse[3], near_shift[3], far_shift[3], shear[3];
+    int near_row[3], far_row[3], kx = 0, ky = 0, kz = 0;
     if (together) {
-        f8 inverse[3], near_shift[3], far_shift[3], origin[3], shear[3];
-        for (int k = 0; k < 3; ++k)
-            for (int i = 0; i < PACKET; ++i) {
-                origin[k][i] = tests[i].origin[k];
-                shear[k][i] = tests[i].shear[k];
-                inverse[k][i] = tests[i].inverse[k];
-                near_shift[k][i] = tests[i].near_shift[k];
-                far_shift[k][i] = tests[i].far_shift[k];
-            }
-        const int kx = tests[0].kx, ky = tests[0].ky, kz = tests[0].kz;
-        const int* const near_row = tests[0].near_row;
-        const int* const far_row = tests[0].far_row;
+        load_vectors(origin, (const float*)(batch.origins.data + first));
+        load_vectors(direction, (const float*)(batch.directions.data + first));
+        for (int k = 0; k < 3; ++k) {
+            const f8 d = direction[k];
+            inverse[k] = 1.0f / ((SIZE(d) >= 1e-18f) ? d : ((d < 0.0f) ? (f8)-1e-18f : (f8)1e-18f));
+            const f8 shift = origin[k] * inverse[k], error = SIZE(shift) * 2.4e-7f;
+            near_shift[k] = shift + error;
+            far_shift[k] = shift - error;
+            const unsigned backwards = RAY_MASK(inverse[k] < 0.0f);
+            together &= backwards == 0 || backwards == 0xff;
+            near_row[k] = (backwards ? 24 : 0) + 8 * k;
+            far_row[k] = (backwards ? 0 : 24) + 8 * k;
+        }
+        const f8 dx = SIZE(direction[0]), dy = SIZE(direction[1]), dz = SIZE(direction[2]);
+        const unsigned along_x = RAY_MASK((dx > dy) & (dx > dz)), along_y = RAY_MASK(!(dx > dy) & (dy > dz));
+        together &= along_x == 0xff || along_y == 0xff || (along_x | along_y) == 0;
+        kz = along_x ? 0 : along_y ? 1 : 2;
+        kx = kz == 2 ? 0 : kz + 1;
+        ky = kx == 2 ? 0 : kx + 1;
+        shear[0] = direction[kx] * inverse[kz];
+        shear[1] = direction[ky] * inverse[kz];
+        shear[2] = inverse[kz];
+        const f8 most = batch.t_max.shape[0] > 1 ? LOAD8(batch.t_max.data + first) : (f8)batch.t_max.data[0];
+        *(f8*)reach = (dx + dy + dz > 0.0f) ? most : (f8)-1.0f;
+    }
+    if (together) {
         // A stack entry: a child, and where it begins for each ray (infinity for rays that miss it).
         alignas(64) float begins[STACK_SIZE][PACKET];
         int waiting[STACK_SIZE];
@@ -157,11 +182,25 @@ _PACKET = (
                 prefetch(children[k]);
             }
         }
-    } else
+        // An infinite distance where nothing is hit.
+        const i8 number = *(const i8*)numbers, hit = number != NOTHING_HIT;
+        *(i8*)(batch.triangle_out.data + first) = hit ? number : (i8)-1;
+        if (any_hit) return;
+        *(f8*)(batch.t_out.data + first) = hit ? *(const f8*)reach : (f8)INFINITY;
+        float* const uv = (float*)(batch.uv_out.data + first);
+        for (int i = 0; i < PACKET; ++i) {
+            uv[2 * i] = hit_us[i];
+            uv[2 * i + 1] = hit_vs[i];
+        }
+        return;
+    }
 #endif
-    for (int i = 0; i < count; ++i) follow_alone(i, 0);
-
-    for (int i = 0; i < count; ++i) write_hit(first + i, numbers[i], reach[i], hit_us[i], hit_vs[i]);
+    for (int i = 0; i < count; ++i) {
+        reach[i] = load_ray(tests[i], first + i);
+        prepared |= 1u << i;
+        if (reach[i] >= t_min) follow_alone(i, 0);
+        write_hit(first + i, numbers[i], reach[i], hit_us[i], hit_vs[i]);
+    }
 """
     )
     .replace("PACKET", str(PACKET))

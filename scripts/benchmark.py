@@ -225,7 +225,7 @@ def largest_models() -> tuple[str, ...]:
 
 
 def compile_cases() -> dict[str, Any]:
-    """Return what is compiled: Features of render kernels, and names of modules, by what the table calls them."""
+    """Return what is compiled: Features of render kernels, names of modules, kinds of tables, by what the table calls them."""
     import wrt.kernels
     from wrt.kernels.features import Features
 
@@ -246,46 +246,61 @@ def compile_cases() -> dict[str, Any]:
     cases["every model at its largest, every feature"] = Features(largest, True, "image", layered=True, tangents=True)
     for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
         if found.name.startswith("wrt.kernels.bvh_"):
-            cases[f"tree: {found.name.removeprefix('wrt.kernels.')}"] = found.name
+            cases[f"tree, {found.name.removeprefix('wrt.kernels.')}"] = found.name
+    cases |= {f"table, {kind}": kind for kind in ("reflection", "dielectric", "coat")}
     return cases
 
 
-def compile_seconds(name: str) -> tuple[float, float]:
-    """Return CPU seconds to write the code of a case and to compile it; for a new process with an empty cache."""
+def kernel_module(name: str) -> Any:
+    """Return the Warp module of a case."""
     import importlib
 
     import warp as wp
 
-    from wrt.device import Device
+    from wrt.kernels.albedo import make_missing_kernel
+    from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
+    from wrt.kernels.coat import make_coat_kernel
     from wrt.kernels.render import make_render_kernel
 
-    device = Device("cpu")
     case = compile_cases()[name]
+    if not isinstance(case, str):
+        return make_render_kernel(case).module
+    makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}
+    if case in makers:
+        return makers[case]("ggx", "smith").module
+    importlib.import_module(case)
+    return wp.get_module(case)
+
+
+def compile_seconds(name: str) -> tuple[float, int]:
+    """Return CPU seconds to compile a case, and bytes of object code; for a new process with an empty cache."""
+    import warp as wp
+
+    from wrt.device import Device
+
+    device = Device("cpu")
     start = time.process_time()
-    if isinstance(case, str):
-        importlib.import_module(case)
-        module = wp.get_module(case)
-    else:
-        module = make_render_kernel(case).module
-    module.get_module_hash()
-    written = time.process_time()
-    wp.load_module(module, device=device.name)
-    return written - start, time.process_time() - written
+    wp.load_module(kernel_module(name), device=device.name)
+    seconds = time.process_time() - start
+    built = [path.stat().st_size for path in Path(wp.config.kernel_cache_dir).rglob("*.o")]
+    if len(built) != 1:
+        raise RuntimeError(f"{name}: {len(built)} modules were built instead of one")
+    return seconds, built[0]
 
 
 def benchmark_compile(options: argparse.Namespace) -> dict[str, Any]:
-    """Return CPU seconds to compile each case."""
-    rows = []
-    print(f"{'kernel':<90} seconds")
+    """Return CPU seconds to compile each case, and bytes of object code."""
+    rows: list[dict[str, Any]] = []
+    print("| kernel | seconds | kB |\n| --- | --- | --- |")
     for name in compile_cases():
         if options.kernels and not any(text in name for text in options.kernels):
             continue
         with tempfile.TemporaryDirectory() as folder:
             os.environ["WARP_CACHE_PATH"] = folder
             with multiprocessing.get_context("spawn").Pool(1) as pool:
-                written, compiled = pool.apply(compile_seconds, (name,))
-        rows.append({"kernel": name, "seconds": written + compiled, "seconds_of_writing": written})
-        print(f"{name:<90} {written + compiled:6.1f}  (reading the Python {written:.1f})", flush=True)
+                seconds, size = pool.apply(compile_seconds, (name,))
+        rows.append({"kernel": name, "seconds": seconds, "bytes": size})
+        print(f"| {name} | {seconds:.1f} | {size / 1e3:.0f} |", flush=True)
     return {"benchmark": "compile", "rows": rows}
 
 

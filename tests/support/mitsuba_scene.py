@@ -216,22 +216,9 @@ def _bsdf(material: Material) -> dict[str, Any]:
         return {"type": "blendbsdf", "weight": _number(material.weight), **parts}
     if isinstance(material, wrt.TwoSided):
         return {"type": "twosided", "bsdf_0": _bsdf(material.front)["bsdf"], "bsdf_1": _bsdf(material.back)["bsdf"]}
-    if isinstance(material, wrt.Dielectric):
-        return {"type": "dielectric", "int_ior": material.ior, "ext_ior": material.exterior_ior}
-    if isinstance(material, wrt.Diffuse):
-        inner = {"type": "diffuse", "reflectance": _color(material.reflectance)}
-    elif isinstance(material, wrt.Mirror):
-        inner = {"type": "conductor", "material": "none", "specular_reflectance": _color(material.reflectance)}
-    elif isinstance(material, wrt.Conductor):
-        inner = {"type": "conductor", "eta": _rgb(material.eta), "k": _rgb(material.k)}
-    elif isinstance(material, wrt.RoughConductor) and (material.distribution, material.masking) == (
-        "ggx",
-        "smith-separable",  # the only one that Mitsuba has
-    ):
-        inner = {"type": "roughconductor", "distribution": "ggx", "alpha": material.alpha}
-        inner |= {"eta": _rgb(material.eta), "k": _rgb(material.k)}
-    else:
-        raise NotImplementedError(f"no Mitsuba counterpart of {type(material).__name__}")
+    if isinstance(material, (wrt.Dielectric, wrt.ThinDielectric, wrt.RoughDielectric)):
+        return _boundary(material)
+    inner = _reflector(material)
     if material.normal_map is not None:
         pixels = material.normal_map.pixels * 2.0 - 1.0
         pixels[..., :2] *= material.normal_map.scale
@@ -240,6 +227,72 @@ def _bsdf(material: Material) -> dict[str, Any]:
         repairs = {"flip_invalid_normals": False, "use_shadowing_function": False}
         inner = {"type": "normalmap", "normalmap": _color(colors), "bsdf": inner, **repairs}
     return {"type": "twosided", "bsdf": inner}
+
+
+def _boundary(material: wrt.Dielectric | wrt.ThinDielectric | wrt.RoughDielectric) -> dict[str, Any]:
+    result = {
+        "type": {wrt.Dielectric: "dielectric", wrt.ThinDielectric: "thindielectric"}.get(type(material), ""),
+        "int_ior": material.ior,
+        "ext_ior": material.exterior_ior,
+        "specular_reflectance": _color(material.specular_reflectance),
+        "specular_transmittance": _color(material.specular_transmittance),
+    }
+    if isinstance(material, wrt.RoughDielectric):
+        result |= _microfacets(material) | {"type": "roughdielectric"}
+    return result
+
+
+def _reflector(material: Material) -> dict[str, Any]:
+    """Return one side of a surface that lets nothing through."""
+    if isinstance(material, wrt.Diffuse):
+        return {"type": "diffuse", "reflectance": _color(material.reflectance)}
+    if isinstance(material, wrt.Mirror):
+        return {"type": "conductor", "material": "none", "specular_reflectance": _color(material.reflectance)}
+    if isinstance(material, wrt.Conductor) and material.f0 is None:
+        return {"type": "conductor", "eta": _rgb(material.eta), "k": _rgb(material.k)}
+    if isinstance(material, wrt.RoughConductor) and material.f0 is None:
+        optics = {"eta": _rgb(material.eta), "k": _rgb(material.k)}
+        factor = {"specular_reflectance": _color(material.reflectance)}
+        return {"type": "roughconductor", **_microfacets(material), **optics, **factor}
+    if isinstance(material, wrt.RoughConductor) and material.reflectance == (1.0, 1.0, 1.0):
+        alpha = _microfacets(material)["alpha_u"]
+        if material.distribution != "ggx" or not isinstance(material.alpha, float):
+            raise NotImplementedError("Schlick's reflectance is in Mitsuba's principled alone, GGX by one roughness")
+        return {"type": "principled", "base_color": _color(material.f0), "metallic": 1.0, "roughness": alpha**0.5}
+    if isinstance(material, wrt.Principled) and material.metallic == 1.0 and material.features == ():
+        # The metals of both are GGX by α = roughness² with Schlick's reflectance; of the dielectrics little is alike.
+        color, roughness = _color(material.base_color), _number(material.roughness)
+        return {"type": "principled", "base_color": color, "metallic": 1.0, "roughness": roughness}
+    if isinstance(material, (wrt.Plastic, wrt.RoughPlastic)):
+        result = {
+            "type": "plastic",
+            "int_ior": material.ior,
+            "ext_ior": material.exterior_ior,
+            "nonlinear": material.nonlinear,
+            "diffuse_reflectance": _color(material.reflectance),
+            "specular_reflectance": _color(material.specular_reflectance),
+        }
+        if isinstance(material, wrt.RoughPlastic):
+            facets = _microfacets(material)
+            facets["alpha"] = facets.pop("alpha_u")
+            del facets["alpha_v"]  # there is one
+            result |= facets | {"type": "roughplastic"}
+        return result
+    raise NotImplementedError(f"no Mitsuba counterpart of {type(material).__name__}")
+
+
+def _microfacets(material: wrt.RoughConductor | wrt.RoughDielectric | wrt.RoughPlastic) -> dict[str, Any]:
+    """Return distribution and roughness; Mitsuba has two distributions, and for each one masking."""
+    masking = {"ggx": "smith-separable", "beckmann": "walter"}.get(material.distribution)
+    if material.masking != masking or material.multiple_bounces:
+        raise NotImplementedError(f"Mitsuba has no {material.distribution} with {material.masking}, or more bounces")
+    along = material.alpha if isinstance(material.alpha, tuple) else (material.alpha, material.alpha)
+    result = {"distribution": material.distribution, "alpha_u": along[0], "alpha_v": along[1]}
+    if material.distribution == "beckmann":
+        # Visible normals are drawn with the exact masking, but their density is told with the fit to it: that is
+        # no longer the mean of the model.
+        result["sample_visible"] = False
+    return result
 
 
 def _light(light: wrt.PointLight | wrt.DirectionalLight) -> dict[str, Any]:
