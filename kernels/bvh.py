@@ -33,12 +33,26 @@ class Bvh:
 # (Warp clears the stack for each ray and copies it about). It comes in two pieces, which
 # kernels for many rays and for instances use as well.
 #
-#   in:  origin, direction: float[3]
+#   in:  origin, direction: three floats
 #   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray
 RAY_SETUP = """
+    // Finite, so that a ray in the plane of a box side gives 0 and not 0 times infinity.
+#if VECTOR_CODE
+    {
+        const f4 d = {direction[0], direction[1], direction[2], 1.0f}, o = {origin[0], origin[1], origin[2], 0.0f};
+        const f4 least = 1e-18f, inverse_d = 1.0f / ((SIZE(d) >= least) ? d : ((d < 0.0f) ? -least : least));
+        const f4 shift = o * inverse_d, error = SIZE(shift) * 2.4e-7f;
+        const i4 backwards = inverse_d < 0.0f, rows = {0, 8, 16, 0};
+        *(f4*)inverse = inverse_d;
+        *(f4*)near_shift = shift + error;
+        *(f4*)far_shift = shift - error;
+        *(i4*)near_row = rows + (backwards & 24);
+        *(i4*)far_row = rows + (~backwards & 24);
+        flip = 7 + backwards[0] + 2 * backwards[1] + 4 * backwards[2];
+    }
+#else
     flip = 7;
     for (int k = 0; k < 3; ++k) {
-        // Finite, so that a ray in the plane of a box side gives 0 and not 0 times infinity.
         const float d = direction[k];
         inverse[k] = 1.0f / (fabsf(d) >= 1e-18f ? d : (d < 0.0f ? -1e-18f : 1e-18f));
         const float shift = origin[k] * inverse[k], error = fabsf(shift) * 2.4e-7f;
@@ -48,6 +62,7 @@ RAY_SETUP = """
         near_row[k] = (inverse[k] < 0.0f ? 24 : 0) + 8 * k;
         far_row[k] = (inverse[k] < 0.0f ? 0 : 24) + 8 * k;
     }
+#endif
     // The axis along which the ray runs fastest becomes z (Woop et al. 2013, section 3.1).
     const float dx = fabsf(direction[0]), dy = fabsf(direction[1]), dz = fabsf(direction[2]);
     kz = dx > dy ? (dx > dz ? 0 : 2) : (dy > dz ? 1 : 2);
@@ -110,8 +125,8 @@ _TRAVERSE = (
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
-    float inverse[3], near_shift[3], far_shift[3], shear[3];
-    int near_row[3], far_row[3], kx, ky, kz, flip;
+    float inverse[4], near_shift[4], far_shift[4], shear[3];
+    int near_row[4], far_row[4], kx, ky, kz, flip;
 """
     + RAY_SETUP
     + """

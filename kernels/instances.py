@@ -45,8 +45,8 @@ class InstanceHit:
 
 
 _RAY_NAMES = """
-    float inverse[3], near_shift[3], far_shift[3], shear[3];
-    int near_row[3], far_row[3], kx, ky, kz, flip;
+    float inverse[4], near_shift[4], far_shift[4], shear[3];
+    int near_row[4], far_row[4], kx, ky, kz, flip;
 """
 
 _TRAVERSE = (

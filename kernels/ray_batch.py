@@ -35,8 +35,8 @@ BATCH_OF_RAYS = (
     const bool any_hit = batch.any_hit != 0;
 
     struct RayTest {
-        float origin[3], inverse[3], near_shift[3], far_shift[3], shear[3];
-        int near_row[3], far_row[3], kx, ky, kz, flip;
+        float origin[3], inverse[4], near_shift[4], far_shift[4], shear[3];
+        int near_row[4], far_row[4], kx, ky, kz, flip;
     };
 
     // Prepare a ray for the tests; return how far it reaches, below 0 where it has no direction.

@@ -158,9 +158,9 @@ def tiles() -> tuple[Tile, ...]:
         ),
         Tile(
             "velvet",
-            "sheen_roughness 0.4",
+            "sheen_roughness 0.3",
             wrt.Principled(
-                base_color=(0.12, 0.008, 0.03), roughness=1.0, sheen_color=(0.8, 0.25, 0.4), sheen_roughness=0.4
+                base_color=(0.06, 0.004, 0.015), roughness=1.0, sheen_color=(0.8, 0.25, 0.4), sheen_roughness=0.3
             ),
         ),
         Tile(
@@ -199,7 +199,7 @@ def grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
     return np.stack([np.stack([a, b, d], axis=1), np.stack([b, c, d], axis=1)], axis=1).reshape(-1, 3)
 
 
-def brilliant(radius: float = 1.2) -> wrt.Mesh:
+def brilliant(radius: float = 1.15) -> wrt.Mesh:
     """Return a round brilliant that lies on one of the facets beneath its girdle, table towards +z.
 
     Crown at 34.5 degrees, culet 0.86 radii deep, table 0.53 wide; sixteen facets below instead of twenty-four.
@@ -225,7 +225,7 @@ def brilliant(radius: float = 1.2) -> wrt.Mesh:
     stone = stone.rotated((0, 1, 0), -np.degrees(0.5 * turn)).rotated((1, 0, 0), slope).rotated((0, 1, 0), -24.0)
     low, high = stone.bounds
     middle = 0.5 * (low + high)
-    return stone.translated((-middle[0], -low[1], -middle[2]))
+    return stone.translated((-middle[0], -low[1], -middle[2] - 0.3))
 
 
 def cove() -> tuple[wrt.Mesh, wrt.Mesh]:
@@ -235,7 +235,7 @@ def cove() -> tuple[wrt.Mesh, wrt.Mesh]:
     step = SQUARE / fine
     bend = 0.5 * np.pi * radius
     s = np.arange(0.0, front + back + bend + top, step)
-    x = np.arange(-half, half + 0.5 * SQUARE, SQUARE)
+    x = np.arange(-half, half + SQUARE, SQUARE) - 0.5 * SQUARE  # a square in the middle, not an edge
     angle = np.clip((s - front - back) / radius, 0.0, 0.5 * np.pi)
     z = front - np.minimum(s, front + back) - radius * np.sin(angle)
     y = radius * (1.0 - np.cos(angle)) + np.maximum(s - front - back - bend, 0.0)
@@ -252,7 +252,7 @@ def sky() -> wrt.ImageEnvironment:
     height = np.cos(np.pi * (np.arange(32) + 0.5) / 32.0)[:, None]
     up = np.clip(height, 0.0, 1.0)
     below = np.array([0.06, 0.055, 0.05])
-    row = np.where(height < 0.0, below, [0.22, 0.22, 0.23] + up * np.array([0.38, 0.44, 0.52]))
+    row = np.where(height < 0.0, below, [0.32, 0.32, 0.33] + up * np.array([0.53, 0.60, 0.70]))
     return wrt.ImageEnvironment(np.repeat(row[:, None], 64, axis=1).astype(np.float32), name="sky")
 
 
@@ -276,11 +276,11 @@ def make_scene(tile: Tile) -> wrt.Scene:
     scene = wrt.Scene(camera=camera, environment=sky())
     scene.settings.max_depth = 32
     light, dark = cove()
-    scene.add(light, material=wrt.Diffuse((0.60, 0.58, 0.55)))
-    scene.add(dark, material=wrt.Diffuse((0.16, 0.17, 0.19)))
+    scene.add(light, material=wrt.Diffuse((0.64, 0.61, 0.57)))
+    scene.add(dark, material=wrt.Diffuse((0.13, 0.14, 0.16)))
     aim = (0.0, 1.0, 0.0)
-    scene.add(facing((-4.0, 5.0, 4.0), aim, 2.6, 2.6), material=wrt.Diffuse(0.0), emission=(9.0, 8.8, 8.4))
-    scene.add(facing((4.6, 2.6, 1.6), aim, 0.6, 4.6), material=wrt.Diffuse(0.0), emission=(6.0, 6.2, 6.6))
+    scene.add(facing((-4.0, 5.0, 4.0), aim, 2.6, 2.6), material=wrt.Diffuse(0.0), emission=(11.0, 10.7, 10.0))
+    scene.add(facing((4.6, 2.6, 1.6), aim, 0.6, 4.6), material=wrt.Diffuse(0.0), emission=(7.0, 7.3, 7.8))
     scene.add(brilliant() if tile.cut else ball(), material=tile.material, name=tile.name)
     speck = ball(4).scaled(1e-3).translated((0.0, -5.0, 0.0))
     for other in tiles():
@@ -330,7 +330,7 @@ def render(tile: Tile, options: argparse.Namespace) -> NDArray[np.float32]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="Render the gallery of materials.")
-    parser.add_argument("--spp", type=int, default=256, help="samples per pixel (default %(default)s)")
+    parser.add_argument("--spp", type=int, default=128, help="samples per pixel (default %(default)s)")
     parser.add_argument("--size", type=int, default=304, help="width and height of a tile (default %(default)s)")
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=[tile.name for tile in tiles()], help="these tiles")
     parser.add_argument("--out", type=Path, default=DOCS_PICTURES, metavar="FOLDER", help="where the pictures go")

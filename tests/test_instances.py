@@ -190,20 +190,22 @@ def test_of_instances_in_one_place_the_lowest_is_hit(kind: str, distance: float,
         assert (instance != lowest[which[instance]]).mean() <= 1e-4
 
 
-@pytest.mark.parametrize("distance", [1.0, 1e3, 1e5])
+@pytest.mark.parametrize("distance", [1.0, 1e2, 1e4])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_flat_meshes_in_one_place(axis: int, distance: float, device: str) -> None:
     """A box without depth begins where the triangles are: rounding must not hide the lower number behind it."""
     square = wrt.quad((-0.5, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     turn = np.roll(np.eye(3), axis, axis=0)
-    place = affine(0.7 * turn, (30.1, -20.3, 10.7))
+    place = affine(0.7 * turn, (310.1, -200.3, 100.7))
     tracer = wrt.Intersector.of_instances([square], np.zeros(20, int), np.tile(place, (20, 1, 1)), device=device)
     rng = np.random.default_rng(10)
     targets = rng.uniform(-0.4, 0.4, (20_000, 3)) * np.array([1.0, 1.0, 0.0]) @ place[:3, :3].T + place[:3, 3]
-    directions = np.tile(-turn[:, 2], (len(targets), 1)) + rng.uniform(-0.2, 0.2, targets.shape) / distance
-    hits = tracer.closest_hit(targets - distance * directions, directions)
-    assert (hits.triangle >= 0).all()
-    assert (hits.triangle >= 2).mean() <= 1e-4
+    aside = rng.uniform(-0.2, 0.2, targets.shape) / distance
+    for side in (turn[:, 2], -turn[:, 2]):
+        hits = tracer.closest_hit(targets - distance * (side + aside), side + aside)
+        assert (hits.triangle >= 0).mean() > 0.999
+        # Of twenty squares of two triangles.
+        assert (hits.triangle >= 2).mean() <= 1e-4
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])

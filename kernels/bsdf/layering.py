@@ -25,10 +25,15 @@ BELOW_ONE = wp.constant(0.99999994)
 
 @wp.struct
 class Response:
-    """A BSDF for two directions: `value`, f |cosθi|, and `density`, per solid angle, of what is drawn for wi."""
+    """A BSDF for two directions.
+
+    `value` is f |cosθi|, `density` per solid angle that of drawing wi, and `albedo` about the share of the light from wo
+    that is reflected or let through.
+    """
 
     value: wp.vec3
     density: float
+    albedo: float
 
 
 class Layer(NamedTuple):
@@ -37,7 +42,7 @@ class Layer(NamedTuple):
     Attributes:
         evaluate: (bsdf, wo, wi) -> Response, for wo above the surface.
         direction: (bsdf, wo, u: vec2, u_lobe) -> wi; zero where there is none.
-        albedo: (bsdf, wo) -> float, about what share of the light it reflects or lets through.
+        albedo: (bsdf, wo) -> float, that of the Response.
     """
 
     evaluate: wp.Function
@@ -139,9 +144,10 @@ def add_coat(name: str, below: Layer, coat: int, roughness: int, body: bool) -> 
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
         shape = shape_of(bsdf)
         reflected = taken(bsdf, wo, shape[0])
-        share = layer_share(reflected, below_albedo(bsdf, wo))
         base = below_evaluate(bsdf, wo, wi)
+        share = layer_share(reflected, base.albedo)
         r = Response()
+        r.albedo = reflected + (1.0 - reflected) * base.albedo
         r.value = base.value * (1.0 - wp.max(reflected, taken(bsdf, wi, shape[0])))
         r.density = base.density * (1.0 - share)
         if wi[2] > 0.0 and reflected > 0.0:
@@ -197,9 +203,11 @@ def add_sheen(name: str, below: Layer, color: int, roughness: int, body: bool) -
         albedo_o = white_albedo(bsdf, wo)
         albedo_i = white_albedo(bsdf, wi)
         most = wp.max(albedo_o, albedo_i)
-        share = layer_share(wp.max(tint) * wp.min(albedo_o, 1.0), below_albedo(bsdf, wo))
+        reflected = wp.max(tint) * wp.min(albedo_o, 1.0)
         base = below_evaluate(bsdf, wo, wi)
+        share = layer_share(reflected, base.albedo)
         r = Response()
+        r.albedo = reflected + (1.0 - reflected) * base.albedo
         r.value = base.value * (1.0 - wp.max(tint) * wp.min(most, 1.0))
         r.density = base.density * (1.0 - share)
         if wi[2] > 0.0 and share > 0.0:

@@ -302,12 +302,15 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         parts = shares(bsdf, b, wo, white)
         share = parts[0] / wp.max(parts[0] + parts[1], 1.0e-20)
         r = Response()
+        r.albedo = wp.min(parts[0] + parts[1], 1.0)
         if wi[2] > 0.0:
             # wo·m is half the length of wo + wi, the same from both sides to the last bit.
             cos_m = 0.5 * wp.length(wo + wi)
             s = split(b, cos_m, outside(bsdf, cos_m))
             facets = facet_response(wo, wi, b.shape)
-            r.value = s.reflected * facets[0] + spread(bsdf, b, wo, wi, white)
+            r.value = s.reflected * facets[0]
+            if parts[1] > 0.0:
+                r.value = r.value + spread(bsdf, b, wo, wi, white)
             r.density = facets[1] * s.chosen * share + INV_PI * wi[2] * (1.0 - share)
             return r
         if wp.static(thin):
@@ -318,7 +321,9 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             r.value = s.transmitted * facets[0]
             r.density = facets[1] * (1.0 - s.chosen) * share
         if wp.static(body):
-            r = refracted(bsdf, b, wo, wi, share)
+            through = refracted(bsdf, b, wo, wi, share)
+            r.value = through.value
+            r.density = through.density
         return r
 
     @wp.func(name=f"principled_direction_{name}")

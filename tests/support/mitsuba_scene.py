@@ -231,7 +231,7 @@ def _bsdf(material: Material) -> dict[str, Any]:
 
 def _boundary(material: wrt.Dielectric | wrt.ThinDielectric | wrt.RoughDielectric) -> dict[str, Any]:
     result = {
-        "type": {wrt.Dielectric: "dielectric", wrt.ThinDielectric: "thindielectric"}.get(type(material), ""),
+        "type": "thindielectric" if isinstance(material, wrt.ThinDielectric) else "dielectric",
         "int_ior": material.ior,
         "ext_ior": material.exterior_ior,
         "specular_reflectance": _color(material.specular_reflectance),
