@@ -34,7 +34,7 @@ class Bvh:
 # kernels for many rays and for instances use as well.
 #
 #   in:  origin, direction: three floats
-#   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray
+#   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray; runs, whether it can hit anything
 RAY_SETUP = """
     // Finite, so that a ray in the plane of a box side gives 0 and not 0 times infinity.
 #if VECTOR_CODE
@@ -71,6 +71,9 @@ RAY_SETUP = """
     shear[0] = direction[kx] * inverse[kz];
     shear[1] = direction[ky] * inverse[kz];
     shear[2] = inverse[kz];
+    // A ray with NaN or infinite numbers would meet all boxes, those of unused places too; times 0 they give NaN.
+    const float length = dx + dy + dz;
+    const bool runs = length + 0.0f * (length + near_shift[0] + near_shift[1] + near_shift[2]) > 0.0f;
 """
 
 
@@ -132,9 +135,11 @@ _TRAVERSE = (
     + """
     float hit_u = 0.0f, hit_v = 0.0f;
     int id_max = NOTHING_HIT, current = 0;
+    if (runs) {
 """
     + FOLLOW_RAY
     + """
+    }
     const int triangle = id_max == NOTHING_HIT ? -1 : id_max;
     float as_float;
     memcpy(&as_float, &triangle, 4);

@@ -234,7 +234,7 @@ def write_level(
                 leaf += 1
         else:
             write_box(nodes_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE))
-            children_out[base + 48 + k] = 0
+            children_out[base + 48 + k] = -1
 
 
 @wp.kernel(enable_backward=False)
@@ -275,8 +275,8 @@ def write_upper_level(
                         children_out[start + 48 + n] = -1 - wp.cast(box[3], wp.int32)
                     else:
                         write_box(nodes_out, start + n, wp.vec3(LARGE), wp.vec3(-LARGE))
-                        children_out[start + 48 + n] = 0
+                        children_out[start + 48 + n] = -1
                 leaf += 1
         else:
             write_box(nodes_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE))
-            children_out[base + 48 + k] = 0
+            children_out[base + 48 + k] = -1

@@ -75,6 +75,7 @@ _TRAVERSE = (
     + _RAY_NAMES
     + RAY_SETUP
     + """
+        if (!runs) return;
         const int nothing_yet = best_instance >= 0 && best_instance < number ? -1 : NOTHING_HIT;
         float hit_u = 0.0f, hit_v = 0.0f;
         int id_max = nothing_yet, current = 0;
@@ -97,9 +98,11 @@ _TRAVERSE = (
     + RAY_SETUP
     + """
         int id_max = NOTHING_HIT, current = 0;
+        if (runs) {
 """
     + follow_ray("visit(-1 - current, t_max); id_max = best_instance < 0 ? NOTHING_HIT : 0;")
     + """
+        }
     }
     const int found[2] = {best_instance, best_id};
     wp::vec_t<5, float> result;

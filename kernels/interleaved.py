@@ -18,7 +18,7 @@ from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
 from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST
 
 RAYS_PER_THREAD = 64
-RAYS_IN_TURN = 6
+RAYS_IN_TURN = 5
 
 
 # One step of the ray called RAY: a node or a leaf, and the choice of the next.

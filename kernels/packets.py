@@ -95,7 +95,9 @@ _PACKET = (
         shear[1] = direction[ky] * inverse[kz];
         shear[2] = inverse[kz];
         const f8 most = batch.t_max.shape[0] > 1 ? LOAD8(batch.t_max.data + first) : (f8)batch.t_max.data[0];
-        *(f8*)reach = (dx + dy + dz > 0.0f) ? most : (f8)-1.0f;
+        const f8 length = dx + dy + dz;
+        const auto runs = length + 0.0f * (length + near_shift[0] + near_shift[1] + near_shift[2]) > 0.0f;
+        *(f8*)reach = runs ? LEAST(most, (f8)3.4028235e38f) : (f8)-1.0f;
     }
     if (together) {
         // A stack entry: a child, and where it begins for each ray (infinity for rays that miss it).

@@ -4,14 +4,17 @@ import warp as wp
 
 from wrt.kernels.bvh import RAY_SETUP, Bvh, bvh_any_hit, bvh_closest_hit
 
+# Finite, so that a t that overflows is no hit.
+LONGEST = wp.constant(3.4028235e38)
+
 
 @wp.struct
 class RayBatch:
     """Rays, and where their answers go.
 
     `t_max` has one entry or one a ray. `triangle_out` is −1 where nothing is hit, `t_out` then infinite.
-    With `any_hit` it is not negative where anything is hit, and the other two are left alone. A direction
-    of zero or NaN hits nothing.
+    With `any_hit` it is not negative where anything is hit, and the other two are left alone. A ray whose
+    direction is zero, or that is not finite, hits nothing.
     """
 
     origins: wp.array(dtype=wp.vec3)
@@ -39,7 +42,7 @@ BATCH_OF_RAYS = (
         int near_row[4], far_row[4], kx, ky, kz, flip;
     };
 
-    // Prepare a ray for the tests; return how far it reaches, below 0 where it has no direction.
+    // Prepare a ray for the tests; return how far it reaches, below 0 where it can hit nothing.
     const auto load_ray = [&](RayTest& test, int ray) -> float {
         float* const origin = test.origin;
         float* const inverse = test.inverse;
@@ -57,8 +60,8 @@ BATCH_OF_RAYS = (
 """
     + RAY_SETUP
     + """
-        const bool runs = dx + dy + dz > 0.0f;  // not so for NaN
-        return runs ? batch.t_max.data[batch.t_max.shape[0] > 1 ? ray : 0] : -1.0f;
+        // Finite, so that a t that overflows is no hit.
+        return runs ? wp::min(batch.t_max.data[batch.t_max.shape[0] > 1 ? ray : 0], 3.4028235e38f) : -1.0f;
     };
 
     // Have a node or a leaf brought nearer, for a visit that is not yet.
@@ -91,13 +94,13 @@ NAMES_OF_TEST = """
 
 @wp.func
 def reach_of(batch: RayBatch, ray: int) -> float:
-    """Return how far a ray reaches, below 0 where it has no direction."""
+    """Return how far a ray reaches, below 0 where it can hit nothing."""
     direction = batch.directions[ray]
     if not (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]) > 0.0):
         return -1.0
     if batch.t_max.shape[0] > 1:
-        return batch.t_max[ray]
-    return batch.t_max[0]
+        return wp.min(batch.t_max[ray], LONGEST)
+    return wp.min(batch.t_max[0], LONGEST)
 
 
 @wp.kernel(enable_backward=False)

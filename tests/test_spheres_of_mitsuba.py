@@ -112,10 +112,13 @@ MATERIALS: dict[str, tuple[wrt.Material, wrt.Material]] = {
         wrt.Principled(GOLD, metallic=1.0, roughness=0.315),
     ),
 }
-"""Each with a wrong one, which must be told from it: a roughness 10 % off (5 % before it is squared), an axis swapped,
-another index."""
+"""Each with a wrong one, which must be told from it: a roughness 10 % off (5 % before it is squared), or along the
+other axis; another index.
 
-CASE = Case(wrt.Scene, max_depth=16, spp=512, reference_spp=512, size=(40, 40))
+Metal in `principled` has Smith's masking correlated here, and not in Mitsuba: at this roughness that is some per cent
+at the rim alone."""
+
+CASE = Case(wrt.Scene, max_depth=16, spp=512, reference_spp=512, size=(32, 32))
 SIGNIFICANCE = sidak(0.01, len(MATERIALS))
 
 

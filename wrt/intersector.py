@@ -49,6 +49,9 @@ class Intersector:
     Closed meshes are closed to rays as well: none slips through between two triangles. Of triangles
     hit at one distance the lowest number is reported, whatever the tree. Hits nearer than the
     rounding error of their own distance are left out, so a ray may start on a surface.
+
+    Sizes from 10^-11 to 10^12 give the same hits bit for bit. Beyond, products of three coordinates
+    vanish or overflow in float32 and triangles are missed.
     """
 
     def __init__(self, source: Any, *, device: str = "cpu", threads: int | None = None) -> None:
@@ -166,7 +169,8 @@ class Intersector:
 
         Args:
             origins: (N, 3) NumPy array, or Warp array of vec3, which is not copied if on the device.
-            directions: likewise, of any length but zero; t is in units of it.
+            directions: likewise, from 10^-15 to 10^30 long; t is in units of it. A ray that is not finite, or whose
+                direction is zero, hits nothing.
             t_min: least distance, not negative.
             t_max: greatest distance, one for all or (N,) one for each.
 
@@ -258,9 +262,11 @@ class Intersector:
         """Return whether most rays run and begin close to the next one, judged by a thousand of them."""
         i = np.linspace(0, len(origins) - 2, 1024).astype(np.int64)
         o, d = origins.numpy(), directions.numpy()
-        a, b = (d[k] / np.maximum(np.linalg.norm(d[k], axis=1, keepdims=True), 1e-30) for k in (i, i + 1))
-        near = (np.abs(o[i] - o[i + 1]) * self._inverse_extent).max(axis=1) < SPREAD
-        return bool((near & (np.abs(a - b).max(axis=1) < SPREAD)).mean() > 0.8)
+        with np.errstate(over="ignore", invalid="ignore"):
+            a, b = (d[k] / np.maximum(np.linalg.norm(d[k], axis=1, keepdims=True), 1e-30) for k in (i, i + 1))
+            near = (np.abs(o[i] - o[i + 1]) * self._inverse_extent).max(axis=1) < SPREAD
+            near &= np.abs(a - b).max(axis=1) < SPREAD
+        return bool(near.mean() > 0.8)
 
 
 def _vectors(name: str, value: Any, device: str) -> Any:

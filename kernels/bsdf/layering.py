@@ -27,8 +27,8 @@ BELOW_ONE = wp.constant(0.99999994)
 class Response:
     """A BSDF for two directions.
 
-    `value` is f |cosθi|, `density` per solid angle that of drawing wi, and `albedo` about the share of the light from wo
-    that is reflected or let through.
+    `value` is f |cosθi|, `density` per solid angle that of drawing wi, and `albedo` about the share of the light from
+    wo that is reflected or let through.
     """
 
     value: wp.vec3

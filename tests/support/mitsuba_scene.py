@@ -13,6 +13,9 @@ What cannot be bridged:
 
 - An interpolated normal. Mitsuba lights a surface by its shading normal alone, wrt asks the geometric one too.
   Compare flat meshes, or smooth ones whose materials are specular.
+- Beckmann's distribution where visible normals are drawn: with the exact masking, but weighed by a density with
+  Walter's fit to it, which is up to 0.3 % off. Reflectors have normals drawn without regard to the viewer instead;
+  a `roughdielectric` cannot: without visible normals its samples' weights are not its values over its densities.
 - A mixture of a smooth part and one of single directions. Where `blendbsdf` (3.9) samples the latter it returns
   (w ρ + (1 − w) f cosθ) / (w + (1 − w) p), as if the probability w were a density like p. That loses light: its
   picture of a mixture, direct light only, is not the mean of its pictures of the two parts.
@@ -288,9 +291,8 @@ def _microfacets(material: wrt.RoughConductor | wrt.RoughDielectric | wrt.RoughP
         raise NotImplementedError(f"Mitsuba has no {material.distribution} with {material.masking}, or more bounces")
     along = material.alpha if isinstance(material.alpha, tuple) else (material.alpha, material.alpha)
     result = {"distribution": material.distribution, "alpha_u": along[0], "alpha_v": along[1]}
-    if material.distribution == "beckmann":
-        # Visible normals are drawn with the exact masking, but their density is told with the fit to it: that is
-        # no longer the mean of the model.
+    if material.distribution == "beckmann" and not isinstance(material, wrt.RoughDielectric):
+        # See above: so that the picture is the mean of the model.
         result["sample_visible"] = False
     return result
 

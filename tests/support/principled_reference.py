@@ -10,11 +10,15 @@ them is a field of `Choices`.
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+from conftest import ROOT
 from numpy.typing import NDArray
 
 import wrt
@@ -313,3 +317,14 @@ def mitsuba_density(p: wrt.Principled, wo: Array, wi: Array) -> Array:
             (i < 0.0) & (m[:, 2] > 0.0), through * visible * p.ior**2 * np.abs(i) / (o + p.ior * i) ** 2, 0.0
         )
     return density / (mirrored + through + spread)
+
+
+@functools.cache
+def load_fits() -> ModuleType:
+    """Return scripts/albedo_fits.py, whose quadratures have nothing to do with the kernels."""
+    spec = importlib.util.spec_from_file_location("albedo_fits_script", ROOT / "scripts" / "albedo_fits.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

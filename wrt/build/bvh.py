@@ -284,6 +284,8 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
     starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
     node_count = starts[-1]
     leaf_count = sum(level.leaf_total for level in levels)
+    if max(leaf_count * LEAF_FLOATS, starts[-1] * NODE_FLOATS) >= 2**31:
+        raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
     data = Bvh()
     data.nodes = device.empty_large(node_count * NODE_FLOATS)
     data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)

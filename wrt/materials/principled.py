@@ -111,15 +111,19 @@ class Principled(Material):
     @property
     def slots(self) -> tuple[ColorSource, ...]:
         """What kernels/bsdf/principled.py reads for these features."""
-        values = [self.base_color, self.metallic, self.roughness, self.specular, self.specular_color, float(self.ior)]
+        values: list[ColorSource] = [
+            self.base_color,
+            self.metallic,
+            self.roughness,
+            self.specular,
+            self.specular_color,
+            float(self.ior),
+        ]
         features = self.features
         if "anisotropic" in features:
             turn = self.anisotropy_rotation
-            along_u = isinstance(self.anisotropy, float)
-            values += [
-                (1.0, 0.5, self.anisotropy) if along_u else self.anisotropy,
-                (math.cos(turn), math.sin(turn), 0.0),
-            ]
+            along_u = (1.0, 0.5, self.anisotropy) if isinstance(self.anisotropy, float) else self.anisotropy
+            values += [along_u, (math.cos(turn), math.sin(turn), 0.0)]
         if "transmission" in features or "thin" in features:
             values += [self.transmission]
         if "coat" in features:
