@@ -36,12 +36,13 @@ class Bvh:
 #   in:  origin, direction: three floats
 #   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray; runs, whether it can hit anything
 RAY_SETUP = """
-    // Finite, so that a ray in the plane of a box side gives 0 and not 0 times infinity.
+    // Finite where a coordinate of the direction is 0: a ray in the plane of a box side would give 0 times
+    // infinity. Such a ray meets the boxes on both sides of the plane, hence the larger error.
 #if VECTOR_CODE
     {
         const f4 d = {direction[0], direction[1], direction[2], 1.0f}, o = {origin[0], origin[1], origin[2], 0.0f};
-        const f4 least = 1e-18f, inverse_d = 1.0f / ((SIZE(d) >= least) ? d : ((d < 0.0f) ? -least : least));
-        const f4 shift = o * inverse_d, error = SIZE(shift) * 2.4e-7f;
+        const f4 least = 1e-20f, inverse_d = 1.0f / ((SIZE(d) >= least) ? d : ((d < 0.0f) ? -least : least));
+        const f4 shift = o * inverse_d, error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= least) ? (f4)0.0f : (f4)1e14f);
         const i4 backwards = inverse_d < 0.0f, rows = {0, 8, 16, 0};
         *(f4*)inverse = inverse_d;
         *(f4*)near_shift = shift + error;
@@ -54,8 +55,9 @@ RAY_SETUP = """
     flip = 7;
     for (int k = 0; k < 3; ++k) {
         const float d = direction[k];
-        inverse[k] = 1.0f / (fabsf(d) >= 1e-18f ? d : (d < 0.0f ? -1e-18f : 1e-18f));
-        const float shift = origin[k] * inverse[k], error = fabsf(shift) * 2.4e-7f;
+        inverse[k] = 1.0f / (fabsf(d) >= 1e-20f ? d : (d < 0.0f ? -1e-20f : 1e-20f));
+        const float shift = origin[k] * inverse[k];
+        const float error = fabsf(shift) * 2.4e-7f + (fabsf(d) >= 1e-20f ? 0.0f : 1e14f);
         near_shift[k] = shift + error;
         far_shift[k] = shift - error;
         flip ^= inverse[k] < 0.0f ? 1 << k : 0;

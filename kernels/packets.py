@@ -76,8 +76,9 @@ _PACKET = (
         load_vectors(direction, (const float*)(batch.directions.data + first));
         for (int k = 0; k < 3; ++k) {
             const f8 d = direction[k];
-            inverse[k] = 1.0f / ((SIZE(d) >= 1e-18f) ? d : ((d < 0.0f) ? (f8)-1e-18f : (f8)1e-18f));
-            const f8 shift = origin[k] * inverse[k], error = SIZE(shift) * 2.4e-7f;
+            inverse[k] = 1.0f / ((SIZE(d) >= 1e-20f) ? d : ((d < 0.0f) ? (f8)-1e-20f : (f8)1e-20f));
+            const f8 shift = origin[k] * inverse[k];
+            const f8 error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= 1e-20f) ? (f8)0.0f : (f8)1e14f);
             near_shift[k] = shift + error;
             far_shift[k] = shift - error;
             const unsigned backwards = RAY_MASK(inverse[k] < 0.0f);

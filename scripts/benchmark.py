@@ -225,7 +225,11 @@ def largest_models() -> tuple[str, ...]:
 
 
 def compile_cases() -> dict[str, Any]:
-    """Return what is compiled: Features of render kernels, names of modules, kinds of tables, by what the table calls them."""
+    """Return what is compiled, by name: Features of render kernels, names of modules, kinds of tables."""
+    import importlib
+
+    import warp as wp
+
     import wrt.kernels
     from wrt.kernels.features import Features
 
@@ -245,16 +249,15 @@ def compile_cases() -> dict[str, Any]:
     cases["every model as it comes, every feature"] = Features(usual, True, "image", layered=True, tangents=True)
     cases["every model at its largest, every feature"] = Features(largest, True, "image", layered=True, tangents=True)
     for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
-        if found.name.startswith("wrt.kernels.bvh_"):
-            cases[f"tree, {found.name.removeprefix('wrt.kernels.')}"] = found.name
+        kernels = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, wp.Kernel)]
+        if any(kernel.module.name == found.name for kernel in kernels):
+            cases[f"module {found.name.removeprefix('wrt.kernels.')}"] = found.name
     cases |= {f"table, {kind}": kind for kind in ("reflection", "dielectric", "coat")}
     return cases
 
 
 def kernel_module(name: str) -> Any:
     """Return the Warp module of a case."""
-    import importlib
-
     import warp as wp
 
     from wrt.kernels.albedo import make_missing_kernel
@@ -268,7 +271,6 @@ def kernel_module(name: str) -> Any:
     makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}
     if case in makers:
         return makers[case]("ggx", "smith").module
-    importlib.import_module(case)
     return wp.get_module(case)
 
 

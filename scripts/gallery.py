@@ -332,7 +332,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Render the gallery of materials.")
     parser.add_argument("--spp", type=int, default=128, help="samples per pixel (default %(default)s)")
     parser.add_argument("--size", type=int, default=304, help="width and height of a tile (default %(default)s)")
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=[tile.name for tile in tiles()], help="these tiles")
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", choices=[tile.name for tile in tiles()], help="these tiles"
+    )
     parser.add_argument("--out", type=Path, default=DOCS_PICTURES, metavar="FOLDER", help="where the pictures go")
     parser.add_argument("--device", default="cpu", help="cpu, cuda or cuda:N")
     parser.add_argument("--threads", type=int, help="CPU threads; by default all cores")

@@ -1,371 +1,22 @@
-"""Draw what the reflection models do, by their own device functions: `python scripts/plots.py [--only NAME ...] [--out FOLDER]`.
+"""Draw what the reflection models do, by their own device functions (plot_figures.py).
 
-Needs matplotlib (pip install '.[plots]'). What is drawn is in FIGURES; docs/shading.md shows it.
+    python scripts/plots.py [--only NAME ...] [--out FOLDER]
+
+Needs matplotlib (pip install '.[plots]'). docs/shading.md shows the pictures.
 """
 
+from __future__ import annotations
+
 import argparse
-import functools
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import warp as wp
-from numpy.typing import ArrayLike, NDArray
-
-import wrt
-from wrt.build.tables import pack_tables
-from wrt.device import Device, initialize_warp
-from wrt.distributions import sgd_normalization
-from wrt.kernels.bsdf import identifier, make_bsdf
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, slot_values
-from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_conductor, fresnel_dielectric, fresnel_schlick
-from wrt.kernels.microfacet import make_microfacet, maskings_of
-from wrt.presets import metal_ior
-
-Array = NDArray[np.float64]
+from plot_figures import FIGURES, Figure, Panel
 
 DOCS_PLOTS = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "plots"
-GLASS = 1.5
-COLORS = ("#1f6fb4", "#d1495b", "#2e8b57", "#b8860b", "#6a4c93", "#444444")
-CHANNEL_COLORS = ("#c8102e", "#1a9641", "#2166ac")
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A line: (N,) x in degrees, (N,) y, and how it is drawn. Without a label it is not in the legend."""
-
-    x: Array
-    y: Array
-    label: str = ""
-    color: str = COLORS[0]
-    style: str = "-"
-
-
-@dataclass(frozen=True)
-class Panel:
-    """Curves in one pair of axes.
-
-    Attributes:
-        title: above it.
-        curves: what is drawn.
-        viewer: in polar plots the angle of the viewer, degrees, marked by a line.
-    """
-
-    title: str
-    curves: list[Curve]
-    viewer: float | None = None
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One picture.
-
-    Attributes:
-        panels: in rows of `columns`.
-        y_label: what all curves' values are.
-        x_label: what their angles are; none in polar plots.
-        columns: panels in a row.
-        kind: "linear", "log"; or polar, with the normal upwards: "half" above the surface, "round" on both sides.
-        limits: of y, where they are set.
-    """
-
-    panels: list[Panel]
-    y_label: str
-    x_label: str = "angle from the normal, degrees"
-    columns: int = 3
-    kind: str = "linear"
-    limits: tuple[float, float] | None = field(default=None)
-
-
-# --- Device functions over arrays ------------------------------------------------------------------
-
-
-def call(function: wp.Function, *inputs: ArrayLike) -> Array:
-    """Return what a device function of numbers and vectors gives for each row of its inputs, which are broadcast.
-
-    Warp takes two functions of one name for the same here: names must differ.
-    """
-    initialize_warp()
-    arrays = [np.asarray(values, np.float32) for values in inputs]
-    count = max(len(a) for a in arrays if a.ndim)
-    rows = []
-    for a, kind in zip(arrays, function.input_types.values(), strict=True):
-        width = () if kind is float else (3,)
-        rows.append(wp.array(np.broadcast_to(a, (count, *width)), dtype=kind, device="cpu"))
-    return wp.map(function, *rows).numpy().astype(np.float64)
-
-
-def directions(degrees: ArrayLike) -> Array:
-    """Return unit vectors in the plane of incidence at signed angles from the normal, z."""
-    theta = np.radians(np.atleast_1d(np.asarray(degrees, np.float64)))
-    return np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=1)
-
-
-@functools.cache
-def distribution_of(name: str) -> wp.Function:
-    """Return D(m, shape) of a distribution, by a name of its own."""
-    d = make_microfacet(name, "implicit").d
-
-    @wp.func(name=f"plotted_{name}".replace("-", "_"))
-    def distribution(m: wp.vec3, shape: wp.vec3) -> float:
-        return d(m, shape)
-
-    return distribution
-
-
-@functools.cache
-def kernels_of(model: str) -> tuple[wp.Kernel, wp.Kernel]:
-    """Return kernels that evaluate and that sample one reflection model."""
-    functions = make_bsdf((model,))
-    bsdf_evaluate, bsdf_sample = functions.evaluate, functions.sample
-    module = wp.get_module(f"wrt.plots.{identifier((model,))}")
-
-    @wp.kernel(module=module, enable_backward=False)
-    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.array(dtype=wp.vec3), value_out: wp.array(dtype=wp.vec3)):
-        i = wp.tid()
-        value_out[i] = bsdf_evaluate(bsdf, wo, wi[i])
-
-    @wp.kernel(module=module, enable_backward=False)
-    def sample(
-        bsdf: Bsdf, wo: wp.array(dtype=wp.vec3), u: wp.array(dtype=wp.vec3), sample_out: wp.array2d(dtype=BsdfSample)
-    ):
-        i, j = wp.tid()
-        sample_out[i, j] = bsdf_sample(bsdf, wo[i], wp.vec2(u[j][0], u[j][1]), u[j][2])
-
-    return evaluate, sample
-
-
-def record_of(material: wrt.Material, front: bool) -> Any:
-    """Return what kernels are given of a material of constant values."""
-    initialize_warp()
-    bsdf = Bsdf()
-    bsdf.model, bsdf.front = 0, front
-    values = np.zeros(slot_values._shape_, np.float32)
-    for k, value in enumerate(material.slots):
-        values[k] = value
-    bsdf.slots = slot_values(*values.ravel().tolist())
-    tables, places = pack_tables([material.table_key], Device("cpu"))
-    bsdf.tables = wp.array(tables, dtype=float, device="cpu")
-    bsdf.table = places.get(material.table_key, 0)
-    return bsdf
-
-
-def lobe(material: wrt.Material, viewer: float, degrees: Array, *, front: bool = True) -> Array:
-    """Return (N,) f |cosθ|, the mean of the channels, for light from angles on either side of the normal.
-
-    Args:
-        material: of constant values.
-        viewer: angle of the viewer, degrees.
-        degrees: (N,) angles of the light, degrees.
-        front: whether the viewer is on the front, which of glass is outside.
-    """
-    wi = directions(degrees)
-    out = wp.empty(len(wi), dtype=wp.vec3, device="cpu")
-    inputs = [record_of(material, front), wp.vec3(*directions(viewer)[0]), wp.array(wi, dtype=wp.vec3, device="cpu")]
-    wp.launch(kernels_of(material.model)[0], len(wi), inputs, [out], device="cpu")
-    return np.asarray(out.numpy().astype(np.float64).mean(axis=1))
-
-
-def albedo(material: wrt.Material, degrees: Array, *, samples: int = 2**14) -> Array:
-    """Return (N,) the share of light from N angles that goes on, the mean of the channels, by sampling.
-
-    On refraction radiance is squeezed into another solid angle; that is taken out, so that energy remains.
-    """
-    # The additive recurrence of Roberts (2018) in three dimensions: smoother than random numbers.
-    step = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-    u = np.minimum((0.5 + np.arange(samples)[:, None] * step) % 1.0, 1.0 - 2.0**-24)
-    out = wp.empty((len(degrees), samples), dtype=BsdfSample, device="cpu")
-    inputs = [record_of(material, True), *(wp.array(a, dtype=wp.vec3, device="cpu") for a in (directions(degrees), u))]
-    wp.launch(kernels_of(material.model)[1], out.shape, inputs, [out], device="cpu")
-    found = out.numpy()
-    energy = found["weight"].astype(np.float64).mean(axis=2) * found["eta"].astype(np.float64) ** 2
-    return np.asarray(energy.mean(axis=1))
-
-
-# --- Fresnel ---------------------------------------------------------------------------------------
-
-INCIDENCE = np.linspace(0.0, 90.0, 361)
-
-
-def fresnel_of_glass() -> Figure:
-    """Return the reflectance of a boundary of glass for light from either side."""
-    cos_i = np.cos(np.radians(INCIDENCE))
-    f0 = ((GLASS - 1.0) / (GLASS + 1.0)) ** 2
-    cos_out = np.sqrt(np.maximum(call(cos_transmitted_squared, cos_i, 1.0 / GLASS), 0.0))
-    panels = []
-    for title, eta, cosine in (("from air", GLASS, cos_i), ("from glass", 1.0 / GLASS, cos_out)):
-        exact = call(fresnel_dielectric, cos_i, eta)
-        schlick = call(fresnel_schlick, cosine, [f0] * 3)[:, 0]
-        panels.append(
-            Panel(
-                f"{title}, n = 1.5",
-                [Curve(INCIDENCE, exact, "exact"), Curve(INCIDENCE, schlick, "Schlick", COLORS[1], "--")],
-            )
-        )
-    return Figure(panels, "reflectance", "angle of incidence, degrees", columns=2, limits=(0.0, 1.02))
-
-
-def fresnel_of_metals() -> Figure:
-    """Return the reflectance of three metals per channel, and Schlick's approximation from normal incidence."""
-    cos_i = np.cos(np.radians(INCIDENCE))
-    panels = []
-    for metal in ("gold", "copper", "aluminium"):
-        exact = call(fresnel_conductor, cos_i, *metal_ior(metal))
-        schlick = call(fresnel_schlick, cos_i, exact[0])
-        curves = [
-            Curve(INCIDENCE, exact[:, k], name, color)
-            for k, (name, color) in enumerate(zip(("red", "green", "blue"), CHANNEL_COLORS, strict=True))
-        ]
-        curves += [
-            Curve(INCIDENCE, schlick[:, k], "Schlick" if k == 2 else "", color, "--")
-            for k, color in enumerate(CHANNEL_COLORS)
-        ]
-        panels.append(Panel(metal, curves))
-    return Figure(panels, "reflectance", "angle of incidence, degrees", limits=(0.3, 1.02))
-
-
-# --- Microfacets -----------------------------------------------------------------------------------
-
-SHAPES: dict[str, list[tuple[str, tuple[float, float, float]]]] = {
-    name: [(f"α {alpha:g}", (alpha, alpha, 0.0)) for alpha in (0.1, 0.3, 0.6, 1.0)]
-    for name in ("ggx", "beckmann", "blinn-phong")
-}
-SHAPES["abc"] = [(f"B {b:g}, C {c:g}", (b, c, 0.0)) for b, c in ((200.0, 2.0), (200.0, 1.0), (10.0, 2.0), (10.0, 1.0))]
-SHAPES["sgd"] = [
-    (f"α {a:g}, p {p:g}", (a, p, sgd_normalization(a, p))) for a, p in ((0.01, 0.0), (0.01, 0.8), (0.1, 0.0), (0.1, 0.8))
-]
-"""Parameters that each distribution is drawn for."""
-
-
-def distributions() -> Figure:
-    """Return each distribution of normals for several roughnesses, and three of them together."""
-    degrees = np.linspace(0.0, 89.5, 359)
-    m = directions(degrees)
-    panels = []
-    for name, shapes in SHAPES.items():
-        d = distribution_of(name)
-        curves = [Curve(degrees, call(d, m, shape), label, COLORS[i]) for i, (label, shape) in enumerate(shapes)]
-        panels.append(Panel(name, curves))
-    together = [
-        Curve(degrees, call(distribution_of(name), m, (0.3, 0.3, 0.0)), name, COLORS[i])
-        for i, name in enumerate(("ggx", "beckmann", "blinn-phong"))
-    ]
-    panels.append(Panel("at α 0.3", together))
-    return Figure(panels, "D, 1/sr", "angle of the facet's normal, degrees", kind="log", limits=(1e-4, 1e2))
-
-
-def maskings() -> Figure:
-    """Return each masking on Beckmann's distribution, the viewer at 75 degrees and the light anywhere."""
-    viewer = -75.0
-    degrees = np.linspace(-89.5, 89.5, 359)
-    wi = directions(degrees)
-    wo = directions(viewer)[0]
-    m = wi + wo
-    m /= np.linalg.norm(m, axis=1, keepdims=True)
-    panels = []
-    for alpha in (0.1, 0.4, 1.0):
-        curves = []
-        for i, name in enumerate(maskings_of("beckmann")):
-            g = make_microfacet("beckmann", name).g
-            style = "--" if name == "walter" else "-"
-            curves.append(Curve(degrees, call(g, wo, wi, m, (alpha, alpha, 0.0)), name, COLORS[i], style))
-        panels.append(Panel(f"α {alpha:g}, viewer at −75 degrees", curves))
-    return Figure(panels, "G", "angle of the light, degrees", limits=(0.0, 1.02))
-
-
-# --- Reflection models -----------------------------------------------------------------------------
-
-
-def _lobes(
-    title: str,
-    materials: Sequence[tuple[str, wrt.Material]],
-    viewer: float,
-    *,
-    around: bool = False,
-    front: bool = True,
-    scaled: bool = False,
-    power: float = 1.0,
-) -> Panel:
-    """Return the lobes of some materials, on both sides if `around`; if `scaled`, each to a maximum of 1, to a power."""
-    degrees = np.linspace(-180.0, 180.0, 1441) if around else np.linspace(-90.0, 90.0, 721)
-    curves = []
-    for i, (label, material) in enumerate(materials):
-        f = lobe(material, -viewer, degrees, front=front)
-        curves.append(Curve(degrees, (f / f.max() if scaled else f) ** power, label, COLORS[i]))
-    return Panel(title, curves, -viewer)
-
-
-def lobes() -> Figure:
-    """Return how much light from each direction in the plane of incidence opaque surfaces send to the viewer."""
-    metal = [(f"α {a:g}", wrt.RoughConductor(a, metal="gold")) for a in (0.1, 0.3, 0.6, 1.0)]
-    clay = [("Lambert", wrt.Diffuse(0.8))] + [(f"σ {s:g}", wrt.OrenNayar(0.8, sigma=s)) for s in (0.35, 0.8)]
-    fibres = [
-        (f"roughness {r:g}", wrt.Principled(base_color=0.0, specular=0.0, sheen_color=1.0, sheen_roughness=r))
-        for r in (0.2, 0.4, 0.8)
-    ]
-    paint = [
-        (f"coat {coat:g}", wrt.Principled(base_color=0.5, roughness=0.9, coat=coat, coat_roughness=0.4))
-        for coat in (0.0, 0.5, 1.0)
-    ]
-    panels = [
-        _lobes("rough gold, each scaled to its maximum", metal, 45.0, scaled=True),
-        _lobes("Lambert and Oren-Nayar", clay, 60.0),
-        _lobes("sheen", fibres, 60.0),
-        _lobes("a coat of roughness 0.4 on rough paint", paint, 45.0),
-    ]
-    return Figure(panels, "f cosθ, 1/sr", "", columns=2, kind="half")
-
-
-def lobes_of_glass() -> Figure:
-    """Return the same for rough glass, seen from either side."""
-    glass = [(f"α {a:g}", wrt.RoughDielectric(alpha=a)) for a in (0.1, 0.3, 0.6)]
-    # The square root: reflection is weak beside refraction.
-    panels = [
-        _lobes(title, glass, viewer, around=True, front=front, scaled=True, power=0.5)
-        for title, viewer, front in (
-            ("viewer in air", 45.0, True),
-            ("viewer in glass", 30.0, False),
-            ("viewer in glass, beyond the critical angle", 60.0, False),
-        )
-    ]
-    return Figure(panels, "√(f |cosθ|), each scaled to its maximum", "", kind="round")
-
-
-def albedos() -> Figure:
-    """Return the share of light that rough surfaces which absorb nothing send on, by one bounce and by several."""
-    degrees = np.linspace(0.0, 89.0, 46)
-    makers: dict[str, Callable[[float, bool], wrt.Material]] = {
-        "white metal": lambda a, more: wrt.RoughConductor(a, f0=1.0, multiple_bounces=more),
-        "glass, both sides together": lambda a, more: wrt.RoughDielectric(alpha=a, multiple_bounces=more),
-        "white plastic": lambda a, more: wrt.RoughPlastic(1.0, alpha=a, nonlinear=True, multiple_bounces=more),
-    }
-    panels = []
-    for title, maker in makers.items():
-        curves = []
-        for i, alpha in enumerate((0.1, 0.3, 0.6, 1.0)):
-            curves.append(Curve(degrees, albedo(maker(alpha, False), degrees), f"α {alpha:g}", COLORS[i]))
-            label = "multiple_bounces" if i == 3 else ""
-            curves.append(Curve(degrees, albedo(maker(alpha, True), degrees), label, COLORS[i], "--"))
-        panels.append(Panel(title, curves))
-    return Figure(panels, "share of the light that goes on", "angle of incidence, degrees", limits=(0.0, 1.03))
-
-
-FIGURES: dict[str, Callable[[], Figure]] = {
-    "fresnel-glass": fresnel_of_glass,
-    "fresnel-metals": fresnel_of_metals,
-    "distributions": distributions,
-    "maskings": maskings,
-    "lobes": lobes,
-    "lobes-of-glass": lobes_of_glass,
-    "albedos": albedos,
-}
-"""What is drawn, by the names of the pictures."""
-
-
-# --- Drawing ---------------------------------------------------------------------------------------
 
 
 def draw(figure: Figure, path: Path) -> None:
@@ -376,7 +27,7 @@ def draw(figure: Figure, path: Path) -> None:
     columns = min(figure.columns, len(figure.panels))
     rows = -(-len(figure.panels) // columns)
     polar = figure.kind in ("half", "round")
-    width, height = {"half": (4.4, 2.5), "round": (3.3, 3.6)}.get(figure.kind, (3.2, 2.7))
+    width, height = {"half": (4.2, 2.4), "round": (3.3, 3.6)}.get(figure.kind, (3.2, 2.7))
     legends = {tuple(curve.label for curve in panel.curves) for panel in figure.panels}
     with mpl.rc_context({"font.size": 8.5, "axes.titlesize": 9.5, "axes.grid": True, "grid.alpha": 0.3}):
         canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
@@ -418,7 +69,7 @@ def _arrange(ax: Any, figure: Figure, *, first: bool, last: bool) -> None:
 
 def _arrange_polar(ax: Any, panel: Panel, *, half: bool) -> None:
     """Set up polar axes: the normal upwards, the viewer marked."""
-    from matplotlib.ticker import MultipleLocator
+    from matplotlib.ticker import MaxNLocator
 
     ax.set_theta_zero_location("N")
     ax.set_theta_direction(-1)
@@ -433,14 +84,8 @@ def _arrange_polar(ax: Any, panel: Panel, *, half: bool) -> None:
     else:
         ax.set_xticks(np.radians(np.arange(0, 360, 30)), [f"{a if a <= 180 else a - 360}°" for a in range(0, 360, 30)])
         ax.plot(np.radians([-90.0, 90.0]), [top, top], "-", color="#888888", linewidth=1.0)  # the surface
-    ax.yaxis.set_major_locator(MultipleLocator(_round_step(top)))
+    ax.yaxis.set_major_locator(MaxNLocator(3))
     ax.tick_params(labelsize=7)
-
-
-def _round_step(top: float) -> float:
-    """Return a round number, a half of `top` or less."""
-    power = 10.0 ** np.floor(np.log10(top / 2.0))
-    return float(power * max(s for s in (1.0, 2.0, 5.0) if s * power <= top / 2.0))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -45,14 +45,14 @@ MOVES = {
     "tiny": lambda p: p * np.float32(1e-6),
     "anywhere": lambda p: random_place(p, 2),
     "to one point": lambda p: np.full_like(p, 0.5),
-    "one vertex far out": lambda p: np.concatenate([p[:1] + np.float32(1e6), p[1:]]),
+    "one vertex out": lambda p: np.concatenate([p[:1] + np.float32([5.0, 3.0, 2.0]), p[1:]]),
 }
 
 
 def batches(mesh: wrt.Mesh) -> list[Rays]:
     """Return rays that are traced one by one, in turn, and in packets."""
     low, high = mesh.bounds
-    middle, size = 0.5 * (low + high), max(float((high - low).max()), 1e-3)
+    middle, size = 0.5 * (low + high), float((high - low).max()) or 1.0
     origins, directions = camera_rays(66)
     camera = (0.5 * size * origins + middle).astype(np.float32), directions
     bounds = np.stack([middle - 0.5 * size, middle + 0.5 * size])
@@ -79,7 +79,7 @@ def test_answers_are_those_of_a_fresh_tree(name: str, device: str, report: Repor
     tracer.refit(moved.vertices)
     hits = assert_answers(tracer, wrt.Intersector(moved, device=device), moved)
     report(f"{name}: rays that hit", hits)
-    assert (hits > 100) == (name not in ("to one point", "one vertex far out")) or hits > 0
+    assert hits == 0 if name == "to one point" else hits > 500
 
 
 @pytest.mark.parametrize("name", HARD)
