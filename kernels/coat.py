@@ -31,7 +31,7 @@ def transmitted(cos_i: float, eta: float) -> float:
     cos_t = wp.sqrt(cos2_t)
     s = cos_i + eta * cos_t
     p = eta * cos_i + cos_t
-    return 2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p))
+    return wp.min(2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p)), 1.0)
 
 
 @wp.func

@@ -38,7 +38,7 @@ def fresnel_conductor_channel(cos_i: float, eta: float, k: float) -> float:
     t3 = cos2 * a2_plus_b2 + sin2 * sin2
     t4 = t2 * sin2
     r_p = r_s * (t3 - t4) / (t3 + t4)
-    return 0.5 * (r_s + r_p)
+    return wp.max(0.5 * (r_s + r_p), 0.0)  # rounding goes below where nearly nothing is reflected
 
 
 @wp.func

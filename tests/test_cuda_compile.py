@@ -41,6 +41,7 @@ FEATURES = [
         layered=True,
         tangents=True,
     ),
+    Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     # Each distribution of normals, and each masking with one of them.
     *(
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")
