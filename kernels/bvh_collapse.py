@@ -137,8 +137,8 @@ def find_children(
     free = int(255)
     waiting = (1 << count) - 1
     while waiting != 0:
-        best = float(-LARGE)
-        best_child = int(0)
+        best = float(0.0)
+        best_child = int(-1)
         best_place = int(0)
         for k in range(count):
             if (waiting >> k) & 1 != 0:
@@ -149,7 +149,8 @@ def find_children(
                         fit = wp.where((place & 1) != 0, off[0], -off[0])
                         fit += wp.where((place & 2) != 0, off[1], -off[1])
                         fit += wp.where((place & 4) != 0, off[2], -off[2])
-                        if not (fit <= best):
+                        # The first of all also where nothing can be compared, as sums may overflow.
+                        if best_child < 0 or fit > best:
                             best = fit
                             best_child = k
                             best_place = place

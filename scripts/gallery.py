@@ -93,12 +93,14 @@ class Tile:
         caption: what is set, beneath the material's type; ASCII, as Pillow's own font has little more.
         material: of the ball.
         cut: whether it is a cut stone instead of a ball.
+        samples: multiplies the samples per pixel, where reflections are rare and bright.
     """
 
     name: str
     caption: str
     material: wrt.Material
     cut: bool = False
+    samples: int = 1
 
 
 @functools.cache
@@ -141,14 +143,15 @@ def tiles() -> tuple[Tile, ...]:
             wrt.Principled(base_color=(0.25, 0.42, 0.75), metallic=1.0, roughness=0.3),
         ),
         # Clear
-        Tile("glass", "ior 1.5", wrt.Dielectric()),
-        Tile("rough-glass", "ior 1.5, alpha 0.25", wrt.RoughDielectric(alpha=0.25)),
-        Tile("thin-glass", "ior 1.5, a bubble", wrt.ThinDielectric()),
+        Tile("glass", "ior 1.5", wrt.Dielectric(), samples=3),
+        Tile("rough-glass", "ior 1.5, alpha 0.1", wrt.RoughDielectric(alpha=0.1), samples=3),
+        Tile("thin-glass", "ior 1.5, a bubble", wrt.ThinDielectric(), samples=3),
         Tile("diamond", "diamond", wrt.Dielectric("diamond"), cut=True),
         Tile(
             "frosted",
-            "transmission 1, roughness 0.4",
-            wrt.Principled(base_color=(0.45, 0.85, 0.8), transmission=1.0, roughness=0.4),
+            "transmission 1, roughness 0.3",
+            wrt.Principled(base_color=(0.45, 0.85, 0.8), transmission=1.0, roughness=0.3),
+            samples=3,
         ),
         # Layered and composite
         Tile(
@@ -279,8 +282,8 @@ def make_scene(tile: Tile) -> wrt.Scene:
     scene.add(light, material=wrt.Diffuse((0.64, 0.61, 0.57)))
     scene.add(dark, material=wrt.Diffuse((0.13, 0.14, 0.16)))
     aim = (0.0, 1.0, 0.0)
-    scene.add(facing((-4.0, 5.0, 4.0), aim, 2.6, 2.6), material=wrt.Diffuse(0.0), emission=(11.0, 10.7, 10.0))
-    scene.add(facing((4.6, 2.6, 1.6), aim, 0.6, 4.6), material=wrt.Diffuse(0.0), emission=(7.0, 7.3, 7.8))
+    scene.add(facing((-4.0, 5.0, 4.0), aim, 3.2, 3.2), material=wrt.Diffuse(0.0), emission=(7.3, 7.1, 6.7))
+    scene.add(facing((4.6, 2.6, 1.6), aim, 0.8, 4.6), material=wrt.Diffuse(0.0), emission=(5.2, 5.4, 5.8))
     scene.add(brilliant() if tile.cut else ball(), material=tile.material, name=tile.name)
     speck = ball(4).scaled(1e-3).translated((0.0, -5.0, 0.0))
     for other in tiles():
@@ -319,7 +322,7 @@ def render(tile: Tile, options: argparse.Namespace) -> NDArray[np.float32]:
         scene,
         width=options.size,
         height=options.size,
-        spp=options.spp,
+        spp=options.spp * tile.samples,
         device=options.device,
         threads=options.threads,
     )

@@ -92,6 +92,12 @@ class PlacedTrees:
         flat = np.flatnonzero(np.linalg.det(matrices[:, :3, :3]) == 0.0)
         if len(flat):
             raise InputError(f"the transform of instance {flat[0]} is not invertible")
+        # Kernels have both directions in float32.
+        with np.errstate(over="ignore"):
+            both = np.concatenate([matrices[:, :3, :3], np.linalg.inv(matrices[:, :3, :3])], axis=1).astype(np.float32)
+        extreme = np.flatnonzero(~np.isfinite(both).all(axis=(1, 2)))
+        if len(extreme):
+            raise InputError(f"the transform of instance {extreme[0]} scales by over 1e38 or by under 1e-38")
         return matrices[:, :3]
 
     def _place(self, transforms: NDArray[np.float64]) -> None:

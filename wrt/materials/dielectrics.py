@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from wrt.errors import InputError
 from wrt.materials.material import Material, color_source
-from wrt.materials.microfacet import albedo_table_key, check_microfacet, is_anisotropic, roughness, shape_of
+from wrt.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.presets import dielectric_ior
 from wrt.textures import ColorSource
 from wrt.values import number
@@ -110,14 +110,14 @@ class RoughDielectric(_Boundary):
 
     alpha: ColorSource = 0.1
     distribution: str = "ggx"
-    masking: str = "smith"
+    masking: str | None = None
     multiple_bounces: bool = False
 
     type_name: ClassVar[str] = "rough-dielectric"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_microfacet(self.distribution, self.masking)
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         self._set(alpha=roughness(self.alpha, self.distribution))
         if not isinstance(self.multiple_bounces, bool):
             raise InputError(f"multiple_bounces must be true or false, not {self.multiple_bounces!r}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.materials.material import Material, color_source, positive_color
-from wrt.materials.microfacet import albedo_table_key, check_microfacet, is_anisotropic, roughness, shape_of
+from wrt.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.presets import METAL_F0, metal_f0, metal_ior
 from wrt.textures import ColorSource
 from wrt.values import ColorLike, Vec3, color
@@ -146,9 +146,10 @@ class RoughConductor(Material):
             (Bagher et al. 2012).
         eta, k, f0, metal: as for `Conductor`.
         distribution: of normals: "ggx" (Trowbridge and Reitz 1975), "beckmann", "blinn-phong", "abc" or "sgd".
-        masking: how facets hide one another: "smith" (height-correlated) or "smith-separable", for "ggx", "beckmann"
-            and "blinn-phong"; "walter" (the rational fit of 2007) for the last two of them; "cook-torrance",
-            "kelemen" or "implicit", for all.
+        masking: how facets hide one another: "smith" (height-correlated) for "ggx" and "beckmann", "smith-separable"
+            for these and "blinn-phong", "walter" (the rational fit of 2007) for the last two, "cook-torrance",
+            "kelemen" or "implicit" for all. None is "smith" where it is known, else "cook-torrance". For
+            "blinn-phong" what is not for all is borrowed from "beckmann", and good up to an alpha of 0.3.
         multiple_bounces: whether light that facets block bounces on (Kulla and Conty 2017), which makes rough metals
             brighter and more saturated. Otherwise it is lost, as in most renderers.
         reflectance: what reflected light is multiplied by per channel, 0 to 1, at each bounce; 1 in nature.
@@ -160,7 +161,7 @@ class RoughConductor(Material):
     f0: ColorSource | None = None
     metal: str | None = None
     distribution: str = "ggx"
-    masking: str = "smith"
+    masking: str | None = None
     multiple_bounces: bool = False
     reflectance: ColorSource = 1.0
 
@@ -168,7 +169,7 @@ class RoughConductor(Material):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_microfacet(self.distribution, self.masking)
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         eta, k, f0 = _optics(self.eta, self.k, self.f0, self.metal)
         self._set(
             alpha=roughness(self.alpha, self.distribution),

@@ -20,7 +20,7 @@ _GENERAL = ("cook-torrance", "kelemen", "implicit")
 MASKINGS: dict[str, tuple[str, ...]] = {
     "ggx": (*_SMITH, *_GENERAL),
     "beckmann": (*_SMITH, "walter", *_GENERAL),
-    "blinn-phong": (*_SMITH, "walter", *_GENERAL),
+    "blinn-phong": ("smith-separable", "walter", *_GENERAL),
     "abc": _GENERAL,
     "sgd": _GENERAL,
 }
@@ -30,13 +30,33 @@ _BY_ALPHA = ("ggx", "beckmann", "blinn-phong")
 _ANISOTROPIC = ("ggx", "beckmann")
 
 
-def check_microfacet(distribution: str, masking: str) -> None:
-    """Raise InputError where there is no such distribution or masking, or they do not go together."""
+MOST_BORROWED = 0.3
+"""Blinn's distribution has no masking of Smith's kind in closed form. That of Beckmann's stands in for it (Walter et
+al. 2007, section 5.2); beyond this roughness it would send back more light than comes: 1.07 of it at 0.5."""
+
+
+def masking_for(distribution: str, masking: str | None, alpha: ColorSource) -> str:
+    """Return the masking to use: the one asked for, or "smith", or "cook-torrance" where that is not known.
+
+    Raises:
+        InputError: where there is no such distribution or masking, or they do not go together.
+    """
     if distribution not in MASKINGS:
         raise InputError(f"distribution must be one of {', '.join(MASKINGS)}, not {distribution!r}")
-    if masking not in MASKINGS[distribution]:
-        known = ", ".join(MASKINGS[distribution])
-        raise InputError(f"masking must be one of {known} for distribution {distribution!r}, not {masking!r}")
+    known = MASKINGS[distribution]
+    if masking is None:
+        return "smith" if "smith" in known else "cook-torrance"
+    if masking not in known:
+        raise InputError(
+            f"masking must be one of {', '.join(known)} for distribution {distribution!r}, not {masking!r}"
+        )
+    borrowed = distribution == "blinn-phong" and masking not in _GENERAL
+    if borrowed and not (isinstance(alpha, (int, float)) and alpha <= MOST_BORROWED):
+        raise InputError(
+            f"masking {masking!r} for distribution 'blinn-phong' needs an alpha that is one number, at most "
+            f"{MOST_BORROWED}; 'cook-torrance' takes all"
+        )
+    return masking
 
 
 def roughness(value: ColorSource, distribution: str, name: str = "alpha") -> ColorSource:
@@ -105,7 +125,7 @@ def is_anisotropic(alpha: ColorSource, distribution: str) -> bool:
     return bool(first != second)
 
 
-def albedo_table_key(alpha: ColorSource, distribution: str, masking: str) -> tuple[Hashable, ...]:
+def albedo_table_key(alpha: ColorSource, distribution: str, masking: str | None) -> tuple[Hashable, ...]:
     """Return the key of the table of energy that one bounce loses (wrt/build/albedo_tables.py).
 
     Raises:

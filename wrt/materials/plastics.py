@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.materials.dielectrics import refractive_index
 from wrt.materials.material import Material, color_source, value_source
-from wrt.materials.microfacet import LEAST_ALPHA, check_microfacet
+from wrt.materials.microfacet import LEAST_ALPHA, masking_for
 from wrt.textures import ColorSource
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
@@ -83,7 +83,7 @@ class Plastic(Material):
         return (self.reflectance, self.specular_reflectance, eta, internal_reflectance(eta), float(self.nonlinear))
 
 
-_DISTRIBUTIONS = ("ggx", "beckmann", "blinn-phong")
+_DISTRIBUTIONS = ("ggx", "beckmann")
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class RoughPlastic(Material):
         exterior_ior: likewise of what is around it.
         alpha: roughness of the coat, 1e-4 to 1: about the root-mean-square slope of its facets times √2. Of an image
             the red channel.
-        distribution: of the facets' normals: "ggx", "beckmann" or "blinn-phong".
+        distribution: of the facets' normals: "ggx" or "beckmann".
         masking: how facets hide one another, as for `RoughConductor`.
         nonlinear: whether inner reflections make colours deeper. Otherwise `reflectance` is the colour of what is not
             reflected by the coat.
@@ -112,7 +112,7 @@ class RoughPlastic(Material):
     exterior_ior: float | str = 1.0
     alpha: ColorSource = 0.1
     distribution: str = "ggx"
-    masking: str = "smith"
+    masking: str | None = None
     nonlinear: bool = False
     specular_reflectance: ColorSource = 1.0
     multiple_bounces: bool = True
@@ -123,7 +123,7 @@ class RoughPlastic(Material):
         super().__post_init__()
         if self.distribution not in _DISTRIBUTIONS:
             raise InputError(f"distribution must be one of {', '.join(_DISTRIBUTIONS)}, not {self.distribution!r}")
-        check_microfacet(self.distribution, self.masking)
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         self._set(
             reflectance=color_source(self.reflectance, "reflectance"),
             ior=refractive_index(self.ior, "ior"),
