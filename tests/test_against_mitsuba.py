@@ -22,6 +22,8 @@ pytest.importorskip("mitsuba", reason="the independent renderer is not installed
 from support.mitsuba_scene import Reference, render_reference
 from support.statistics import ImageTest, image_z_test, sidak
 
+pytestmark = pytest.mark.slow
+
 CAMERA = wrt.PerspectiveCamera(origin=(1.2, 1.6, 3.4), target=(0.0, 0.45, 0.0), fov_degrees=36.0)
 
 

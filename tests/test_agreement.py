@@ -20,6 +20,8 @@ from test_intersection import soup
 import wrt
 from wrt import intersector
 
+pytestmark = pytest.mark.slow
+
 Rays = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 COUNT = 66 * 66

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 import wrt
 from wrt.materials import MATERIALS, Material
 
+pytestmark = pytest.mark.slow
+
 BLACK, WHITE = 0.0, 1.0
 ENDS = (BLACK, WHITE)
 LEAST, MOST = 1e-4, 1.0

@@ -19,6 +19,8 @@ from wrt.device import Device
 from wrt.kernels.albedo import VALUES
 from wrt.presets import metal_f0
 
+pytestmark = pytest.mark.slow
+
 ROUGHNESSES = (1e-4, 1e-3, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0)
 
 

@@ -30,6 +30,8 @@ from wrt.kernels.scene_data import (
 )
 from wrt.kernels.surface import surface_at
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["probes"]  # a fixture of this module too
 
 SIZE = 128

@@ -22,6 +22,8 @@ from support.bsdfs import (
 
 import wrt
 
+pytestmark = pytest.mark.slow
+
 SMOOTH, MID, ROUGH = 0.05, 0.35, 0.5 * np.pi
 COLOR = (0.9, 0.4, 0.0)
 CASES = {

@@ -26,6 +26,8 @@ from wrt.build.coat_tables import coat_table
 from wrt.device import Device
 from wrt.materials.plastics import internal_reflectance
 
+pytestmark = pytest.mark.slow
+
 COLOR = (0.8, 0.4, 0.0)
 SMOOTH = {
     "smooth": Case(wrt.Plastic(COLOR)),

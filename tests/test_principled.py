@@ -28,6 +28,8 @@ import wrt
 from wrt.kernels.bsdf import model_of
 from wrt.presets import dielectric_ior
 
+pytestmark = pytest.mark.slow
+
 P = wrt.Principled
 GOLD = (1.0, 0.71, 0.29)
 EVERYTHING = P(

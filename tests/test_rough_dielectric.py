@@ -29,6 +29,8 @@ import wrt
 from wrt.build.dielectric_tables import average_transmittances
 from wrt.device import Device
 
+pytestmark = pytest.mark.slow
+
 UPSIDE_DOWN = np.array([1.0, 1.0, -1.0])
 SIDES = {"outside": True, "inside": False}
 ALPHAS = (0.05, 0.3, 1.0)

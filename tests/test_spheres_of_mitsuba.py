@@ -28,6 +28,8 @@ from wrt.device import Device
 from wrt.textures import ColorSource
 from wrt.values import Vec3
 
+pytestmark = pytest.mark.slow
+
 CAMERA = wrt.PerspectiveCamera(origin=(0.6, 0.8, 4.0), target=(0.0, 0.0, 0.0), fov_degrees=29.0)
 
 
