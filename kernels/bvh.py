@@ -42,7 +42,7 @@ RAY_SETUP = """
     {
         const f4 d = {direction[0], direction[1], direction[2], 1.0f}, o = {origin[0], origin[1], origin[2], 0.0f};
         const f4 least = 1e-20f, inverse_d = 1.0f / ((SIZE(d) >= least) ? d : ((d < 0.0f) ? -least : least));
-        const f4 shift = o * inverse_d, error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= least) ? (f4)0.0f : (f4)1e14f);
+        const f4 shift = o * inverse_d, error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= least) ? (f4)0.0f : (f4)1e9f);
         const i4 backwards = inverse_d < 0.0f, rows = {0, 8, 16, 0};
         *(f4*)inverse = inverse_d;
         *(f4*)near_shift = shift + error;
@@ -57,7 +57,7 @@ RAY_SETUP = """
         const float d = direction[k];
         inverse[k] = 1.0f / (fabsf(d) >= 1e-20f ? d : (d < 0.0f ? -1e-20f : 1e-20f));
         const float shift = origin[k] * inverse[k];
-        const float error = fabsf(shift) * 2.4e-7f + (fabsf(d) >= 1e-20f ? 0.0f : 1e14f);
+        const float error = fabsf(shift) * 2.4e-7f + (fabsf(d) >= 1e-20f ? 0.0f : 1e9f);
         near_shift[k] = shift + error;
         far_shift[k] = shift - error;
         flip ^= inverse[k] < 0.0f ? 1 << k : 0;
@@ -153,7 +153,7 @@ _TRAVERSE = (
 def native_code(code: str) -> str:
     """Return C++ with this file's constants and the vector types filled in."""
     code = code.replace("STACK_SIZE", str(STACK_SIZE)).replace("NOTHING_HIT", "0x7fffffff")
-    return with_vectors(code.replace("BOX_PAD", "1.0000005f"), LEAF_SIZE)
+    return with_vectors(code.replace("BOX_PAD", "1.00002f"), LEAF_SIZE)
 
 
 @wp.func_native(native_code(_TRAVERSE))

@@ -78,7 +78,7 @@ _PACKET = (
             const f8 d = direction[k];
             inverse[k] = 1.0f / ((SIZE(d) >= 1e-20f) ? d : ((d < 0.0f) ? (f8)-1e-20f : (f8)1e-20f));
             const f8 shift = origin[k] * inverse[k];
-            const f8 error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= 1e-20f) ? (f8)0.0f : (f8)1e14f);
+            const f8 error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= 1e-20f) ? (f8)0.0f : (f8)1e9f);
             near_shift[k] = shift + error;
             far_shift[k] = shift - error;
             const unsigned backwards = RAY_MASK(inverse[k] < 0.0f);

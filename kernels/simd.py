@@ -13,8 +13,8 @@ VECTOR_CODE = "defined(__clang__) && !defined(__CUDA_ARCH__)"
 
 # Slab test (Kay and Kajiya 1986) as t = b · (1/d) − o · (1/d). The product o · (1/d) is rounded, so
 # `near_shift` and `far_shift` hold it moved outwards by that error; the factor `pad` covers the
-# rounding of the two t themselves (after Ize 2013). It keeps boxes that begin exactly at t_max, so
-# that of triangles at one distance all are seen.
+# rounding of the two t themselves (after Ize 2013). It is larger than that takes, so that of triangles
+# at one distance all are seen: rounding may put the t of a large triangle a little before its box.
 #   in:  node, t_max; inverse, near_shift, far_shift: float[3]; near_row, far_row: int[3]
 #   out: begin: float[8], mask: unsigned, bit k set where box k is hit
 BOX_TEST = """

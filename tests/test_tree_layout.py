@@ -284,6 +284,23 @@ def test_rays_along_the_side_of_a_box_meet_what_it_holds(
         np.testing.assert_array_equal(hits.t, 1.0)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_of_large_coincident_triangles_the_lowest_is_hit(axis: int, device: str) -> None:
+    """From near by, where t is a difference of large numbers, and may come out a little before the flat boxes."""
+    scale, place = np.array([2.98, 0.115, 0.153]), np.array([11.859, 2.09, -0.717])
+    corners = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
+    mesh = wrt.Mesh(np.roll(corners * scale + place, axis, axis=1), np.tile([[0, 1, 2], [0, 2, 3]], (40, 1)))
+    rng = np.random.default_rng(6)
+    targets = np.roll(rng.uniform(-0.45, 0.45, (100_000, 3)) * [1.0, 1.0, 0.0] * scale + place, axis, axis=1)
+    directions = rng.normal(size=targets.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    hits = wrt.Intersector(mesh, device=device).closest_hit(
+        targets - rng.uniform(0.1, 1.0, (100_000, 1)) * directions, directions
+    )
+    assert (hits.triangle >= 0).mean() > 0.99
+    assert (hits.triangle < 2).all()
+
+
 _OVERFLOWING = """
 import numpy as np, wrt
 from wrt.device import Device
