@@ -72,8 +72,10 @@ def read_back(built: BuiltBvh) -> Tree:
     )
 
 
-def check(tree: Tree, corners: ArrayLike) -> None:
-    """Assert all that must hold of any tree."""
+def check(tree: Tree, corners: ArrayLike, *, pieces: bool | None = None) -> None:
+    """Assert all that must hold of any tree, or of one over `pieces` of triangles; None for what the builder chose."""
+    cut = tree.built.references > len(corners)
+    pieces = cut if pieces is None else pieces
     corners = np.asarray(corners, np.float32)
     assert len(tree.children) == tree.built.nodes
     assert len(tree.numbers) == tree.built.leaves
@@ -96,16 +98,23 @@ def check(tree: Tree, corners: ArrayLike) -> None:
         depth[child] = depth[parent] + 1
     assert depth.max() + 1 == tree.built.depth <= MAX_DEPTH
 
-    # Leaves: distinct places, each triangle once, its corners its own.
+    # Leaves: distinct places, each triangle once, or at least once where some are cut; its corners its own.
     degenerate = (tree.corners == tree.corners[:, :, :1]).all(axis=(2, 3))
     first = np.ones_like(tree.numbers, bool)
     # A place beyond the leaf's triangles repeats the number of its last, with one corner three times.
     first[:, 1:] = tree.numbers[:, 1:] != tree.numbers[:, :-1]
-    assert degenerate[~first].all()
+    if cut:
+        whole = (tree.corners == corners[tree.numbers]).all(axis=(2, 3))
+        assert (whole | degenerate)[~first].all()
+        np.testing.assert_array_equal(np.unique(tree.numbers[first]), np.arange(len(corners)))
+    else:
+        assert degenerate[~first].all()
+        assert (np.diff(first.astype(int), axis=1) <= 0).all()
+        np.testing.assert_array_equal(np.sort(tree.numbers[first]), np.arange(len(corners)))
     assert first.any(axis=1).all()
-    assert (np.diff(first.astype(int), axis=1) <= 0).all()
-    np.testing.assert_array_equal(np.sort(tree.numbers[first]), np.arange(len(corners)))
     np.testing.assert_array_equal(tree.corners[first], corners[tree.numbers[first]])
+    if pieces:
+        check_pieces(tree, corners, first)
 
     # Boxes: exactly those of what is inside, from the leaves up.
     inside = np.where(first[:, :, None, None], tree.corners, np.nan)
@@ -116,11 +125,32 @@ def check(tree: Tree, corners: ArrayLike) -> None:
             child = tree.children[node, place]
             if child < 0:
                 expected = leaf_low[-1 - child], leaf_high[-1 - child]
+                if pieces:
+                    assert (low[node, place] >= expected[0]).all()
+                    assert (high[node, place] <= expected[1]).all()
+                    continue
             else:
                 filled = used[child]
                 expected = low[child][filled].min(axis=0), high[child][filled].max(axis=0)
             assert (low[node, place] == expected[0]).all()
             assert (high[node, place] == expected[1]).all()
+
+
+def check_pieces(tree: Tree, corners: NDArray, first: NDArray) -> None:
+    """Assert that every point of a triangle is in the box of a leaf that holds it."""
+    rng = np.random.default_rng(0)
+    weights = np.concatenate([np.eye(3), 0.5 - 0.5 * np.eye(3), rng.dirichlet(np.full(3, 0.5), 60)])
+    points = np.einsum("sk,tkx->tsx", weights, corners.astype(np.float64))
+    covered = np.zeros(points.shape[:2], bool)
+    nodes, places = np.nonzero((tree.lower <= tree.upper).all(axis=2) & (tree.children < 0))
+    leaves = -1 - tree.children[nodes, places]
+    for k in range(LEAF_SIZE):
+        holds = first[leaves, k]
+        number = tree.numbers[leaves[holds], k]
+        low, high = (box[nodes, places][holds][:, None] for box in (tree.lower, tree.upper))
+        inside = ((points[number] >= low) & (points[number] <= high)).all(axis=2)
+        np.logical_or.at(covered, number, inside)
+    assert covered.all()
 
 
 def soup(n: int, seed: int = 0, size: float = 0.05) -> NDArray[np.float32]:

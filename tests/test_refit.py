@@ -89,8 +89,12 @@ def test_refitted_trees_are_whole_and_tight(name: str, device: str) -> None:
     tree = build(corners, device)
     moved = soup(len(corners), seed=5, size=0.2)
     indices = upload(np.arange(3 * len(corners)), int, device)
+    if tree.built.references > len(corners):
+        # Boxes of pieces become boxes of whole triangles, for good.
+        refit_bvh(tree.built, upload(corners.reshape(-1, 3), wp.vec3, device), indices, Device(device))
+        tree = read_back(tree.built)
     refit_bvh(tree.built, upload(moved.reshape(-1, 3), wp.vec3, device), indices, Device(device))
-    check(read_back(tree.built), moved)
+    check(read_back(tree.built), moved, pieces=False)
     # And back: not a bit is left of where they were.
     refit_bvh(tree.built, upload(corners.reshape(-1, 3), wp.vec3, device), indices, Device(device))
     again = read_back(tree.built)

@@ -34,6 +34,12 @@ SAH_DEPTHS = (48, 8)
 """Depths of the binary tree down to which it is split by surface area, tried in this order. At the
 last one the tree is at most 8 + 23 levels deep, for 2^26 triangles eight a leaf: rays can follow."""
 
+MORE_PIECES = 0.2
+"""Boxes that cutting large triangles may add, over the number of triangles; measured in docs/performance.md."""
+
+WORTH_CUTTING = 0.9
+"""What a tree over pieces may cost, over the cost of one over whole triangles, to be taken instead."""
+
 
 @dataclass(frozen=True)
 class BuiltBvh:
@@ -43,6 +49,8 @@ class BuiltBvh:
         data: the Bvh struct that kernels take.
         level_starts: number of the first wide node of each level, and of all nodes.
         leaves: number of leaves.
+        references: places in leaves that hold a triangle; more than there are triangles where large ones
+            were cut and lie in several leaves.
         bytes: memory that nodes and leaves take.
         bounds: (2, 3) float64 lowest and highest corner of all triangles as they were when it was built.
     """
@@ -50,6 +58,7 @@ class BuiltBvh:
     data: Any
     level_starts: tuple[int, ...]
     leaves: int
+    references: int
     bytes: int
     bounds: np.ndarray
 
@@ -86,8 +95,43 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
 
     boxes = wp.empty(count, dtype=vec8, device=device.name)
     device.launch(make_boxes, count, [points, indices, boxes])
-    levels, nodes = _wide_tree(boxes, device, MAX_DEPTH)
-    return _write(levels, nodes, boxes, points, indices, device)
+    tree = _wide_tree(boxes, device, MAX_DEPTH)
+    pieces = _cut_triangles(points, indices, tree.nodes, device)
+    if pieces is not None:
+        other = _wide_tree(pieces, device, MAX_DEPTH)
+        if other.price < WORTH_CUTTING * tree.price:
+            boxes, tree = pieces, other
+    return _write(tree.levels, tree.nodes, boxes, points, indices, device)
+
+
+def _cut_triangles(points: Any, indices: Any, nodes: Any, device: Device) -> Any:
+    """Return the boxes of triangles of which the most wasteful are cut, or None where none stands out."""
+    import warp as wp
+
+    from wrt.kernels import bvh_presplit as k
+    from wrt.kernels.simd import vec8
+
+    count, root = len(indices) // 3, nodes[:1].numpy()[0]
+    low = root["lower"]
+    with np.errstate(over="ignore"):
+        size = np.maximum(root["upper"] - low, np.float32(1e-30))
+    if not np.isfinite(size).all():
+        return None
+    scene = [wp.vec3(*low.tolist()), wp.vec3(*size.tolist())]
+    importance = wp.empty(count, dtype=float, device=device.name)
+    device.launch(k.find_importance, count, [points, indices, *scene, importance])
+    # So the pieces are at most as many as MORE_PIECES says, and of like triangles none is cut.
+    total = float(importance.numpy().sum(dtype=np.float64))
+    if not 0.0 < total < np.inf:
+        return None
+    pieces = wp.empty(count, dtype=int, device=device.name)
+    device.launch(k.count_pieces, count, [importance, MORE_PIECES * count / total, pieces])
+    start, total_pieces = _sums_before(pieces)
+    if total_pieces == count or total_pieces >= 2**26:
+        return None
+    boxes = wp.empty(total_pieces, dtype=vec8, device=device.name)
+    device.launch(k.write_pieces, count, [points, indices, *scene, start, pieces, boxes])
+    return boxes
 
 
 def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> None:
@@ -126,7 +170,7 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     rows[:, 3] = np.arange(len(lower), dtype=np.int32).view(np.float32)
     boxes = wp.array(rows, dtype=vec8, device=device.name)
     # What would be a leaf becomes one more node, with the boxes one by one.
-    levels, nodes = _wide_tree(boxes, device, MAX_DEPTH - 1)
+    levels, nodes, _ = _wide_tree(boxes, device, MAX_DEPTH - 1)
     starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
     out = device.empty_large((starts[-1] + sum(level.leaf_total for level in levels)) * NODE_FLOATS)
     first_leaf = 0
@@ -137,18 +181,26 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     return out
 
 
-def _wide_tree(boxes: Any, device: Device, max_depth: int) -> tuple[list[_Level], Any]:
-    """Return the wide tree over boxes, which are put in its order, and the binary tree below it."""
+class _Tree(NamedTuple):
+    """A wide tree by levels, the binary tree below it, and what a ray through its box pays for tests."""
+
+    levels: list[_Level]
+    nodes: Any
+    price: float
+
+
+def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
+    """Return the wide tree over boxes, which are put in its order."""
     for sah_depth in SAH_DEPTHS:
-        nodes = _split(boxes, device, sah_depth)
+        nodes, price = _split(boxes, device, sah_depth)
         levels = _levels(nodes, device, max_depth)
         if len(levels) <= max_depth:
             break
-    return levels, nodes
+    return _Tree(levels, nodes, price)
 
 
-def _split(boxes: Any, device: Device, sah_depth: int) -> Any:
-    """Return the binary tree, with its collapse priced; the boxes are put in its order."""
+def _split(boxes: Any, device: Device, sah_depth: int) -> tuple[Any, float]:
+    """Return the binary tree, with its collapse priced, and that price; the boxes are put in its order."""
     import warp as wp
 
     from wrt.kernels import bvh_collapse, bvh_split, bvh_top
@@ -204,7 +256,7 @@ def _split(boxes: Any, device: Device, sah_depth: int) -> Any:
     device.launch(bvh_collapse.price_subtrees, len(subtrees), [subtrees, subtree_sizes, nodes, costs])
     for on_device in reversed(levels):
         device.launch(bvh_collapse.price_nodes, len(on_device), [on_device, nodes, costs])
-    return nodes
+    return nodes, float(costs[:2].numpy()[1])
 
 
 def _bins(count: int, name: str) -> list[Any]:
@@ -298,7 +350,7 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
     size = 4 * (len(data.nodes) + len(data.leaves))
     root = nodes[:1].numpy()
     bounds = np.concatenate([root["lower"], root["upper"]]).astype(np.float64)
-    return BuiltBvh(data, starts, leaf_count, size, bounds)
+    return BuiltBvh(data, starts, leaf_count, len(boxes), size, bounds)
 
 
 def _as_int(array: Any) -> Any:
@@ -310,12 +362,14 @@ def _as_int(array: Any) -> Any:
 
 def _scan(inner: Any, leaves: Any) -> tuple[Any, Any, int, int]:
     """Return for both counts the sums before each one, and the sums of all."""
+    (inner_start, inner_total), (leaf_start, leaf_total) = _sums_before(inner), _sums_before(leaves)
+    return inner_start, leaf_start, inner_total, leaf_total
+
+
+def _sums_before(counts: Any) -> tuple[Any, int]:
+    """Return the sum before each number, and the sum of all."""
     import warp as wp
 
-    starts, totals = [], []
-    for counts in (inner, leaves):
-        start = wp.empty_like(counts)
-        wp.utils.array_scan(counts, start, inclusive=False)
-        starts.append(start)
-        totals.append(int(start[-1:].numpy()[0] + counts[-1:].numpy()[0]))
-    return starts[0], starts[1], totals[0], totals[1]
+    start = wp.empty_like(counts)
+    wp.utils.array_scan(counts, start, inclusive=False)
+    return start, int(start[-1:].numpy()[0] + counts[-1:].numpy()[0])

@@ -1,0 +1,198 @@
+"""Large triangles as several boxes: pieces that the builder sorts like so many triangles.
+
+Karras and Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies" (2013), section 4.
+A long triangle askew fills little of its box, and rays meet the box but not the triangle. So before the
+tree is built, triangles that waste most are cut by planes that halve the scene's box again and again; a
+piece is the box of what lies on one side. Leaves hold whole triangles, some in several leaves.
+"""
+
+import warp as wp
+
+from wrt.kernels.simd import vec8
+
+# Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
+wp.set_module_options({"max_unroll": 1})
+
+GRID_BITS = 24
+"""The finest plane is 2^24 to the scene, as fine as float32 resolves it."""
+
+LEAST_CUTS = wp.constant(2)
+"""A triangle that is worth fewer does not stand out."""
+
+_GRID = wp.constant(float(2**GRID_BITS))
+_STEPS = wp.constant(2**GRID_BITS)
+# What rounding may do to a point between two corners: four operations on numbers as large as they.
+_ROUNDING = wp.constant(2.4e-7)
+
+
+@wp.struct
+class Cut:
+    """The plane that cuts a box: its axis, its place, and how often the scene was halved before it, −1 for no plane."""
+
+    axis: int
+    place: float
+    level: int
+
+
+@wp.func
+def find_cut(low: wp.vec3, high: wp.vec3, scene_low: wp.vec3, scene_size: wp.vec3) -> Cut:
+    """Return the coarsest plane across a box's longest axis."""
+    cut = Cut()
+    size = high - low
+    cut.axis = wp.where(size[0] >= size[1] and size[0] >= size[2], 0, wp.where(size[1] >= size[2], 1, 2))
+    a = cut.axis
+    cut.place = 0.5 * (low[a] + high[a])
+    cut.level = -1
+    scale = _GRID / scene_size[a]
+    first = wp.min(int((low[a] - scene_low[a]) * scale), _STEPS - 1)
+    last = wp.min(int((high[a] - scene_low[a]) * scale), _STEPS - 1)
+    # The highest bit in which both ends differ belongs to the coarsest plane between them.
+    differ = first ^ last
+    if differ > 0:
+        bit = int(0)
+        while (differ >> (bit + 1)) != 0:
+            bit += 1
+        place = scene_low[a] + float((last >> bit) << bit) / scale
+        if place > low[a] and place < high[a]:
+            cut.place = place
+            cut.level = wp.static(GRID_BITS - 1) - bit
+    return cut
+
+
+@wp.kernel(enable_backward=False)
+def find_importance(
+    first: int,
+    points: wp.array(dtype=wp.vec3),
+    indices: wp.array(dtype=int),
+    scene_low: wp.vec3,
+    scene_size: wp.vec3,
+    importance_out: wp.array(dtype=float),
+):
+    """Rate triangles by what their boxes waste and by the plane that cuts them (Karras and Aila, section 4.2)."""
+    i = first + wp.tid()
+    a = points[indices[3 * i]]
+    b = points[indices[3 * i + 1]]
+    c = points[indices[3 * i + 2]]
+    low = wp.min(wp.min(a, b), c)
+    high = wp.max(wp.max(a, b), c)
+    # Relative to the scene, lest areas of large ones overflow.
+    unit = 1.0 / wp.max(wp.max(scene_size[0], scene_size[1]), scene_size[2])
+    size = (high - low) * unit
+    n = wp.cross((b - a) * unit, (c - a) * unit)
+    # Half surfaces: of the box, and of ever smaller boxes along the triangle.
+    box = size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
+    least = 0.5 * (wp.abs(n[0]) + wp.abs(n[1]) + wp.abs(n[2]))
+    cut = find_cut(low, high, scene_low, scene_size)
+    importance = float(0.0)
+    if cut.level >= 0:
+        importance = wp.pow(wp.max(box - least, 0.0) * (1.0 / float(1 << cut.level)), 1.0 / 3.0)
+    importance_out[i] = importance
+
+
+@wp.kernel(enable_backward=False)
+def count_pieces(first: int, importance: wp.array(dtype=float), factor: float, count_out: wp.array(dtype=int)):
+    """Tell into how many pieces triangles go."""
+    i = first + wp.tid()
+    cuts = int(factor * importance[i])
+    count_out[i] = wp.where(cuts >= LEAST_CUTS, 1 + cuts, 1)
+
+
+@wp.func
+def box_of_side(
+    a: wp.vec3, b: wp.vec3, c: wp.vec3, low: wp.vec3, high: wp.vec3, axis: int, place: float, side: float
+) -> vec8:
+    """Return the box of a triangle's part in a box and on one side of a plane, its number left out."""
+    least = wp.vec3(3.0e38)
+    most = wp.vec3(-3.0e38)
+    p = a
+    q = b
+    for k in range(3):
+        if k == 1:
+            p = b
+            q = c
+        if k == 2:
+            p = c
+            q = a
+        if (p[axis] - place) * side >= 0.0:
+            least = wp.min(least, p)
+            most = wp.max(most, p)
+        if (p[axis] < place) != (q[axis] < place):
+            x = p + (q - p) * ((place - p[axis]) / (q[axis] - p[axis]))
+            slack = _ROUNDING * wp.vec3(
+                wp.max(wp.abs(p[0]), wp.abs(q[0])),
+                wp.max(wp.abs(p[1]), wp.abs(q[1])),
+                wp.max(wp.abs(p[2]), wp.abs(q[2])),
+            )
+            least = wp.min(least, x - slack)
+            most = wp.max(most, x + slack)
+    least = wp.max(least, low)
+    most = wp.min(most, high)
+    if side > 0.0:
+        least[axis] = wp.max(least[axis], place)
+    else:
+        most[axis] = wp.min(most[axis], place)
+    return vec8(least[0], least[1], least[2], 0.0, -most[0], -most[1], -most[2], 0.0)
+
+
+@wp.func
+def is_empty(box: vec8) -> bool:
+    """Return whether a box holds nothing."""
+    return box[0] > -box[4] or box[1] > -box[5] or box[2] > -box[6]
+
+
+@wp.func
+def longest(box: vec8) -> float:
+    """Return the longest side of a box."""
+    return wp.max(wp.max(-box[4] - box[0], -box[5] - box[1]), -box[6] - box[2])
+
+
+@wp.kernel(enable_backward=False)
+def write_pieces(
+    first: int,
+    points: wp.array(dtype=wp.vec3),
+    indices: wp.array(dtype=int),
+    scene_low: wp.vec3,
+    scene_size: wp.vec3,
+    start: wp.array(dtype=int),
+    count: wp.array(dtype=int),
+    boxes: wp.array(dtype=vec8),
+):
+    """Write the boxes of all pieces of each triangle.
+
+    A box that is to be cut further lies at the first of its pieces' places, and its last number tells how many
+    cuts are left.
+    """
+    i = first + wp.tid()
+    a = points[indices[3 * i]]
+    b = points[indices[3 * i + 1]]
+    c = points[indices[3 * i + 2]]
+    low = wp.min(wp.min(a, b), c)
+    high = wp.max(wp.max(a, b), c)
+    number = wp.cast(i, wp.float32)
+    end = start[i] + count[i]
+    boxes[start[i]] = vec8(
+        low[0], low[1], low[2], number, -high[0], -high[1], -high[2], wp.cast(count[i] - 1, wp.float32)
+    )
+    for place in range(start[i], end):
+        cuts = wp.cast(boxes[place][7], wp.int32)
+        while cuts > 0:
+            box = boxes[place]
+            low = wp.vec3(box[0], box[1], box[2])
+            high = wp.vec3(-box[4], -box[5], -box[6])
+            cut = find_cut(low, high, scene_low, scene_size)
+            left = box_of_side(a, b, c, low, high, cut.axis, cut.place, -1.0)
+            right = box_of_side(a, b, c, low, high, cut.axis, cut.place, 1.0)
+            if is_empty(left):
+                left = right
+            if is_empty(right):
+                right = left
+            # Of two sides without extent either may have all.
+            share = longest(left) / wp.max(longest(left) + longest(right), 1.0e-38)
+            cuts_left = wp.clamp(int(share * float(cuts - 1) + 0.5), 0, cuts - 1)
+            right[3] = number
+            right[7] = wp.cast(cuts - 1 - cuts_left, wp.float32)
+            boxes[place + 1 + cuts_left] = right
+            left[3] = number
+            left[7] = wp.cast(cuts_left, wp.float32)
+            boxes[place] = left
+            cuts = cuts_left
