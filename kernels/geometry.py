@@ -12,10 +12,11 @@ _ULP_SCALE = wp.constant(256.0)
 
 @wp.struct
 class Ray:
-    """A half-line; `direction` is a unit vector."""
+    """A half-line at a time, in seconds; `direction` is a unit vector."""
 
     origin: wp.vec3
     direction: wp.vec3
+    time: float
 
 
 @wp.struct

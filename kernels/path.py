@@ -188,6 +188,7 @@ def make_trace_path(features: Features) -> wp.Function:
                         shadow = Ray()
                         shadow.origin = leave
                         shadow.direction = light.wi
+                        shadow.time = ray.time
                         distance = light.distance
                         if wp.static(transmits):
                             if not above:

@@ -9,6 +9,7 @@ import warp as wp
 # Dimensions come in blocks of four numbers. The camera takes the first blocks; every path
 # vertex then takes BLOCKS_PER_VERTEX more.
 BLOCK_FILM_AND_LENS = wp.constant(wp.uint32(0))
+BLOCK_TIME = wp.constant(wp.uint32(1))
 BLOCK_VERTICES = wp.constant(wp.uint32(2))
 BLOCKS_PER_VERTEX = wp.constant(wp.uint32(4))
 BLOCKS_PER_PATH = wp.constant(wp.uint32(2**19 + 1))  # more than 65536 vertices have; odd, to change all bits

@@ -36,6 +36,7 @@ def make_visibility(features: Features) -> wp.Function:
         rest = Ray()
         rest.origin = ray.origin
         rest.direction = ray.direction
+        rest.time = ray.time
         left = float(distance)
         passed = int(0)
         while share > 0.0 and passed < MOST_PASSED:
