@@ -23,7 +23,7 @@ import functools
 import warp as wp
 
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
-from wrt.kernels.warps import INV_PI, PI, TWO_PI
+from wrt.kernels.warps import INV_PI, PI, TWO_PI, lattice_point
 
 ROWS = wp.constant(32)
 COLUMNS = wp.constant(32)
@@ -37,9 +37,6 @@ TABLE_SIZE = 2 + 31 * 8 + 1 + 2 * 32 * 32
 
 ROW_SCALE = wp.constant(0.1)
 """Of the roughness; with it the interpolated 1 − E is right to 3e-3 at all angles and roughnesses."""
-
-GOLDEN = wp.constant(wp.uint32(2654435769))
-"""The golden ratio's fraction in units of 2^-32: its multiples fill [0, 1) evenly (Fibonacci lattice)."""
 
 
 @wp.struct
@@ -202,9 +199,7 @@ def make_missing_kernel(distribution: str, masking: str) -> wp.Kernel:
         shape = shapes[n]
         total = wp.float64(0.0)
         for k in range(points):
-            # 24 bits: the nearest float to a 32-bit fraction may be 1.
-            across = float(int((wp.uint32(k) * GOLDEN) >> wp.uint32(8))) * 5.9604644775390625e-08
-            m = sample_normal(wo, shape, wp.vec2((float(k) + 0.5) / float(points), across))
+            m = sample_normal(wo, shape, lattice_point(k, points))
             cos_m = wp.dot(wo, m)
             wi = m * (2.0 * cos_m) - wo
             weight = float(0.0)

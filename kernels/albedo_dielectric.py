@@ -23,7 +23,6 @@ import functools
 import warp as wp
 
 from wrt.kernels.albedo import (
-    GOLDEN,
     TABLE_SIZE,
     average_missing_energy,
     missing_energy,
@@ -33,6 +32,7 @@ from wrt.kernels.albedo import (
 )
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.microfacet import make_microfacet
+from wrt.kernels.warps import lattice_point
 
 SIDE_SIZE = wp.constant(TABLE_SIZE)
 
@@ -110,8 +110,7 @@ def make_missing_dielectric_kernel(distribution: str, masking: str) -> wp.Kernel
         shape = shapes[n]
         total = wp.float64(0.0)
         for k in range(points):
-            across = float(int((wp.uint32(k) * GOLDEN) >> wp.uint32(8))) * 5.9604644775390625e-08
-            m = sample_normal(wo, shape, wp.vec2((float(k) + 0.5) / float(points), across))
+            m = sample_normal(wo, shape, lattice_point(k, points))
             cos_o = wp.dot(wo, m)
             density = normal_pdf(wo, m, shape)
             weight = float(0.0)

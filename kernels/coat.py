@@ -14,9 +14,9 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.albedo import GOLDEN
 from wrt.kernels.fresnel import cos_transmitted_squared
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
+from wrt.kernels.warps import lattice_point
 
 HEADER = wp.constant(2)
 ROUGHNESSES = wp.constant(32)
@@ -95,9 +95,7 @@ def make_coat_kernel(distribution: str, masking: str) -> wp.Kernel:
         reflected = wp.float64(0.0)
         refracted = wp.float64(0.0)
         for k in range(points):
-            # 24 bits: the nearest float to a 32-bit fraction may be 1.
-            across = float(int((wp.uint32(k) * GOLDEN) >> wp.uint32(8))) * 5.9604644775390625e-08
-            m = sample_normal(wo, shape, wp.vec2((float(k) + 0.5) / float(points), across))
+            m = sample_normal(wo, shape, lattice_point(k, points))
             cos_m = wp.dot(wo, m)
             density = normal_pdf(wo, m, shape)
             if cos_m > 0.0 and density > 0.0:

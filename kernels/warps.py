@@ -6,6 +6,17 @@ PI = wp.constant(3.14159265358979)
 TWO_PI = wp.constant(6.28318530717959)
 INV_PI = wp.constant(0.318309886183791)
 
+_GOLDEN = wp.constant(wp.uint32(2654435769))
+"""The golden ratio's fraction in units of 2^-32."""
+
+
+@wp.func
+def lattice_point(k: int, points: int) -> wp.vec2:
+    """Return point k of a Fibonacci lattice in the unit square: multiples of the golden ratio fill [0, 1) evenly."""
+    # 24 bits: the nearest float to a 32-bit fraction may be 1.
+    across = float(int((wp.uint32(k) * _GOLDEN) >> wp.uint32(8))) * 5.9604644775390625e-08
+    return wp.vec2((float(k) + 0.5) / float(points), across)
+
 
 @wp.func
 def square_to_disk(u: wp.vec2) -> wp.vec2:
