@@ -9,7 +9,7 @@ import textwrap
 import typing
 from typing import Any
 
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.materials import MATERIALS, Material
 from wrt.textures import ImageTexture
 
@@ -92,8 +92,6 @@ def explain_material(name: str) -> str:
         InputError: where there is none of that name.
     """
     if name not in MATERIALS:
-        from wrt.formats.scene_toml import did_you_mean
-
         hint = did_you_mean(name, MATERIALS) or "; 'wrt materials' lists them"
         raise InputError(f"there is no material {name!r}{hint}")
     cls = MATERIALS[name]

@@ -10,10 +10,9 @@ silver and gold, 0.04 for nickel, less for the others.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.values import Vec3
 
 METAL_F0: dict[str, Vec3] = {
@@ -163,6 +162,4 @@ def _key(name: object, known: Iterable[str], what: str) -> str:
     key = ALIASES.get(word, word)
     if key in names:
         return key
-    near = difflib.get_close_matches(key, names, 1)
-    hint = f" (did you mean {near[0]!r}?)" if near else ""
-    raise InputError(f"{name!r} is no known {what}{hint}; there are: {', '.join(names)}")
+    raise InputError(f"{name!r} is no known {what}{did_you_mean(key, names)}; there are: {', '.join(names)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import sys
 import typing
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from wrt import shapes
 from wrt.camera import PerspectiveCamera
 from wrt.environment import ConstantEnvironment
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, require_file
 from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
@@ -364,12 +363,6 @@ def choice(table: Table, choices: dict[str, Any], *, default: str | None = None)
     if not isinstance(kind, str) or kind not in choices:
         raise InputError(f"type must be one of {names}, not {kind!r}{did_you_mean(kind, choices)}")
     return choices[kind]
-
-
-def did_you_mean(word: Any, known: Iterable[str]) -> str:
-    """Return a hint at the known word that is nearest, if one is near."""
-    near = difflib.get_close_matches(str(word), list(known), 1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def table_of(value: Any) -> Table:
