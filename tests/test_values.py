@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.values import color, integer, number, vector
+from wrt.values import boolean, color, integer, number, vector
 
 NOT_NUMBERS: list[Any] = [None, "1", "nan", True, False, [1.0], (1.0, 2.0, 3.0), {}, 1j, object()]
 
@@ -81,6 +81,13 @@ def test_what_is_no_whole_number(value: Any) -> None:
 def test_limits_of_whole_numbers(value: int) -> None:
     text = message(lambda: integer(value, "thing", minimum=0, maximum=9))
     assert text.startswith("thing must be between 0 and 9, not ")
+
+
+@pytest.mark.parametrize("value", [0, 1, 1.0, "true", None, [], np.True_])
+def test_what_is_neither_true_nor_false(value: Any) -> None:
+    assert message(lambda: boolean(value, "thing")) == f"thing must be true or false, not {value!r}"
+    assert boolean(True, "thing") is True
+    assert boolean(False, "thing") is False
 
 
 @pytest.mark.parametrize("value", [(1, 2, 3), [1.0, 2.0, 3.0], np.array([1, 2, 3]), np.array([1, 2, 3], np.float32)])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.values import ColorLike, image, number
+from wrt.values import ColorLike, boolean, image, number
 
 CHANNELS = ("r", "g", "b")
 """Names of an image's channels."""
@@ -75,8 +75,7 @@ class NormalMap:
             raise InputError(f"normal map {self.name}: pixels must be 0 to 1, not {pixels.max():g}")
         object.__setattr__(self, "pixels", pixels)
         object.__setattr__(self, "scale", number(self.scale, "normal map scale"))
-        if not isinstance(self.filter, bool):
-            raise InputError(f"normal map filter must be true or false, not {self.filter!r}")
+        boolean(self.filter, "normal map filter")
 
 
 ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor

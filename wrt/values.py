@@ -65,6 +65,13 @@ def integer(value: object, name: str, *, minimum: int, maximum: int) -> int:
     return result
 
 
+def boolean(value: object, name: str) -> bool:
+    """Return `value` if it is true or false and nothing that merely counts as such, or raise InputError."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} must be true or false, not {value!r}")
+    return value
+
+
 def vector(value: object, name: str) -> Vec3:
     """Return `value` as three finite floats, or raise InputError naming `name`."""
     try:

@@ -29,7 +29,7 @@ from wrt.mesh import Mesh
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import integer, number, vector
+from wrt.values import boolean, integer, number, vector
 
 Table = dict[str, Any]
 
@@ -221,9 +221,7 @@ class _Reader:
     def texture(self, table: Table) -> ImageTexture:
         """Return an image by its table; the same object for the same table, and its pixels once for all of them."""
         self.check_keys(table, ["texture", "channel", "linear"], ["texture"])
-        linear, channel = table.get("linear", False), table.get("channel")
-        if not isinstance(linear, bool):
-            raise InputError(f"linear must be true or false, not {linear!r}")
+        linear, channel = boolean(table.get("linear", False), "linear"), table.get("channel")
         with self.at("texture"):
             file = self.beside(table["texture"])
             if (file, linear) not in self.pixels:
@@ -261,9 +259,7 @@ class _Reader:
         if "name" in table:
             with self.at("name"):
                 name = text_of(table["name"])
-        two_sided = table.get("two_sided_emission", False)
-        if not isinstance(two_sided, bool):
-            raise InputError(f"two_sided_emission must be true or false, not {two_sided!r}")
+        two_sided = boolean(table.get("two_sided_emission", False), "two_sided_emission")
         return [
             Shape(
                 shape.mesh if matrix is None else shape.mesh.transformed(matrix),
@@ -302,8 +298,7 @@ class _Reader:
         return merge(made, "polygons")
 
     def mesh_file(self, file: Any, smooth: Any = True) -> list[Shape]:
-        if not isinstance(smooth, bool):
-            raise InputError(f"smooth must be true or false, not {smooth!r}")
+        boolean(smooth, "smooth")
         with self.at("file"):
             loaded = load_shapes(self.beside(file), smooth_degrees=CREASE_DEGREES if smooth else None)
         if smooth:

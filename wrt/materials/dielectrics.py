@@ -11,7 +11,7 @@ from wrt.materials.material import Material, color_source
 from wrt.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.presets import dielectric_ior
 from wrt.textures import ColorSource
-from wrt.values import number
+from wrt.values import boolean, number
 
 
 def refractive_index(value: float | str, name: str) -> float:
@@ -119,9 +119,7 @@ class RoughDielectric(_Boundary):
         super().__post_init__()
         self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         self._set(alpha=roughness(self.alpha, self.distribution))
-        if not isinstance(self.multiple_bounces, bool):
-            raise InputError(f"multiple_bounces must be true or false, not {self.multiple_bounces!r}")
-        if self.multiple_bounces:
+        if boolean(self.multiple_bounces, "multiple_bounces"):
             albedo_table_key(self.alpha, self.distribution, self.masking)
 
     @property

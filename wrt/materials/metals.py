@@ -13,7 +13,7 @@ from wrt.materials.material import Material, color_source, positive_color
 from wrt.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.presets import METAL_F0, metal_f0, metal_ior
 from wrt.textures import ColorSource
-from wrt.values import ColorLike, Vec3, color
+from wrt.values import ColorLike, Vec3, boolean, color
 
 COPPER_ETA: Vec3 = (0.200, 0.924, 1.102)
 COPPER_K: Vec3 = (3.912, 2.452, 2.142)
@@ -179,9 +179,7 @@ class RoughConductor(Material):
             metal=None,
             reflectance=color_source(self.reflectance, "reflectance"),
         )
-        if not isinstance(self.multiple_bounces, bool):
-            raise InputError(f"multiple_bounces must be true or false, not {self.multiple_bounces!r}")
-        if self.multiple_bounces:
+        if boolean(self.multiple_bounces, "multiple_bounces"):
             albedo_table_key(self.alpha, self.distribution, self.masking)
 
     @property

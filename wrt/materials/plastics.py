@@ -14,6 +14,7 @@ from wrt.materials.dielectrics import refractive_index
 from wrt.materials.material import Material, color_source, value_source
 from wrt.materials.microfacet import LEAST_ALPHA, masking_for
 from wrt.textures import ColorSource
+from wrt.values import boolean
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
@@ -68,8 +69,7 @@ class Plastic(Material):
             exterior_ior=refractive_index(self.exterior_ior, "exterior_ior"),
             specular_reflectance=color_source(self.specular_reflectance, "specular_reflectance"),
         )
-        if not isinstance(self.nonlinear, bool):
-            raise InputError(f"nonlinear must be true or false, not {self.nonlinear!r}")
+        boolean(self.nonlinear, "nonlinear")
 
     @property
     def relative_ior(self) -> float:
@@ -132,8 +132,7 @@ class RoughPlastic(Material):
             specular_reflectance=color_source(self.specular_reflectance, "specular_reflectance"),
         )
         for name in ("nonlinear", "multiple_bounces"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name} must be true or false, not {getattr(self, name)!r}")
+            boolean(getattr(self, name), name)
 
     @property
     def model(self) -> str:

@@ -14,7 +14,7 @@ from wrt.materials.material import Material, color_source, value_source
 from wrt.materials.microfacet import LEAST_ALPHA
 from wrt.presets import dielectric_ior
 from wrt.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import FLOAT32_MAX, ColorLike, color, number
+from wrt.values import FLOAT32_MAX, ColorLike, boolean, color, number
 
 _SHARES = ("metallic", "roughness", "specular", "transmission", "coat", "coat_roughness", "sheen_roughness")
 """Numbers from 0 to 1, which may vary over the surface."""
@@ -83,8 +83,7 @@ class Principled(Material):
             emission=color(self.emission, "emission"),
         )
         for name in ("thin_walled", "multiple_bounces"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name} must be true or false, not {getattr(self, name)!r}")
+            boolean(getattr(self, name), name)
         if self.ior == 0.0 and self.transmission != 0.0 and not self.thin_walled:
             raise InputError("ior 0 stands for infinite, which lets no light through; set transmission to 0, or an ior")
         if self.multiple_bounces:
