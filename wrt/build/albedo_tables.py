@@ -95,15 +95,8 @@ def missing_table(
     return np.concatenate([along, averages, missing.ravel(), cumulative.ravel()]).astype(np.float32)
 
 
-def roughnesses_of_columns() -> Floats:
-    """Return the (COLUMNS,) roughnesses that tables have columns for (`kernels.albedo.table_column_of_alpha`)."""
-    from wrt.kernels.albedo import COLUMNS
-
-    return _roughness_at(np.linspace(0.0, 1.0, int(COLUMNS)))
-
-
 def _roughness_at(column: Floats) -> Floats:
-    """Return the roughness at a place among the columns, 0 to 1."""
+    """Return the roughness at a place among the columns, 0 to 1 (`kernels.albedo.table_column_of_alpha`)."""
     from wrt.kernels.microfacet import LEAST_ALPHA
 
     least = float(LEAST_ALPHA) ** 0.25
