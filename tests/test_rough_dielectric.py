@@ -26,8 +26,8 @@ from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_
 from test_fresnel import cook_torrance
 
 import wrt
-from wrt.build.dielectric_tables import average_transmittances
 from wrt.device import Device
+from wrt.materials.dielectrics import mean_transmittance
 
 pytestmark = pytest.mark.slow
 
@@ -182,9 +182,9 @@ def test_mean_transmittance() -> None:
     """By the sum over angles, where its integrand is not smooth too; and n² τ is the same on both sides (Stokes)."""
     mu = (np.arange(400_000) + 0.5) / 400_000
     for ior in (1.0001, 1.05, 1.5, 1.0 / 1.5, 3.0):
-        for eta, found in zip((ior, 1.0 / ior), average_transmittances(ior), strict=True):
+        for eta in (ior, 1.0 / ior):
             expected = np.mean(2.0 * mu * (1.0 - cook_torrance(mu, np.array([eta]))))
-            np.testing.assert_allclose(found, expected, atol=2e-5)
+            np.testing.assert_allclose(mean_transmittance(eta), expected, atol=2e-5)
 
 
 FINITE = [glass(a, multiple_bounces=m) for a in (1e-4, 1.0) for m in (False, True)]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from wrt.build.albedo_tables import missing_table
 from wrt.device import Device
+from wrt.materials.dielectrics import mean_transmittance
 
 GRAZING = 0.15
 """Towards the horizon E outside falls as a small power of cosθ. With this the table is right to 8e-3 up to 89.9
@@ -32,24 +33,7 @@ def dielectric_table(
     from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
 
     kernel = make_missing_dielectric_kernel(distribution, masking)
-    sides = [
-        missing_table(distribution, shape, device, kernel, eta, grazing=GRAZING)
-        for eta in (relative_ior, 1.0 / relative_ior)
-    ]
-    return np.concatenate([*sides, average_transmittances(relative_ior)]).astype(np.float32)
-
-
-def average_transmittances(relative_ior: float) -> tuple[float, float]:
-    """Return 2 ∫ (1 − F(μ)) μ dμ of a smooth boundary, for light from outside and for light from inside."""
-    denser = max(relative_ior, 1.0 / relative_ior)
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    # Into the denser medium, where there is no critical angle; 1 − F has an infinite slope at μ = 0 but in √μ.
-    cos_i = (0.5 * (nodes + 1.0)) ** 2
-    cos_t = np.sqrt(1.0 - (1.0 - cos_i**2) / denser**2)
-    r_s = (cos_i - denser * cos_t) / (cos_i + denser * cos_t)
-    r_p = (denser * cos_i - cos_t) / (denser * cos_i + cos_t)
-    transmittance = 1.0 - 0.5 * (r_s**2 + r_p**2)
-    into = float((weights * transmittance * cos_i * 2.0 * np.sqrt(cos_i)).sum())
-    # The same light backwards fills a smaller cone: n_o² τ_o = n_i² τ_i.
-    out_of = into / denser**2
-    return (into, out_of) if relative_ior >= 1.0 else (out_of, into)
+    indices = (relative_ior, 1.0 / relative_ior)
+    sides = [missing_table(distribution, shape, device, kernel, eta, grazing=GRAZING) for eta in indices]
+    transmittances = [mean_transmittance(eta) for eta in indices]
+    return np.concatenate([*sides, transmittances]).astype(np.float32)

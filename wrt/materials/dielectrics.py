@@ -6,6 +6,9 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wrt.errors import InputError
 from wrt.materials.material import Material, color_source
 from wrt.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
@@ -22,6 +25,27 @@ def refractive_index(value: float | str, name: str) -> float:
         return dielectric_ior(value)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
+
+
+def mean_transmittance(eta: float) -> float:
+    """Return the share of diffuse light that a smooth boundary lets through, eta = n_t / n_i: 2 ∫ (1 − F) μ dμ.
+
+    For light from the side of the lower index the integrand is smooth. From the other side the integral is eta² of
+    that, since radiance over index squared is the same both ways.
+    """
+    denser = max(eta, 1.0 / eta)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    # cosθ = t⁴ draws out what bends near grazing angles where the indices are almost equal.
+    t = 0.5 * (nodes + 1.0)
+    into = float(np.sum(weights * 4.0 * t**7 * _transmittance(t**4, denser)))
+    return into * min(eta, 1.0) ** 2
+
+
+def _transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64]:
+    """Return 1 − F of a smooth boundary for cosθi > 0 and eta = n_t / n_i, by Fresnel's equations."""
+    cos_t = np.sqrt(np.maximum((eta - 1.0) * (eta + 1.0) + cos_i * cos_i, 0.0)) / eta
+    s, p = cos_i + eta * cos_t, eta * cos_i + cos_t
+    return np.asarray(2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p)))
 
 
 @dataclass(frozen=True)

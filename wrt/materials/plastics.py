@@ -6,36 +6,17 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from wrt.errors import InputError
-from wrt.materials.dielectrics import refractive_index
+from wrt.materials.dielectrics import mean_transmittance, refractive_index
 from wrt.materials.material import Material, color_source, value_source
 from wrt.materials.microfacet import LEAST_ALPHA, masking_for
 from wrt.textures import ColorSource
 from wrt.values import boolean
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-
-
-def transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64]:
-    """Return 1 − F of a smooth boundary for cosθi > 0 and eta = n_t / n_i, by Fresnel's equations."""
-    cos_t = np.sqrt(np.maximum((eta - 1.0) * (eta + 1.0) + cos_i * cos_i, 0.0)) / eta
-    s, p = cos_i + eta * cos_t, eta * cos_i + cos_t
-    return np.asarray(2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p)))
-
 
 def internal_reflectance(eta: float) -> float:
-    """Return the share of diffuse light from inside that a smooth boundary sends back, eta being n inside / n outside.
-
-    1 − 2 ∫ (1 − F) cosθ d cosθ. For light from the side of the lower index the integrand is smooth; from the other
-    side the integral is 1 / eta² of that, since radiance over index squared is the same both ways.
-    """
-    # cosθ = t⁴ draws out what bends near grazing angles where the indices are almost equal.
-    t = 0.5 * (_NODES + 1.0)
-    let_through = float(np.sum(_WEIGHTS * 4.0 * t**7 * transmittance(t**4, max(eta, 1.0 / eta))))
-    return 1.0 - let_through / max(eta, 1.0) ** 2
+    """Return the share of diffuse light from inside that a smooth coat sends back, eta being n inside / n outside."""
+    return 1.0 - mean_transmittance(1.0 / eta)
 
 
 @dataclass(frozen=True)
