@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parent.parent
 Report = Callable[..., None]
 """report(claim, measured, expected=..., p=...): one row of the table at the end of the run."""
 
-_rows: pytest.StashKey[list[tuple[str, str, str, str]]] = pytest.StashKey()
+_MEASURED = "measured"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -25,7 +25,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.stash[_rows] = []
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Table())
 
 
 def _devices(config: pytest.Config) -> list[str]:
@@ -48,24 +49,34 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture
 def report(request: pytest.FixtureRequest) -> Report:
     """Return a function that adds a row to the table at the end of the run."""
-    rows = request.config.stash[_rows]
 
     def add(claim: str, measured: object, expected: object = "", *, p: float | None = None) -> None:
         shown = [f"{x:.6g}" if isinstance(x, float) else str(x) for x in (measured, expected)]
-        rows.append((f"{request.node.name}: {claim}", shown[0], shown[1], "" if p is None else f"{p:.3g}"))
+        row = [f"{request.node.name}: {claim}", *shown, "" if p is None else f"{p:.3g}"]
+        # A property of the test, since these travel with its outcome when tests run in several processes.
+        request.node.user_properties.append((_MEASURED, row))
 
     return add
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    rows = terminalreporter.config.stash[_rows]
-    if not rows:
-        return
-    table = [("claim", "measured", "expected", "p"), *rows]
-    widths = [max(len(row[i]) for row in table) for i in range(4)]
-    terminalreporter.section("measured")
-    for row in table:
-        terminalreporter.write_line("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)))
+class Table:
+    """The rows that tests reported, printed at the end of the run."""
+
+    def __init__(self) -> None:
+        self.rows: list[list[str]] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call":
+            self.rows += [row for name, row in report.user_properties if name == _MEASURED]
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        if not self.rows:
+            return
+        table = [["claim", "measured", "expected", "p"], *self.rows]
+        widths = [max(len(row[i]) for row in table) for i in range(4)]
+        terminalreporter.section("measured")
+        for row in table:
+            terminalreporter.write_line("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)))
 
 
 @pytest.fixture(scope="session")
