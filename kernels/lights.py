@@ -43,15 +43,24 @@ def triangle_light_pdf(probability: float, cross_length: float, distance2: float
 @wp.func
 def sample_light(scene: SceneData, position: wp.vec3, u: wp.vec4, u_environment: wp.vec4) -> LightSample:
     """Return a way from `position` to a light; its radiance is zero where nothing arrives."""
+    number = sample_alias(scene.light_thresholds, scene.light_aliases, u[0], u[1])
+    return sample_one_light(scene, number, position, wp.vec2(u[2], u[3]), u_environment)
+
+
+@wp.func
+def sample_one_light(
+    scene: SceneData, number: int, position: wp.vec3, u: wp.vec2, u_environment: wp.vec4
+) -> LightSample:
+    """Return a way from `position` to a point of this light, which was chosen with its own probability."""
     sample = LightSample()
     sample.radiance = wp.vec3(0.0)
     sample.point.triangle = NO_HIT
-    light = scene.lights[sample_alias(scene.light_thresholds, scene.light_aliases, u[0], u[1])]
+    light = scene.lights[number]
     if light.kind == LIGHT_TRIANGLE:
         p0 = scene.points[scene.indices[3 * light.triangle]]
         e1 = scene.points[scene.indices[3 * light.triangle + 1]] - p0
         e2 = scene.points[scene.indices[3 * light.triangle + 2]] - p0
-        b = square_to_triangle(wp.vec2(u[2], u[3]))
+        b = square_to_triangle(u)
         sample.point.triangle = light.triangle
         sample.point.u = b[0]
         sample.point.v = b[1]
