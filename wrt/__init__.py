@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         register_material,
     )
     from wrt.mesh import Mesh
+    from wrt.motion import Motion
     from wrt.renderer import Progress, Renderer
     from wrt.scene import RenderSettings, Scene, Shape
     from wrt.shapes import box, polygon, quad, sphere
@@ -69,6 +70,7 @@ _EXPORTS = {
     "Mesh": "wrt.mesh",
     "Mirror": "wrt.materials",
     "Mix": "wrt.materials",
+    "Motion": "wrt.motion",
     "NormalMap": "wrt.textures",
     "OrenNayar": "wrt.materials",
     "PerspectiveCamera": "wrt.camera",
@@ -115,6 +117,7 @@ __all__ = [
     "Mesh",
     "Mirror",
     "Mix",
+    "Motion",
     "NormalMap",
     "OrenNayar",
     "PerspectiveCamera",
