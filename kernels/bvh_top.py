@@ -87,24 +87,18 @@ def split_level(
     end = chunks.start[i + 1]
     scale = bin_scale(centers[index], wp.static(BINS))
     # All bins are joined in the first chunk's, whose own counts are kept by its `left_at`.
-    split = Split()
-    for pass_number in range(2):
-        if pass_number == 1:
-            split = choose_split(
-                chunks.bin_boxes, chunks.bin_counts, start * wp.static(3 * BINS), wp.static(BINS), count, scale
-            )
-            set_box(nodes, index, split.bounds)
-            if nodes[index].depth >= max_sah_depth:
-                split.axis = -1
-            if split.axis < 0:
-                split.left = count // 2
-        else:
-            for c in range(start + 1, end):
-                for k in range(wp.static(3 * BINS)):
-                    to = start * wp.static(3 * BINS) + k
-                    of = c * wp.static(3 * BINS) + k
-                    chunks.bin_boxes[to] = wp.min(chunks.bin_boxes[to], chunks.bin_boxes[of])
-                    chunks.bin_counts[to] = chunks.bin_counts[to] + chunks.bin_counts[of]
+    bins = start * wp.static(3 * BINS)
+    for c in range(start + 1, end):
+        for k in range(wp.static(3 * BINS)):
+            of = c * wp.static(3 * BINS) + k
+            chunks.bin_boxes[bins + k] = wp.min(chunks.bin_boxes[bins + k], chunks.bin_boxes[of])
+            chunks.bin_counts[bins + k] = chunks.bin_counts[bins + k] + chunks.bin_counts[of]
+    split = choose_split(chunks.bin_boxes, chunks.bin_counts, bins, wp.static(BINS), count, scale)
+    set_box(nodes, index, split.bounds)
+    if nodes[index].depth >= max_sah_depth:
+        split.axis = -1
+    if split.axis < 0:
+        split.left = count // 2
     add_children(nodes, index, index + 1, index + 2 * split.left, split.left)
     splits_out[i] = split
     left_at = nodes[index].first
