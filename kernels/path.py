@@ -107,14 +107,14 @@ def make_trace_path(features: Features) -> wp.Function:
 
     @wp.func
     def trace_path(
-        scene: SceneData, camera_ray: Ray, pixel_angle: float, sampler: Sampler, settings: PathSettings
+        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> PathResult:
         ray = camera_ray
         radiance = wp.vec3(0.0)
         throughput = wp.vec3(1.0)
         eta_scale = float(1.0)
         last_pdf = float(0.0)
-        angle = float(pixel_angle)  # that the ray stands for; 0 once it was scattered
+        footprint = wp.vec2(pixel_footprint)  # width that the ray stands for, and its growth; 0 once it was scattered
         passed = float(0.0)  # distance through what let the ray pass since it was last scattered
         rays = int(0)
         depth = int(0)
@@ -165,7 +165,8 @@ def make_trace_path(features: Features) -> wp.Function:
             # Normal
             if wp.static(tangents):
                 surface = align_tangents(scene, hit, surface)
-                surface = apply_normal_map(scene, material, hit, surface, ray.direction, angle * (passed + hit.t))
+                width = footprint[0] + footprint[1] * (passed + hit.t)
+                surface = apply_normal_map(scene, material, hit, surface, ray.direction, width)
             bsdf = bsdf_at(scene, material, surface)
             wo = to_local(surface.frame, -ray.direction)
 
@@ -215,7 +216,7 @@ def make_trace_path(features: Features) -> wp.Function:
             ray.origin = offset_from_surface(surface.position, surface.normal * side)
             ray.direction = wp.normalize(direction)
             passed = 0.0
-            angle = 0.0
+            footprint = wp.vec2(0.0)
 
             # Stopping criterion: the throughput without the squeeze of solid angles inside glass
             survival = wp.max(throughput) * eta_scale

@@ -4,12 +4,12 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.camera import Camera, camera_ray, pixel_angle
+from wrt.kernels.camera import Camera, camera_ray, shutter_time
 from wrt.kernels.features import Features
 from wrt.kernels.film import FilmData, is_finite_color
 from wrt.kernels.filters import filter_offset
-from wrt.kernels.path import PathSettings, make_trace_path
-from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, Sampler, sample_4d
+from wrt.kernels.path import PathResult, PathSettings, make_trace_path
+from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, sample_4d
 from wrt.kernels.scene_data import SceneData
 
 
@@ -33,14 +33,15 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         film: FilmData,
     ):
         pixel = first_pixel + wp.tid()
-        x = pixel % camera.width
-        y = pixel // camera.width
+        # Random numbers belong to a place in the whole picture, so that a part of it looks as it does there.
+        x = camera.crop_x + pixel % camera.crop_width
+        y = camera.crop_y + pixel // camera.crop_width
         total = film.total[pixel]
         squares = film.total_of_squares[pixel]
         rays = int(0)
         sampler = Sampler()
         sampler.seed = seed
-        sampler.pixel = wp.uint32(pixel)
+        sampler.pixel = wp.uint32(y * camera.width + x)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             u = sample_4d(sampler, BLOCK_FILM_AND_LENS)
@@ -48,8 +49,13 @@ def make_render_kernel(features: Features) -> wp.Kernel:
                 float(x) + 0.5 + filter_offset(filter_table, u[0]),
                 float(y) + 0.5 + filter_offset(filter_table, u[1]),
             )
-            ray = camera_ray(camera, position, wp.vec2(u[2], u[3]))
-            result = trace_path(scene, ray, pixel_angle(camera, ray.direction), sampler, settings)
+            time = camera.shutter_open
+            if camera.shutter_close > camera.shutter_open:
+                time = shutter_time(camera, sample_4d(sampler, BLOCK_TIME)[0])
+            seen = camera_ray(camera, position, wp.vec2(u[2], u[3]), time)
+            result = PathResult()
+            if seen.visible:
+                result = trace_path(scene, seen.ray, seen.footprint, sampler, settings)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

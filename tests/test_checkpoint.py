@@ -254,6 +254,7 @@ def test_all_differing_parts_are_named(tmp_path: Path) -> None:
         ("max_depth", 3, 4),
         ("filter", "blackman-harris", "box"),
         ("strategy", "mis", "bsdf"),
+        ("crop", None, [1, 0, 6, 3]),
     ],
 )
 def test_settings_that_differ_are_named(key: str, there: object, here: object, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 from conftest import ROOT
 
 import wrt
+from wrt.camera import CAMERAS
 from wrt.cli import EXAMPLES, _join_axis, _parser
 from wrt.environment import ConstantEnvironment
 from wrt.formats import scene_toml
@@ -175,7 +176,7 @@ def test_options_and_commands_of_the_repository_exist(page: str) -> None:
 READER = scene_toml._Reader
 TABLES: dict[str, Callable[..., Any]] = {
     "[settings]": wrt.RenderSettings,
-    "[camera]": wrt.PerspectiveCamera,
+    **{f"[camera] {kind}": cls for kind, cls in CAMERAS.items()},
     "[environment] constant": ConstantEnvironment,
     "[environment] image": load_environment,
     "[[lights]] point": wrt.PointLight,
@@ -191,7 +192,9 @@ TABLES: dict[str, Callable[..., Any]] = {
 }
 COMMON = "[[shapes]]"
 COMMON_OF_MATERIALS = "[materials.NAME]"
+COMMON_OF_CAMERAS = "[camera]"
 MATERIAL_TABLES = [heading for heading in TABLES if heading.startswith(COMMON_OF_MATERIALS)]
+CAMERA_TABLES = [heading for heading in TABLES if heading.startswith(COMMON_OF_CAMERAS)]
 
 
 def documented(column: str = "default") -> dict[str, dict[str, str]]:
@@ -221,7 +224,7 @@ def value_of(text: str) -> Any:
 
 
 def test_every_kind_of_table_is_documented_and_no_other() -> None:
-    assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS}
+    assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS, COMMON_OF_CAMERAS}
     kinds = {"[[lights]]": scene_toml._LIGHTS, "[materials.NAME]": MATERIALS}
     for section, known in kinds.items():
         assert {f"{section} {kind}" for kind in known} == {name for name in TABLES if name.startswith(f"{section} ")}
@@ -237,17 +240,15 @@ def test_keys_and_defaults_are_those_of_the_code(heading: str) -> None:
     parameters = dict(inspect.signature(maker).parameters)
     for other in ("self", "path"):
         parameters.pop(other, None)
-    if heading in MATERIAL_TABLES:
-        for other in inspect.signature(wrt.Material).parameters:
-            parameters.pop(other)
+    for headings, common in ((MATERIAL_TABLES, wrt.Material), (CAMERA_TABLES, wrt.Camera)):
+        if heading in headings:
+            for other in inspect.signature(common).parameters:
+                parameters.pop(other)
     table = documented()[heading]
     expected = set(parameters)
     if maker is load_environment:  # whose path the file calls `file`
         expected.add("file")
         assert table["file"] == "required"
-    if maker is wrt.PerspectiveCamera:
-        assert table["type"] == '`"perspective"`'
-        expected.add("type")
     assert set(table) == expected
     for name, parameter in parameters.items():
         if parameter.default is inspect.Parameter.empty:
@@ -267,6 +268,15 @@ def test_keys_of_every_material_are_those_of_the_code() -> None:
         wrt.Diffuse().opacity,
         "none",
     )
+
+
+def test_keys_of_every_camera_are_those_of_the_code() -> None:
+    table = documented()[COMMON_OF_CAMERAS]
+    parameters = inspect.signature(wrt.Camera).parameters
+    assert set(table) == {"type", *parameters}
+    assert value_of(table["type"]) == next(iter(CAMERAS))
+    for name, parameter in parameters.items():
+        assert plain(value_of(table[name])) == plain(parameter.default), name
 
 
 @pytest.mark.parametrize("heading", MATERIAL_TABLES)

@@ -140,7 +140,9 @@ def scene_of(folder: Path, text: str, triangles: int | None = None) -> wrt.Scene
 def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     scene = scene_of(folder, FULL)
     assert scene.settings == wrt.RenderSettings(320, 200, 12, 5, "tent", -1.5)
-    assert scene.camera == wrt.PerspectiveCamera((0, 1, 3), (0, 0.5, 0), (0, 0, -1), 35.0, 0.01, 2.0)
+    assert scene.camera == wrt.PerspectiveCamera(
+        (0, 1, 3), (0, 0.5, 0), (0, 0, -1), 35.0, aperture_radius=0.01, focus_distance=2.0
+    )
     assert isinstance(scene.environment, wrt.ImageEnvironment)
     np.testing.assert_array_equal(scene.environment.pixels, 7.0)
     assert (scene.environment.scale, scene.environment.rotation_degrees) == (2.0, 90.0)
@@ -296,7 +298,17 @@ MISTAKES = {
     "[camera]\nfov = 40": "camera.fov: unknown key",
     "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be less than 180, not 200",
     '[camera]\nfov_degrees = "wide"': "camera: camera fov_degrees must be a number, not 'wide'",
-    '[camera]\ntype = "fisheye"': "camera: type must be one of 'perspective', not 'fisheye'",
+    '[camera]\ntype = "fish"': (
+        "camera: type must be one of 'perspective', 'orthographic', 'panorama', 'fisheye', not 'fish'"
+    ),
+    '[camera]\ntype = "fisheye"\naperture_radius = 1': "camera.aperture_radius: unknown key",
+    '[camera]\ntype = "fisheye"\nfov_degrees = 361': "camera: camera fov_degrees must be at most 360, not 361",
+    "[camera]\nshutter_close = -1": "camera: camera shutter_close must not be before shutter_open: -1 is before 0",
+    '[camera]\naperture = "star"': "camera: camera aperture must be one of disk, square, polygon, not 'star'",
+    "[camera]\naperture_blades = 2": "camera: camera aperture_blades must be between 3 and 1000, not 2",
+    "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",
+    "[settings]\nwidth = 8\ncrop = [0, 0, 9, 4]": "settings: crop must lie inside the picture: (9, 4) is beyond",
+    "[settings]\ncrop = [4, 0, 4, 4]": "settings: crop must not be empty: from (4, 0) up to (4, 4) there are no pixels",
     "[camera]\norigin = [0, 0]": "camera: camera origin must be three numbers, not [0, 0]",
     "[camera]\norigin = [0, 0, 0]": "camera: camera origin and target must differ",
     "camera = 3": "camera: must be a table, not 3",

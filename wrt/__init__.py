@@ -20,7 +20,7 @@ if not (_here / "kernels").is_dir() and (_here.parent / "kernels").is_dir():
 
 if TYPE_CHECKING:
     from wrt.api import load, render
-    from wrt.camera import PerspectiveCamera
+    from wrt.camera import Camera, FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
     from wrt.environment import ConstantEnvironment, ImageEnvironment
     from wrt.errors import InputError
     from wrt.formats.images import load_image, save_image
@@ -54,11 +54,13 @@ if TYPE_CHECKING:
     from wrt.textures import ImageTexture, NormalMap, VertexColor
 
 _EXPORTS = {
+    "Camera": "wrt.camera",
     "ConstantEnvironment": "wrt.environment",
     "Conductor": "wrt.materials",
     "Dielectric": "wrt.materials",
     "Diffuse": "wrt.materials",
     "DirectionalLight": "wrt.lights",
+    "FisheyeCamera": "wrt.camera",
     "ImageEnvironment": "wrt.environment",
     "ImageTexture": "wrt.textures",
     "Emissive": "wrt.materials",
@@ -73,6 +75,8 @@ _EXPORTS = {
     "Motion": "wrt.motion",
     "NormalMap": "wrt.textures",
     "OrenNayar": "wrt.materials",
+    "OrthographicCamera": "wrt.camera",
+    "PanoramaCamera": "wrt.camera",
     "PerspectiveCamera": "wrt.camera",
     "Plastic": "wrt.materials",
     "PointLight": "wrt.lights",
@@ -101,12 +105,14 @@ _EXPORTS = {
 }
 
 __all__ = [
+    "Camera",
     "Conductor",
     "ConstantEnvironment",
     "Dielectric",
     "Diffuse",
     "DirectionalLight",
     "Emissive",
+    "FisheyeCamera",
     "Glossy",
     "Hits",
     "ImageEnvironment",
@@ -120,6 +126,8 @@ __all__ = [
     "Motion",
     "NormalMap",
     "OrenNayar",
+    "OrthographicCamera",
+    "PanoramaCamera",
     "PerspectiveCamera",
     "Plastic",
     "PointLight",

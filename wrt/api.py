@@ -87,8 +87,9 @@ def render(
     seed: int = 0,
     threads: int | None = None,
     max_depth: int | None = None,
+    crop: tuple[int, int, int, int] | None = None,
 ) -> NDArray[np.float32]:
-    """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance.
+    """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
 
     The other arguments are those of `wrt.Renderer` and its `passes`.
 
@@ -98,7 +99,14 @@ def render(
     from wrt.renderer import Renderer
 
     renderer = Renderer(
-        load(source), width=width, height=height, device=device, seed=seed, threads=threads, max_depth=max_depth
+        load(source),
+        width=width,
+        height=height,
+        device=device,
+        seed=seed,
+        threads=threads,
+        max_depth=max_depth,
+        crop=crop,
     )
     for _ in renderer.passes(spp=spp, time=time):
         pass

@@ -148,6 +148,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     add("--spp", metavar="N", type=_whole(1), help="samples per pixel in all (default: the scene's own)")
     add("--time", metavar="SECONDS", type=_positive, help="render for so long; alone, without limit of samples")
     add("--size", metavar="WxH", type=_size, help="pixels, such as 640x480 (default: the scene's own)")
+    add("--crop", metavar="X0,Y0,X1,Y1", type=_crop, help="render this part alone: pixels from X0, Y0 up to X1, Y1")
     add("--device", metavar="NAME", default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
     add("--threads", metavar="N", type=_whole(1), help="CPU threads (default: every core)")
     add("--seed", metavar="N", type=_whole(0), default=0, help="another seed, another noise (default: 0)")
@@ -203,6 +204,14 @@ def _size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 640x480, not {text!r}")
     whole = _whole(1)
     return whole(width), whole(height)
+
+
+def _crop(text: str) -> tuple[int, ...]:
+    numbers = text.split(",")
+    if len(numbers) != 4:
+        raise argparse.ArgumentTypeError(f"must be X0,Y0,X1,Y1, such as 0,0,320,240, not {text!r}")
+    whole = _whole(0)
+    return tuple(whole(number) for number in numbers)
 
 
 def _scenes(options: argparse.Namespace) -> int:
@@ -313,6 +322,7 @@ def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path |
         seed=options.seed,
         threads=options.threads,
         max_depth=options.max_depth,
+        crop=options.crop,
     )
     if options.resume and checkpoint is not None:
         if not checkpoint.exists():

@@ -27,7 +27,7 @@ class Film:
         from wrt.kernels.film import FilmData
 
         self.width, self.height, self.device = width, height, device
-        pixels = width * height
+        self.pixels = pixels = width * height
         device.require_memory(pixels * BYTES_PER_PIXEL, f"a picture of {width}x{height}")
         self.data = FilmData()
         self.data.total = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)

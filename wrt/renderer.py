@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt._version import __version__
-from wrt.build.camera import build_camera
+from wrt.build.camera import CropWindow, build_camera
 from wrt.build.environment import environment_kind
 from wrt.build.filters import filter_table
 from wrt.build.scene_data import build_scene
@@ -80,6 +80,7 @@ class Renderer:
         max_depth: int | None = None,
         filter: str | None = None,
         strategy: str = "mis",
+        crop: CropWindow | None = None,
     ) -> None:
         """Build a scene for a device and compile its kernel.
 
@@ -92,12 +93,20 @@ class Renderer:
             threads: CPU threads; by default all cores.
             max_depth: most segments in a path.
             filter: reconstruction filter, see `wrt.scene.FILTERS`.
+            crop: the part of the picture to render, in its pixels: first column, first row, and the column and row
+                after the last; by default the scene's own setting, which by default is all of it.
             strategy: "mis", or "light" or "bsdf" to find surface and image lights by only one of both.
 
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
         """
-        given: dict[str, Any] = {"width": width, "height": height, "max_depth": max_depth, "filter": filter}
+        given: dict[str, Any] = {
+            "width": width,
+            "height": height,
+            "max_depth": max_depth,
+            "filter": filter,
+            "crop": crop,
+        }
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
         )
@@ -117,7 +126,8 @@ class Renderer:
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
 
         self.device = Device(device, threads=threads)
-        self.film = Film(self.width, self.height, self.device)
+        x0, y0, x1, y1 = self.crop
+        self.film = Film(x1 - x0, y1 - y0, self.device)
         self._built = build_scene(self.scene, self.device)
         self.seconds_compile, self._kernel, self._inputs = self._prepare()
         self.seconds_render = 0.0
@@ -133,7 +143,7 @@ class Renderer:
         path.max_depth = self.settings.max_depth
         path.strategy = STRATEGIES.index(self.strategy)
         assert self.scene.camera is not None
-        camera = build_camera(self.scene.camera, self.width, self.height)
+        camera = build_camera(self.scene.camera, self.width, self.height, self.crop)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
         kernel = make_render_kernel(self._built.features)
         seconds = self.device.compile(kernel)
@@ -141,13 +151,18 @@ class Renderer:
 
     @property
     def width(self) -> int:
-        """Picture width, pixels."""
+        """Width of the whole picture, pixels."""
         return self.settings.width
 
     @property
     def height(self) -> int:
-        """Picture height, pixels."""
+        """Height of the whole picture, pixels."""
         return self.settings.height
+
+    @property
+    def crop(self) -> CropWindow:
+        """The part of the picture that is rendered: first column and row, and those after the last."""
+        return self.settings.crop or (0, 0, self.width, self.height)
 
     @property
     def threads(self) -> int:
@@ -197,7 +212,7 @@ class Renderer:
             before = int(self.film.counts.sum(dtype=np.int64))
             started = time.perf_counter()
             try:
-                self.device.launch(self._kernel, self.width * self.height, [done, *self._inputs])
+                self.device.launch(self._kernel, self.film.pixels, [done, *self._inputs])
             finally:
                 elapsed = time.perf_counter() - started
                 traced = int(self.film.counts.sum(dtype=np.int64)) - before
@@ -208,7 +223,7 @@ class Renderer:
             yield self._progress(pass_index, done, spp, seconds, limit, paths, self.rays - rays_before)
             if limit is not None and seconds >= limit:
                 return
-            per_sample = elapsed * self.width * self.height / max(traced, 1)
+            per_sample = elapsed * self.film.pixels / max(traced, 1)
             # At most double, so that the first pictures come quickly one after the other.
             step = max(1, min(2 * step, int(PASS_SECONDS / max(per_sample, 1e-9))))
             if limit is not None:
@@ -219,7 +234,7 @@ class Renderer:
     ) -> Progress:
         left = None
         if spp is not None:
-            left = (spp - done) * seconds * self.width * self.height / max(paths, 1)
+            left = (spp - done) * seconds * self.film.pixels / max(paths, 1)
         if limit is not None:
             left = min(max(limit - seconds, 0.0), left if left is not None else limit)
         return Progress(
@@ -234,7 +249,7 @@ class Renderer:
         )
 
     def image(self) -> NDArray[np.float32]:
-        """Return (H, W, 3) float32 linear radiance as estimated so far."""
+        """Return (H, W, 3) float32 linear radiance as estimated so far, of the part that is rendered."""
         return self.film.mean()
 
     def variance(self) -> NDArray[np.float64]:
@@ -257,7 +272,9 @@ class Renderer:
             InputError: where the file is not a checkpoint, or of another scene or version.
         """
         header, arrays = read_checkpoint(path)
-        options = {key: header.get(key) for key in ("width", "height", "seed", "max_depth", "filter", "strategy")}
+        options = {
+            key: header.get(key) for key in ("width", "height", "seed", "max_depth", "filter", "strategy", "crop")
+        }
         try:
             renderer = cls(scene, device=device, threads=threads, **options)  # type: ignore[arg-type]
         except InputError as error:
@@ -294,6 +311,7 @@ class Renderer:
             "max_depth": self.settings.max_depth,
             "filter": self.settings.filter,
             "strategy": self.strategy,
+            "crop": list(self.crop) if self.crop != (0, 0, self.width, self.height) else None,
             "scene": scene_fingerprint(self.scene),
         }
 

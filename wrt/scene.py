@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from wrt.camera import PerspectiveCamera
+from wrt.camera import Camera
 from wrt.environment import ConstantEnvironment, ImageEnvironment
 from wrt.errors import InputError
 from wrt.lights import DirectionalLight, PointLight
@@ -67,6 +67,8 @@ class RenderSettings:
         max_depth: most segments in a path; 1 sees emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         exposure: stops (factors of two) applied when a picture is written as PNG.
+        crop: the part of the picture that is rendered, in its pixels: first column, first row, and the column and row
+            after the last; None is all of it. A part has the very pixels that the whole has there.
     """
 
     width: int = 768
@@ -75,6 +77,7 @@ class RenderSettings:
     max_depth: int = 64
     filter: str = "blackman-harris"
     exposure: float = 0.0
+    crop: tuple[int, int, int, int] | None = None
 
     def __post_init__(self) -> None:
         self.width = integer(self.width, "width", minimum=1, maximum=65536)
@@ -84,6 +87,21 @@ class RenderSettings:
         if self.filter not in FILTERS:
             raise InputError(f"filter must be one of {', '.join(FILTERS)}, not {self.filter!r}")
         self.exposure = number(self.exposure, "exposure", minimum=-100.0, maximum=100.0)
+        if self.crop is not None:
+            self.crop = _crop_window(self.crop, self.width, self.height)
+
+
+def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
+    """Return `value` as a part of a picture that is not empty, or raise InputError."""
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 4:
+        shown = " ".join(repr(value).split())
+        raise InputError(f"crop must be four whole numbers (x0, y0, x1, y1), not {shown}")
+    x0, y0, x1, y1 = (integer(item, f"crop[{i}]", minimum=0, maximum=65536) for i, item in enumerate(value))
+    if x0 >= x1 or y0 >= y1:
+        raise InputError(f"crop must not be empty: from ({x0}, {y0}) up to ({x1}, {y1}) there are no pixels")
+    if x1 > width or y1 > height:
+        raise InputError(f"crop must lie inside the picture: ({x1}, {y1}) is beyond its {width}x{height} pixels")
+    return x0, y0, x1, y1
 
 
 @dataclass
@@ -101,7 +119,7 @@ class Scene:
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     environment: Environment | None = None
-    camera: PerspectiveCamera | None = None
+    camera: Camera | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
 
     def add(

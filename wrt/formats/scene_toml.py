@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt import shapes
-from wrt.camera import PerspectiveCamera
+from wrt.camera import CAMERAS
 from wrt.environment import ConstantEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, require_file
@@ -106,8 +106,7 @@ class _Reader:
         if "camera" in tree:
             with self.at("camera"):
                 camera = table_of(tree["camera"])
-                choice(camera, {"perspective": PerspectiveCamera}, default="perspective")
-                scene.camera = self.build(PerspectiveCamera, camera)
+                scene.camera = self.build(choice(camera, CAMERAS, default="perspective"), camera)
         if "environment" in tree:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
