@@ -7,6 +7,7 @@ Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through Co
 import warp as wp
 
 from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS
+from wrt.kernels.bvh_boxes import half_area, high_of, low_of, number_of
 from wrt.kernels.bvh_split import LARGE, BinaryNode
 from wrt.kernels.simd import vec8
 
@@ -23,8 +24,7 @@ _open_nodes = wp.types.vector(length=16, dtype=int)
 def collapse_costs(nodes: wp.array(dtype=BinaryNode), index: int, costs: wp.array(dtype=float)):
     """Find the cheapest way to stand for a subtree by at most j = 1 to 7 roots (Ylitie et al., eq. 2)."""
     node = nodes[index]
-    size = node.upper - node.lower
-    area = size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
+    area = half_area(node.upper - node.lower)
     base = index * wp.static(COST_SLOTS)
     if node.right == 0:
         for j in range(1, 8):
@@ -226,7 +226,7 @@ def write_level(
                 start = leaf * wp.static(LEAF_FLOATS)
                 for n in range(wp.static(LEAF_SIZE)):
                     # Unused places repeat one corner three times: no ray hits that.
-                    number = wp.cast(boxes[node.first + wp.min(n, node.count - 1)][3], wp.int32)
+                    number = number_of(boxes[node.first + wp.min(n, node.count - 1)])
                     for corner in range(3):
                         p = points[indices[3 * number + wp.where(n < node.count, corner, 0)]]
                         for axis in range(3):
@@ -271,9 +271,8 @@ def write_upper_level(
                 for n in range(8):
                     if n < node.count:
                         box = boxes[node.first + n]
-                        lower = wp.vec3(box[0], box[1], box[2])
-                        write_box(nodes_out, start + n, lower, wp.vec3(-box[4], -box[5], -box[6]))
-                        children_out[start + 48 + n] = -1 - wp.cast(box[3], wp.int32)
+                        write_box(nodes_out, start + n, low_of(box), high_of(box))
+                        children_out[start + 48 + n] = -1 - number_of(box)
                     else:
                         write_box(nodes_out, start + n, wp.vec3(LARGE), wp.vec3(-LARGE))
                         children_out[start + 48 + n] = -1

@@ -8,6 +8,7 @@ piece is the box of what lies on one side. Leaves hold whole triangles, some in 
 
 import warp as wp
 
+from wrt.kernels.bvh_boxes import Corners, box_around, corners_of, half_area, high_of, low_of, make_box
 from wrt.kernels.simd import vec8
 
 # Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
@@ -70,17 +71,15 @@ def find_importance(
 ):
     """Rate triangles by what their boxes waste and by the plane that cuts them (Karras and Aila, section 4.2)."""
     i = first + wp.tid()
-    a = points[indices[3 * i]]
-    b = points[indices[3 * i + 1]]
-    c = points[indices[3 * i + 2]]
-    low = wp.min(wp.min(a, b), c)
-    high = wp.max(wp.max(a, b), c)
+    corners = corners_of(points, indices, i)
+    whole = box_around(corners, i)
+    low = low_of(whole)
+    high = high_of(whole)
     # Relative to the scene, lest areas of large ones overflow.
     unit = 1.0 / wp.max(wp.max(scene_size[0], scene_size[1]), scene_size[2])
-    size = (high - low) * unit
-    n = wp.cross((b - a) * unit, (c - a) * unit)
+    n = wp.cross((corners.b - corners.a) * unit, (corners.c - corners.a) * unit)
     # Half surfaces: of the box, and of ever smaller boxes along the triangle.
-    box = size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
+    box = half_area((high - low) * unit)
     least = 0.5 * (wp.abs(n[0]) + wp.abs(n[1]) + wp.abs(n[2]))
     cut = find_cut(low, high, scene_low, scene_size)
     importance = float(0.0)
@@ -99,20 +98,20 @@ def count_pieces(first: int, importance: wp.array(dtype=float), factor: float, c
 
 @wp.func
 def box_of_side(
-    a: wp.vec3, b: wp.vec3, c: wp.vec3, low: wp.vec3, high: wp.vec3, axis: int, place: float, side: float
+    corners: Corners, low: wp.vec3, high: wp.vec3, axis: int, place: float, side: float, number: int
 ) -> vec8:
-    """Return the box of a triangle's part in a box and on one side of a plane, its number left out."""
+    """Return the box of a triangle's part in a box and on one side of a plane."""
     least = wp.vec3(3.0e38)
     most = wp.vec3(-3.0e38)
-    p = a
-    q = b
+    p = corners.a
+    q = corners.b
     for k in range(3):
         if k == 1:
-            p = b
-            q = c
+            p = corners.b
+            q = corners.c
         if k == 2:
-            p = c
-            q = a
+            p = corners.c
+            q = corners.a
         if (p[axis] - place) * side >= 0.0:
             least = wp.min(least, p)
             most = wp.max(most, p)
@@ -131,7 +130,7 @@ def box_of_side(
         least[axis] = wp.max(least[axis], place)
     else:
         most[axis] = wp.min(most[axis], place)
-    return vec8(least[0], least[1], least[2], 0.0, -most[0], -most[1], -most[2], 0.0)
+    return make_box(least, most, number)
 
 
 @wp.func
@@ -143,7 +142,7 @@ def is_empty(box: vec8) -> bool:
 @wp.func
 def longest(box: vec8) -> float:
     """Return the longest side of a box."""
-    return wp.max(wp.max(-box[4] - box[0], -box[5] - box[1]), -box[6] - box[2])
+    return wp.max(high_of(box) - low_of(box))
 
 
 @wp.kernel(enable_backward=False)
@@ -163,25 +162,19 @@ def write_pieces(
     cuts are left.
     """
     i = first + wp.tid()
-    a = points[indices[3 * i]]
-    b = points[indices[3 * i + 1]]
-    c = points[indices[3 * i + 2]]
-    low = wp.min(wp.min(a, b), c)
-    high = wp.max(wp.max(a, b), c)
-    number = wp.cast(i, wp.float32)
-    end = start[i] + count[i]
-    boxes[start[i]] = vec8(
-        low[0], low[1], low[2], number, -high[0], -high[1], -high[2], wp.cast(count[i] - 1, wp.float32)
-    )
-    for place in range(start[i], end):
+    corners = corners_of(points, indices, i)
+    whole = box_around(corners, i)
+    whole[7] = wp.cast(count[i] - 1, wp.float32)
+    boxes[start[i]] = whole
+    for place in range(start[i], start[i] + count[i]):
         cuts = wp.cast(boxes[place][7], wp.int32)
         while cuts > 0:
             box = boxes[place]
-            low = wp.vec3(box[0], box[1], box[2])
-            high = wp.vec3(-box[4], -box[5], -box[6])
+            low = low_of(box)
+            high = high_of(box)
             cut = find_cut(low, high, scene_low, scene_size)
-            left = box_of_side(a, b, c, low, high, cut.axis, cut.place, -1.0)
-            right = box_of_side(a, b, c, low, high, cut.axis, cut.place, 1.0)
+            left = box_of_side(corners, low, high, cut.axis, cut.place, -1.0, i)
+            right = box_of_side(corners, low, high, cut.axis, cut.place, 1.0, i)
             if is_empty(left):
                 left = right
             if is_empty(right):
@@ -189,10 +182,8 @@ def write_pieces(
             # Of two sides without extent either may have all.
             share = longest(left) / wp.max(longest(left) + longest(right), 1.0e-38)
             cuts_left = wp.clamp(int(share * float(cuts - 1) + 0.5), 0, cuts - 1)
-            right[3] = number
             right[7] = wp.cast(cuts - 1 - cuts_left, wp.float32)
             boxes[place + 1 + cuts_left] = right
-            left[3] = number
             left[7] = wp.cast(cuts_left, wp.float32)
             boxes[place] = left
             cuts = cuts_left

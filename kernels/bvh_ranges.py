@@ -1,8 +1,7 @@
 """Ranges of triangles' boxes while a tree is built: their bounds, their bins, their two sides.
 
-A box is eight floats: lower corner, triangle number, negated upper corner, nothing. So the lesser of
-two boxes, number by number, is the box around both. Of a box's centre only twice its coordinates are
-needed, lower minus negated upper; kept beside its negation it joins like a box.
+Boxes lie as in `kernels/bvh_boxes.py`. Of a box's centre only twice its coordinates are needed, lower minus negated
+upper; kept beside its negation it joins like a box.
 
 C++ with clang's vector types and loops for CUDA: in Warp's Python the three loops took three times as
 long, and they are most of a build.

@@ -10,6 +10,7 @@ tree does not depend on them.
 import warp as wp
 
 from wrt.kernels.bvh import LEAF_SIZE
+from wrt.kernels.bvh_boxes import box_around, corners_of, half_area, high_of, low_of
 from wrt.kernels.bvh_ranges import BINS, bounds_of_range, copy_range, fill_bins, part_range
 from wrt.kernels.simd import vec8
 
@@ -55,23 +56,9 @@ class Split:
 
 @wp.kernel(enable_backward=False)
 def make_boxes(first: int, points: wp.array(dtype=wp.vec3), indices: wp.array(dtype=int), boxes: wp.array(dtype=vec8)):
-    """Write each triangle's box in the layout of `kernels/bvh_ranges.py`."""
+    """Write each triangle's box."""
     i = first + wp.tid()
-    a = points[indices[3 * i]]
-    b = points[indices[3 * i + 1]]
-    c = points[indices[3 * i + 2]]
-    low = wp.min(wp.min(a, b), c)
-    high = wp.max(wp.max(a, b), c)
-    boxes[i] = vec8(low[0], low[1], low[2], wp.cast(i, wp.float32), -high[0], -high[1], -high[2], 0.0)
-
-
-@wp.func
-def half_area(box: vec8) -> float:
-    """Return half the surface of a box."""
-    x = -box[4] - box[0]
-    y = -box[5] - box[1]
-    z = -box[6] - box[2]
-    return x * y + y * z + z * x
+    boxes[i] = box_around(corners_of(points, indices, i), i)
 
 
 @wp.func
@@ -118,14 +105,14 @@ def choose_split(
                 k = bins - 1 - j
                 side = wp.min(side, bin_boxes[base + k])
                 n += bin_counts[base + k]
-                costs[k] = wp.where(n > 0, half_area(side) * leaf_blocks(n), LARGE)
+                costs[k] = wp.where(n > 0, half_area(high_of(side) - low_of(side)) * leaf_blocks(n), LARGE)
             side = vec8(LARGE)
             n = int(0)
             for k in range(bins - 1):
                 side = wp.min(side, bin_boxes[base + k])
                 n += bin_counts[base + k]
                 if n > 0 and n < count:
-                    cost = half_area(side) * leaf_blocks(n) + costs[k + 1]
+                    cost = half_area(high_of(side) - low_of(side)) * leaf_blocks(n) + costs[k + 1]
                     if cost < best_cost:
                         best_cost = cost
                         split.axis = axis
@@ -137,8 +124,8 @@ def choose_split(
 @wp.func
 def set_box(nodes: wp.array(dtype=BinaryNode), index: int, bounds: vec8):
     """Set a node's box."""
-    nodes[index].lower = wp.vec3(bounds[0], bounds[1], bounds[2])
-    nodes[index].upper = wp.vec3(-bounds[4], -bounds[5], -bounds[6])
+    nodes[index].lower = low_of(bounds)
+    nodes[index].upper = high_of(bounds)
 
 
 @wp.func
@@ -183,7 +170,7 @@ def split_node(
         set_box(nodes, index, bounds_of_range(boxes, first, count))
         return
     bounds = centers[index]
-    low = wp.vec3(bounds[0], bounds[1], bounds[2])
+    low = low_of(bounds)
     bins = wp.where(count <= _FEW_TRIANGLES, wp.static(FEW_BINS), wp.static(BINS))
     scale = bin_scale(bounds, bins)
     fill_bins(boxes, first, count, low, scale, bins, bin_boxes, bin_counts, scratch)

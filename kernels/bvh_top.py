@@ -6,6 +6,7 @@ is chosen from all chunks' bins, moves them to their sides in a second array.
 
 import warp as wp
 
+from wrt.kernels.bvh_boxes import low_of
 from wrt.kernels.bvh_ranges import BINS, centers_of_range, copy_range, fill_bins, part_range
 from wrt.kernels.bvh_split import LARGE, BinaryNode, Split, add_children, bin_scale, choose_split, set_box
 from wrt.kernels.simd import vec8
@@ -53,7 +54,7 @@ def fill_chunk_bins(
     """Sort the boxes of each chunk into the bins of its node."""
     c = first + wp.tid()
     bounds = centers[level[chunks.node[c]]]
-    low = wp.vec3(bounds[0], bounds[1], bounds[2])
+    low = low_of(bounds)
     scale = bin_scale(bounds, wp.static(BINS))
     scratch = c * wp.static(3 * BINS)
     fill_bins(
@@ -138,7 +139,7 @@ def part_chunks(
     split = splits[chunks.node[c]]
     bounds = centers[level[chunks.node[c]]]
     if split.axis >= 0:
-        low = wp.vec3(bounds[0], bounds[1], bounds[2])
+        low = low_of(bounds)
         part_range(
             boxes,
             chunks.first[c],
