@@ -11,8 +11,9 @@ import warp as wp
 def filter_offset(table: wp.array(dtype=float), u: float) -> float:
     """Return the offset from the pixel's centre, in pixels, for one axis."""
     last = table.shape[0] - 1
-    # Entries lie closer towards both ends, where the distribution's inverse is steep.
-    x = wp.asin(wp.sqrt(wp.min(u, 1.0 - u))) * 0.6366197723675814
+    # Entries lie closer towards both ends, where the distribution's inverse is steep. A square root: an arc sine
+    # would suit it no better and took 4 % of a path in the Cornell box.
+    x = wp.sqrt(0.5 * wp.min(u, 1.0 - u))
     x = wp.where(u < 0.5, x, 1.0 - x) * float(last)
     i = wp.min(int(x), last - 1)
     f = x - float(i)

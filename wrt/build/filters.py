@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TABLE_SIZE = 1024
-"""Intervals in a table; the largest step of the Blackman-Harris table is then 0.03 pixels."""
+"""Intervals in a table; the largest step of the Blackman-Harris table is then 0.033 pixels."""
 
 
 def _blackman_harris(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -29,7 +29,8 @@ _PROFILES: dict[str, tuple[float, Callable[[NDArray[np.float64]], NDArray[np.flo
 def filter_table(name: str) -> NDArray[np.float32]:
     """Return (TABLE_SIZE + 1,) float32 offsets in pixels: the inverse cumulative distribution."""
     half_width, profile = _PROFILES[name]
-    at = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, TABLE_SIZE + 1)) ** 2
+    place = np.linspace(0.0, 1.0, TABLE_SIZE + 1)
+    at = np.where(place < 0.5, 2.0 * place**2, 1.0 - 2.0 * (1.0 - place) ** 2)
     if name == "box":
         return np.asarray(half_width * (2.0 * at - 1.0), np.float32)
     x = np.linspace(-half_width, half_width, 64 * TABLE_SIZE + 1)
