@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.geometry import Ray
+from wrt.kernels.motion import MotionKey, MotionRecord, transform_at
 from wrt.kernels.warps import TWO_PI, square_to_disk, square_to_triangle
 
 PERSPECTIVE = wp.constant(0)
@@ -39,6 +40,8 @@ class Camera:
     shutter_open: float
     shutter_close: float
     shutter_ramp: float
+    motion: MotionRecord  # of no keys where it stands still
+    motion_keys: wp.array(dtype=MotionKey)
     # Pixels
     width: int  # of the whole picture, as height
     height: int
@@ -152,6 +155,10 @@ def camera_ray(camera: Camera, film: wp.vec2, u_lens: wp.vec2, time: float) -> C
         )
         result.footprint = wp.vec2(0.0, camera.pixel[1] * wp.abs(across))
         result.visible = angle <= camera.limit
+    if camera.motion.keys > 0:
+        placement = transform_at(camera.motion_keys, camera.motion, time)
+        ray.origin = placement.linear * ray.origin + placement.offset
+        ray.direction = wp.normalize(placement.linear * ray.direction)
     ray.time = time
     result.ray = ray
     return result

@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.motion import Motion
 from wrt.values import Vec3, integer, number, vector
 
 APERTURES = ("disk", "square", "polygon")
 """Shapes of a lens's opening."""
+
+_RIGID = 1e-4
+"""Stretch that a motion may have by the rounding of its numbers."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,7 @@ class Camera:
         shutter_close: time when it is closed again; the same time for a picture of one instant.
         shutter_ramp: share of the time between that goes into opening and closing, half of it into each, during which
             light grows and falls evenly: 0 opens at once (a box), 1 makes a triangle.
+        motion: how it moves and turns from where `origin`, `target` and `up` have it.
     """
 
     origin: Vec3 = (0.0, 0.0, 3.0)
@@ -33,6 +38,7 @@ class Camera:
     shutter_open: float = field(default=0.0, kw_only=True)
     shutter_close: float = field(default=0.0, kw_only=True)
     shutter_ramp: float = field(default=0.0, kw_only=True)
+    motion: Motion | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("origin", "target", "up"):
@@ -45,6 +51,11 @@ class Camera:
                 f"{self.shutter_open:g}"
             )
         self._check("shutter_ramp", minimum=0.0, maximum=1.0)
+        if self.motion is not None:
+            if not isinstance(self.motion, Motion):
+                raise InputError(f"camera motion must be a wrt.Motion, not {type(self.motion).__name__}")
+            if np.abs(self.motion.parts.stretches - np.eye(3)).max() > _RIGID:
+                raise InputError("camera motion must only move and turn: a key of it stretches or mirrors")
         self.frame()
 
     def _check(self, name: str, **limits: float) -> None:

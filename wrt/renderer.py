@@ -143,7 +143,7 @@ class Renderer:
         path.max_depth = self.settings.max_depth
         path.strategy = STRATEGIES.index(self.strategy)
         assert self.scene.camera is not None
-        camera = build_camera(self.scene.camera, self.width, self.height, self.crop)
+        camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
         kernel = make_render_kernel(self._built.features)
         seconds = self.device.compile(kernel)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from wrt.build.motion import motion_records
 from wrt.camera import Camera, FisheyeCamera, LensCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
 from wrt.errors import InputError
 
@@ -14,8 +15,8 @@ CropWindow = tuple[int, int, int, int]
 """First column, first row, column after the last and row after the last, pixels of the whole picture."""
 
 
-def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | None = None) -> Any:
-    """Return the Camera struct for a picture of width x height pixels, of which `crop` is rendered.
+def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | None = None, *, device: str) -> Any:
+    """Return the Camera struct on a device for a picture of width x height pixels, of which `crop` is rendered.
 
     Raises:
         InputError: where it is no camera.
@@ -23,6 +24,7 @@ def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | Non
     import warp as wp
 
     from wrt.kernels.camera import Camera as CameraData
+    from wrt.kernels.motion import MotionKey
 
     data = CameraData()
     data.kind, (pixel_x, pixel_y) = _kind_and_pixel(camera, width, height)
@@ -38,6 +40,11 @@ def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | Non
     data.shutter_open = camera.shutter_open
     data.shutter_close = camera.shutter_close
     data.shutter_ramp = camera.shutter_ramp
+    keys, records = motion_records([camera.motion] if camera.motion else [])
+    data.motion_keys = wp.array(keys, dtype=MotionKey, device=device)
+    if camera.motion:
+        data.motion.first_key, data.motion.keys = (int(records[0][name]) for name in ("first_key", "keys"))
+        data.motion.center = wp.vec3(*camera.motion.center)
     data.width = width
     data.height = height
     data.crop_x, data.crop_y, end, _ = crop or (0, 0, width, height)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt import shapes
-from wrt.camera import CAMERAS
+from wrt.camera import CAMERAS, Camera
 from wrt.environment import ConstantEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, require_file
@@ -26,16 +26,18 @@ from wrt.lights import DirectionalLight, PointLight
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
 from wrt.mesh import Mesh
+from wrt.motion import Motion
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import boolean, integer, number, vector
+from wrt.values import Vec3, boolean, integer, number, vector
 
 Table = dict[str, Any]
 
 _LIGHTS: dict[str, type[PointLight] | type[DirectionalLight]] = {"point": PointLight, "directional": DirectionalLight}
 _SECTIONS = ("settings", "camera", "environment", "lights", "materials", "shapes")
-_SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", "scale", "rotate", "translate")
+_TRANSFORM_KEYS = ("scale", "rotate", "translate")
+_SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", *_TRANSFORM_KEYS)
 
 
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
@@ -105,8 +107,7 @@ class _Reader:
             scene.settings = self.build(RenderSettings, table_of(tree.get("settings", {})))
         if "camera" in tree:
             with self.at("camera"):
-                camera = table_of(tree["camera"])
-                scene.camera = self.build(choice(camera, CAMERAS, default="perspective"), camera)
+                scene.camera = self.camera(table_of(tree["camera"]))
         if "environment" in tree:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
@@ -148,6 +149,34 @@ class _Reader:
 
     def build(self, cls: type[Any], table: Table) -> Any:
         return self.call(cls, table, extra=["type"] if "type" not in inspect.signature(cls).parameters else [])
+
+    def camera(self, table: Table) -> Camera:
+        table = dict(table)
+        cls = choice(table, CAMERAS, default="perspective")
+        if "motion" in table:
+            with self.at("origin"):
+                center = vector(table.get("origin", cls.origin), "camera origin")
+            with self.at("motion"):
+                table["motion"] = self.motion(table_of(table["motion"]), center)
+        made: Camera = self.build(cls, table)
+        return made
+
+    def motion(self, table: Table, center: Vec3) -> Motion:
+        """Return keyframes, each a time and a transform as a shape has it; they scale and turn about `center`."""
+        self.check_keys(table, ["keys", "center"], ["keys"])
+        pivot = np.array(vector(table.get("center", center), "center"))
+        times: list[float] = []
+        matrices: list[NDArray[np.float64]] = []
+
+        def add(key: Table) -> None:
+            self.check_keys(key, ["time", *_TRANSFORM_KEYS], ["time"])
+            times.append(number(key["time"], "time"))
+            matrix = self.transform(key)
+            matrices.append(np.eye(4) if matrix is None else matrix)
+            matrices[-1][:3, 3] += pivot - matrices[-1][:3, :3] @ pivot
+
+        self.each(table, "keys", add)
+        return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
 
     def environment(self, table: Table) -> Any:
         if choice(table, {"constant": "constant", "image": "image"}) == "constant":
@@ -314,7 +343,7 @@ class _Reader:
 
     def transform(self, table: Table) -> NDArray[np.float64] | None:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""
-        if not any(key in table for key in ("scale", "rotate", "translate")):
+        if not any(key in table for key in _TRANSFORM_KEYS):
             return None
         matrix = np.eye(4)
         scale = table.get("scale", 1.0)
