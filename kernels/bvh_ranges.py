@@ -9,15 +9,14 @@ long, and they are most of a build.
 
 import warp as wp
 
-from wrt.kernels.simd import VECTOR_CODE, vec8
+from wrt.kernels.simd import VECTOR_CODE, VECTOR_TYPES, vec8
 
 BINS = 16
 
-_PRELUDE = """
+_PRELUDE = (
+    VECTOR_TYPES
+    + """
 #if VECTOR_CODE
-    typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
-    typedef float f4 __attribute__((ext_vector_type(4), aligned(4)));
-    typedef int i4 __attribute__((ext_vector_type(4)));
     // target = the box around target and box
     #define JOIN(target, box) *(f8*)(target) = __builtin_elementwise_min(*(const f8*)(target), *(const f8*)(box))
     #define COPY(target, box) *(f8*)(target) = *(const f8*)(box)
@@ -43,13 +42,16 @@ _PRELUDE = """
             bin[q] = bin[q] < 0 ? 0 : bin[q] < bins - 1 ? bin[q] : bins - 1; \\
         }
 #endif
+    #define JOIN_CENTER(target, box) float center[8]; CENTER(center, box); JOIN(target, center)
 """
+)
 
 _POSTLUDE = """
 #undef JOIN
 #undef COPY
 #undef CENTER
 #undef FIND_BINS
+#undef JOIN_CENTER
 """
 
 
@@ -57,30 +59,13 @@ def _native(code: str) -> str:
     return (_PRELUDE + code + _POSTLUDE).replace("VECTOR_CODE", VECTOR_CODE).replace("BINS", str(BINS))
 
 
+# JOIN_TO joins a box, or what it stands for, to the bounds.
 _BOUNDS = """
     float bounds[8];
     for (int q = 0; q < 8; ++q) bounds[q] = 3.0e38f;
     const float* box = (const float*)boxes.data + (size_t)first * 8;
-    for (int i = 0; i < count; ++i, box += 8) JOIN(bounds, box);
-    wp::vec_t<8, float> result;
-    for (int q = 0; q < 8; ++q) result[q] = bounds[q];
-    return result;
-"""
-
-
-@wp.func_native(_native(_BOUNDS))
-def bounds_of_range(boxes: wp.array(dtype=vec8), first: int, count: int) -> vec8:
-    """Return the box around `count` boxes from `first`."""
-    ...
-
-
-_CENTERS = """
-    float bounds[8], center[8];
-    for (int q = 0; q < 8; ++q) bounds[q] = 3.0e38f;
-    const float* box = (const float*)boxes.data + (size_t)first * 8;
     for (int i = 0; i < count; ++i, box += 8) {
-        CENTER(center, box);
-        JOIN(bounds, center);
+        JOIN_TO(bounds, box);
     }
     wp::vec_t<8, float> result;
     for (int q = 0; q < 8; ++q) result[q] = bounds[q];
@@ -88,7 +73,13 @@ _CENTERS = """
 """
 
 
-@wp.func_native(_native(_CENTERS))
+@wp.func_native(_native(_BOUNDS.replace("JOIN_TO", "JOIN")))
+def bounds_of_range(boxes: wp.array(dtype=vec8), first: int, count: int) -> vec8:
+    """Return the box around `count` boxes from `first`."""
+    ...
+
+
+@wp.func_native(_native(_BOUNDS.replace("JOIN_TO", "JOIN_CENTER")))
 def centers_of_range(boxes: wp.array(dtype=vec8), first: int, count: int) -> vec8:
     """Return the bounds of twice the centres of `count` boxes from `first`, as a box."""
     ...

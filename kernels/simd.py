@@ -194,13 +194,20 @@ TRIANGLE_TEST = (
 """
 )
 
-_PRELUDE = """
+VECTOR_TYPES = """
 #if VECTOR_CODE
     typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef bool b8 __attribute__((ext_vector_type(8)));
     typedef int i8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef float f4 __attribute__((ext_vector_type(4), aligned(4)));
     typedef int i4 __attribute__((ext_vector_type(4), aligned(4)));
+#endif
+"""
+
+_PRELUDE = (
+    VECTOR_TYPES
+    + """
+#if VECTOR_CODE
     typedef float fL __attribute__((ext_vector_type(LEAF_SIZE), aligned(4)));
     typedef int iL __attribute__((ext_vector_type(LEAF_SIZE)));
     #define LOAD8(p) (*(const f8*)(p))
@@ -233,6 +240,7 @@ _PRELUDE = """
     #define SIZE(a) fabsf(a)
 #endif
 """
+)
 
 _POSTLUDE = """
 #undef LOAD8
