@@ -74,7 +74,7 @@ def image_pdf(environment: EnvironmentData, d: wp.vec3) -> float:
 @wp.func
 def sample_image(environment: EnvironmentData, u: wp.vec4) -> EnvironmentSample:
     """Return a direction: a texel by its share of the light, then uniform in (u, v) inside it."""
-    texel = sample_alias(environment.thresholds, environment.aliases, u[0], u[1])
+    texel = sample_alias(environment.thresholds, environment.aliases, u[0], u[1]).index
     y = texel // environment.width
     x = texel - y * environment.width
     uv = wp.vec2((float(x) + u[2]) / float(environment.width), (float(y) + u[3]) / float(environment.height))

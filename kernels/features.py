@@ -18,6 +18,7 @@ class Features:
         environment: "none", "constant" or "image".
         layered: whether any material lets rays pass by opacity, or is made of others.
         tangents: whether any material depends on the direction of the texture coordinates.
+        sampler: where the random numbers come from (see `kernels.sampler.make_sample_4d`).
     """
 
     models: tuple[str, ...]
@@ -25,12 +26,14 @@ class Features:
     environment: str
     layered: bool = False
     tangents: bool = False
+    sampler: str = "independent"
 
     @property
     def name(self) -> str:
         """A name that tells one variant from every other, for the kernel's module."""
         parts = [*self.models, "textured" if self.textured else "plain", self.environment]
         parts += ["layered"] * self.layered + ["tangents"] * self.tangents
+        parts += [self.sampler] * (self.sampler != "independent")
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

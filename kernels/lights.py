@@ -42,9 +42,13 @@ def triangle_light_pdf(probability: float, cross_length: float, distance2: float
 
 @wp.func
 def sample_light(scene: SceneData, position: wp.vec3, u: wp.vec4, u_environment: wp.vec4) -> LightSample:
-    """Return a way from `position` to a light; its radiance is zero where nothing arrives."""
-    number = sample_alias(scene.light_thresholds, scene.light_aliases, u[0], u[1])
-    return sample_one_light(scene, number, position, wp.vec2(u[2], u[3]), u_environment)
+    """Return a way from `position` to a light; its radiance is zero where nothing arrives.
+
+    u[2] chooses the light, and what it leaves is the first coordinate of the point on it: so the points on a light of
+    two triangles are as evenly spread as the pair u[2], u[3] is. u[0] has further digits of u[2].
+    """
+    choice = sample_alias(scene.light_thresholds, scene.light_aliases, u[2], u[0])
+    return sample_one_light(scene, choice.index, position, wp.vec2(choice.rest, u[3]), u_environment)
 
 
 @wp.func

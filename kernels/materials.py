@@ -10,13 +10,12 @@ from wrt.kernels.features import Features
 from wrt.kernels.scene_data import MATERIAL_MIX, MATERIAL_MODEL, SceneData
 from wrt.kernels.surface import Surface
 from wrt.kernels.textures import slot_color
+from wrt.kernels.warps import BELOW_ONE
 
 PASSED_THROUGH = wp.constant(-1)
 
 MOST_PASSED = wp.constant(4096)
 """Surfaces that a ray may pass for not being opaque: no scene has so many in a row, and a ray must come to an end."""
-
-_BELOW_ONE = wp.constant(1.0 - 2.0**-24)
 
 MAX_NESTING = 7
 """How deep mixtures may lie within one another."""
@@ -45,17 +44,17 @@ def choose_material(scene: SceneData, material: int, surface: Surface, u: float)
             opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
             if u >= opacity:
                 return PASSED_THROUGH
-            u = wp.min(u / opacity, _BELOW_ONE)
+            u = wp.min(u / opacity, BELOW_ONE)
         if record.kind == MATERIAL_MODEL:
             return number
         if record.kind == MATERIAL_MIX:
             weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
             if u < weight:
                 number = record.second
-                u = wp.min(u / weight, _BELOW_ONE)
+                u = wp.min(u / weight, BELOW_ONE)
             else:
                 number = record.first
-                u = wp.min((u - weight) / (1.0 - weight), _BELOW_ONE)
+                u = wp.min((u - weight) / (1.0 - weight), BELOW_ONE)
         else:
             number = wp.where(surface.front, record.first, record.second)
     return PASSED_THROUGH

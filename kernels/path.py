@@ -21,8 +21,8 @@ from wrt.kernels.sampler import (
     BLOCK_ENVIRONMENT,
     BLOCK_LIGHT,
     Sampler,
+    make_sample_4d,
     passed_block,
-    sample_4d,
     vertex_block,
 )
 from wrt.kernels.scene_data import SceneData, ShapeRecord
@@ -89,6 +89,7 @@ def make_trace_path(features: Features) -> wp.Function:
     bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
     bsdf_at = make_bsdf_at(features)
     visibility = make_visibility(features)
+    sample_4d = make_sample_4d(features.sampler)
     textured = features.textured
     layered = features.layered
     tangents = features.tangents

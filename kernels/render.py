@@ -9,7 +9,7 @@ from wrt.kernels.features import Features
 from wrt.kernels.film import FilmData, is_finite_color
 from wrt.kernels.filters import filter_offset
 from wrt.kernels.path import PathResult, PathSettings, make_trace_path
-from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, sample_4d
+from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_4d
 from wrt.kernels.scene_data import SceneData
 
 
@@ -17,6 +17,8 @@ from wrt.kernels.scene_data import SceneData
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features; equal features give the same kernel."""
     trace_path = make_trace_path(features)
+    sample_4d = make_sample_4d(features.sampler)
+    pixel_name = make_pixel_name(features.sampler)
 
     # Named, not "unique": the name alone must keep variants apart, whatever Warp's hash sees.
     module = wp.get_module(f"wrt.render.{features.name}")
@@ -41,7 +43,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         rays = int(0)
         sampler = Sampler()
         sampler.seed = seed
-        sampler.pixel = wp.uint32(y * camera.width + x)
+        sampler.pixel = pixel_name(x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             u = sample_4d(sampler, BLOCK_FILM_AND_LENS)

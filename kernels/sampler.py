@@ -1,10 +1,14 @@
 """Random numbers as a function of (seed, pixel, sample, dimension).
 
 Nothing is carried from one number to the next, so an image cannot depend on threads, on the
-order of pixels or on how the samples were split into passes.
+order of pixels or on how the samples were split into passes. docs/sampling.md compares the samplers.
 """
 
+import functools
+
 import warp as wp
+
+from wrt.kernels.low_discrepancy import jittered_point, morton_code, pixel_shift, shuffle, sobol_point, vec2u, vec4u
 
 # Dimensions come in blocks of four numbers. The camera takes the first blocks; every path
 # vertex then takes BLOCKS_PER_VERTEX more.
@@ -17,6 +21,9 @@ BLOCK_LIGHT = wp.constant(wp.uint32(0))
 BLOCK_ENVIRONMENT = wp.constant(wp.uint32(1))
 BLOCK_BSDF = wp.constant(wp.uint32(2))
 BLOCK_MATERIAL = wp.constant(wp.uint32(3))
+
+# Where a hash does not depend on the sample: no pixel has so many.
+_NO_INDEX = wp.constant(wp.uint32(2**32 - 1))
 
 
 @wp.struct
@@ -35,14 +42,14 @@ def unit_float(bits: wp.uint32) -> float:
 
 
 @wp.func
-def sample_4d(sampler: Sampler, block: wp.uint32) -> wp.vec4:
-    """Return four independent numbers in [0, 1): the hash pcg4d of Jarzynski and Olano (2020)."""
+def hash_4d(a: wp.uint32, b: wp.uint32, c: wp.uint32, d: wp.uint32) -> vec4u:
+    """Return four numbers that depend on four: the hash pcg4d of Jarzynski and Olano (2020)."""
     m = wp.uint32(1664525)
-    c = wp.uint32(1013904223)
-    x = sampler.pixel * m + c
-    y = sampler.index * m + c
-    z = block * m + c
-    w = sampler.seed * m + c
+    n = wp.uint32(1013904223)
+    x = a * m + n
+    y = b * m + n
+    z = c * m + n
+    w = d * m + n
     x += y * w
     y += z * x
     z += x * y
@@ -55,7 +62,84 @@ def sample_4d(sampler: Sampler, block: wp.uint32) -> wp.vec4:
     y += z * x
     z += x * y
     w += y * z
-    return wp.vec4(unit_float(x), unit_float(y), unit_float(z), unit_float(w))
+    return vec4u(x, y, z, w)
+
+
+@wp.func
+def _unit_floats(a: vec2u, b: vec2u) -> wp.vec4:
+    return wp.vec4(unit_float(a[0]), unit_float(a[1]), unit_float(b[0]), unit_float(b[1]))
+
+
+@wp.func
+def _independent(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    bits = hash_4d(sampler.pixel, sampler.index, block, sampler.seed)
+    return _unit_floats(vec2u(bits[0], bits[1]), vec2u(bits[2], bits[3]))
+
+
+@wp.func
+def _stratified(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    seeds = hash_4d(sampler.pixel, _NO_INDEX, block, sampler.seed)
+    jitter = hash_4d(sampler.pixel, sampler.index, block, sampler.seed)
+    return _unit_floats(
+        jittered_point(sampler.index, seeds[0], jitter[0], jitter[1]),
+        jittered_point(sampler.index, seeds[1], jitter[2], jitter[3]),
+    )
+
+
+@wp.func
+def swap_halves(bits: wp.uint32) -> wp.uint32:
+    """Return the bits with both halves exchanged."""
+    return (bits << wp.uint32(16)) | (bits >> wp.uint32(16))
+
+
+@wp.func
+def _sobol(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    seeds = hash_4d(sampler.pixel, _NO_INDEX, block, sampler.seed)
+    a = sobol_point(shuffle(sampler.index, seeds[0]), seeds[1], seeds[2])
+    # Six seeds out of four: the first 16 digits take theirs from the lower half of a seed.
+    b = sobol_point(shuffle(sampler.index, seeds[3]), swap_halves(seeds[1]), swap_halves(seeds[2]))
+    return _unit_floats(a, b)
+
+
+@wp.func
+def _blue_noise(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    shared = hash_4d(wp.uint32(0), _NO_INDEX, block, sampler.seed)
+    more = hash_4d(wp.uint32(1), _NO_INDEX, block, sampler.seed)
+    own = hash_4d(wp.uint32(2), _NO_INDEX, block, sampler.seed)
+    a = sobol_point(shuffle(sampler.index, shared[0]), shared[1], shared[2])
+    a += pixel_shift(sampler.pixel, own[0], own[1], own[2])
+    b = sobol_point(shuffle(sampler.index, more[0]), more[1], more[2])
+    b += pixel_shift(sampler.pixel, own[3], shared[3], more[3])
+    return _unit_floats(a, b)
+
+
+@wp.func
+def _pixel_in_row(x: int, y: int, width: int) -> wp.uint32:
+    return wp.uint32(y * width + x)
+
+
+@wp.func
+def _pixel_in_morton_order(x: int, y: int, width: int) -> wp.uint32:
+    return morton_code(wp.uint32(x), wp.uint32(y))
+
+
+_SAMPLERS = {"independent": _independent, "stratified": _stratified, "sobol": _sobol, "blue-noise": _blue_noise}
+
+
+@functools.cache
+def make_sample_4d(name: str) -> wp.Function:
+    """Return the device function (sampler, block) -> vec4 of a sampler: four numbers in [0, 1).
+
+    Those of index 0 and 1 are a pair that is filled evenly over the samples of a pixel, those of index 2 and 3 are
+    another. Pairs, blocks and pixels are independent of each other, but for the pixels of "blue-noise".
+    """
+    return _SAMPLERS[name]
+
+
+@functools.cache
+def make_pixel_name(name: str) -> wp.Function:
+    """Return the device function (x, y, picture's width) -> `Sampler.pixel` that a sampler expects."""
+    return _pixel_in_morton_order if name == "blue-noise" else _pixel_in_row
 
 
 @wp.func

@@ -4,6 +4,7 @@ import warp as wp
 
 PI = wp.constant(3.14159265358979)
 TWO_PI = wp.constant(6.28318530717959)
+BELOW_ONE = wp.constant(1.0 - 2.0**-24)  # the largest number that a sampler gives
 INV_PI = wp.constant(0.318309886183791)
 
 _GOLDEN = wp.constant(wp.uint32(2654435769))
@@ -50,16 +51,32 @@ def square_to_triangle(u: wp.vec2) -> wp.vec2:
     return wp.vec2(u[0] - b1, b1)
 
 
+@wp.struct
+class Choice:
+    """One of several, and what is left of the number that chose it: uniform in [0, 1), whatever was chosen."""
+
+    index: int
+    rest: float
+
+
 @wp.func
-def sample_alias(thresholds: wp.array(dtype=float), aliases: wp.array(dtype=int), u_slot: float, u_keep: float) -> int:
-    """Return an index drawn from an alias table (Walker 1977; Vose 1991)."""
+def sample_alias(thresholds: wp.array(dtype=float), aliases: wp.array(dtype=int), u: float, u_more: float) -> Choice:
+    """Return an index drawn from an alias table (Walker 1977; Vose 1991) by the number `u`.
+
+    `u_more` has its further digits, a second number: the 24 bits of one would not reach all slots equally often.
+    """
     n = thresholds.shape[0]
-    # Both numbers as one of 48 bits: the 24 of one alone would not reach all slots equally often.
-    high = wp.int64(u_slot * 16777216.0) * wp.int64(n)
-    low = wp.int64(u_keep * 16777216.0) * wp.int64(n)
+    high = wp.int64(u * 16777216.0) * wp.int64(n)
+    low = wp.int64(u_more * 16777216.0) * wp.int64(n)
     place = high + (low >> wp.int64(24))
     i = int(place >> wp.int64(24))
     keep = float(place & wp.int64(16777215)) * 5.9604644775390625e-08
-    if keep < thresholds[i]:
-        return i
-    return aliases[i]
+    threshold = thresholds[i]
+    choice = Choice()
+    if keep < threshold:
+        choice.index = i
+        choice.rest = wp.min(keep / threshold, BELOW_ONE)
+    else:
+        choice.index = aliases[i]
+        choice.rest = wp.min((keep - threshold) / (1.0 - threshold), BELOW_ONE)
+    return choice

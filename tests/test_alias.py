@@ -20,16 +20,23 @@ def draw_indices(
     aliases: wp.array(dtype=int),
     u: wp.array(dtype=wp.vec2),
     index_out: wp.array(dtype=int),
+    rest_out: wp.array(dtype=float),
 ):
     i = wp.tid()
-    index_out[i] = sample_alias(thresholds, aliases, u[i][0], u[i][1])
+    choice = sample_alias(thresholds, aliases, u[i][0], u[i][1])
+    index_out[i] = choice.index
+    rest_out[i] = choice.rest
+
+
+def drawn_with_rest(table: AliasTable, u: NDArray, device: str) -> tuple[NDArray, NDArray]:
+    out, rest = wp.zeros(len(u), dtype=int, device=device), wp.zeros(len(u), dtype=float, device=device)
+    arrays = [upload(table.thresholds, float, device), upload(table.aliases, int, device), upload(u, wp.vec2, device)]
+    wp.launch(draw_indices, len(u), arrays, [out, rest], device=device)
+    return out.numpy(), rest.numpy()
 
 
 def drawn(table: AliasTable, u: NDArray, device: str) -> NDArray:
-    out = wp.zeros(len(u), dtype=int, device=device)
-    arrays = [upload(table.thresholds, float, device), upload(table.aliases, int, device), upload(u, wp.vec2, device)]
-    wp.launch(draw_indices, len(u), arrays, [out], device=device)
-    return out.numpy()
+    return drawn_with_rest(table, u, device)[0]
 
 
 def implied(table: AliasTable) -> NDArray[np.float64]:
@@ -120,6 +127,19 @@ def test_draws_follow_the_weights(n: int, device: str, report: Report) -> None:
         return
     result = chi_square_test(counts, samples * weights / weights.sum(), tests=4)
     report(f"{n} weights", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+
+
+@pytest.mark.parametrize("n", [1, 2, 13])
+def test_what_is_left_of_the_number_is_uniform_whatever_was_chosen(n: int, device: str, report: Report) -> None:
+    weights = weights_to_draw(n)
+    samples, cells = 2**20, 51
+    index, rest = drawn_with_rest(make_alias_table(weights), uniforms(samples, 2, seed=n + 1), device)
+    assert 0.0 <= rest.min() <= rest.max() < 1.0
+    counts = np.bincount(index * cells + (rest * cells).astype(np.int64), minlength=n * cells)
+    expected = np.repeat(samples * weights / weights.sum(), cells) / cells
+    result = chi_square_test(counts, expected, tests=3)
+    report(f"{n} weights, with the rest", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
 
 

@@ -22,6 +22,7 @@ from wrt.kernels.features import Features
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.render import make_render_kernel
 from wrt.materials import MATERIALS
+from wrt.scene import SAMPLERS
 
 ARCHITECTURES = (75, 90)
 """Turing, the oldest that Warp supports, and Hopper."""
@@ -42,6 +43,7 @@ FEATURES = [
         tangents=True,
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
+    *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     # Each distribution of normals, and each masking with one of them.
     *(
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")

@@ -88,6 +88,7 @@ def render(
     threads: int | None = None,
     max_depth: int | None = None,
     crop: tuple[int, int, int, int] | None = None,
+    sampler: str | None = None,
 ) -> NDArray[np.float32]:
     """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
 
@@ -107,6 +108,7 @@ def render(
         threads=threads,
         max_depth=max_depth,
         crop=crop,
+        sampler=sampler,
     )
     for _ in renderer.passes(spp=spp, time=time):
         pass

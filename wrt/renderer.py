@@ -79,6 +79,7 @@ class Renderer:
         threads: int | None = None,
         max_depth: int | None = None,
         filter: str | None = None,
+        sampler: str | None = None,
         strategy: str = "mis",
         crop: CropWindow | None = None,
     ) -> None:
@@ -86,16 +87,17 @@ class Renderer:
 
         Args:
             scene: what to render; later changes to it are not seen.
-            width: pixels; by default the scene's own setting, as for height, max_depth and filter.
+            width: pixels; by default the scene's own setting, as for height, max_depth, filter and sampler.
             height: pixels.
             device: "cpu", "cuda" or "cuda:N".
             seed: 0 to 2³² − 1; other seeds give statistically independent pictures.
             threads: CPU threads; by default all cores.
             max_depth: most segments in a path.
             filter: reconstruction filter, see `wrt.scene.FILTERS`.
+            sampler: where random numbers come from, see `wrt.scene.SAMPLERS`.
+            strategy: "mis", or "light" or "bsdf" to find surface and image lights by only one of both.
             crop: the part of the picture to render, in its pixels: first column, first row, and the column and row
                 after the last; by default the scene's own setting, which by default is all of it.
-            strategy: "mis", or "light" or "bsdf" to find surface and image lights by only one of both.
 
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
@@ -106,6 +108,7 @@ class Renderer:
             "max_depth": max_depth,
             "filter": filter,
             "crop": crop,
+            "sampler": sampler,
         }
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
@@ -145,7 +148,7 @@ class Renderer:
         assert self.scene.camera is not None
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
-        kernel = make_render_kernel(self._built.features)
+        kernel = make_render_kernel(dataclasses.replace(self._built.features, sampler=self.settings.sampler))
         seconds = self.device.compile(kernel)
         return seconds, kernel, [self.seed, camera, table, self._built.data, path, self.film.data]
 
@@ -272,9 +275,8 @@ class Renderer:
             InputError: where the file is not a checkpoint, or of another scene or version.
         """
         header, arrays = read_checkpoint(path)
-        options = {
-            key: header.get(key) for key in ("width", "height", "seed", "max_depth", "filter", "strategy", "crop")
-        }
+        keys = ("width", "height", "seed", "max_depth", "filter", "sampler", "strategy", "crop")
+        options = {key: header.get(key) for key in keys}
         try:
             renderer = cls(scene, device=device, threads=threads, **options)  # type: ignore[arg-type]
         except InputError as error:
@@ -310,6 +312,7 @@ class Renderer:
             "seed": self.seed,
             "max_depth": self.settings.max_depth,
             "filter": self.settings.filter,
+            "sampler": self.settings.sampler,
             "strategy": self.strategy,
             "crop": list(self.crop) if self.crop != (0, 0, self.width, self.height) else None,
             "scene": scene_fingerprint(self.scene),

@@ -24,6 +24,9 @@ Environment: TypeAlias = ConstantEnvironment | ImageEnvironment
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/filters.py` says what each is."""
 
+SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
+"""Where random numbers come from; docs/sampling.md compares them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -66,6 +69,7 @@ class RenderSettings:
         spp: samples per pixel.
         max_depth: most segments in a path; 1 sees emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
+        sampler: how random numbers are spread over the samples of a pixel, one of SAMPLERS.
         exposure: stops (factors of two) applied when a picture is written as PNG.
         crop: the part of the picture that is rendered, in its pixels: first column, first row, and the column and row
             after the last; None is all of it. A part has the very pixels that the whole has there.
@@ -76,6 +80,7 @@ class RenderSettings:
     spp: int = 64
     max_depth: int = 64
     filter: str = "blackman-harris"
+    sampler: str = "independent"
     exposure: float = 0.0
     crop: tuple[int, int, int, int] | None = None
 
@@ -86,6 +91,8 @@ class RenderSettings:
         self.max_depth = integer(self.max_depth, "max_depth", minimum=1, maximum=65536)
         if self.filter not in FILTERS:
             raise InputError(f"filter must be one of {', '.join(FILTERS)}, not {self.filter!r}")
+        if self.sampler not in SAMPLERS:
+            raise InputError(f"sampler must be one of {', '.join(SAMPLERS)}, not {self.sampler!r}")
         self.exposure = number(self.exposure, "exposure", minimum=-100.0, maximum=100.0)
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
@@ -158,4 +165,4 @@ class Scene:
         return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
 
-__all__ = ["FILTERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]
+__all__ = ["FILTERS", "SAMPLERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.device import initialize_warp
-from wrt.kernels.sampler import Sampler, sample_4d
+from wrt.kernels.sampler import Sampler, make_sample_4d
 
 
 def map_function(function: wp.Function, *inputs: ArrayLike, device: str) -> NDArray[Any]:
@@ -43,26 +44,50 @@ def uniforms(n: int, width: int, seed: int) -> NDArray[np.float32]:
     return np.random.default_rng(seed).random((n, width), dtype=np.float32)
 
 
-@wp.kernel(enable_backward=False)
-def draw_kernel(
-    seed: wp.array(dtype=wp.uint32),
-    pixel: wp.array(dtype=wp.uint32),
-    index: wp.array(dtype=wp.uint32),
-    block: wp.array(dtype=wp.uint32),
-    numbers_out: wp.array(dtype=wp.vec4),
-):
-    i = wp.tid()
-    sampler = Sampler()
-    sampler.seed = seed[i]
-    sampler.pixel = pixel[i]
-    sampler.index = index[i]
-    numbers_out[i] = sample_4d(sampler, block[i])
+@functools.cache
+def make_draw_kernel(name: str) -> wp.Kernel:
+    """Return the kernel that draws numbers of a sampler."""
+    sample_4d = make_sample_4d(name)
+
+    @wp.kernel(enable_backward=False, module=f"test_draw.{name.replace('-', '_')}")
+    def draw_kernel(
+        seed: wp.array(dtype=wp.uint32),
+        pixel: wp.array(dtype=wp.uint32),
+        index: wp.array(dtype=wp.uint32),
+        block: wp.array(dtype=wp.uint32),
+        numbers_out: wp.array(dtype=wp.vec4),
+    ):
+        i = wp.tid()
+        sampler = Sampler()
+        sampler.seed = seed[i]
+        sampler.pixel = pixel[i]
+        sampler.index = index[i]
+        numbers_out[i] = sample_4d(sampler, block[i])
+
+    return draw_kernel
 
 
-def draw(seed: ArrayLike, pixel: ArrayLike, index: ArrayLike, block: ArrayLike, device: str) -> NDArray[np.float32]:
-    """Return (N, 4) numbers of the renderer's own sampler; arguments are broadcast."""
-    columns = [np.ascontiguousarray(a) for a in np.broadcast_arrays(seed, pixel, index, block)]
-    arrays = [upload(column.astype(np.uint32), wp.uint32, device) for column in columns]
-    out = wp.empty(len(columns[0]), dtype=wp.vec4, device=device)
-    wp.launch(draw_kernel, len(columns[0]), arrays, [out], device=device)
-    return out.numpy()
+def draw(
+    seed: ArrayLike,
+    pixel: ArrayLike,
+    index: ArrayLike,
+    block: ArrayLike,
+    device: str = "cpu",
+    *,
+    sampler: str = "independent",
+) -> NDArray[np.float32]:
+    """Return (..., 4) numbers of one of the renderer's own samplers; arguments are broadcast.
+
+    Args:
+        seed: of the picture.
+        pixel: as `Sampler.pixel` names it: the Morton code of its place for "blue-noise".
+        index: of the sample.
+        block: of four dimensions.
+        device: where to run it.
+        sampler: which one.
+    """
+    columns = np.broadcast_arrays(seed, pixel, index, block)
+    arrays = [upload(np.ascontiguousarray(c).ravel().astype(np.uint32), wp.uint32, device) for c in columns]
+    out = wp.empty(columns[0].size, dtype=wp.vec4, device=device)
+    wp.launch(make_draw_kernel(sampler), columns[0].size, arrays, [out], device=device)
+    return out.numpy().reshape(*columns[0].shape, 4)
