@@ -183,100 +183,117 @@ def list_inner(
 
 
 @wp.func
-def write_box(nodes_out: wp.array(dtype=float), place: int, lower: wp.vec3, upper: wp.vec3):
-    """Write one of the boxes of a wide node."""
+def write_child(
+    nodes_out: wp.array(dtype=float),
+    children_out: wp.array(dtype=int),
+    place: int,
+    lower: wp.vec3,
+    upper: wp.vec3,
+    child: int,
+):
+    """Write one of the boxes of a wide node, and what lies in it."""
     for axis in range(3):
         nodes_out[place + 8 * axis] = lower[axis]
         nodes_out[place + 24 + 8 * axis] = upper[axis]
+    children_out[place + 48] = child
 
 
 @wp.kernel(enable_backward=False)
-def write_level(
+def write_nodes(
     first: int,
     children: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
-    boxes: wp.array(dtype=vec8),
-    points: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=int),
     inner_start: wp.array(dtype=int),
     leaf_start: wp.array(dtype=int),
     first_node: int,
     first_child: int,
     first_leaf: int,
+    leaf_nodes: int,
     nodes_out: wp.array(dtype=float),
     children_out: wp.array(dtype=int),
-    leaves_out: wp.array(dtype=float),
-    leaf_ids_out: wp.array(dtype=int),
+    leaf_roots_out: wp.array(dtype=int),
 ):
-    """Write the wide nodes of a level and their leaves in the layout of `kernels/bvh.py`."""
+    """Write the wide nodes of a level in the layout of `kernels/bvh.py`, and list the binary nodes of their leaves.
+
+    Where leaves are nodes as well, `leaf_nodes` is the number of the first of all; otherwise −1.
+    """
     i = first + wp.tid()
     base = (first_node + i) * wp.static(NODE_FLOATS)
     inner = first_child + inner_start[i]
     leaf = first_leaf + leaf_start[i]
     for k in range(8):
         child = children[8 * i + k]
-        if child >= 0:
+        if child < 0:
+            write_child(nodes_out, children_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE), -1)
+        else:
             node = nodes[child]
-            write_box(nodes_out, base + k, node.lower, node.upper)
+            number = inner
             if node.right != 0:
-                children_out[base + 48 + k] = inner
                 inner += 1
             else:
-                children_out[base + 48 + k] = -1 - leaf
-                start = leaf * wp.static(LEAF_FLOATS)
-                for n in range(wp.static(LEAF_SIZE)):
-                    # Unused places repeat one corner three times: no ray hits that.
-                    number = number_of(boxes[node.first + wp.min(n, node.count - 1)])
-                    for corner in range(3):
-                        p = points[indices[3 * number + wp.where(n < node.count, corner, 0)]]
-                        for axis in range(3):
-                            leaves_out[start + wp.static(LEAF_SIZE) * (3 * corner + axis) + n] = p[axis]
-                    leaf_ids_out[start + wp.static(9 * LEAF_SIZE) + n] = number
+                number = wp.where(leaf_nodes >= 0, leaf_nodes + leaf, -1 - leaf)
+                leaf_roots_out[leaf] = child
                 leaf += 1
-        else:
-            write_box(nodes_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE))
-            children_out[base + 48 + k] = -1
+            write_child(nodes_out, children_out, base + k, node.lower, node.upper, number)
+
+
+@wp.func
+def write_corners(
+    points: wp.array(dtype=wp.vec3),
+    indices: wp.array(dtype=int),
+    leaf_ids: wp.array(dtype=int),
+    leaf: int,
+    leaves_out: wp.array(dtype=float),
+):
+    """Write the corners of a leaf's triangles. An unused place repeats the number of the one before, and one corner."""
+    start = leaf * wp.static(LEAF_FLOATS)
+    last = int(-1)
+    for n in range(wp.static(LEAF_SIZE)):
+        number = leaf_ids[start + wp.static(9 * LEAF_SIZE) + n]
+        for corner in range(3):
+            p = points[indices[3 * number + wp.where(number != last, corner, 0)]]
+            for axis in range(3):
+                leaves_out[start + wp.static(LEAF_SIZE) * (3 * corner + axis) + n] = p[axis]
+        last = number
 
 
 @wp.kernel(enable_backward=False)
-def write_upper_level(
+def write_leaves(
     first: int,
-    children: wp.array(dtype=int),
+    leaf_roots: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
-    inner_start: wp.array(dtype=int),
-    leaf_start: wp.array(dtype=int),
-    first_node: int,
-    first_child: int,
-    first_leaf_node: int,
+    points: wp.array(dtype=wp.vec3),
+    indices: wp.array(dtype=int),
+    leaves_out: wp.array(dtype=float),
+    leaf_ids_out: wp.array(dtype=int),
+):
+    """Write the numbers and corners of each leaf's triangles."""
+    leaf = first + wp.tid()
+    node = nodes[leaf_roots[leaf]]
+    for n in range(wp.static(LEAF_SIZE)):
+        number = number_of(boxes[node.first + wp.min(n, node.count - 1)])
+        leaf_ids_out[leaf * wp.static(LEAF_FLOATS) + wp.static(9 * LEAF_SIZE) + n] = number
+    write_corners(points, indices, leaf_ids_out, leaf, leaves_out)
+
+
+@wp.kernel(enable_backward=False)
+def write_leaf_nodes(
+    first: int,
+    leaf_roots: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    boxes: wp.array(dtype=vec8),
+    leaf_nodes: int,
     nodes_out: wp.array(dtype=float),
     children_out: wp.array(dtype=int),
 ):
-    """Write the wide nodes of a level of a tree over boxes; a leaf is a node whose children are −1 − their numbers."""
-    i = first + wp.tid()
-    base = (first_node + i) * wp.static(NODE_FLOATS)
-    inner = first_child + inner_start[i]
-    leaf = first_leaf_node + leaf_start[i]
-    for k in range(8):
-        child = children[8 * i + k]
-        if child >= 0:
-            node = nodes[child]
-            write_box(nodes_out, base + k, node.lower, node.upper)
-            if node.right != 0:
-                children_out[base + 48 + k] = inner
-                inner += 1
-            else:
-                children_out[base + 48 + k] = leaf
-                start = leaf * wp.static(NODE_FLOATS)
-                for n in range(8):
-                    if n < node.count:
-                        box = boxes[node.first + n]
-                        write_box(nodes_out, start + n, low_of(box), high_of(box))
-                        children_out[start + 48 + n] = -1 - number_of(box)
-                    else:
-                        write_box(nodes_out, start + n, wp.vec3(LARGE), wp.vec3(-LARGE))
-                        children_out[start + 48 + n] = -1
-                leaf += 1
+    """Write the leaves of a tree over boxes as nodes from `leaf_nodes` on, with children −1 − (a box's number)."""
+    leaf = first + wp.tid()
+    base = (leaf_nodes + leaf) * wp.static(NODE_FLOATS)
+    node = nodes[leaf_roots[leaf]]
+    for n in range(8):
+        if n < node.count:
+            box = boxes[node.first + n]
+            write_child(nodes_out, children_out, base + n, low_of(box), high_of(box), -1 - number_of(box))
         else:
-            write_box(nodes_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE))
-            children_out[base + 48 + k] = -1
+            write_child(nodes_out, children_out, base + n, wp.vec3(LARGE), wp.vec3(-LARGE), -1)

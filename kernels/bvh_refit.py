@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS, Bvh
+from wrt.kernels.bvh_collapse import write_corners
 
 # Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
 wp.set_module_options({"max_unroll": 1})
@@ -16,17 +17,8 @@ def refit_leaves(
     leaf_ids: wp.array(dtype=int),
     bvh: Bvh,
 ):
-    """Write the corners of each leaf's triangles anew. An unused place repeats the number of the one before."""
-    leaf = first + wp.tid()
-    start = leaf * wp.static(LEAF_FLOATS)
-    last = int(-1)
-    for n in range(wp.static(LEAF_SIZE)):
-        number = leaf_ids[start + wp.static(9 * LEAF_SIZE) + n]
-        for corner in range(3):
-            p = points[indices[3 * number + wp.where(number != last, corner, 0)]]
-            for axis in range(3):
-                bvh.leaves[start + wp.static(LEAF_SIZE) * (3 * corner + axis) + n] = p[axis]
-        last = number
+    """Write the corners of each leaf's triangles anew."""
+    write_corners(points, indices, leaf_ids, first + wp.tid(), bvh.leaves)
 
 
 @wp.kernel(enable_backward=False)

@@ -171,13 +171,10 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     boxes = wp.array(rows, dtype=vec8, device=device.name)
     # What would be a leaf becomes one more node, with the boxes one by one.
     levels, nodes, _ = _wide_tree(boxes, device, MAX_DEPTH - 1)
-    starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
-    out = device.empty_large((starts[-1] + sum(level.leaf_total for level in levels)) * NODE_FLOATS)
-    first_leaf = 0
-    for level, (first_node, first_child) in zip(levels, itertools.pairwise(starts), strict=True):
-        places = [level.inner_start, level.leaf_start, first_node, first_child, starts[-1] + first_leaf]
-        device.launch(k.write_upper_level, level.size, [level.children, nodes, boxes, *places, out, _as_int(out)])
-        first_leaf += level.leaf_total
+    leaf_nodes = _level_starts(levels)[-1]
+    out = device.empty_large((leaf_nodes + _leaf_count(levels)) * NODE_FLOATS)
+    leaf_roots = _write_nodes(levels, nodes, leaf_nodes, out, device)
+    device.launch(k.write_leaf_nodes, len(leaf_roots), [leaf_roots, nodes, boxes, leaf_nodes, out, _as_int(out)])
     return out
 
 
@@ -328,25 +325,53 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
     return levels
 
 
+def _level_starts(levels: list[_Level]) -> tuple[int, ...]:
+    """Return the number of the first wide node of each level, and of all nodes."""
+    return tuple(itertools.accumulate((level.size for level in levels), initial=0))
+
+
+def _leaf_count(levels: list[_Level]) -> int:
+    """Return the number of leaves."""
+    return sum(level.leaf_total for level in levels)
+
+
+def _write_nodes(levels: list[_Level], nodes: Any, leaf_nodes: int, out: Any, device: Device) -> Any:
+    """Write the wide nodes and return the binary node of each leaf.
+
+    Args:
+        levels: the wide tree.
+        nodes: the binary tree.
+        leaf_nodes: the number of the first leaf where leaves are nodes as well; otherwise −1.
+        out: wp.array of float to write to.
+        device: where all this is.
+    """
+    import warp as wp
+
+    from wrt.kernels.bvh_collapse import write_nodes
+
+    leaf_roots = wp.empty(_leaf_count(levels), dtype=int, device=device.name)
+    first_leaf = 0
+    for level, (first_node, first_child) in zip(levels, itertools.pairwise(_level_starts(levels)), strict=True):
+        places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf, leaf_nodes]
+        device.launch(write_nodes, level.size, [level.children, nodes, *places, out, _as_int(out), leaf_roots])
+        first_leaf += level.leaf_total
+    return leaf_roots
+
+
 def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
     """Return the tree as rays follow it."""
     from wrt.kernels import bvh_collapse as k
     from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
 
-    starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
-    node_count = starts[-1]
-    leaf_count = sum(level.leaf_total for level in levels)
+    starts, leaf_count = _level_starts(levels), _leaf_count(levels)
     if max(leaf_count * LEAF_FLOATS, starts[-1] * NODE_FLOATS) >= 2**31:
         raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
     data = Bvh()
-    data.nodes = device.empty_large(node_count * NODE_FLOATS)
+    data.nodes = device.empty_large(starts[-1] * NODE_FLOATS)
     data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)
-    out = [data.nodes, _as_int(data.nodes), data.leaves, _as_int(data.leaves)]
-    first_leaf = 0
-    for level, (first_node, first_child) in zip(levels, itertools.pairwise(starts), strict=True):
-        places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf]
-        device.launch(k.write_level, level.size, [level.children, nodes, boxes, points, indices, *places, *out])
-        first_leaf += level.leaf_total
+    leaf_roots = _write_nodes(levels, nodes, -1, data.nodes, device)
+    inputs = [leaf_roots, nodes, boxes, points, indices, data.leaves, _as_int(data.leaves)]
+    device.launch(k.write_leaves, leaf_count, inputs)
     size = 4 * (len(data.nodes) + len(data.leaves))
     root = nodes[:1].numpy()
     bounds = np.concatenate([root["lower"], root["upper"]]).astype(np.float64)
