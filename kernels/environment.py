@@ -6,8 +6,8 @@ Directions map to (u, v) in [0, 1]² by azimuth and polar angle; the convention 
 
 import warp as wp
 
-from wrt.kernels.scene_data import EnvironmentData
-from wrt.kernels.textures import bilinear
+from wrt.kernels.scene_data import WRAP_CLAMP, WRAP_REPEAT, EnvironmentData
+from wrt.kernels.textures import bilinear, neighbors
 from wrt.kernels.warps import PI, TWO_PI, sample_alias
 
 
@@ -49,10 +49,11 @@ def image_radiance(environment: EnvironmentData, d: wp.vec3) -> wp.vec3:
     uv = direction_to_uv(environment, d)
     x = uv[0] * float(environment.width) - 0.5
     y = uv[1] * float(environment.height) - 0.5
-    y0 = int(wp.floor(y))
-    top = wp.max(y0, 0)
-    bottom = wp.min(y0 + 1, environment.height - 1)
-    return bilinear(environment.texels, 0, environment.width, top, bottom, x, y - float(y0))
+    left = wp.floor(x)
+    top = wp.floor(y)
+    columns = neighbors(int(left), environment.width, WRAP_REPEAT)
+    rows = neighbors(int(top), environment.height, WRAP_CLAMP)
+    return bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - left, y - top))
 
 
 @wp.func

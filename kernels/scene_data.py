@@ -4,10 +4,10 @@ import warp as wp
 
 from wrt.kernels.bvh import Bvh
 
-# What a colour slot of a material reads.
-SLOT_CONSTANT = wp.constant(0)
-SLOT_IMAGE = wp.constant(1)
-SLOT_VERTEX_COLOR = wp.constant(2)
+# How an image goes on beyond its edges.
+WRAP_REPEAT = wp.constant(0)
+WRAP_MIRROR = wp.constant(1)
+WRAP_CLAMP = wp.constant(2)
 
 # What a material is: a reflection model, or one of two others by share or by side.
 MATERIAL_MODEL = wp.constant(0)
@@ -49,24 +49,34 @@ class MaterialRecord:
 
 @wp.struct
 class ColorSlot:
-    """A colour, and by `source` what multiplies it: nothing, an image, or the vertex colour.
+    """A colour, and what multiplies it: an image, the vertex colour, both or neither.
 
-    `channel` is -1, or the channel of the image that stands for all three.
+    `channel` is -1, or the channel of the image that stands for all three. From a `cutoff` of 0 or more on, the
+    result is 1 where it reaches the cutoff, and else 0.
     """
 
     value: wp.vec3
-    source: int
-    image: int
+    image: int  # -1 without
     channel: int
+    vertex_color: int
+    cutoff: float
 
 
 @wp.struct
 class ImageRecord:
-    """Where an image's texels lie in `texels`."""
+    """Where an image's texels lie in `texels`, and how texture coordinates find them.
+
+    (u, v, 1) times `to_u` and `to_v` are the coordinates in the image.
+    """
 
     first: int
     width: int
     height: int
+    wrap_u: int
+    wrap_v: int
+    nearest: int
+    to_u: wp.vec3
+    to_v: wp.vec3
 
 
 @wp.struct

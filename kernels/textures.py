@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.scene_data import SLOT_IMAGE, SLOT_VERTEX_COLOR, ColorSlot, ImageRecord, SceneData
+from wrt.kernels.scene_data import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, ColorSlot, ImageRecord, SceneData
 
 
 @wp.func
@@ -14,41 +14,70 @@ def wrap(i: int, n: int) -> int:
 
 @wp.func
 def bilinear(
-    texels: wp.array(dtype=wp.vec3), first: int, width: int, top: int, bottom: int, x: float, fy: float
+    texels: wp.array(dtype=wp.vec3),
+    first: int,
+    width: int,
+    columns: wp.vec2i,
+    rows: wp.vec2i,
+    share: wp.vec2,
 ) -> wp.vec3:
-    """Return the mean of four texels around column x of two rows, of which `bottom` weighs fy; columns repeat."""
-    x0 = int(wp.floor(x))
-    fx = x - float(x0)
-    left = wrap(x0, width)
-    right = wrap(x0 + 1, width)
-    top = first + top * width
-    bottom = first + bottom * width
-    upper = texels[top + left] * (1.0 - fx) + texels[top + right] * fx
-    lower = texels[bottom + left] * (1.0 - fx) + texels[bottom + right] * fx
-    return upper * (1.0 - fy) + lower * fy
+    """Return the mean of the texels of two columns and two rows, the second of which weigh `share`."""
+    top = first + rows[0] * width
+    bottom = first + rows[1] * width
+    upper = texels[top + columns[0]] * (1.0 - share[0]) + texels[top + columns[1]] * share[0]
+    lower = texels[bottom + columns[0]] * (1.0 - share[0]) + texels[bottom + columns[1]] * share[0]
+    return upper * (1.0 - share[1]) + lower * share[1]
+
+
+@wp.func
+def inside_image(t: float, mode: int) -> float:
+    """Return where in [0, 1] of the image a texture coordinate looks."""
+    if mode == WRAP_CLAMP:
+        return wp.clamp(t, 0.0, 1.0)
+    if mode == WRAP_MIRROR:
+        # There and back in two units.
+        return 1.0 - wp.abs(2.0 * (0.5 * t - wp.floor(0.5 * t)) - 1.0)
+    return t - wp.floor(t)
+
+
+@wp.func
+def neighbors(i: int, size: int, mode: int) -> wp.vec2i:
+    """Return texel i and the one after it along an axis, as the image goes on beyond its edge."""
+    if mode == WRAP_REPEAT:
+        return wp.vec2i(wrap(i, size), wrap(i + 1, size))
+    # A mirror image begins with the texel that it ends with, as does an edge that is held.
+    return wp.vec2i(wp.clamp(i, 0, size - 1), wp.clamp(i + 1, 0, size - 1))
 
 
 @wp.func
 def image_color(texels: wp.array(dtype=wp.vec3), image: ImageRecord, uv: wp.vec2) -> wp.vec3:
-    """Return the bilinearly interpolated colour; the image repeats, v points up, row 0 is the top."""
-    # Only the fraction matters; taking it first keeps large coordinates within an int.
-    x = (uv[0] - wp.floor(uv[0])) * float(image.width) - 0.5
-    y = (1.0 - (uv[1] - wp.floor(uv[1]))) * float(image.height) - 0.5
-    y0 = int(wp.floor(y))
-    top = wrap(y0, image.height)
-    bottom = wrap(y0 + 1, image.height)
-    return bilinear(texels, image.first, image.width, top, bottom, x, y - float(y0))
+    """Return the colour at texture coordinates, filtered as the image says; v points up, row 0 is the top."""
+    u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
+    v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
+    # Within the image first: large coordinates would not fit an int.
+    x = inside_image(u, image.wrap_u) * float(image.width) - 0.5
+    y = (1.0 - inside_image(v, image.wrap_v)) * float(image.height) - 0.5
+    if image.nearest != 0:
+        x = wp.floor(x + 0.5)
+        y = wp.floor(y + 0.5)
+    left = wp.floor(x)
+    top = wp.floor(y)
+    columns = neighbors(int(left), image.width, image.wrap_u)
+    rows = neighbors(int(top), image.height, image.wrap_v)
+    return bilinear(texels, image.first, image.width, columns, rows, wp.vec2(x - left, y - top))
 
 
 @wp.func
 def slot_color(scene: SceneData, slot: ColorSlot, uv: wp.vec2, vertex_color: wp.vec3) -> wp.vec3:
     """Return a material slot's value at a point."""
     value = slot.value
-    if slot.source == SLOT_IMAGE:
+    if slot.image >= 0:
         texel = image_color(scene.texels, scene.images[slot.image], uv)
         if slot.channel >= 0:
             texel = wp.vec3(texel[slot.channel])
         value = wp.cw_mul(value, texel)
-    elif slot.source == SLOT_VERTEX_COLOR:
+    if slot.vertex_color != 0:
         value = wp.cw_mul(value, vertex_color)
+    if slot.cutoff >= 0.0:
+        value = wp.vec3(wp.where(value[0] >= slot.cutoff, 1.0, 0.0))
     return value

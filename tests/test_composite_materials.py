@@ -363,7 +363,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "emission below 0": (lambda: wrt.Emissive(-1.0), "radiance must be at least 0"),
     "channel": (
         lambda: wrt.ImageTexture(np.ones((1, 1, 3)), "wood", "red"),
-        "texture wood: channel must be 'r', 'g' or 'b', not 'red'",
+        "texture wood: channel must be one of r, g, b, not 'red'",
     ),
 }
 

@@ -193,6 +193,7 @@ TABLES: dict[str, Callable[..., Any]] = {
 COMMON = "[[shapes]]"
 COMMON_OF_MATERIALS = "[materials.NAME]"
 COMMON_OF_CAMERAS = "[camera]"
+TEXTURES = "### Textures"
 MATERIAL_TABLES = [heading for heading in TABLES if heading.startswith(COMMON_OF_MATERIALS)]
 CAMERA_TABLES = [heading for heading in TABLES if heading.startswith(COMMON_OF_CAMERAS)]
 
@@ -206,6 +207,8 @@ def documented(column: str = "default") -> dict[str, dict[str, str]]:
             section = heading = found[1]
         elif found := re.match(r'### type = "(.+)"$', line):
             heading = f"{section} {found[1]}"
+        elif line == TEXTURES:
+            heading = line
         elif found := re.match(r"\| `(\w+)` \| (?P<default>.+?) \| (?P<meaning>.+) \|$", line):
             result.setdefault(heading, {})[found[1]] = found[column]
     return result
@@ -224,7 +227,7 @@ def value_of(text: str) -> Any:
 
 
 def test_every_kind_of_table_is_documented_and_no_other() -> None:
-    assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS, COMMON_OF_CAMERAS}
+    assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS, COMMON_OF_CAMERAS, TEXTURES}
     kinds = {"[[lights]]": scene_toml._LIGHTS, "[materials.NAME]": MATERIALS}
     for section, known in kinds.items():
         assert {f"{section} {kind}" for kind in known} == {name for name in TABLES if name.startswith(f"{section} ")}
@@ -268,6 +271,17 @@ def test_keys_of_every_material_are_those_of_the_code() -> None:
         wrt.Diffuse().opacity,
         "none",
     )
+
+
+def test_keys_of_textures_are_those_of_the_code() -> None:
+    table = documented()[TEXTURES]
+    parameters = dict(inspect.signature(wrt.ImageTexture).parameters)
+    for given_by_the_file in ("pixels", "name"):
+        parameters.pop(given_by_the_file)
+    assert set(table) == {"linear", *parameters}
+    for name, parameter in parameters.items():
+        expected = None if parameter.default is None else plain(parameter.default)
+        assert plain(value_of(table[name])) == expected, name
 
 
 def test_keys_of_every_camera_are_those_of_the_code() -> None:

@@ -337,10 +337,10 @@ MISTAKES = {
         "materials.red.opacity.chanel: unknown key (did you mean 'channel'?)"
     ),
     "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', channel = 'a' }": (
-        "materials.red.opacity.texture: texture wood.png: channel must be 'r', 'g' or 'b', not 'a'"
+        "materials.red.opacity.texture: texture wood.png: channel must be one of r, g, b, not 'a'"
     ),
     "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', channel = ['r'] }": (
-        "materials.red.opacity.texture: texture wood.png: channel must be 'r', 'g' or 'b', not ['r']"
+        "materials.red.opacity.texture: texture wood.png: channel must be one of r, g, b, not ['r']"
     ),
     "[materials.red]\ntype = 'diffuse'\nopacity = { texture = 'wood.png', linear = 1 }": (
         "materials.red.opacity: linear must be true or false, not 1"

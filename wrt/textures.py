@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -9,34 +11,82 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.values import ColorLike, boolean, image, number
+from wrt.values import ColorLike, boolean, color, image, number, one_of, pair
 
 CHANNELS = ("r", "g", "b")
 """Names of an image's channels."""
 
+WRAPS = ("repeat", "mirror", "clamp")
+"""How an image goes on beyond its edges: again, mirrored, or with its outermost texels."""
+
+TEXTURE_FILTERS = ("bilinear", "nearest")
+"""What a point of an image is: interpolated between four texels, or the nearest one."""
+
 
 @dataclass(frozen=True, eq=False)
 class ImageTexture:
-    """An image laid over a mesh by its texture coordinates, bilinearly filtered and repeated.
+    """An image laid over a mesh by its texture coordinates.
 
     Where a material wants a number it takes the red channel, unless another is named. Images that hold numbers, not
     colours, are read by `load_image(path, linear=True)`.
+
+    Texture coordinates are scaled, then turned counter-clockwise about (0, 0), then shifted: larger scales make
+    the image smaller. An image far away has many texels in a pixel; the pixel's samples average them.
 
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
         name: where the pixels came from, for messages.
         channel: "r", "g" or "b": this one alone, standing for all three. glTF keeps roughness in green and
             metalness in blue of one image.
+        factor: multiplies the pixels.
+        scale: of the texture coordinates, one number or one for u and one for v.
+        rotation_degrees: of the texture coordinates.
+        offset: added to the texture coordinates, u and v.
+        wrap: one of WRAPS, or two, for u and for v.
+        filter: one of TEXTURE_FILTERS.
+        cutoff: for masks: what reaches it is 1, all else 0.
+        vertex_colors: whether the mesh's own colours multiply the image.
     """
 
     pixels: NDArray[np.float32] = field(repr=False)
     name: str = "image"
     channel: str | None = None
+    factor: ColorLike = 1.0
+    scale: float | Sequence[float] = 1.0
+    rotation_degrees: float = 0.0
+    offset: Sequence[float] = (0.0, 0.0)
+    wrap: str | Sequence[str] = "repeat"
+    filter: str = "bilinear"
+    cutoff: float | None = None
+    vertex_colors: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pixels", image(self.pixels, f"texture {self.name}"))
-        if self.channel is not None and self.channel not in CHANNELS:
-            raise InputError(f"texture {self.name}: channel must be 'r', 'g' or 'b', not {self.channel!r}")
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        what = f"texture {self.name}"
+        put("pixels", image(self.pixels, what))
+        if self.channel is not None:
+            one_of(self.channel, CHANNELS, f"{what}: channel")
+        put("factor", color(self.factor, f"{what}: factor"))
+        scale = self.scale
+        put("scale", pair((scale, scale) if isinstance(scale, (int, float)) else scale, f"{what}: scale"))
+        put("rotation_degrees", number(self.rotation_degrees, f"{what}: rotation_degrees"))
+        put("offset", pair(self.offset, f"{what}: offset"))
+        put("wrap", _two_wraps(self.wrap, what))
+        one_of(self.filter, TEXTURE_FILTERS, f"{what}: filter")
+        if self.cutoff is not None:
+            put("cutoff", number(self.cutoff, f"{what}: cutoff", minimum=0.0))
+        boolean(self.vertex_colors, f"{what}: vertex_colors")
+
+    @property
+    def placement(self) -> NDArray[np.float64]:
+        """(2, 3) the matrix from texture coordinates (u, v, 1) to those in the image."""
+        turn = math.radians(self.rotation_degrees)
+        c, s = math.cos(turn), math.sin(turn)
+        su, sv = self.scale  # type: ignore[misc]
+        ou, ov = self.offset
+        return np.array([[c * su, -s * sv, ou], [s * su, c * sv, ov]])
 
 
 @dataclass(frozen=True)
@@ -61,12 +111,14 @@ class NormalMap:
         scale: multiplies x and y.
         filter: whether highlights are filtered.
         name: where the pixels came from, for messages.
+        wrap: as of an ImageTexture.
     """
 
     pixels: NDArray[np.float32] | ImageTexture = field(repr=False)
     scale: float = 1.0
     filter: bool = False
     name: str = "normal map"
+    wrap: str | Sequence[str] = "repeat"
 
     def __post_init__(self) -> None:
         given = self.pixels.pixels if isinstance(self.pixels, ImageTexture) else self.pixels
@@ -76,6 +128,14 @@ class NormalMap:
         object.__setattr__(self, "pixels", pixels)
         object.__setattr__(self, "scale", number(self.scale, "normal map scale"))
         boolean(self.filter, "normal map filter")
+        object.__setattr__(self, "wrap", _two_wraps(self.wrap, f"normal map {self.name}"))
+
+
+def _two_wraps(wrap: str | Sequence[str], what: str) -> tuple[str, ...]:
+    wraps = (wrap, wrap) if isinstance(wrap, str) else tuple(wrap)
+    if len(wraps) != 2:
+        raise InputError(f"{what}: wrap must be one of {', '.join(WRAPS)}, or two of them for u and v")
+    return tuple(one_of(each, WRAPS, f"{what}: wrap") for each in wraps)
 
 
 ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 
 Vec3: TypeAlias = tuple[float, float, float]
 """Three finite numbers."""
@@ -70,6 +70,22 @@ def boolean(value: object, name: str) -> bool:
     if not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, not {value!r}")
     return value
+
+
+def one_of(value: object, choices: Sequence[str], name: str) -> str:
+    """Return `value` if it is one of some words, or raise InputError naming `name`, the words and a likely one."""
+    if not isinstance(value, str) or value not in choices:
+        hint = did_you_mean(value, choices) if isinstance(value, str) else ""
+        raise InputError(f"{name} must be one of {', '.join(choices)}, not {_shown(value)}{hint}")
+    return value
+
+
+def pair(value: object, name: str) -> tuple[float, float]:
+    """Return `value` as two finite floats, or raise InputError naming `name`."""
+    items = list(value) if isinstance(value, (list, tuple, np.ndarray)) else []
+    if len(items) != 2:
+        raise InputError(f"{name} must be two numbers, not {_shown(value)}")
+    return number(items[0], f"{name}[0]"), number(items[1], f"{name}[1]")
 
 
 def vector(value: object, name: str) -> Vec3:

@@ -13,7 +13,7 @@ from wrt.build.tables import pack_tables
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material, Mix, TwoSided
-from wrt.textures import CHANNELS, ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.textures import CHANNELS, WRAPS, ColorSource, ImageTexture, NormalMap, VertexColor
 
 
 @dataclass
@@ -66,7 +66,7 @@ class MaterialTable:
         data.slots = wp.array(rows, dtype=ColorSlot, device=device.name)
         data.tables = wp.array(tables, dtype=float, device=device.name)
         if slots.images:
-            images, texels = _pack_images(slots.images, ImageRecord.numpy_dtype())
+            images, texels = slots.pack_images(ImageRecord.numpy_dtype())
             data.images = wp.array(images, dtype=ImageRecord, device=device.name)
             data.texels = wp.array(texels, dtype=wp.vec3, device=device.name)
         if slots.normal_maps:
@@ -140,54 +140,68 @@ def _normal_filter(material: Material, filtered: bool) -> int:
 
 
 class _Slots:
-    """Rows of ColorSlot and NormalMapRecord, and the images that they read."""
+    """Rows of ColorSlot, ImageRecord and NormalMapRecord, and the pixels that they read."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[Any, ...]] = []
-        self.images: list[NDArray[np.float32]] = []
+        self.images: list[tuple[Any, ...]] = []
+        self.pixels: list[NDArray[np.float32]] = []
         self.normal_maps: list[tuple[int, int, int]] = []
-        self._image_numbers: dict[int, int] = {}
+        self._pixel_numbers: dict[int, int] = {}
+        self._image_numbers: dict[tuple[Any, ...], int] = {}
         self._normal_map_numbers: dict[tuple[int, bool], int] = {}
 
     def add(self, value: ColorSource) -> int:
         """Append a value; return its number."""
-        from wrt.kernels.scene_data import SLOT_CONSTANT, SLOT_IMAGE, SLOT_VERTEX_COLOR
-
         if isinstance(value, ImageTexture):
-            # Channels of one file are several textures, but its pixels are there once.
-            number = self._image_numbers.setdefault(id(value.pixels), len(self.images))
-            if number == len(self.images):
-                self.images.append(value.pixels)
+            image = self.add_image(value.pixels, value)
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)
-            self.rows.append(((1.0, 1.0, 1.0), SLOT_IMAGE, number, channel))
+            cutoff = -1.0 if value.cutoff is None else value.cutoff
+            self.rows.append((value.factor, image, channel, value.vertex_colors, cutoff))
         elif isinstance(value, VertexColor):
-            self.rows.append(((1.0, 1.0, 1.0), SLOT_VERTEX_COLOR, 0, -1))
+            self.rows.append(((1.0, 1.0, 1.0), -1, -1, True, -1.0))
         else:
             constant = tuple(float(v) for v in np.broadcast_to(np.asarray(value, np.float64), 3))
-            self.rows.append((constant, SLOT_CONSTANT, 0, -1))
+            self.rows.append((constant, -1, -1, False, -1.0))
         return len(self.rows) - 1
+
+    def add_image(self, pixels: NDArray[np.float32], laid: ImageTexture | NormalMap) -> int:
+        """Return the number of the image record for pixels laid as a texture says; the same pixels are there once."""
+        number = self._pixel_numbers.setdefault(id(pixels), len(self.pixels))
+        if number == len(self.pixels):
+            self.pixels.append(pixels)
+        placement = laid.placement if isinstance(laid, ImageTexture) else np.eye(2, 3)
+        nearest = isinstance(laid, ImageTexture) and laid.filter == "nearest"
+        wraps = (WRAPS.index(wrap) for wrap in laid.wrap)
+        record = (number, *wraps, nearest, *(tuple(row) for row in placement.tolist()))
+        image = self._image_numbers.setdefault(record, len(self.images))
+        if image == len(self.images):
+            self.images.append(record)
+        return image
 
     def add_normal_map(self, normal_map: NormalMap, filtered: bool) -> int:
         """Append a normal map, with the images that filtering needs; return its number."""
         key = (id(normal_map), filtered)
         if key not in self._normal_map_numbers:
             self._normal_map_numbers[key] = len(self.normal_maps)
-            first = len(self.images)
             normals = normals_of(normal_map)
-            self.images.append(normals)
-            for level in slope_pyramid(normals) if filtered else ():
-                self.images.extend(level)
+            first = self.add_image(normals, normal_map)
+            levels = slope_pyramid(normals) if filtered else ()
+            for image in (image for level in levels for image in level):
+                self.add_image(image, normal_map)
             self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2))
         return self._normal_map_numbers[key]
 
-
-def _pack_images(images: list[NDArray[np.float32]], dtype: Any) -> tuple[NDArray[Any], NDArray[np.float32]]:
-    """Return the images' records and all their texels, one after the other."""
-    table = np.zeros(len(images), dtype)
-    sizes = np.array([image.shape[0] * image.shape[1] for image in images])
-    if sizes.sum() >= 2**31:
-        raise InputError("the scene's textures have more than 2^31 texels")
-    table["first"] = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    table["height"] = [image.shape[0] for image in images]
-    table["width"] = [image.shape[1] for image in images]
-    return table, np.concatenate([image.reshape(-1, 3) for image in images])
+    def pack_images(self, dtype: Any) -> tuple[NDArray[Any], NDArray[np.float32]]:
+        """Return the records of all images, and all texels, one picture after the other."""
+        sizes = [pixels.shape[0] * pixels.shape[1] for pixels in self.pixels]
+        if sum(sizes) >= 2**31:
+            raise InputError("the scene's textures have more than 2^31 texels")
+        begins = np.concatenate([[0], np.cumsum(sizes)])
+        table = np.zeros(len(self.images), dtype)
+        for record, (number, wrap_u, wrap_v, nearest, to_u, to_v) in zip(table, self.images, strict=True):
+            height, width = self.pixels[number].shape[:2]
+            values = begins[number], width, height, wrap_u, wrap_v, nearest, to_u, to_v
+            for name, value in zip(dtype["names"], values, strict=True):
+                record[name] = value
+        return table, np.concatenate([pixels.reshape(-1, 3) for pixels in self.pixels])

@@ -7,7 +7,7 @@ import sys
 import typing
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -248,23 +248,26 @@ class _Reader:
 
     def texture(self, table: Table) -> ImageTexture:
         """Return an image by its table; the same object for the same table, and its pixels once for all of them."""
-        self.check_keys(table, ["texture", "channel", "linear"], ["texture"])
-        linear, channel = boolean(table.get("linear", False), "linear"), table.get("channel")
+        laid = [f.name for f in fields(ImageTexture) if f.name not in ("pixels", "name")]
+        self.check_keys(table, ["texture", "linear", *laid], ["texture"])
+        linear = boolean(table.get("linear", False), "linear")
         with self.at("texture"):
             file = self.beside(table["texture"])
             if (file, linear) not in self.pixels:
                 self.pixels[file, linear] = load_image(file, linear=linear)
-            key = (file, linear, str(channel))
+            options = {key: table[key] for key in laid if key in table}
+            key = (file, linear, repr(sorted(options.items())))
             if key not in self.textures:
-                self.textures[key] = ImageTexture(self.pixels[file, linear], file.name, channel)
+                self.textures[key] = ImageTexture(self.pixels[file, linear], file.name, **options)
             return self.textures[key]
 
     def normal_map(self, table: Table) -> NormalMap:
-        self.check_keys(table, ["texture", "scale", "filter"], ["texture"])
+        self.check_keys(table, ["texture", "scale", "filter", "wrap"], ["texture"])
         with self.at("texture"):
             file = self.beside(table["texture"])
             pixels = load_image(file, linear=True)
-        return NormalMap(pixels, table.get("scale", 1.0), table.get("filter", False), file.name)
+        options = {key: value for key, value in table.items() if key != "texture"}
+        return NormalMap(pixels, name=file.name, **options)
 
     def beside(self, name: Any) -> Path:
         """Return the path of a file that the scene names."""
