@@ -139,7 +139,7 @@ def scene_of(folder: Path, text: str, triangles: int | None = None) -> wrt.Scene
 
 def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     scene = scene_of(folder, FULL)
-    assert scene.settings == wrt.RenderSettings(320, 200, 12, 5, "tent", -1.5)
+    assert scene.settings == wrt.RenderSettings(320, 200, 12, 5, "tent", exposure=-1.5)
     assert scene.camera == wrt.PerspectiveCamera(
         (0, 1, 3), (0, 0.5, 0), (0, 0, -1), 35.0, aperture_radius=0.01, focus_distance=2.0
     )
