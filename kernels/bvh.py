@@ -79,10 +79,15 @@ RAY_SETUP = """
 """
 
 
-def follow_ray(visit_leaf: str) -> str:
+NODE_IN_PLACE = """
+            const float* node = all_nodes + (size_t)current * 56;
+"""
+
+
+def follow_ray(visit_leaf: str, node: str = NODE_IN_PLACE) -> str:
     """Return the loop that follows one ray down a tree.
 
-    `visit_leaf` is what it does at `current` < 0.
+    `visit_leaf` is what it does at `current` < 0, `node` gets the boxes of the node `current`.
 
       in:  current, the node to start at; t_max, id_max = NOTHING_HIT; any_hit
       out: t_max, id_max, hit_u, hit_v
@@ -92,8 +97,10 @@ def follow_ray(visit_leaf: str) -> str:
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8], top = 0;
     for (;;) {
         if (current >= 0) {
-            const float* node = all_nodes + (size_t)current * 56;
-            const int* children = (const int*)(node + 48);
+"""
+        + node
+        + """
+            const int* children = (const int*)(all_nodes + (size_t)current * 56 + 48);
 """
         + BOX_TEST
         + """
@@ -164,28 +171,36 @@ def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max
 class Hit:
     """Where a ray meets triangle (v0, v1, v2): at (1 − u − v) v0 + u v1 + v v2, after distance t.
 
-    `triangle` is −1 where nothing is hit; t is then what the ray could have reached.
+    `triangle` is −1 where nothing is hit; t is then what the ray could have reached. `instance` is where the triangle
+    stands, in scenes with instances.
     """
 
     triangle: int
+    instance: int
     t: float
     u: float
     v: float
 
 
 @wp.func
-def bvh_closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float) -> Hit:
-    """Return the nearest hit with t in [t_min, t_max]; among equals the lowest triangle number.
+def bvh_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> Hit:
+    """Return the nearest hit with t in [t_min, t_max], among equals the lowest triangle number; or some hit.
 
     t_min must not be negative; a `direction` of any length but zero will do, t is in its units.
     """
-    found = _traverse(bvh, origin, direction, t_min, t_max, False)
+    found = _traverse(bvh, origin, direction, t_min, t_max, any_hit)
     hit = Hit()
     hit.triangle = wp.cast(found[0], wp.int32)
     hit.t = found[1]
     hit.u = found[2]
     hit.v = found[3]
     return hit
+
+
+@wp.func
+def bvh_closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float) -> Hit:
+    """Return the nearest hit with t in [t_min, t_max]; among equals the lowest triangle number."""
+    return bvh_hit(bvh, origin, direction, t_min, t_max, False)
 
 
 @wp.func

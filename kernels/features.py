@@ -19,6 +19,8 @@ class Features:
         layered: whether any material lets rays pass by opacity, or is made of others.
         tangents: whether any material depends on the direction of the texture coordinates.
         sampler: where the random numbers come from (see `kernels.sampler.make_sample_4d`).
+        instances: "none" where all triangles lie in one tree, else what instances do at most: "still", "moving" as
+            wholes, or "deforming".
     """
 
     models: tuple[str, ...]
@@ -27,6 +29,7 @@ class Features:
     layered: bool = False
     tangents: bool = False
     sampler: str = "independent"
+    instances: str = "none"
 
     @property
     def name(self) -> str:
@@ -34,6 +37,7 @@ class Features:
         parts = [*self.models, "textured" if self.textured else "plain", self.environment]
         parts += ["layered"] * self.layered + ["tangents"] * self.tangents
         parts += [self.sampler] * (self.sampler != "independent")
+        parts += [self.instances] * (self.instances != "none")
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

@@ -1,13 +1,31 @@
 """Rays against the scene: the nearest hit, and whether a segment is blocked."""
 
+import functools
+from typing import NamedTuple
+
 import warp as wp
 
 from wrt.kernels.bvh import Hit, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.geometry import Ray
+from wrt.kernels.instances import instance_hit, make_traverse
 from wrt.kernels.scene_data import SceneData
 
 NO_HIT = wp.constant(-1)
 INFINITE_DISTANCE = wp.constant(3.0e38)
+
+
+class Intersect(NamedTuple):
+    """The device functions that trace rays through scenes of one kind.
+
+    Attributes:
+        closest_hit: (scene, ray) -> the nearest hit, or one whose triangle is NO_HIT.
+        closest_hit_before: (scene, ray, distance) -> the nearest hit before `distance`, likewise.
+        occluded: (scene, ray, distance) -> whether anything lies on the ray before `distance`.
+    """
+
+    closest_hit: wp.Function
+    closest_hit_before: wp.Function
+    occluded: wp.Function
 
 
 @wp.func
@@ -26,3 +44,27 @@ def closest_hit_before(scene: SceneData, ray: Ray, distance: float) -> Hit:
 def occluded(scene: SceneData, ray: Ray, distance: float) -> bool:
     """Return whether anything lies on the ray before `distance`."""
     return bvh_any_hit(scene.bvh, ray.origin, ray.direction, 0.0, distance)
+
+
+@functools.cache
+def make_intersect(instances: str) -> Intersect:
+    """Return the functions for scenes with these instances, named as in Features."""
+    if instances == "none":
+        return Intersect(closest_hit, closest_hit_before, occluded)
+    traverse = make_traverse(instances)
+
+    @wp.func(name=f"closest_hit_before_{instances}")
+    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
+        found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, False)
+        return instance_hit(scene.placed, found)
+
+    @wp.func(name=f"closest_hit_{instances}")
+    def nearest(scene: SceneData, ray: Ray) -> Hit:
+        return before(scene, ray, INFINITE_DISTANCE)
+
+    @wp.func(name=f"occluded_{instances}")
+    def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
+        found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, True)
+        return wp.cast(found[0], wp.int32) >= 0
+
+    return Intersect(nearest, before, blocked)

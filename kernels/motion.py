@@ -80,6 +80,14 @@ PLACEMENT_AT = """
     }
 """
 
+# Between which of a list of ascending times another one lies.
+#   in:  times: pointer to float; count; time
+#   out: key, share: how far it is from times[key] to the next one, 0 to 1
+KEY_AT = """
+    while (key < count - 1 && times[key + 1] <= time) ++key;
+    if (key < count - 1 && time > times[key]) share = (time - times[key]) / (times[key + 1] - times[key]);
+"""
+
 _placement = wp.types.matrix(shape=(3, 4), dtype=float)
 
 
@@ -99,6 +107,22 @@ _placement = wp.types.matrix(shape=(3, 4), dtype=float)
 """
 )
 def _placement_at(all_keys: wp.array(dtype=MotionKey), motion: MotionRecord, time: float) -> _placement: ...
+
+
+@wp.func_native(
+    """
+    const float* const times = all_times.data + first;
+    int key = 0;
+    float share = 0.0f;
+"""
+    + KEY_AT
+    + """
+    return wp::vec_t<2, float>((float)key, share);
+"""
+)
+def key_at(all_times: wp.array(dtype=float), first: int, count: int, time: float) -> wp.vec2:
+    """Return the last of `count` ascending times that is not after `time`, by number, and the share of the way on."""
+    ...
 
 
 @wp.func

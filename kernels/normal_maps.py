@@ -82,8 +82,8 @@ def texels_across(
     i0 = scene.indices[3 * hit.triangle]
     i1 = scene.indices[3 * hit.triangle + 1]
     i2 = scene.indices[3 * hit.triangle + 2]
-    e1 = scene.points[i1] - scene.points[i0]
-    e2 = scene.points[i2] - scene.points[i0]
+    e1 = surface.e1
+    e2 = surface.e2
     a = scene.uvs[i1] - scene.uvs[i0]
     b = scene.uvs[i2] - scene.uvs[i0]
     c = wp.cross(e1, e2)

@@ -11,9 +11,9 @@ from wrt.kernels.bsdf import make_bsdf, model_of
 from wrt.kernels.bvh import Hit
 from wrt.kernels.environment import image_pdf, image_radiance
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import Ray, offset_from_surface, to_local, to_world
-from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, closest_hit
-from wrt.kernels.lights import sample_light, triangle_light_pdf
+from wrt.kernels.geometry import Ray, to_local, to_world
+from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
+from wrt.kernels.lights import make_sample_light, triangle_light_pdf
 from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, choose_material, make_bsdf_at
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.sampler import (
@@ -27,7 +27,8 @@ from wrt.kernels.sampler import (
 )
 from wrt.kernels.scene_data import SceneData, ShapeRecord
 from wrt.kernels.shadow import make_visibility
-from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, surface_at
+from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.triangles import leave_surface
 
 # How light that both samplings can find is shared between them.
 STRATEGY_MIS = wp.constant(0)
@@ -76,11 +77,10 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
 def hit_light_pdf(scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray, distance: float) -> float:
     """Return the density with which `sample_light` would have chosen the point that was hit, `distance` away."""
     light = scene.lights[shape.first_light + hit.triangle - shape.first_triangle]
-    p0 = scene.points[scene.indices[3 * hit.triangle]]
-    e1 = scene.points[scene.indices[3 * hit.triangle + 1]] - p0
-    e2 = scene.points[scene.indices[3 * hit.triangle + 2]] - p0
     cos_light = -wp.dot(surface.normal, ray.direction)
-    return triangle_light_pdf(light.probability, wp.length(wp.cross(e1, e2)), distance * distance, cos_light)
+    return triangle_light_pdf(
+        light.probability, wp.length(wp.cross(surface.e1, surface.e2)), distance * distance, cos_light
+    )
 
 
 @functools.cache
@@ -90,6 +90,9 @@ def make_trace_path(features: Features) -> wp.Function:
     bsdf_at = make_bsdf_at(features)
     visibility = make_visibility(features)
     sample_4d = make_sample_4d(features.sampler)
+    closest_hit = make_intersect(features.instances).closest_hit
+    surface_at = make_surface_at(features.instances)
+    sample_light = make_sample_light(features.instances)
     textured = features.textured
     layered = features.layered
     tangents = features.tangents
@@ -147,7 +150,7 @@ def make_trace_path(features: Features) -> wp.Function:
                     if surfaces_passed > MOST_PASSED:
                         break
                     depth -= 1
-                    beyond = offset_from_surface(surface.position, -surface.normal)
+                    beyond = leave_surface(surface.position, -surface.normal, surface.slack)
                     passed += wp.length(beyond - ray.origin)
                     ray.origin = beyond
                     continue
@@ -173,11 +176,12 @@ def make_trace_path(features: Features) -> wp.Function:
 
             # Emitter sampling
             if scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf):
-                leave = offset_from_surface(surface.position, surface.normal)
+                leave = leave_surface(surface.position, surface.normal, surface.slack)
                 u_environment = wp.vec4()
                 if wp.static(image_environment):
                     u_environment = sample_4d(sampler, vertex_block(depth, BLOCK_ENVIRONMENT))
-                light = sample_light(scene, leave, sample_4d(sampler, vertex_block(depth, BLOCK_LIGHT)), u_environment)
+                u_light = sample_4d(sampler, vertex_block(depth, BLOCK_LIGHT))
+                light = sample_light(scene, leave, ray.time, u_light, u_environment)
                 wi = to_local(surface.frame, light.wi)
                 # A shading normal must not let light through: both normals must agree on the side.
                 above = wp.dot(light.wi, surface.normal) > 0.0
@@ -195,7 +199,7 @@ def make_trace_path(features: Features) -> wp.Function:
                         if wp.static(transmits):
                             if not above:
                                 # The way to the same point from the other side of the surface.
-                                shadow.origin = offset_from_surface(surface.position, -surface.normal)
+                                shadow.origin = leave_surface(surface.position, -surface.normal, surface.slack)
                                 if distance < INFINITE_DISTANCE:
                                     way = leave + light.wi * distance - shadow.origin
                                     distance = wp.length(way)
@@ -214,7 +218,7 @@ def make_trace_path(features: Features) -> wp.Function:
             side = wp.where(s.wi[2] > 0.0, 1.0, -1.0)
             if wp.dot(direction, surface.normal) * side <= 0.0:
                 break
-            ray.origin = offset_from_surface(surface.position, surface.normal * side)
+            ray.origin = leave_surface(surface.position, surface.normal * side, surface.slack)
             ray.direction = wp.normalize(direction)
             passed = 0.0
             footprint = wp.vec2(0.0)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.bvh import RAY_SETUP, Bvh, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.bvh import RAY_SETUP, Bvh, Hit, bvh_hit
 
 # Finite, so that a t that overflows is no hit.
 LONGEST = wp.constant(3.4028235e38)
@@ -94,39 +94,32 @@ NAMES_OF_TEST = """
 
 @wp.func
 def reach_of(batch: RayBatch, ray: int) -> float:
-    """Return how far a ray reaches, below 0 where it can hit nothing."""
-    direction = batch.directions[ray]
-    if not (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]) > 0.0):
-        return -1.0
+    """Return how far a ray reaches."""
     if batch.t_max.shape[0] > 1:
         return wp.min(batch.t_max[ray], LONGEST)
     return wp.min(batch.t_max[0], LONGEST)
+
+
+@wp.func
+def write_answer(batch: RayBatch, ray: int, hit: Hit):
+    """Store what a ray hits."""
+    batch.triangle_out[ray] = hit.triangle
+    if batch.any_hit == 0:
+        missed = hit.triangle < 0
+        batch.t_out[ray] = wp.where(missed, float(wp.inf), hit.t)
+        batch.uv_out[ray] = wp.where(missed, wp.vec2(0.0, 0.0), wp.vec2(hit.u, hit.v))
 
 
 @wp.kernel(enable_backward=False)
 def trace_rays(first: int, bvh: Bvh, batch: RayBatch):
     """Trace rays one a thread."""
     ray = first + wp.tid()
-    origin = batch.origins[ray]
-    direction = batch.directions[ray]
     reach = reach_of(batch, ray)
-    triangle = int(-1)
-    if batch.any_hit != 0:
-        if reach >= batch.t_min:
-            if bvh_any_hit(bvh, origin, direction, batch.t_min, reach):
-                triangle = 0
-    else:
-        t = float(wp.inf)
-        uv = wp.vec2(0.0, 0.0)
-        if reach >= batch.t_min:
-            hit = bvh_closest_hit(bvh, origin, direction, batch.t_min, reach)
-            triangle = hit.triangle
-            if triangle >= 0:
-                t = hit.t
-                uv = wp.vec2(hit.u, hit.v)
-        batch.t_out[ray] = t
-        batch.uv_out[ray] = uv
-    batch.triangle_out[ray] = triangle
+    hit = Hit()
+    hit.triangle = -1
+    if reach >= batch.t_min:
+        hit = bvh_hit(bvh, batch.origins[ray], batch.directions[ray], batch.t_min, reach, batch.any_hit != 0)
+    write_answer(batch, ray, hit)
 
 
 @wp.kernel(enable_backward=False)

@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.bvh import Bvh
+from wrt.kernels.instances import InstanceTree
 
 # How an image goes on beyond its edges.
 WRAP_REPEAT = wp.constant(0)
@@ -113,6 +114,7 @@ class LightRecord:
 
     kind: int
     triangle: int
+    instance: int  # that the triangle belongs to, in scenes with instances
     place: wp.vec3
     value: wp.vec3
     two_sided: int
@@ -139,8 +141,9 @@ class EnvironmentData:
 class SceneData:
     """Everything that a path needs to know of a scene."""
 
-    # Geometry, all shapes in world space
+    # Geometry, in world space; with `placed`, in the space of the mesh, one mesh after the other
     bvh: Bvh
+    placed: InstanceTree
     points: wp.array(dtype=wp.vec3)
     indices: wp.array(dtype=int)
     normals: wp.array(dtype=wp.vec3)

@@ -6,11 +6,12 @@ import warp as wp
 
 from wrt.kernels.bvh import Hit
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import Ray, offset_from_surface
-from wrt.kernels.intersect import NO_HIT, closest_hit_before, occluded
+from wrt.kernels.geometry import Ray
+from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.materials import MOST_PASSED, transmittance_of
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.surface import Surface, add_texture_coordinates, surface_at
+from wrt.kernels.surface import Surface, add_texture_coordinates, make_surface_at
+from wrt.kernels.triangles import leave_surface
 
 
 @functools.cache
@@ -21,6 +22,8 @@ def make_visibility(features: Features) -> wp.Function:
     itself: `light_point` is where on a triangle it begins, or a Hit of no triangle.
     """
     textured = features.textured
+    _, closest_hit_before, occluded = make_intersect(features.instances)
+    surface_at = make_surface_at(features.instances)
 
     @wp.func(name=f"transmittance_at_{'textured' if textured else 'plain'}")
     def transmittance_at(scene: SceneData, hit: Hit, surface: Surface) -> float:
@@ -45,7 +48,7 @@ def make_visibility(features: Features) -> wp.Function:
                 return share
             surface = surface_at(scene, rest, hit)
             share *= transmittance_at(scene, hit, surface)
-            rest.origin = offset_from_surface(surface.position, -surface.normal)
+            rest.origin = leave_surface(surface.position, -surface.normal, surface.slack)
             left = distance - wp.dot(rest.origin - ray.origin, ray.direction)
             passed += 1
         return 0.0

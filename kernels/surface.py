@@ -1,10 +1,15 @@
 """The surface at a hit: position, normals, and what is interpolated over the triangle."""
 
+import functools
+
 import warp as wp
 
 from wrt.kernels.bvh import Hit
 from wrt.kernels.geometry import Frame, Ray, make_frame
+from wrt.kernels.instances import make_instance_placement
+from wrt.kernels.motion import key_at
 from wrt.kernels.scene_data import SceneData
+from wrt.kernels.triangles import make_triangle_of
 
 
 @wp.struct
@@ -12,11 +17,15 @@ class Surface:
     """A point on a triangle, seen along a ray.
 
     `normal` (geometric) and `frame.n` (shading) face the viewer; `front` tells whether the viewer
-    is on the triangle's front, where its corners run counter-clockwise. `normal_variance` is what a filtered
-    normal map leaves to the roughness (see `Bsdf`).
+    is on the triangle's front, where its corners run counter-clockwise; of a mirrored instance, the front of its mesh.
+    `e1` and `e2` are two edges of the triangle in the world, `slack` is how far rays may miss it (see `Triangle`).
+    `normal_variance` is what a filtered normal map leaves to the roughness (see `Bsdf`).
     """
 
     position: wp.vec3
+    e1: wp.vec3
+    e2: wp.vec3
+    slack: float
     normal: wp.vec3
     frame: Frame
     front: bool
@@ -27,37 +36,97 @@ class Surface:
 
 
 @wp.func
-def surface_at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
-    """Return the surface that `ray` meets at `hit`."""
-    i0 = scene.indices[3 * hit.triangle]
-    i1 = scene.indices[3 * hit.triangle + 1]
-    i2 = scene.indices[3 * hit.triangle + 2]
-    p0 = scene.points[i0]
-    e1 = scene.points[i1] - p0
-    e2 = scene.points[i2] - p0
-    w0 = 1.0 - hit.u - hit.v
+def normal_of_mesh(scene: SceneData, hit: Hit, first: int) -> wp.vec3:
+    """Return the interpolated normal of a mesh of which a copy's vertices begin `first` after those of the indices."""
+    i0 = scene.indices[3 * hit.triangle] + first
+    i1 = scene.indices[3 * hit.triangle + 1] + first
+    i2 = scene.indices[3 * hit.triangle + 2] + first
+    return scene.normals[i0] * (1.0 - hit.u - hit.v) + scene.normals[i1] * hit.u + scene.normals[i2] * hit.v
 
-    surface = Surface()
-    # Interpolated, not origin + t·direction: the error is then that of the triangle's own
-    # coordinates, however far the ray came.
-    surface.position = p0 + e1 * hit.u + e2 * hit.v
-    surface.shape = scene.triangle_shape[hit.triangle]
 
-    normal = wp.normalize(wp.cross(e1, e2))
-    shading = scene.normals[i0] * w0 + scene.normals[i1] * hit.u + scene.normals[i2] * hit.v
-    # Flat shapes carry zero normals; file normals may point either way.
-    if wp.dot(shading, normal) < 0.0:
-        shading = -shading
-    surface.front = wp.dot(normal, ray.direction) < 0.0
-    if not surface.front:
-        normal = -normal
-        shading = -shading
-    # An interpolated normal that faces away from the viewer has no meaning for a BSDF.
-    if wp.dot(shading, ray.direction) >= 0.0:
-        shading = normal
-    surface.normal = normal
-    surface.frame = make_frame(wp.normalize(shading))
-    return surface
+@functools.cache
+def make_shading_normal(instances: str) -> wp.Function:
+    """Return the device function (scene, hit, time) -> the interpolated normal, of any length; 0 where it is flat."""
+    deforming = instances == "deforming"
+
+    @wp.func
+    def of_one_tree(scene: SceneData, hit: Hit, time: float) -> wp.vec3:
+        return normal_of_mesh(scene, hit, 0)
+
+    if instances == "none":
+        return of_one_tree
+    instance_placement = make_instance_placement(instances)
+
+    @wp.func(name=f"shading_normal_{instances}")
+    def shading_normal(scene: SceneData, hit: Hit, time: float) -> wp.vec3:
+        record = scene.placed.instances[hit.instance]
+        normal = normal_of_mesh(scene, hit, 0)
+        if wp.static(deforming):
+            mesh = scene.placed.meshes[record.mesh]
+            if mesh.keys > 1:
+                at = key_at(scene.placed.key_times, mesh.first_time, mesh.keys, time)
+                first = int(at[0]) * mesh.vertex_stride
+                second = wp.min(first + mesh.vertex_stride, (mesh.keys - 1) * mesh.vertex_stride)
+                normal = normal_of_mesh(scene, hit, first) * (1.0 - at[1])
+                normal += normal_of_mesh(scene, hit, second) * at[1]
+        # By the cofactors, the inverse transpose times the determinant, of a map of size 1.
+        linear = instance_placement(scene.placed, record, time).linear
+        size = float(0.0)
+        for k in range(3):
+            size = wp.max(size, wp.max(wp.abs(linear[k])))
+        a = wp.vec3(linear[0, 0], linear[1, 0], linear[2, 0]) / size
+        b = wp.vec3(linear[0, 1], linear[1, 1], linear[2, 1]) / size
+        c = wp.vec3(linear[0, 2], linear[1, 2], linear[2, 2]) / size
+        return wp.cross(b, c) * normal[0] + wp.cross(c, a) * normal[1] + wp.cross(a, b) * normal[2]
+
+    return shading_normal
+
+
+@functools.cache
+def make_surface_at(instances: str) -> wp.Function:
+    """Return the device function (scene, ray, hit) -> the Surface that is met there; `instances` as in Features."""
+    placed = instances != "none"
+    triangle_of = make_triangle_of(instances)
+    shading_normal = make_shading_normal(instances)
+
+    @wp.func(name=f"surface_at_{instances}")
+    def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
+        triangle = triangle_of(scene, hit.triangle, hit.instance, ray.time)
+        surface = Surface()
+        # Interpolated, not origin + t·direction: the error is then that of the triangle's own
+        # coordinates, however far the ray came.
+        surface.position = triangle.p0 + triangle.e1 * hit.u + triangle.e2 * hit.v
+        surface.e1 = triangle.e1
+        surface.e2 = triangle.e2
+        surface.slack = triangle.slack
+        normal = wp.normalize(wp.cross(triangle.e1, triangle.e2))
+        if wp.static(placed):
+            surface.shape = scene.placed.instances[hit.instance].shape
+            if surface.shape < 0:
+                surface.shape = scene.triangle_shape[hit.triangle]
+            normal = normal * triangle.side
+        else:
+            surface.shape = scene.triangle_shape[hit.triangle]
+
+        shading = shading_normal(scene, hit, ray.time)
+        # Flat shapes carry zero normals; file normals may point either way.
+        if wp.dot(shading, normal) < 0.0:
+            shading = -shading
+        surface.front = wp.dot(normal, ray.direction) < 0.0
+        if not surface.front:
+            normal = -normal
+            shading = -shading
+        # An interpolated normal that faces away from the viewer has no meaning for a BSDF.
+        if wp.dot(shading, ray.direction) >= 0.0:
+            shading = normal
+        surface.normal = normal
+        surface.frame = make_frame(wp.normalize(shading))
+        return surface
+
+    return at
+
+
+surface_at = make_surface_at("none")
 
 
 @wp.func
@@ -82,8 +151,8 @@ def align_tangents(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
     i0 = scene.indices[3 * hit.triangle]
     i1 = scene.indices[3 * hit.triangle + 1]
     i2 = scene.indices[3 * hit.triangle + 2]
-    e1 = scene.points[i1] - scene.points[i0]
-    e2 = scene.points[i2] - scene.points[i0]
+    e1 = surface.e1
+    e2 = surface.e2
     a = scene.uvs[i1] - scene.uvs[i0]
     b = scene.uvs[i2] - scene.uvs[i0]
     forth = a[0] * b[1]

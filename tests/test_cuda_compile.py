@@ -34,6 +34,9 @@ FACTORIES = {("wrt.kernels.render", "make_render_kernel")} | {(f.__module__, f._
 FEATURES = [
     Features(("diffuse",), False, "none"),
     Features(("conductor", "dielectric"), False, "constant"),
+    Features(("diffuse",), False, "none", instances="still"),
+    Features(("diffuse",), False, "none", instances="moving"),
+    Features(("diffuse",), False, "none", instances="deforming"),
     # Each material's model as it comes, with all that a scene can have besides.
     Features(
         tuple(sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})),
