@@ -69,9 +69,6 @@ class Intersector:
         self._placed: PlacedTrees | None = None
         self._points, self._indices = upload_triangles(_meshes(source), self.device.name)
         self._built = build_bvh(self._points, self._indices, self.device)
-        low, high = self._built.bounds
-        extent = np.maximum(high - low, 1e-6 * float((high - low).max()) + 1e-30)
-        self._inverse_extent = 1.0 / extent
 
     @classmethod
     def of_instances(
@@ -260,11 +257,13 @@ class Intersector:
 
     def _coherent(self, origins: Any, directions: Any) -> bool:
         """Return whether most rays run and begin close to the next one, judged by a thousand of them."""
+        low, high = self._built.bounds
+        extent = np.maximum(high - low, 1e-6 * float((high - low).max()) + 1e-30)
         i = np.linspace(0, len(origins) - 2, 1024).astype(np.int64)
         o, d = origins.numpy(), directions.numpy()
         with np.errstate(over="ignore", invalid="ignore"):
             a, b = (d[k] / np.maximum(np.linalg.norm(d[k], axis=1, keepdims=True), 1e-30) for k in (i, i + 1))
-            near = (np.abs(o[i] - o[i + 1]) * self._inverse_extent).max(axis=1) < SPREAD
+            near = (np.abs(o[i] - o[i + 1]) / extent).max(axis=1) < SPREAD
             near &= np.abs(a - b).max(axis=1) < SPREAD
         return bool(near.mean() > 0.8)
 

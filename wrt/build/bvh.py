@@ -52,7 +52,6 @@ class BuiltBvh:
         references: places in leaves that hold a triangle; more than there are triangles where large ones
             were cut and lie in several leaves.
         bytes: memory that nodes and leaves take.
-        bounds: (2, 3) float64 lowest and highest corner of all triangles as they were when it was built.
     """
 
     data: Any
@@ -60,7 +59,12 @@ class BuiltBvh:
     leaves: int
     references: int
     bytes: int
-    bounds: np.ndarray
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) float64 lowest and highest corner of all triangles, where they are now."""
+        root = self.data.nodes[:48].numpy().reshape(2, 3, 8).astype(np.float64)
+        return np.stack([root[0].min(axis=1), root[1].max(axis=1)])
 
     @property
     def depth(self) -> int:
@@ -138,7 +142,7 @@ def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> Non
     """Let a tree follow its triangles after their vertices moved; it stays right, and fast while they move little.
 
     Args:
-        built: the tree, changed in place; its `bounds` are not.
+        built: the tree, changed in place.
         points: wp.array of vec3 on the device, as many as the tree was built over.
         indices: those that the tree was built over.
         device: where the tree is.
@@ -373,9 +377,7 @@ def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: A
     inputs = [leaf_roots, nodes, boxes, points, indices, data.leaves, _as_int(data.leaves)]
     device.launch(k.write_leaves, leaf_count, inputs)
     size = 4 * (len(data.nodes) + len(data.leaves))
-    root = nodes[:1].numpy()
-    bounds = np.concatenate([root["lower"], root["upper"]]).astype(np.float64)
-    return BuiltBvh(data, starts, leaf_count, len(boxes), size, bounds)
+    return BuiltBvh(data, starts, leaf_count, len(boxes), size)
 
 
 def _as_int(array: Any) -> Any:

@@ -14,6 +14,8 @@ from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
 
+FloatArray = NDArray[np.float64]
+
 
 class PlacedTrees:
     """Meshes with a tree each, and where they stand.
@@ -84,7 +86,7 @@ class PlacedTrees:
         """Return a mesh's vertices on the device."""
         return self._geometry[mesh][0]
 
-    def _matrices(self, transforms: ArrayLike) -> NDArray[np.float64]:
+    def _matrices(self, transforms: ArrayLike) -> FloatArray:
         matrices = np.asarray(transforms, np.float64)
         n = len(self._numbers)
         if matrices.shape not in ((n, 4, 4), (n, 3, 4)) or not np.isfinite(matrices).all():
@@ -100,39 +102,92 @@ class PlacedTrees:
             raise InputError(f"the transform of instance {extreme[0]} scales by over 1e38 or by under 1e-38")
         return matrices[:, :3]
 
-    def _place(self, transforms: NDArray[np.float64]) -> None:
+    def _place(self, transforms: FloatArray) -> None:
         """Upload the instances and build the tree over them."""
-        import warp as wp
-
-        from wrt.kernels.bvh import Bvh
-        from wrt.kernels.instances import InstanceRecord, InstanceTree
-
         self._transforms = transforms
-        inverse = np.linalg.inv(transforms[:, :, :3])
-        records = np.zeros(len(transforms), InstanceRecord.numpy_dtype())
+        records = instance_records(transforms)
         records["mesh"] = self._numbers
         records["first_triangle"] = self._first_triangles
-        records["linear"] = inverse
-        records["offset"] = -np.einsum("nij,nj->ni", inverse, transforms[:, :, 3])
-        bounds = np.stack([_bounds_now(tree) for tree in self._trees])[self._numbers]
-        lower, upper = _world_boxes(bounds, transforms)
-        self.data = InstanceTree()
-        self.data.nodes = build_upper_tree(lower, upper, self._device)
-        self.data.instances = wp.array(records, dtype=InstanceRecord, device=self._device.name)
-        self.data.meshes = wp.array([tree.data for tree in self._trees], dtype=Bvh, device=self._device.name)
+        bounds = np.stack([tree.bounds for tree in self._trees])[self._numbers]
+        trees = [placed_mesh(tree) for tree in self._trees]
+        self.data = instance_tree(trees, records, world_boxes(bounds, transforms)[None], self._device)
 
 
-def _bounds_now(tree: BuiltBvh) -> NDArray[np.float64]:
-    """Return (2, 3) the bounds of a tree, which may have been refitted."""
-    root = tree.data.nodes[:48].numpy().reshape(2, 3, 8).astype(np.float64)
-    return np.stack([root[0].min(axis=1), root[1].max(axis=1)])
+def instance_records(transforms: FloatArray) -> NDArray[Any]:
+    """Return InstanceRecords of (N, 3, 4) or (N, 4, 4) maps to the world, their mesh and triangles left to fill in."""
+    from wrt.kernels.instances import InstanceRecord
+
+    linear, position = transforms[:, :3, :3], transforms[:, :3, 3]
+    inverse = np.linalg.inv(linear)
+    records = np.zeros(len(transforms), InstanceRecord.numpy_dtype())
+    records["linear"] = inverse
+    records["offset"] = -np.einsum("nij,nj->ni", inverse, position)
+    with np.errstate(over="ignore"):
+        records["to_world"], records["position"] = linear, position
+    records["side"] = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)
+    records["round_trip"] = round_trip(linear)
+    records["motion"] = records["shape"] = -1
+    return records
 
 
-def _world_boxes(bounds: NDArray[np.float64], transforms: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the float32 boxes around transformed boxes, wider by what moving a ray into a mesh's space rounds."""
-    center, half = bounds.mean(axis=1), 0.5 * (bounds[:, 1] - bounds[:, 0])
-    middle = np.einsum("nij,nj->ni", transforms[:, :, :3], center) + transforms[:, :, 3]
-    reach = np.einsum("nij,nj->ni", np.abs(transforms[:, :, :3]), half)
-    size = np.abs(np.einsum("nij,nj->ni", np.abs(transforms[:, :, :3]), np.abs(center))) + np.abs(transforms[:, :, 3])
-    slack = 8.0 * np.finfo(np.float32).eps * (size + reach)
-    return (middle - reach - slack).astype(np.float32), (middle + reach + slack).astype(np.float32)
+def round_trip(linear: FloatArray) -> FloatArray:
+    """Return by how much (..., 3, 3) maps may enlarge what is rounded on the way back: the norm of |M| |M⁻¹|."""
+    return np.asarray((np.abs(linear) @ np.abs(np.linalg.inv(linear))).sum(axis=-1).max(axis=-1))
+
+
+def placed_mesh(tree: BuiltBvh) -> Any:
+    """Return the PlacedMesh of a tree over a mesh that keeps its shape."""
+    from wrt.kernels.instances import PlacedMesh
+
+    mesh = PlacedMesh()
+    mesh.bvh = tree.data
+    mesh.keys = 1
+    return mesh
+
+
+def instance_tree(meshes: Sequence[Any], records: NDArray[Any], boxes: NDArray[np.float32], device: Device) -> Any:
+    """Return the InstanceTree struct of instances at rest, or without what tells how they move.
+
+    Args:
+        meshes: PlacedMesh structs.
+        records: (N,) InstanceRecords.
+        boxes: (S, N, 2, 3) float32 around each instance, for each slice of the time.
+        device: where to build.
+    """
+    import warp as wp
+
+    from wrt.kernels.bvh import NODE_FLOATS
+    from wrt.kernels.instances import InstanceRecord, InstanceTree, PlacedMesh
+
+    name = device.name
+    trees = [build_upper_tree(slice_boxes[:, 0], slice_boxes[:, 1], device) for slice_boxes in boxes]
+    counts = np.array([len(nodes) // NODE_FLOATS for nodes in trees], np.int64)
+    if counts.sum() * NODE_FLOATS >= 2**31:
+        raise InputError(f"ray trees over {len(records)} instances are larger than 32-bit offsets reach")
+    data = InstanceTree()
+    data.nodes = trees[0]
+    if len(trees) > 1:
+        data.nodes = device.empty_large(int(counts.sum()) * NODE_FLOATS)
+        for nodes, first in zip(trees, np.cumsum(counts) - counts, strict=True):
+            wp.copy(data.nodes, nodes, dest_offset=int(first) * NODE_FLOATS, count=len(nodes))
+    data.slice_nodes = wp.array(np.cumsum(counts) - counts, dtype=int, device=name)
+    data.instances = wp.array(records, dtype=InstanceRecord, device=name)
+    data.meshes = wp.array(list(meshes), dtype=PlacedMesh, device=name)
+    return data
+
+
+def world_boxes(bounds: FloatArray, transforms: FloatArray, roundings: float = 8.0) -> NDArray[np.float32]:
+    """Return the float32 boxes around transformed boxes, wider by what moving a ray into a mesh's space rounds.
+
+    Args:
+        bounds: (..., 2, 3) boxes in the space of the meshes.
+        transforms: (..., 3, 4) or (..., 4, 4) maps to the world.
+        roundings: how often the largest number on the way is rounded.
+    """
+    linear, position = np.abs(transforms[..., :3, :3]), transforms[..., :3, 3]
+    center, half = bounds.mean(axis=-2), 0.5 * (bounds[..., 1, :] - bounds[..., 0, :])
+    middle = np.einsum("...ij,...j->...i", transforms[..., :3, :3], center) + position
+    reach = np.einsum("...ij,...j->...i", linear, half)
+    size = np.einsum("...ij,...j->...i", linear, np.abs(center)) + np.abs(position)
+    slack = roundings * np.finfo(np.float32).eps * (size + reach)
+    return np.stack([middle - reach - slack, middle + reach + slack], axis=-2).astype(np.float32)
