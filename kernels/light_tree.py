@@ -1,0 +1,225 @@
+"""Choosing among many lights by what they can do at a point: a walk down a tree over them.
+
+The importance of a group of lights is that of Conty Estevez and Kulla, "Importance Sampling of Many Lights with
+Adaptive Tree Splitting" (2018), with the trigonometry of Pharr, Jakob and Humphreys, "Physically Based Rendering",
+4th edition, section 12.6.3: power over distance squared, times the greatest cosines that are possible at the lights and
+at the point for any light of the group. Nodes have eight children (`wrt/build/light_tree.py`), weighed together.
+"""
+
+import warp as wp
+
+from wrt.kernels.simd import VECTOR_CODE
+
+NO_LIGHT = wp.constant(-1)
+
+# What is known of the surface at the point that is lit.
+RECEIVES_ANYWHERE = wp.constant(0)  # nothing: a point in a medium
+RECEIVES_FRONT = wp.constant(1)  # light comes from the side of the normal alone
+RECEIVES_BOTH = wp.constant(2)  # from either side
+
+
+@wp.struct
+class LightTree:
+    """The tree as `wrt.build.light_tree.LightTree` has it."""
+
+    nodes: wp.array(dtype=float)
+    parents: wp.array(dtype=int)
+    places: wp.array(dtype=int)
+
+
+@wp.struct
+class LightChoice:
+    """A light, or NO_LIGHT where none can light the point, and the probability of the choice."""
+
+    light: int
+    probability: float
+
+
+# The importance of a node's children, times the least of distance squared so that no scale of scene leaves the range of
+# floats.
+#
+# A group's sphere is seen under the half angle u; that is widened by a thousandth, which covers the rounding of all
+# cosines here. `cos_emitted` is that of max(0, angle to the axis − spread − u), `cos_received` that of max(0, angle to
+# the normal − u). So a group weighs nothing only where none of its lights can light the point. Spheres are wide around
+# lights that lie in a plane. So their box tells how far they are above the horizon of the point at most, which leaves
+# less of the cosine (half as much again as that height over the mean distance, for some are nearer); and where all
+# normals are one, their extent along it tells whether the point is behind them all. What this gains stands in
+# docs/performance.md.
+#
+#   in:  node: const float*; position, normal: vectors; receives
+#   out: importance, distance2 (for the far field of a group, and finite at its centre), power
+_WEIGH = """
+    const V dx = ROW(0) - position[0], dy = ROW(1) - position[1], dz = ROW(2) - position[2];
+    const V center2 = dx * dx + dy * dy + dz * dz, radius2 = ROW(6) * ROW(6);
+    const V inverse = 1.0f / ROOT(MOST(center2, (V)1e-36f));
+    const V distance2 = MOST(center2 + 0.25f * radius2, (V)1e-36f), inverse_mean = 1.0f / ROOT(distance2);
+    const V sin_u = LEAST(ROW(6) * inverse + 1e-3f, (V)1.0f), cos_u = ROOT(1.0f - sin_u * sin_u);
+    // At the lights: the angle to the axis, then less the spread, then less u.
+    V depth = -(dx * ROW(7) + dy * ROW(8) + dz * ROW(9));
+    depth = WHERE(ROW(12) != 0.0f, SIZE(depth), depth);
+    const V cos_w = LEAST(depth * inverse, (V)1.0f), sin_w = ROOT(MOST(1.0f - cos_w * cos_w, (V)0.0f));
+    const V cos_o = ROW(10), sin_o = ROOT(MOST(1.0f - cos_o * cos_o, (V)0.0f));
+    const V cos_x = WHERE(cos_w > cos_o, (V)1.0f, cos_w * cos_o + sin_w * sin_o);
+    const V sin_x = WHERE(cos_w > cos_o, (V)0.0f, sin_w * cos_o - cos_w * sin_o);
+    const V cos_emitted = WHERE(cos_x > cos_u, (V)1.0f, cos_x * cos_u + sin_x * sin_u);
+    // Inside the sphere any direction is possible.
+    V importance = WHERE(center2 <= radius2, (V)1.0f, WHERE(cos_emitted > ROW(11), cos_emitted, (V)0.0f));
+    importance = WHERE((depth + ROW(13)) * inverse_mean < -3e-3f, (V)0.0f, importance);
+    if (receives != 0) {
+        V height = dx * normal[0] + dy * normal[1] + dz * normal[2];
+        if (receives == 2) height = SIZE(height);
+        const V above = ROW(3) * fabsf(normal[0]) + ROW(4) * fabsf(normal[1]) + ROW(5) * fabsf(normal[2]);
+        const V cos_i = LEAST(height * inverse, (V)1.0f), sin_i = ROOT(MOST(1.0f - cos_i * cos_i, (V)0.0f));
+        V cos_received = WHERE(cos_i > cos_u, (V)1.0f, cos_i * cos_u + sin_i * sin_u);
+        cos_received = WHERE(center2 <= radius2, (V)1.0f, cos_received);
+        cos_received = LEAST(cos_received, 1.5f * (height + above) * inverse_mean + 1e-3f);
+        importance *= MOST(cos_received, (V)0.0f);
+    }
+    const V power = ROW(14);
+"""
+
+_WEIGHTS = (
+    """
+    alignas(32) float weights[8];
+#if VECTOR_CODE
+    {
+    #define V f8
+    #define ROW(k) (*(const f8*)(node + 8 * (k)))
+    #define WHERE(c, a, b) ((c) ? (a) : (b))
+    #define ROOT(a) __builtin_elementwise_sqrt(a)
+    #define LEAST(a, b) __builtin_elementwise_min(a, b)
+    #define MOST(a, b) __builtin_elementwise_max(a, b)
+    #define SIZE(a) __builtin_elementwise_abs(a)
+"""
+    + _WEIGH
+    + """
+    const float nearest = __builtin_reduce_min(WHERE(power > 0.0f, distance2, (V)3e38f));
+    importance *= power;
+    *(f8*)weights = WHERE(importance > 0.0f, MOST(importance * (nearest / distance2), (V)1e-36f), (V)0.0f);
+    }
+#else
+    {
+    #define V float
+    #define ROW(k) node[8 * (k) + lane]
+    #define WHERE(c, a, b) ((c) ? (a) : (b))
+    #define ROOT(a) sqrtf(a)
+    #define LEAST(a, b) fminf(a, b)
+    #define MOST(a, b) fmaxf(a, b)
+    #define SIZE(a) fabsf(a)
+    float distances[8], nearest = 3e38f;
+    for (int lane = 0; lane < 8; ++lane) {
+"""
+    + _WEIGH
+    + """
+        weights[lane] = importance * power;
+        distances[lane] = distance2;
+        if (power > 0.0f) nearest = fminf(nearest, distance2);
+    }
+    for (int lane = 0; lane < 8; ++lane)
+        if (weights[lane] > 0.0f) weights[lane] = fmaxf(weights[lane] * (nearest / distances[lane]), 1e-36f);
+    }
+#endif
+    #undef V
+    #undef ROW
+    #undef WHERE
+    #undef ROOT
+    #undef LEAST
+    #undef MOST
+    #undef SIZE
+"""
+)
+
+# Sums and shares are in double precision: the one random number, 48 bits of it, must reach every light of a million
+# with its probability, and the probability of a light must be the same walked down as walked up.
+_SAMPLE = (
+    """
+    const float* const nodes = (const float*)tree.nodes.data;
+    double probability = 1.0, place = (double)u[0] + (double)u[1] * 5.9604644775390625e-8;
+    int current = 0;
+    do {
+        const float* const node = nodes + (size_t)current * 128;
+"""
+    + _WEIGHTS
+    + """
+        double sums[9];
+        sums[0] = 0.0;
+        for (int k = 0; k < 8; ++k) sums[k + 1] = sums[k] + (double)weights[k];
+        if (!(sums[8] > 0.0)) {
+            current = -1;
+            probability = 0.0;
+            break;
+        }
+        const double target = place * sums[8];
+        int chosen = 0;
+        for (int k = 1; k < 8; ++k) chosen += target >= sums[k];
+        // Rounding may lead to a last child of no weight.
+        while (!(weights[chosen] > 0.0f)) --chosen;
+        place = (target - sums[chosen]) / (double)weights[chosen];
+        place = place < 0.0 ? 0.0 : place < 0.999999999999 ? place : 0.999999999999;
+        probability *= (double)weights[chosen] / sums[8];
+        current = ((const int*)(node + 120))[chosen];
+    } while (current >= 0);
+    const int light = probability > 0.0 ? -1 - current : -1;
+    float bits;
+    memcpy(&bits, &light, 4);
+    return wp::vec_t<2, float>(bits, probability > 0.0 && probability < 1e-37 ? 1e-37f : (float)probability);
+"""
+)
+
+_PROBABILITY = (
+    """
+    const float* const nodes = (const float*)tree.nodes.data;
+    int place = ((const int*)tree.places.data)[light];
+    double probability = place < 0 ? 0.0 : 1.0;
+    while (place >= 0) {
+        const int current = place / 8, chosen = place % 8;
+        const float* const node = nodes + (size_t)current * 128;
+"""
+    + _WEIGHTS
+    + """
+        if (!(weights[chosen] > 0.0f)) return 0.0f;
+        double sum = 0.0;
+        for (int k = 0; k < 8; ++k) sum += (double)weights[k];
+        probability *= (double)weights[chosen] / sum;
+        place = ((const int*)tree.parents.data)[current];
+    }
+    return probability > 0.0 && probability < 1e-37 ? 1e-37f : (float)probability;
+"""
+)
+
+
+def _native(code: str) -> str:
+    types = """
+#if VECTOR_CODE
+    typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
+#endif
+"""
+    return (types + code).replace("VECTOR_CODE", VECTOR_CODE)
+
+
+@wp.func_native(_native(_SAMPLE))
+def _sample(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> wp.vec2: ...
+
+
+@wp.func_native(_native(_PROBABILITY))
+def light_tree_probability(tree: LightTree, light: int, position: wp.vec3, normal: wp.vec3, receives: int) -> float:
+    """Return the probability with which `sample_light_tree` chooses a light: the walk, from the light up."""
+    ...
+
+
+@wp.func
+def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> LightChoice:
+    """Return a light for the point `position`, chosen by one random number, whose lower bits are `u[1]`.
+
+    Args:
+        tree: with at least one node.
+        position: of the point that is lit.
+        normal: unit vector; ignored where the point RECEIVES_ANYWHERE.
+        receives: a RECEIVES constant.
+        u: two numbers in [0, 1) of 24 bits.
+    """
+    found = _sample(tree, position, normal, receives, u)
+    choice = LightChoice()
+    choice.light = wp.cast(found[0], wp.int32)
+    choice.probability = found[1]
+    return choice

@@ -1,0 +1,373 @@
+"""The light tree holds all lights, chooses each as often as it says, and leaves none out that could be seen."""
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import NDArray
+from support.kernels import uniforms, upload
+from support.statistics import chi_square_test
+
+from wrt.build.light_tree import WIDTH, LightBounds, build_light_tree
+from wrt.build.light_tree import LightTree as HostTree
+from wrt.kernels.light_tree import (
+    RECEIVES_ANYWHERE,
+    RECEIVES_BOTH,
+    RECEIVES_FRONT,
+    LightTree,
+    light_tree_probability,
+    sample_light_tree,
+)
+
+SIDES = {"anywhere": int(RECEIVES_ANYWHERE), "front": int(RECEIVES_FRONT), "both": int(RECEIVES_BOTH)}
+
+
+@wp.kernel(enable_backward=False)
+def draw_lights(
+    tree: LightTree,
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    receives: int,
+    u: wp.array(dtype=wp.vec2),
+    light_out: wp.array2d(dtype=int),
+    probability_out: wp.array2d(dtype=float),
+):
+    i, j = wp.tid()
+    choice = sample_light_tree(tree, position[i], normal[i], receives, u[j])
+    light_out[i, j] = choice.light
+    probability_out[i, j] = choice.probability
+
+
+@wp.kernel(enable_backward=False)
+def probabilities_of_lights(
+    tree: LightTree,
+    position: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    receives: int,
+    probability_out: wp.array2d(dtype=float),
+):
+    i, j = wp.tid()
+    probability_out[i, j] = light_tree_probability(tree, j, position[i], normal[i], receives)
+
+
+def on_device(tree: HostTree, device: str) -> LightTree:
+    result = LightTree()
+    result.nodes = upload(tree.nodes.ravel(), float, device)
+    result.parents = upload(tree.parents, int, device)
+    result.places = upload(tree.places, int, device)
+    return result
+
+
+def drawn(
+    tree: HostTree, position: NDArray, normal: NDArray, receives: int, u: NDArray, device: str
+) -> tuple[NDArray, NDArray]:
+    """Return (points, samples) lights and their probabilities."""
+    shape = (len(position), len(u))
+    light, probability = wp.empty(shape, dtype=int, device=device), wp.empty(shape, dtype=float, device=device)
+    arrays = [upload(position, wp.vec3, device), upload(normal, wp.vec3, device), receives, upload(u, wp.vec2, device)]
+    wp.launch(draw_lights, shape, [on_device(tree, device), *arrays], [light, probability], device=device)
+    return light.numpy(), probability.numpy()
+
+
+def probabilities(tree: HostTree, position: NDArray, normal: NDArray, receives: int, device: str) -> NDArray:
+    """Return (points, lights) probabilities."""
+    out = wp.empty((len(position), len(tree.places)), dtype=float, device=device)
+    arrays = [upload(position, wp.vec3, device), upload(normal, wp.vec3, device), receives]
+    wp.launch(probabilities_of_lights, out.shape, [on_device(tree, device), *arrays], [out], device=device)
+    return out.numpy().astype(np.float64)
+
+
+# --- Lights ---------------------------------------------------------------------------------------
+
+
+def unit(v: NDArray) -> NDArray:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def triangles(n: int, seed: int, size: float = 0.1) -> NDArray:
+    rng = np.random.default_rng(seed)
+    return (rng.random((n, 1, 3)) * [4.0, 1.0, 4.0] + size * rng.normal(size=(n, 3, 3))).astype(np.float32)
+
+
+def spots(n: int, seed: int) -> LightBounds:
+    """Return narrow beams from single points."""
+    rng = np.random.default_rng(seed)
+    points = LightBounds.of_points(rng.random((n, 3)) * 4.0, rng.random(n))
+    axis = unit(rng.normal(size=(n, 3)))
+    return LightBounds(
+        points.center,
+        points.half,
+        points.radius,
+        points.depth,
+        axis,
+        np.ones(n),
+        np.full(n, 0.9),
+        points.two_sided,
+        points.power,
+    )
+
+
+def some_lights(name: str) -> LightBounds:
+    rng = np.random.default_rng(7)
+    if name == "one":
+        return LightBounds.of_triangles(triangles(1, 1), 1.0)
+    if name == "two":
+        return LightBounds.of_triangles([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 1, 0], [0, 1, 0], [1, 0, 0]]], 1.0)
+    if name == "all at one point":
+        return LightBounds.of_points(np.ones((100, 3)), 1.0)
+    if name == "the same triangle":
+        return LightBounds.of_triangles(np.repeat(triangles(1, 2), 50, axis=0), 1.0)
+    if name == "on a line":
+        return LightBounds.of_points(np.linspace(0.0, 1.0, 300)[:, None] * [1.0, 0.0, 0.0], rng.random(300))
+    if name == "ever nearer":  # the deepest of trees
+        return LightBounds.of_points(0.5 ** np.arange(100.0)[:, None] * [1.0, 1.0, 1.0], 1.0)
+    if name == "some without power":
+        return LightBounds.of_triangles(triangles(200, 3), np.where(rng.random(200) < 0.5, 0.0, rng.random(200)))
+    if name == "uneven powers":
+        return LightBounds.of_triangles(triangles(200, 3), 10.0 ** rng.uniform(-20.0, 20.0, 200))
+    if name == "degenerate triangles":
+        return LightBounds.of_triangles(np.repeat(triangles(20, 3)[:, :1], 3, axis=1), 1.0)
+    if name == "tiny":
+        return LightBounds.of_triangles(triangles(100, 4) * 1e-9, 1.0)
+    if name == "huge":
+        return LightBounds.of_triangles(triangles(100, 4) * 1e9, 1.0)
+    if name == "in a plane":
+        flat = triangles(400, 5) * [1.0, 0.0, 1.0]
+        normal = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+        flat = np.where(normal[:, 1:2, None] > 0.0, flat, flat[:, ::-1])  # all upwards
+        return LightBounds.of_triangles(flat, 1.0)
+    mixed = [
+        LightBounds.of_triangles(triangles(300, 5), rng.random(300), rng.random(300) < 0.3),
+        LightBounds.of_points(rng.random((50, 3)), rng.random(50)),
+        spots(50, 6),
+    ]
+    return LightBounds.joined(mixed)
+
+
+KINDS = (
+    "one", "two", "all at one point", "the same triangle", "on a line", "ever nearer", "some without power",
+    "uneven powers", "degenerate triangles", "tiny", "huge", "in a plane", "mixed",
+)  # fmt: skip
+
+
+def points_and_normals(lights: LightBounds) -> tuple[NDArray, NDArray]:
+    """Return points among the lights, on them, in a plane with them, behind them and far away."""
+    rng = np.random.default_rng(9)
+    low, high = lights.center.min(axis=0), lights.center.max(axis=0)
+    size = max(float((high - low).max()), float(lights.radius.max()), 1e-12)
+    some = rng.integers(0, len(lights), 6)
+    points = np.concatenate(
+        [
+            low + rng.random((8, 3)) * (high - low),
+            lights.center[some],
+            lights.center[some] + size * np.cross(lights.axis[some], unit(rng.normal(size=(6, 3)))),
+            lights.center[some] - 0.1 * size * lights.axis[some],
+            low + 1e4 * size * unit(rng.normal(size=(4, 3))),
+        ]
+    )
+    normals = unit(rng.normal(size=(len(points), 3)))
+    normals[3:6] = [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
+    normals[8:11] = lights.axis[some[:3]]
+    return points.astype(np.float32), normals.astype(np.float32)
+
+
+# --- The tree -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nodes_hold_what_is_below_them(kind: str) -> None:
+    lights = some_lights(kind)
+    tree = build_light_tree(lights)
+    children = tree.nodes[:, -1].view(np.int32)
+    powers = tree.nodes[:, -2].astype(np.float64)
+    below: dict[int, list[int]] = {}
+    for node in reversed(range(len(tree.nodes))):
+        below[node] = []
+        sums = []
+        for k in np.flatnonzero(powers[node] > 0.0):
+            child = children[node, k]
+            place = WIDTH * node + k
+            assert (tree.parents[child] if child >= 0 else tree.places[-1 - child]) == place
+            leaves = below[child] if child >= 0 else [-1 - child]
+            below[node] += leaves
+            sums.append(lights.power[leaves].sum())
+            assert_holds(tree.nodes[node, :, k].astype(np.float64), lights.take(np.array(leaves)))
+        share = powers[node][powers[node] > 0.0]
+        np.testing.assert_allclose(share / share.max(), np.maximum(np.divide(sums, max(sums)), 1e-30), rtol=1e-6)
+    assert sorted(below[0]) == np.flatnonzero(lights.power > 0.0).tolist()
+    assert (tree.places[lights.power == 0.0] == -1).all()
+    assert tree.parents[0] == -1
+
+
+def assert_holds(child: NDArray, lights: LightBounds) -> None:
+    """Check one child's numbers against all lights below it."""
+    center, half, radius, axis = child[:3], child[3:6], child[6], child[7:10]
+    assert (np.abs(lights.center - center) + lights.half <= half).all()
+    assert (np.linalg.norm(lights.center - center, axis=1) + lights.radius <= radius).all()
+    cosine = lights.axis @ axis
+    cosine = np.where(lights.two_sided & bool(child[12]), np.abs(cosine), cosine)
+    spread = np.arccos(np.clip(cosine, -1.0, 1.0)) + np.arccos(lights.cos_spread)
+    assert (np.arccos(np.clip(child[10], -1.0, 1.0)) >= np.minimum(spread, np.pi) - 1e-6).all()
+    assert (child[11] <= lights.cos_falloff).all()
+    assert child[12] == lights.two_sided.any()
+    along = np.abs((lights.center - center) @ axis)
+    assert (child[13] >= along + np.minimum(lights.depth, lights.radius) * np.abs(cosine) - 1e-6 * radius).all()
+
+
+def test_nothing_shines() -> None:
+    tree = build_light_tree(LightBounds.of_points(np.zeros((3, 3)), 0.0))
+    assert tree.nodes.shape[0] == 0
+    assert (tree.places == -1).all()
+    assert len(build_light_tree(LightBounds.of_points(np.zeros((0, 3)), 0.0)).places) == 0
+
+
+def test_nodes_are_well_filled(report: Report) -> None:
+    lights = LightBounds.of_triangles(triangles(20_000, 1, size=0.01), 1.0)
+    tree = build_light_tree(lights)
+    filled = float((tree.nodes[:, -2] > 0.0).sum(axis=1).mean())
+    report("children of a node", filled, "5 or more")
+    assert filled >= 5.0
+
+
+# --- The choice -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("receives", SIDES.values(), ids=SIDES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_lights_are_drawn_as_often_as_said(kind: str, receives: int, device: str) -> None:
+    lights = some_lights(kind)
+    tree = build_light_tree(lights)
+    position, normal = points_and_normals(lights)
+    said = probabilities(tree, position, normal, receives, device)
+    assert np.isfinite(said).all()
+    assert (said >= 0.0).all()
+    assert (said.sum(axis=1) <= 1.0 + 1e-5).all()
+    if receives != SIDES["front"] and not (lights.cos_falloff > 0.0).any() and lights.cos_spread.max() == -1.0:
+        np.testing.assert_allclose(said.sum(axis=1), 1.0, rtol=1e-5)
+    u = uniforms(2**14, 2, seed=3)
+    light, probability = drawn(tree, position, normal, receives, u, device)
+    chosen = light >= 0
+    assert (probability[~chosen] == 0.0).all()
+    # The walk up gives what the walk down gave, bit for bit.
+    rows = np.nonzero(chosen)[0]
+    assert (said.astype(np.float32)[rows, light[chosen]] == probability[chosen]).all()
+    tests = len(position) * len(KINDS) * len(SIDES)
+    for i in range(len(position)):
+        counts = np.append(np.bincount(light[i][chosen[i]], minlength=len(lights)), (~chosen[i]).sum())
+        expected = len(u) * np.append(said[i], 1.0 - said[i].sum())
+        if expected.max() > len(u) - 10.0:  # no two cells to compare
+            assert len(u) - counts[np.argmax(expected)] < 40
+            assert counts[expected == 0.0].sum() == 0
+            continue
+        # Rounding may leave a little for no light where there always is one.
+        expected[-1] = expected[-1] if expected[-1] > 0.1 else 0.0
+        result = chi_square_test(counts, expected, tests=tests)
+        assert result.passed, f"point {i}: {result.message}"
+
+
+def test_another_points_probabilities_are_noticed(device: str) -> None:
+    lights = some_lights("mixed")
+    tree = build_light_tree(lights)
+    position, normal = points_and_normals(lights)
+    u = uniforms(2**14, 2, seed=3)
+    light, _ = drawn(tree, position[:1], normal[:1], 1, u, device)
+    said = probabilities(tree, position[:1] * np.float32(1.1), normal[:1], 1, device)
+    counts = np.bincount(light[light >= 0], minlength=len(lights))
+    assert not chi_square_test(counts, len(u) * said[0], samples=len(u), total_tolerance=2.0).passed
+
+
+def test_lights_rarer_than_a_float_can_choose(device: str, report: Report) -> None:
+    """Lights that share 1024 of the 2^24 values of the first number, unevenly: the second number tells them apart."""
+    rng = np.random.default_rng(0)
+    n = 1024
+    lights = LightBounds.of_points(rng.random((n + 1, 3)), np.r_[rng.random(n) * 2.0**-23, 1.0])
+    tree = build_light_tree(lights)
+    far = np.array([[0.0, 1000.0, 0.0]], np.float32)
+    said = probabilities(tree, far, far, SIDES["anywhere"], device)[0]
+    assert 2.0**-15 < said[:-1].sum() < 2.0**-13
+    # The bright light has a run of values; those before and behind it belong to the others.
+    values = np.r_[0:1100, 2**24 - 1100 : 2**24].astype(np.float32) / np.float32(2**24)
+    both = [drawn(tree, far, far, 0, np.stack([values, np.full_like(values, x)], 1), device)[0][0] for x in (0, 0.9999)]
+    values = values[(both[0] < n) & (both[1] < n)]
+    assert 900 < len(values) < 1100
+    u = uniforms(2**18, 2, seed=1)
+    u[:, 0] = values[rng.integers(0, len(values), len(u))]
+    light, _ = drawn(tree, far, far, SIDES["anywhere"], u, device)
+    assert light.max() < n
+    counts = np.bincount(light[0], minlength=n)
+    expected = len(u) * said[:-1] / (len(values) / 2**24)
+    wrong = np.flatnonzero(np.abs(counts - expected) > 5.0 * np.sqrt(expected) + 1.0)
+    report("rare lights that do not get their share", len(wrong), "2 at most, beside the bright one")
+    assert len(wrong) <= 2
+
+
+@pytest.mark.parametrize("receives", SIDES.values(), ids=SIDES)
+def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, report: Report) -> None:
+    """Small scenes of all kinds, with many points each, half of them close to some light."""
+    reached = missed = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(1, 60))
+        corners = triangles(n, seed, size=float(10.0 ** rng.uniform(-4, 0.5)))
+        if seed % 3 == 0:
+            corners[:, :, rng.integers(3)] = 0.5
+        corners = (corners + np.float32(10.0 ** rng.uniform(-1, 2))).astype(np.float32)
+        two_sided = rng.random(n) < (seed % 2) * 0.5
+        lights = LightBounds.of_triangles(corners, 10.0 ** rng.uniform(-3, 3, n), two_sided)
+        points = corners[rng.integers(0, n, 300), rng.integers(0, 3, 300)]
+        points[:150] += (rng.normal(size=(150, 3)) * 10.0 ** rng.uniform(-3, 1, (150, 1))).astype(np.float32)
+        normals = unit(rng.normal(size=points.shape)).astype(np.float32)
+        normals[::5] = lights.axis[rng.integers(0, n, 60)]
+        said = probabilities(build_light_tree(lights), points, normals, receives, device)
+        sees = reaches(corners.astype(np.float64), two_sided, points, normals, receives)
+        reached += int(sees.sum())
+        missed += int((said[sees] == 0.0).sum())
+    report("pairs of points and lights, left out", f"{reached}, {missed}", 0)
+    assert reached > 100_000
+    assert missed == 0
+
+
+def reaches(
+    corners: NDArray, two_sided: NDArray, points: NDArray, normals: NDArray, receives: int
+) -> NDArray[np.bool_]:
+    """Return (points, lights) whether any point of a triangle lights a point."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    in_front = ((points[:, None] - corners[None, :, 0]) * normal).sum(axis=2)
+    shines = (in_front > 0.0) | (two_sided & (in_front < 0.0))
+    if receives != SIDES["front"]:
+        return shines
+    heights = ((corners[None] - points[:, None, None]) * normals[:, None, None]).sum(axis=3)
+    return shines & (heights.max(axis=2) > 0.0)
+
+
+def test_points_without_a_normal_ignore_it(device: str) -> None:
+    lights = some_lights("mixed")
+    tree = build_light_tree(lights)
+    position, normal = points_and_normals(lights)
+    a, b = (probabilities(tree, position, n, SIDES["anywhere"], device) for n in (normal, np.full_like(normal, np.nan)))
+    assert (a == b).all()
+    c, d = (probabilities(tree, position, n, SIDES["both"], device) for n in (normal, -normal))
+    np.testing.assert_array_equal(c, d)
+
+
+def test_near_lights_and_those_that_face_the_point_are_preferred(report: Report, device: str) -> None:
+    """The variance of unshadowed light over that of the choice by power, for lights of a large room."""
+    rng = np.random.default_rng(0)
+    corners = triangles(2000, 11, size=0.02) * np.float32(5.0)
+    lights = LightBounds.of_triangles(corners, rng.lognormal(size=2000))
+    points = (rng.random((50, 3)) * [20.0, 5.0, 20.0]).astype(np.float32)
+    normals = unit(rng.normal(size=points.shape)).astype(np.float32)
+    said = probabilities(build_light_tree(lights), points, normals, SIDES["front"], device)
+    way = lights.center - points[:, None]
+    distance2 = (way**2).sum(axis=2)
+    cosines = np.maximum((way * normals[:, None]).sum(axis=2), 0.0) * np.maximum(-(way * lights.axis).sum(axis=2), 0.0)
+    arriving = lights.power * cosines / distance2**2
+    total = arriving.sum(axis=1) ** 2
+
+    def variance(p: NDArray) -> float:
+        second = np.divide(arriving**2, p, out=np.zeros_like(arriving), where=arriving > 0.0).sum(axis=1)
+        return float(np.mean(second / total - 1.0))
+
+    by_tree, by_power = variance(said), variance(np.broadcast_to(lights.power / lights.power.sum(), said.shape))
+    report("relative variance by tree, by power", f"{by_tree:.2f}, {by_power:.2f}")
+    assert by_tree < 0.05 * by_power
