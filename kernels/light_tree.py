@@ -11,6 +11,11 @@ import warp as wp
 from wrt.kernels.simd import VECTOR_CODE
 
 NO_LIGHT = wp.constant(-1)
+FAR_LIGHT = wp.constant(-2)
+
+# Between lights that are somewhere and those infinitely far away a point chooses by what irradiance each could give
+# it. What is in the way is not known, so each gets at least this.
+_LEAST_SHARE = "0.2"
 
 # What is known of the surface at the point that is lit.
 RECEIVES_ANYWHERE = wp.constant(0)  # nothing: a point in a medium
@@ -20,19 +25,30 @@ RECEIVES_BOTH = wp.constant(2)  # from either side
 
 @wp.struct
 class LightTree:
-    """The tree as `wrt.build.light_tree.LightTree` has it."""
+    """The tree as `wrt.build.light_tree.LightTree` has it, with at least one node.
+
+    `far` is the irradiance of all lights that are infinitely far away, 0 where there are none; `scale` makes the
+    importance of the root's children an irradiance as well.
+    """
 
     nodes: wp.array(dtype=float)
     parents: wp.array(dtype=int)
     places: wp.array(dtype=int)
+    scale: float
+    far: float
 
 
 @wp.struct
 class LightChoice:
-    """A light, or NO_LIGHT where none can light the point, and the probability of the choice."""
+    """A light, FAR_LIGHT for any that is not in the tree, or NO_LIGHT, and the probability of the choice.
+
+    `rest` and `more` are what is left of the numbers that chose: uniform in [0, 1), `more` with the further digits.
+    """
 
     light: int
     probability: float
+    rest: float
+    more: float
 
 
 # The importance of a node's children, times the least of distance squared so that no scale of scene leaves the range of
@@ -81,6 +97,7 @@ _WEIGH = """
 _WEIGHTS = (
     """
     alignas(32) float weights[8];
+    float nearest = 3e38f;
 #if VECTOR_CODE
     {
     #define V f8
@@ -93,7 +110,7 @@ _WEIGHTS = (
 """
     + _WEIGH
     + """
-    const float nearest = __builtin_reduce_min(WHERE(power > 0.0f, distance2, (V)3e38f));
+    nearest = __builtin_reduce_min(WHERE(power > 0.0f, distance2, (V)3e38f));
     importance *= power;
     *(f8*)weights = WHERE(importance > 0.0f, MOST(importance * (nearest / distance2), (V)1e-36f), (V)0.0f);
     }
@@ -106,7 +123,7 @@ _WEIGHTS = (
     #define LEAST(a, b) fminf(a, b)
     #define MOST(a, b) fmaxf(a, b)
     #define SIZE(a) fabsf(a)
-    float distances[8], nearest = 3e38f;
+    float distances[8];
     for (int lane = 0; lane < 8; ++lane) {
 """
     + _WEIGH
@@ -129,6 +146,17 @@ _WEIGHTS = (
 """
 )
 
+# The share of the lights in the tree.
+#   in:  near: sum of the root's weights, nearest; tree
+_SHARE = """
+    const double irradiance = near * tree.scale / nearest;
+    double share = tree.far > 0.0f ? 0.0 : 1.0;
+    if (tree.far > 0.0f && near > 0.0) {
+        share = 1.0 / (1.0 + tree.far / irradiance);
+        share = share < LEAST_SHARE ? LEAST_SHARE : share < 1.0 - LEAST_SHARE ? share : 1.0 - LEAST_SHARE;
+    }
+"""
+
 # Sums and shares are in double precision: the one random number, 48 bits of it, must reach every light of a million
 # with its probability, and the probability of a light must be the same walked down as walked up.
 _SAMPLE = (
@@ -136,6 +164,7 @@ _SAMPLE = (
     const float* const nodes = (const float*)tree.nodes.data;
     double probability = 1.0, place = (double)u[0] + (double)u[1] * 5.9604644775390625e-8;
     int current = 0;
+    bool far = false;
     do {
         const float* const node = nodes + (size_t)current * 128;
 """
@@ -144,25 +173,41 @@ _SAMPLE = (
         double sums[9];
         sums[0] = 0.0;
         for (int k = 0; k < 8; ++k) sums[k + 1] = sums[k] + (double)weights[k];
+        if (current == 0) {
+            const double near = sums[8];
+"""
+    + _SHARE
+    + """
+            if (place >= share) {
+                place = (place - share) / (1.0 - share);
+                probability = 1.0 - share;
+                far = true;
+                break;
+            }
+            place /= share;
+            probability = share;
+        }
         if (!(sums[8] > 0.0)) {
-            current = -1;
             probability = 0.0;
             break;
         }
-        const double target = place * sums[8];
+        const double target = (place < BELOW_ONE ? place : BELOW_ONE) * sums[8];
         int chosen = 0;
         for (int k = 1; k < 8; ++k) chosen += target >= sums[k];
         // Rounding may lead to a last child of no weight.
         while (!(weights[chosen] > 0.0f)) --chosen;
         place = (target - sums[chosen]) / (double)weights[chosen];
-        place = place < 0.0 ? 0.0 : place < 0.999999999999 ? place : 0.999999999999;
         probability *= (double)weights[chosen] / sums[8];
         current = ((const int*)(node + 120))[chosen];
     } while (current >= 0);
-    const int light = probability > 0.0 ? -1 - current : -1;
+    const int light = far ? -2 : probability > 0.0 ? -1 - current : -1;
     float bits;
     memcpy(&bits, &light, 4);
-    return wp::vec_t<2, float>(bits, probability > 0.0 && probability < 1e-37 ? 1e-37f : (float)probability);
+    // What is left, as numbers of 24 bits.
+    place = (place < BELOW_ONE ? place : BELOW_ONE) * 16777216.0;
+    const int rest = (int)place, more = (int)((place - rest) * 16777216.0);
+    const float digit = 5.9604644775390625e-8f;
+    return wp::vec_t<4, float>(bits, AS_FLOAT(probability), rest * digit, more * digit);
 """
 )
 
@@ -182,8 +227,30 @@ _PROBABILITY = (
         for (int k = 0; k < 8; ++k) sum += (double)weights[k];
         probability *= (double)weights[chosen] / sum;
         place = ((const int*)tree.parents.data)[current];
+        if (place < 0) {
+            const double near = sum;
+"""
+    + _SHARE
+    + """
+            probability *= share;
+        }
     }
-    return probability > 0.0 && probability < 1e-37 ? 1e-37f : (float)probability;
+    return AS_FLOAT(probability);
+"""
+)
+
+_FAR = (
+    """
+    const float* const node = (const float*)tree.nodes.data;
+"""
+    + _WEIGHTS
+    + """
+    double near = 0.0;
+    for (int k = 0; k < 8; ++k) near += (double)weights[k];
+"""
+    + _SHARE
+    + """
+    return (float)(1.0 - share);
 """
 )
 
@@ -194,11 +261,15 @@ def _native(code: str) -> str:
     typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
 #endif
 """
-    return (types + code).replace("VECTOR_CODE", VECTOR_CODE)
+    code = (types + code).replace("VECTOR_CODE", VECTOR_CODE).replace("LEAST_SHARE", _LEAST_SHARE)
+    code = code.replace(
+        "AS_FLOAT(probability)", "(probability > 0.0 && probability < 1e-37 ? 1e-37f : (float)probability)"
+    )
+    return code.replace("BELOW_ONE", "0.999999999999")
 
 
 @wp.func_native(_native(_SAMPLE))
-def _sample(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> wp.vec2: ...
+def _sample(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> wp.vec4: ...
 
 
 @wp.func_native(_native(_PROBABILITY))
@@ -207,12 +278,18 @@ def light_tree_probability(tree: LightTree, light: int, position: wp.vec3, norma
     ...
 
 
+@wp.func_native(_native(_FAR))
+def far_light_probability(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int) -> float:
+    """Return the probability with which `sample_light_tree` answers FAR_LIGHT."""
+    ...
+
+
 @wp.func
 def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> LightChoice:
     """Return a light for the point `position`, chosen by one random number, whose lower bits are `u[1]`.
 
     Args:
-        tree: with at least one node.
+        tree: the lights.
         position: of the point that is lit.
         normal: unit vector; ignored where the point RECEIVES_ANYWHERE.
         receives: a RECEIVES constant.
@@ -222,4 +299,6 @@ def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, recei
     choice = LightChoice()
     choice.light = wp.cast(found[0], wp.int32)
     choice.probability = found[1]
+    choice.rest = found[2]
+    choice.more = found[3]
     return choice

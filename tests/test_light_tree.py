@@ -11,10 +11,12 @@ from support.statistics import chi_square_test
 from wrt.build.light_tree import WIDTH, LightBounds, build_light_tree
 from wrt.build.light_tree import LightTree as HostTree
 from wrt.kernels.light_tree import (
+    FAR_LIGHT,
     RECEIVES_ANYWHERE,
     RECEIVES_BOTH,
     RECEIVES_FRONT,
     LightTree,
+    far_light_probability,
     light_tree_probability,
     sample_light_tree,
 )
@@ -31,11 +33,13 @@ def draw_lights(
     u: wp.array(dtype=wp.vec2),
     light_out: wp.array2d(dtype=int),
     probability_out: wp.array2d(dtype=float),
+    rest_out: wp.array2d(dtype=wp.vec2),
 ):
     i, j = wp.tid()
     choice = sample_light_tree(tree, position[i], normal[i], receives, u[j])
     light_out[i, j] = choice.light
     probability_out[i, j] = choice.probability
+    rest_out[i, j] = wp.vec2(choice.rest, choice.more)
 
 
 @wp.kernel(enable_backward=False)
@@ -47,33 +51,40 @@ def probabilities_of_lights(
     probability_out: wp.array2d(dtype=float),
 ):
     i, j = wp.tid()
-    probability_out[i, j] = light_tree_probability(tree, j, position[i], normal[i], receives)
+    if j < tree.places.shape[0]:
+        probability_out[i, j] = light_tree_probability(tree, j, position[i], normal[i], receives)
+    else:
+        probability_out[i, j] = far_light_probability(tree, position[i], normal[i], receives)
 
 
-def on_device(tree: HostTree, device: str) -> LightTree:
+def on_device(tree: HostTree, device: str, far: float = 0.0) -> LightTree:
     result = LightTree()
     result.nodes = upload(tree.nodes.ravel(), float, device)
     result.parents = upload(tree.parents, int, device)
     result.places = upload(tree.places, int, device)
+    result.scale = tree.scale
+    result.far = far
     return result
 
 
 def drawn(
-    tree: HostTree, position: NDArray, normal: NDArray, receives: int, u: NDArray, device: str
-) -> tuple[NDArray, NDArray]:
-    """Return (points, samples) lights and their probabilities."""
+    tree: HostTree, position: NDArray, normal: NDArray, receives: int, u: NDArray, device: str, far: float = 0.0
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return (points, samples) lights, their probabilities and what is left of the numbers."""
     shape = (len(position), len(u))
-    light, probability = wp.empty(shape, dtype=int, device=device), wp.empty(shape, dtype=float, device=device)
+    out = [wp.empty(shape, dtype=dtype, device=device) for dtype in (int, float, wp.vec2)]
     arrays = [upload(position, wp.vec3, device), upload(normal, wp.vec3, device), receives, upload(u, wp.vec2, device)]
-    wp.launch(draw_lights, shape, [on_device(tree, device), *arrays], [light, probability], device=device)
-    return light.numpy(), probability.numpy()
+    wp.launch(draw_lights, shape, [on_device(tree, device, far), *arrays], out, device=device)
+    return out[0].numpy(), out[1].numpy(), out[2].numpy()
 
 
-def probabilities(tree: HostTree, position: NDArray, normal: NDArray, receives: int, device: str) -> NDArray:
-    """Return (points, lights) probabilities."""
-    out = wp.empty((len(position), len(tree.places)), dtype=float, device=device)
+def probabilities(
+    tree: HostTree, position: NDArray, normal: NDArray, receives: int, device: str, far: float = 0.0
+) -> NDArray:
+    """Return (points, lights) probabilities, or (points, lights + 1) where there are far lights, these last."""
+    out = wp.empty((len(position), len(tree.places) + (far > 0.0)), dtype=float, device=device)
     arrays = [upload(position, wp.vec3, device), upload(normal, wp.vec3, device), receives]
-    wp.launch(probabilities_of_lights, out.shape, [on_device(tree, device), *arrays], [out], device=device)
+    wp.launch(probabilities_of_lights, out.shape, [on_device(tree, device, far), *arrays], [out], device=device)
     return out.numpy().astype(np.float64)
 
 
@@ -245,7 +256,7 @@ def test_lights_are_drawn_as_often_as_said(kind: str, receives: int, device: str
     if receives != SIDES["front"] and not (lights.cos_falloff > 0.0).any() and lights.cos_spread.max() == -1.0:
         np.testing.assert_allclose(said.sum(axis=1), 1.0, rtol=1e-5)
     u = uniforms(2**14, 2, seed=3)
-    light, probability = drawn(tree, position, normal, receives, u, device)
+    light, probability, _ = drawn(tree, position, normal, receives, u, device)
     chosen = light >= 0
     assert (probability[~chosen] == 0.0).all()
     # The walk up gives what the walk down gave, bit for bit.
@@ -265,12 +276,40 @@ def test_lights_are_drawn_as_often_as_said(kind: str, receives: int, device: str
         assert result.passed, f"point {i}: {result.message}"
 
 
+@pytest.mark.parametrize("far", [1e-6, 0.1, 1e6])
+def test_far_lights_have_a_share(far: float, device: str, report: Report) -> None:
+    lights = some_lights("mixed")
+    tree = build_light_tree(lights)
+    position, normal = points_and_normals(lights)
+    said = probabilities(tree, position, normal, SIDES["front"], device, far)
+    u = uniforms(2**14, 2, seed=3)
+    light, probability, rest = drawn(tree, position, normal, SIDES["front"], u, device, far)
+    report("shares, least and greatest", f"{said[:, -1].min():.3f} {said[:, -1].max():.3f}", "0.2 to 0.8, or 1")
+    alone = said[:, -1] == 1.0
+    assert alone.any()
+    assert (said[alone, :-1] == 0.0).all()
+    assert ((said[~alone, -1] > 0.1999) & (said[~alone, -1] < 0.8001)).all()
+    is_far = light == int(FAR_LIGHT)
+    assert (probability[is_far] == said.astype(np.float32)[np.nonzero(is_far)[0], -1]).all()
+    for i in range(len(position)):
+        found = np.where(is_far[i], len(lights), light[i])
+        counts = np.bincount(found[found >= 0], minlength=len(lights) + 1)
+        if said[i, -1] < 1.0:
+            result = chi_square_test(counts, len(u) * said[i], samples=len(u), tests=len(position), total_tolerance=2.0)
+            assert result.passed, result.message
+    # What is left of the numbers is uniform, whatever was chosen.
+    for chosen in (is_far, light >= 0):
+        counts, _, _ = np.histogram2d(*rest[chosen].T, bins=8, range=[[0.0, 1.0], [0.0, 1.0]])
+        result = chi_square_test(counts, np.full((8, 8), chosen.sum() / 64.0), tests=2)
+        assert result.passed, result.message
+
+
 def test_another_points_probabilities_are_noticed(device: str) -> None:
     lights = some_lights("mixed")
     tree = build_light_tree(lights)
     position, normal = points_and_normals(lights)
     u = uniforms(2**14, 2, seed=3)
-    light, _ = drawn(tree, position[:1], normal[:1], 1, u, device)
+    light, _, _ = drawn(tree, position[:1], normal[:1], 1, u, device)
     said = probabilities(tree, position[:1] * np.float32(1.1), normal[:1], 1, device)
     counts = np.bincount(light[light >= 0], minlength=len(lights))
     assert not chi_square_test(counts, len(u) * said[0], samples=len(u), total_tolerance=2.0).passed
@@ -292,7 +331,7 @@ def test_lights_rarer_than_a_float_can_choose(device: str, report: Report) -> No
     assert 900 < len(values) < 1100
     u = uniforms(2**18, 2, seed=1)
     u[:, 0] = values[rng.integers(0, len(values), len(u))]
-    light, _ = drawn(tree, far, far, SIDES["anywhere"], u, device)
+    light, _, _ = drawn(tree, far, far, SIDES["anywhere"], u, device)
     assert light.max() < n
     counts = np.bincount(light[0], minlength=n)
     expected = len(u) * said[:-1] / (len(values) / 2**24)

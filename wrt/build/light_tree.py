@@ -48,7 +48,8 @@ class LightBounds:
         cos_spread: (N,) cosine of the greatest angle between the axis and a normal; −1 for lights without a normal.
         cos_falloff: (N,) cosine of the angle from the normal beyond which nothing goes; 0 for surfaces.
         two_sided: (N,) whether it shines against its axis as well.
-        power: (N,) not negative, in any unit; a light of power 0 is never chosen.
+        power: (N,) π times the greatest radiant intensity, in any unit, for a flat surface the power that a side
+            gives off; not negative, and a light of power 0 is never chosen.
     """
 
     center: Array
@@ -123,11 +124,13 @@ class LightTree:
         parents: (M,) int32 place of each node in its parent: WIDTH times the parent's number plus the row's place;
             −1 for the root.
         places: (N,) int32 place of each light, likewise; −1 for lights that are never chosen.
+        scale: irradiance, in the unit of the powers per square metre, for an importance of 1 among the root's children.
     """
 
     nodes: NDArray[np.float32]
     parents: NDArray[np.int32]
     places: NDArray[np.int32]
+    scale: float
 
 
 def build_light_tree(lights: LightBounds) -> LightTree:
@@ -136,16 +139,16 @@ def build_light_tree(lights: LightBounds) -> LightTree:
     chosen = lights.take(shining)
     if len(shining) == 0:
         return LightTree(
-            np.zeros((0, ROWS, WIDTH), np.float32), np.zeros(0, np.int32), np.full(len(lights), -1, np.int32)
+            np.zeros((0, ROWS, WIDTH), np.float32), np.zeros(0, np.int32), np.full(len(lights), -1, np.int32), 0.0
         )
     order, begin, end, left = _split(chosen)
-    nodes, parents, places = _collapse(chosen.take(order), begin, end, left)
+    nodes, parents, places, most = _collapse(chosen.take(order), begin, end, left)
     result = np.full(len(lights), -1, np.int32)
     result[shining[order]] = places
     children = nodes[:, -1].view(np.int32)
     is_light = (children < 0) & (nodes[:, -2] > 0.0)
     children[is_light] = -1 - shining[order[-1 - children[is_light]]]
-    return LightTree(nodes, parents, result)
+    return LightTree(nodes, parents, result, most / np.pi)
 
 
 # --- The binary tree -------------------------------------------------------------------------------
@@ -305,14 +308,17 @@ def _split_costs(lights: _Columns, key: Indices, nodes: int, bins: int) -> Array
 
 def _collapse(
     lights: LightBounds, begin: Indices, end: Indices, left: Indices
-) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return the arrays of LightTree for lights in the binary tree's order; lights are numbered by that order."""
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32], float]:
+    """Return the arrays of LightTree for lights in the binary tree's order, and the most power of the root's children.
+
+    Lights are numbered by that order.
+    """
     power = np.concatenate([[0.0], np.cumsum(lights.power)])
     node_power = power[end] - power[begin]
     levels, parent_levels = [], []
     places = np.zeros(len(lights), np.int32)
     frontier, parents = np.array([0]), np.array([-1])
-    first = 0
+    first, most = 0, 0.0
     while len(frontier):
         slots = _children(frontier, begin, end, left, node_power)
         is_light = slots < -1
@@ -327,6 +333,8 @@ def _collapse(
         powers = np.zeros(slots.shape)
         powers[used] = bounds[:, 14]
         # Within a node only ratios count. No power vanishes, however small.
+        if first == 0:
+            most = float(powers.max())
         relative = np.maximum(powers / powers.max(axis=1, keepdims=True), 1e-30)
         rows[:, 14] = np.where(used, relative, 0.0)
         inner = used & ~is_light
@@ -340,7 +348,7 @@ def _collapse(
         levels.append(rows)
         parent_levels.append(parents)
         first, frontier, parents = following, slots[inner], place[inner]
-    return np.concatenate(levels), np.concatenate(parent_levels).astype(np.int32), places
+    return np.concatenate(levels), np.concatenate(parent_levels).astype(np.int32), places, most
 
 
 def _children(frontier: Indices, begin: Indices, end: Indices, left: Indices, power: Array) -> Indices:
