@@ -298,8 +298,8 @@ def test_far_lights_have_a_share(far: float, device: str, report: Report) -> Non
             result = chi_square_test(counts, len(u) * said[i], samples=len(u), tests=len(position), total_tolerance=2.0)
             assert result.passed, result.message
     # What is left of the numbers is uniform, whatever was chosen.
-    for chosen in (is_far, light >= 0):
-        counts, _, _ = np.histogram2d(*rest[chosen].T, bins=8, range=[[0.0, 1.0], [0.0, 1.0]])
+    for chosen in (is_far[0], light[0] >= 0):
+        counts, _, _ = np.histogram2d(*rest[0][chosen].T, bins=8, range=[[0.0, 1.0], [0.0, 1.0]])
         result = chi_square_test(counts, np.full((8, 8), chosen.sum() / 64.0), tests=2)
         assert result.passed, result.message
 
