@@ -21,6 +21,7 @@ class Features:
         sampler: where the random numbers come from (see `kernels.sampler.make_sample_4d`).
         instances: "none" where all triangles lie in one tree, else what instances do at most: "still", "moving" as
             wholes, or "deforming".
+        integrator: what follows a camera ray (see `kernels/integrators.py`).
     """
 
     models: tuple[str, ...]
@@ -30,6 +31,7 @@ class Features:
     tangents: bool = False
     sampler: str = "independent"
     instances: str = "none"
+    integrator: str = "path"
 
     @property
     def name(self) -> str:
@@ -38,6 +40,7 @@ class Features:
         parts += ["layered"] * self.layered + ["tangents"] * self.tangents
         parts += [self.sampler] * (self.sampler != "independent")
         parts += [self.instances] * (self.instances != "none")
+        parts += [self.integrator] * (self.integrator != "path")
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

@@ -60,35 +60,74 @@ def choose_material(scene: SceneData, material: int, surface: Surface, u: float)
     return PASSED_THROUGH
 
 
+@wp.struct
+class Leaves:
+    """A material taken apart: what of it is `left` to look at, and what was found so far.
+
+    `leaf` is a material that is made of no others and `share` how much of the whole it is, 0 where there is no further
+    one; `passed` is the share that lets light straight through.
+    """
+
+    numbers: _numbers
+    shares: _shares
+    left: int
+    leaf: int
+    share: float
+    passed: float
+
+
+@wp.func
+def leaves_of(material: int) -> Leaves:
+    """Return a material that is still whole: as long as there are no others in it, it is its only leaf."""
+    leaves = Leaves()
+    leaves.numbers[0] = material
+    leaves.shares[0] = 1.0
+    leaves.left = 1
+    leaves.leaf = material
+    leaves.share = 1.0
+    leaves.passed = 0.0
+    return leaves
+
+
+@wp.func
+def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
+    """Return the same with the next leaf; the last one may come with others left that turn out to be none."""
+    found = leaves
+    found.share = 0.0
+    while found.left > 0:
+        found.left = found.left - 1
+        number = found.numbers[found.left]
+        record = scene.materials[number]
+        share = found.shares[found.left]
+        if record.opacity_slot >= 0:
+            opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
+            found.passed = found.passed + share * (1.0 - opacity)
+            share *= opacity
+        if record.kind == MATERIAL_MODEL:
+            found.leaf = number
+            found.share = share
+            return found
+        if record.kind == MATERIAL_MIX:
+            weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
+            found.numbers[found.left] = record.first
+            found.shares[found.left] = share * (1.0 - weight)
+            found.numbers[found.left + 1] = record.second
+            found.shares[found.left + 1] = share * weight
+            found.left = found.left + 2
+        else:
+            found.numbers[found.left] = wp.where(surface.front, record.first, record.second)
+            found.shares[found.left] = share
+            found.left = found.left + 1
+    return found
+
+
 @wp.func
 def transmittance_of(scene: SceneData, material: int, surface: Surface) -> float:
     """Return the share of light that a material lets straight through: what `choose_material` passes, on average."""
-    stack = _numbers()
-    shares = _shares()
-    stack[0] = material
-    shares[0] = 1.0
-    top = int(1)
-    passed = float(0.0)
-    while top > 0:
-        top -= 1
-        record = scene.materials[stack[top]]
-        share = shares[top]
-        if record.opacity_slot >= 0:
-            opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
-            passed += share * (1.0 - opacity)
-            share *= opacity
-        if record.kind == MATERIAL_MIX:
-            weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
-            stack[top] = record.first
-            shares[top] = share * (1.0 - weight)
-            stack[top + 1] = record.second
-            shares[top + 1] = share * weight
-            top += 2
-        elif record.kind != MATERIAL_MODEL:
-            stack[top] = wp.where(surface.front, record.first, record.second)
-            shares[top] = share
-            top += 1
-    return passed
+    leaves = leaves_of(material)
+    while leaves.left > 0:
+        leaves = next_leaf(scene, leaves, surface)
+    return leaves.passed
 
 
 @functools.cache

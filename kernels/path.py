@@ -46,6 +46,9 @@ class PathSettings:
 
     max_depth: int
     strategy: int
+    min_attenuation: float  # of ray trees: what is dimmer is not followed
+    ambient: wp.vec3  # of ray trees: radiance that all that is not smooth receives from everywhere
+    ao_distance: float  # how far ambient occlusion looks
 
 
 @wp.struct

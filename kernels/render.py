@@ -8,7 +8,8 @@ from wrt.kernels.camera import Camera, camera_ray, shutter_time
 from wrt.kernels.features import Features
 from wrt.kernels.film import FilmData, is_finite_color
 from wrt.kernels.filters import filter_offset
-from wrt.kernels.path import PathResult, PathSettings, make_trace_path
+from wrt.kernels.integrators import make_trace
+from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_4d
 from wrt.kernels.scene_data import SceneData
 
@@ -16,7 +17,7 @@ from wrt.kernels.scene_data import SceneData
 @functools.cache
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features; equal features give the same kernel."""
-    trace_path = make_trace_path(features)
+    trace = make_trace(features)
     sample_4d = make_sample_4d(features.sampler)
     pixel_name = make_pixel_name(features.sampler)
 
@@ -57,7 +58,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
             seen = camera_ray(camera, position, wp.vec2(u[2], u[3]), time)
             result = PathResult()
             if seen.visible:
-                result = trace_path(scene, seen.ray, seen.footprint, sampler, settings)
+                result = trace(scene, seen.ray, seen.footprint, sampler, settings)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

@@ -19,6 +19,7 @@ from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.coat import make_coat_kernel
 from wrt.kernels.features import Features
+from wrt.kernels.integrators import INTEGRATORS
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.render import make_render_kernel
 from wrt.materials import MATERIALS
@@ -47,6 +48,7 @@ FEATURES = [
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
+    *(Features(("conductor", "dielectric"), True, "image", True, True, integrator=name) for name in INTEGRATORS),
     # Each distribution of normals, and each masking with one of them.
     *(
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")

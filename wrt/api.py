@@ -89,6 +89,7 @@ def render(
     max_depth: int | None = None,
     crop: tuple[int, int, int, int] | None = None,
     sampler: str | None = None,
+    integrator: str | None = None,
 ) -> NDArray[np.float32]:
     """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
 
@@ -109,6 +110,7 @@ def render(
         max_depth=max_depth,
         crop=crop,
         sampler=sampler,
+        integrator=integrator,
     )
     for _ in renderer.passes(spp=spp, time=time):
         pass

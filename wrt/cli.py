@@ -154,6 +154,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", metavar="N", type=_whole(0), default=0, help="another seed, another noise (default: 0)")
     add("--max-depth", metavar="N", type=_whole(1), help="most segments in a path (default: the scene's own)")
     add("--sampler", metavar="NAME", help="independent, stratified, sobol or blue-noise (default: the scene's own)")
+    add("--integrator", metavar="NAME", help="path, direct, whitted, ao or aov (default: the scene's own)")
     add("--exposure", metavar="STOPS", type=_finite, help="factors of two by which a PNG is brightened")
     add("--checkpoint", metavar="FILE", help="save the render there, to go on with later")
     add("--resume", action="store_true", help="go on from the checkpoint if there is one")
@@ -325,6 +326,7 @@ def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path |
         max_depth=options.max_depth,
         crop=options.crop,
         sampler=options.sampler,
+        integrator=options.integrator,
     )
     if options.resume and checkpoint is not None:
         if not checkpoint.exists():

@@ -16,6 +16,7 @@ from wrt._version import __version__
 from wrt.build.camera import CropWindow, build_camera
 from wrt.build.environment import environment_kind
 from wrt.build.filters import filter_table
+from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.build.scene_data import build_scene
 from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
 from wrt.device import Device
@@ -29,6 +30,19 @@ from wrt.values import integer, number
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How light that both samplings find is weighed: shared, or left to one of them alone."""
+
+SETTINGS_OF_PICTURE = (
+    "width",
+    "height",
+    "max_depth",
+    "filter",
+    "sampler",
+    "crop",
+    "integrator",
+    "min_attenuation",
+    "ao_distance",
+)
+"""What of `RenderSettings` changes a picture: checkpoints tell it."""
 
 MAX_SPP = 2**31 - 1
 PASS_SECONDS = 0.4
@@ -82,6 +96,9 @@ class Renderer:
         sampler: str | None = None,
         strategy: str = "mis",
         crop: CropWindow | None = None,
+        integrator: str | None = None,
+        min_attenuation: float | None = None,
+        ao_distance: float | None = None,
     ) -> None:
         """Build a scene for a device and compile its kernel.
 
@@ -98,6 +115,10 @@ class Renderer:
             strategy: "mis", or "light" or "bsdf" to find surface and image lights by only one of both.
             crop: the part of the picture to render, in its pixels: first column, first row, and the column and row
                 after the last; by default the scene's own setting, which by default is all of it.
+            integrator: what the picture shows, see `wrt.scene.INTEGRATORS`; by default the scene's own setting, as for
+                what follows, which is described at `wrt.RenderSettings`.
+            min_attenuation: of integrator "whitted".
+            ao_distance: of integrator "ao", metres.
 
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
@@ -109,10 +130,14 @@ class Renderer:
             "filter": filter,
             "crop": crop,
             "sampler": sampler,
+            "integrator": integrator,
+            "min_attenuation": min_attenuation,
+            "ao_distance": ao_distance,
         }
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
         )
+        self.integrator = choose_integrator(scene, self.settings)
         if self.width * self.height >= 2**31:
             raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
         self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
@@ -125,7 +150,7 @@ class Renderer:
         if self.scene.camera is None:
             points = np.concatenate([shape.mesh.vertices for shape in self.scene.shapes])
             self.scene.camera = frame_camera(points, self.width / self.height)
-        if not _has_light(self.scene):
+        if self.integrator not in WITHOUT_LIGHT and not _has_light(self.scene):
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
 
         self.device = Device(device, threads=threads)
@@ -139,16 +164,15 @@ class Renderer:
     def _prepare(self) -> tuple[float, Any, list[Any]]:
         import warp as wp
 
-        from wrt.kernels.path import PathSettings
         from wrt.kernels.render import make_render_kernel
 
-        path = PathSettings()
-        path.max_depth = self.settings.max_depth
+        path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
         assert self.scene.camera is not None
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
-        kernel = make_render_kernel(dataclasses.replace(self._built.features, sampler=self.settings.sampler))
+        features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
+        kernel = make_render_kernel(integrator_features(features, self.integrator))
         seconds = self.device.compile(kernel)
         return seconds, kernel, [self.seed, camera, table, self._built.data, path, self.film.data]
 
@@ -275,8 +299,7 @@ class Renderer:
             InputError: where the file is not a checkpoint, or of another scene or version.
         """
         header, arrays = read_checkpoint(path)
-        keys = ("width", "height", "seed", "max_depth", "filter", "sampler", "strategy", "crop")
-        options = {key: header.get(key) for key in keys}
+        options = {key: header.get(key) for key in ("seed", "strategy", *SETTINGS_OF_PICTURE)}
         try:
             renderer = cls(scene, device=device, threads=threads, **options)  # type: ignore[arg-type]
         except InputError as error:
@@ -307,14 +330,11 @@ class Renderer:
         return {
             "wrt": __version__,
             "warp": wp.config.version,
-            "width": self.width,
-            "height": self.height,
+            **{key: getattr(self.settings, key) for key in SETTINGS_OF_PICTURE},
             "seed": self.seed,
-            "max_depth": self.settings.max_depth,
-            "filter": self.settings.filter,
-            "sampler": self.settings.sampler,
             "strategy": self.strategy,
             "crop": list(self.crop) if self.crop != (0, 0, self.width, self.height) else None,
+            "integrator": self.integrator,
             "scene": scene_fingerprint(self.scene),
         }
 

@@ -27,6 +27,9 @@ FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 """Where random numbers come from; docs/sampling.md compares them."""
 
+INTEGRATORS = ("path", "direct", "whitted", "ao", "aov")
+"""What a picture shows, by name; docs/integrators.md says what each computes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -73,6 +76,9 @@ class RenderSettings:
         exposure: stops (factors of two) applied when a picture is written as PNG.
         crop: the part of the picture that is rendered, in its pixels: first column, first row, and the column and row
             after the last; None is all of it. A part has the very pixels that the whole has there.
+        integrator: one of INTEGRATORS; None is "path".
+        min_attenuation: integrator "whitted" follows no ray that counts for less than this share.
+        ao_distance: how far integrator "ao" looks for what blocks the sky, metres; None is without limit.
     """
 
     width: int = 768
@@ -83,6 +89,9 @@ class RenderSettings:
     sampler: str = "independent"
     exposure: float = 0.0
     crop: tuple[int, int, int, int] | None = None
+    integrator: str | None = None
+    min_attenuation: float = 0.005
+    ao_distance: float | None = None
 
     def __post_init__(self) -> None:
         self.width = integer(self.width, "width", minimum=1, maximum=65536)
@@ -94,6 +103,11 @@ class RenderSettings:
         if self.sampler not in SAMPLERS:
             raise InputError(f"sampler must be one of {', '.join(SAMPLERS)}, not {self.sampler!r}")
         self.exposure = number(self.exposure, "exposure", minimum=-100.0, maximum=100.0)
+        if self.integrator is not None and self.integrator not in INTEGRATORS:
+            raise InputError(f"integrator must be one of {', '.join(INTEGRATORS)}, not {self.integrator!r}")
+        self.min_attenuation = number(self.min_attenuation, "min_attenuation", minimum=0.0, maximum=1.0)
+        if self.ao_distance is not None:
+            self.ao_distance = number(self.ao_distance, "ao_distance", above=0.0)
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
 

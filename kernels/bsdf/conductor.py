@@ -2,7 +2,16 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.record import (
+    Bsdf,
+    BsdfSample,
+    Model,
+    SpecularLobes,
+    mirror_lobe,
+    mirror_sample,
+    zero_evaluate,
+    zero_pdf,
+)
 from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
 
 ETA = wp.constant(0)
@@ -22,6 +31,18 @@ def sample_schlick(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSa
     return mirror_sample(wo, fresnel_schlick(wo[2], bsdf.slots[F0]))
 
 
+@wp.func
+def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    """Return the mirrored direction, by the complex index of refraction."""
+    return mirror_lobe(fresnel_conductor(wo[2], bsdf.slots[ETA], bsdf.slots[K]))
+
+
+@wp.func
+def specular_schlick(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    """Return the mirrored direction, by the reflectance at normal incidence."""
+    return mirror_lobe(fresnel_schlick(wo[2], bsdf.slots[F0]))
+
+
 def make_conductor(fresnel: str = "conductor") -> Model:
     """Return the model by exact Fresnel equations ("conductor") or by Schlick's approximation ("schlick").
 
@@ -29,7 +50,7 @@ def make_conductor(fresnel: str = "conductor") -> Model:
         ValueError: for another name.
     """
     if fresnel == "conductor":
-        return Model(zero_evaluate, zero_pdf, sample, slots=2, delta=True)
+        return Model(zero_evaluate, zero_pdf, sample, slots=2, delta=True, specular=specular)
     if fresnel == "schlick":
-        return Model(zero_evaluate, zero_pdf, sample_schlick, slots=1, delta=True)
+        return Model(zero_evaluate, zero_pdf, sample_schlick, slots=1, delta=True, specular=specular_schlick)
     raise ValueError(f"no conductor of {fresnel!r}")

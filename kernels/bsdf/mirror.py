@@ -2,7 +2,16 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.record import (
+    Bsdf,
+    BsdfSample,
+    Model,
+    SpecularLobes,
+    mirror_lobe,
+    mirror_sample,
+    zero_evaluate,
+    zero_pdf,
+)
 
 REFLECTANCE = wp.constant(0)
 
@@ -13,4 +22,10 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return mirror_sample(wo, bsdf.slots[REFLECTANCE])
 
 
-MODEL = Model(zero_evaluate, zero_pdf, sample, slots=1, delta=True)
+@wp.func
+def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    """Return the mirrored direction."""
+    return mirror_lobe(bsdf.slots[REFLECTANCE])
+
+
+MODEL = Model(zero_evaluate, zero_pdf, sample, slots=1, delta=True, specular=specular)

@@ -13,7 +13,7 @@ that of a white base, 1 − R, and the albedo is ρ T(θo).
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, SpecularLobes, mirror_lobe, mirror_sample
 from wrt.kernels.coat import transmitted
 from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
 
@@ -83,4 +83,10 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=5)
+@wp.func
+def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    """Return the direction mirrored by the coat."""
+    return mirror_lobe(bsdf.slots[SPECULAR] * (1.0 - transmitted(wo[2], bsdf.slots[IOR][0])))
+
+
+MODEL = Model(evaluate, pdf, sample, slots=5, specular=specular)

@@ -44,6 +44,19 @@ class BsdfSample:
     eta: float
 
 
+@wp.struct
+class SpecularLobes:
+    """The single directions that light goes in at a smooth surface: mirrored, and `through`.
+
+    Weights are f |cosθi| without its delta; `eta` is n_t / n_i for `through`.
+    """
+
+    reflected: wp.vec3
+    transmitted: wp.vec3
+    through: wp.vec3
+    eta: float
+
+
 class Model(NamedTuple):
     """A reflection model: three device functions in the local frame whose z faces the viewer.
 
@@ -56,6 +69,7 @@ class Model(NamedTuple):
         transmits: whether light may come through the surface.
         matt: whether nothing in it goes mainly in the mirror direction: normal maps may then be steeper.
         widens: whether it adds `Bsdf.normal_variance` to its roughness; only then normal maps may be filtered.
+        specular: (bsdf, wo) -> SpecularLobes, the single directions for ray trees; None where it has none.
     """
 
     evaluate: wp.Function
@@ -66,6 +80,7 @@ class Model(NamedTuple):
     transmits: bool = False
     matt: bool = False
     widens: bool = False
+    specular: wp.Function | None = None
 
 
 @wp.func
@@ -90,6 +105,23 @@ def mirror_sample(wo: wp.vec3, reflectance: wp.vec3) -> BsdfSample:
     s.delta = True
     s.eta = 1.0
     return s
+
+
+@wp.func
+def mirror_lobe(reflectance: wp.vec3) -> SpecularLobes:
+    """Return the ideal mirror direction alone."""
+    lobes = SpecularLobes()
+    lobes.reflected = reflectance
+    lobes.transmitted = wp.vec3(0.0)
+    lobes.through = wp.vec3(0.0, 0.0, -1.0)
+    lobes.eta = 1.0
+    return lobes
+
+
+@wp.func
+def no_lobes(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    """Return that nothing goes in single directions."""
+    return mirror_lobe(wp.vec3(0.0))
 
 
 @wp.func

@@ -7,7 +7,16 @@ what comes back is R + T²R + T²R³ + … = 2R / (1 + R), and the rest goes str
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, mirror_sample, zero_evaluate, zero_pdf
+from wrt.kernels.bsdf.record import (
+    Bsdf,
+    BsdfSample,
+    Model,
+    SpecularLobes,
+    mirror_lobe,
+    mirror_sample,
+    zero_evaluate,
+    zero_pdf,
+)
 from wrt.kernels.fresnel import fresnel_dielectric
 
 IOR = wp.constant(0)  # n of the pane over n around it
@@ -32,4 +41,14 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True)
+@wp.func
+def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    """Return the mirrored direction and the one straight on."""
+    reflectance = pane_reflectance(wo[2], bsdf.slots[IOR][0])
+    lobes = mirror_lobe(bsdf.slots[REFLECTANCE] * reflectance)
+    lobes.transmitted = bsdf.slots[TRANSMITTANCE] * (1.0 - reflectance)
+    lobes.through = -wo
+    return lobes
+
+
+MODEL = Model(zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular)

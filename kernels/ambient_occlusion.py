@@ -1,0 +1,55 @@
+"""Ambient occlusion: how much of the sky a point would see, were there only what lies near it.
+
+A = ∫ V(ω) |cosθ| / π dω over the hemisphere about the shading normal, V being 0 where anything lies within the
+distance limit and 1 elsewhere (Zhukov, Iones and Kronin 1998, "An ambient light illumination model", with a step for
+their falloff; Landis 2002). Directions are drawn by the cosine, so each sample is 0 or 1.
+"""
+
+import functools
+
+import warp as wp
+
+from wrt.kernels.bvh import Hit
+from wrt.kernels.features import Features
+from wrt.kernels.first_surface import make_first_surface
+from wrt.kernels.geometry import Ray, to_world
+from wrt.kernels.intersect import NO_HIT
+from wrt.kernels.path import PathResult, PathSettings
+from wrt.kernels.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
+from wrt.kernels.scene_data import SceneData
+from wrt.kernels.shadow import make_visibility
+from wrt.kernels.triangles import leave_surface
+from wrt.kernels.warps import square_to_cosine_hemisphere
+
+
+@functools.cache
+def make_trace_occlusion(features: Features) -> wp.Function:
+    """Return the device function that asks one direction at the first surface; white where the ray meets none."""
+    sample_4d = make_sample_4d(features.sampler)
+    first_surface = make_first_surface(features)
+    visibility = make_visibility(features)
+
+    @wp.func
+    def trace_occlusion(
+        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
+    ) -> PathResult:
+        first = first_surface(scene, camera_ray, pixel_footprint, sampler)
+        result = PathResult()
+        result.rays = first.rays
+        result.radiance = wp.vec3(1.0)
+        if first.hit.triangle == NO_HIT:
+            return result
+        result.radiance = wp.vec3(0.0)
+        u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
+        ray = Ray()
+        ray.direction = to_world(first.surface.frame, square_to_cosine_hemisphere(wp.vec2(u[0], u[1])))
+        if wp.dot(ray.direction, first.surface.normal) > 0.0:
+            ray.origin = leave_surface(first.surface.position, first.surface.normal, first.surface.slack)
+            ray.time = camera_ray.time
+            nowhere = Hit()
+            nowhere.triangle = NO_HIT
+            result.radiance = wp.vec3(1.0) * visibility(scene, ray, settings.ao_distance, nowhere)
+            result.rays = result.rays + 1
+        return result
+
+    return trace_occlusion
