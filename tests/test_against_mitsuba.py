@@ -134,6 +134,18 @@ def thin_lens() -> wrt.Scene:
     return scene
 
 
+def orthographic() -> wrt.Scene:
+    scene = lamp(blocks(stage()))
+    scene.camera = wrt.OrthographicCamera((1.2, 1.6, 3.4), (0.0, 0.45, 0.0), view_height=2.2)
+    return scene
+
+
+def lens_shift() -> wrt.Scene:
+    scene = lamp(blocks(stage()))
+    scene.camera = wrt.PerspectiveCamera((0.4, 0.5, 3.4), (0.2, 0.5, 0.0), fov_degrees=30.0, shift_x=0.3, shift_y=-0.2)
+    return scene
+
+
 def textures() -> wrt.Scene:
     """A picture repeated over a wall, and a triangle with coloured corners."""
     scene = wrt.Scene(camera=CAMERA, environment=wrt.ConstantEnvironment(1.0))
@@ -233,6 +245,8 @@ CASES = {
     "faceted-glass": Case(faceted_glass, 10),
     "glass-block": Case(glass_block, 10),
     "thin-lens": Case(thin_lens, 1, 4096, 4096, (48, 36)),
+    "orthographic": Case(orthographic, 3),
+    "lens-shift": Case(lens_shift, 3),
     "textures": Case(textures, 3),
     "see-through": Case(see_through, 64, 512, 1024),
     "mixtures": Case(mixtures, 64, 512, 1024),
@@ -353,6 +367,8 @@ MISTAKES: dict[str, tuple[str, Callable[[wrt.Scene], wrt.Scene]]] = {
     "field of view 1 % wide": ("point-light", lambda s: with_camera(s, fov_degrees=1.01 * s.camera.fov_degrees)),
     "aperture 3 % wide": ("thin-lens", lambda s: with_camera(s, aperture_radius=1.03 * s.camera.aperture_radius)),
     "focus 2 % far": ("thin-lens", lambda s: with_camera(s, focus_distance=1.02 * s.camera.focus_distance)),
+    "orthographic view 1 % high": ("orthographic", lambda s: with_camera(s, view_height=2.222)),
+    "lens shifted 0.02 less": ("lens-shift", lambda s: with_camera(s, shift_y=-0.18)),
     "sky turned by 1 degree": (
         "image-environment",
         lambda s: dataclasses.replace(s, environment=dataclasses.replace(s.environment, rotation_degrees=38.0)),

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from support.cameras import camera_rays
 
 import wrt
+from wrt.scene import SAMPLERS
 
 FloatArray = NDArray[np.float64]
 WIDTH, HEIGHT = 48, 30
@@ -198,9 +200,19 @@ CROPPED: dict[str, wrt.Camera] = {
 )
 @pytest.mark.parametrize("name", CROPPED)
 def test_a_part_has_the_bits_of_the_whole(name: str, crop: tuple[int, int, int, int], device: str) -> None:
-    scene = stage(CROPPED[name])
-    whole = wrt.render(scene, width=WIDTH, height=HEIGHT, spp=3, device=device)
-    part = wrt.render(scene, width=WIDTH, height=HEIGHT, spp=3, device=device, crop=crop)
+    assert_part_is_of_the_whole(stage(CROPPED[name]), crop, device)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_a_part_has_the_bits_of_the_whole_by_every_sampler(sampler: str, device: str) -> None:
+    assert_part_is_of_the_whole(stage(CROPPED["perspective"]), (7, 11, 40, 12), device, sampler=sampler)
+
+
+def assert_part_is_of_the_whole(scene: wrt.Scene, crop: tuple[int, int, int, int], device: str, **options: Any) -> None:
+    options = {"width": WIDTH, "height": HEIGHT, "spp": 3, "device": device, **options}
+    whole = wrt.render(scene, **options)
+    part = wrt.render(scene, **options, crop=crop)
     x0, y0, x1, y1 = crop
     np.testing.assert_array_equal(part, whole[y0:y1, x0:x1])
     assert whole.any()

@@ -88,6 +88,8 @@ ERRORS = {
     "zero size": (["render", "cornell-box", "--size", "0x32"], "--size"),
     "more pixels than can be": (["render", "cornell-box", "--size", "60000x60000"], "60000x60000"),
     "more pixels than memory": (["render", "cornell-box", "--size", "46000x46000"], "46000x46000"),
+    "a part with three corners": (["render", "cornell-box", "--crop", "0,0,32"], "--crop"),
+    "a part beyond the picture": (["render", "cornell-box", "--crop", "0,0,9999,9"], "crop must lie inside"),
     "size without height": (["render", "cornell-box", "--size", "32"], "--size"),
     "no samples": ([*SMALL, "--spp", "0"], "--spp"),
     "too many samples": ([*SMALL, "--spp", "3000000000"], "spp"),
@@ -175,6 +177,13 @@ def test_json_summary_is_the_last_line_and_tells_the_truth(tmp_path: Path) -> No
     assert summary["mean_radiance"] == pytest.approx(image.mean(axis=(0, 1), dtype=np.float64).tolist(), rel=1e-12)
     rate = r"[\d.]+ [kMG]?\s?paths/s"
     assert re.fullmatch(rf"out\.npy  32x32  8 spp  [\d.]+ s  {rate}  noise [\d.e+]+ %\n", result.stderr), result.stderr
+
+
+def test_a_part_of_the_picture(tmp_path: Path) -> None:
+    whole, part = ["--spp", "1", "-o", "whole.npy"], ["--spp", "1", "-o", "part.npy", "--crop", "3,5,20,9"]
+    run(tmp_path, *SMALL, *whole)
+    assert "  17x4  " in run(tmp_path, *SMALL, *part).stderr
+    np.testing.assert_array_equal(np.load(tmp_path / "part.npy"), np.load(tmp_path / "whole.npy")[5:9, 3:20])
 
 
 def test_quiet_says_nothing_and_the_picture_is_named_after_the_input(tmp_path: Path) -> None:

@@ -93,6 +93,9 @@ CHANGES: dict[str, tuple[Callable[[wrt.Scene], None], str]] = {
     "environment's scale": (with_field("environment", environment(scale=2.0)), "environment"),
     "camera's place": (with_field("camera", camera(origin=(0, 1, 5.5))), "camera"),
     "camera's lens": (with_field("camera", camera(aperture_radius=0.1)), "camera"),
+    "camera's shutter": (with_field("camera", camera(shutter_close=0.1)), "camera"),
+    "camera's motion": (with_field("camera", camera(motion=wrt.Motion.translation((1, 0, 0)))), "camera"),
+    "camera's kind": (with_field("camera", wrt.FisheyeCamera((0.0, 1.0, 5.0), fov_degrees=40.0)), "camera"),
     "field of view": (with_field("camera", camera(fov_degrees=41.5)), "camera"),
 }
 

@@ -110,10 +110,10 @@ DEPTHS = (1.5, 6.0, 40.0)
 @pytest.mark.parametrize("shape", ["disk", "pentagon turned", "square"])
 def test_blurs_have_the_diameter_of_the_formula(shape: str, depth: float, device: str, report: Report) -> None:
     """Where rays of one film point cross the point's plane, as seen from the middle of the lens."""
-    chosen = camera(shape)
+    chosen = camera(shape, shift_x=0.3, shift_y=-0.1)
     film = np.tile([5.0, 2.5], (2**16, 1))
     rays = camera_rays(chosen, 8, 8, film, uniforms(2**16, 2, seed=6), device=device)
-    pinhole = camera_rays(camera(shape, aperture_radius=0.0), 8, 8, film[:1], device=device)
+    pinhole = camera_rays(camera(shape, aperture_radius=0.0, shift_x=0.3, shift_y=-0.1), 8, 8, film[:1], device=device)
 
     def crossings(origins: FloatArray, directions: FloatArray) -> FloatArray:
         t = (-depth - origins[:, 2]) / directions[:, 2]

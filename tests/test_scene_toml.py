@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import typing
 from pathlib import Path
 
@@ -279,6 +280,52 @@ def test_a_mesh_keeps_its_own_materials_unless_given_one(folder):
     assert len(given.shapes) == 1
     assert len(given.shapes[0].mesh.faces) == 4
     assert given.shapes[0].material == wrt.Mirror()
+
+
+MOVING = """
+[camera]
+type = "fisheye"
+origin = [1, 2, 3]
+shutter_open = 1.0
+shutter_close = 3
+shutter_ramp = 0.5
+[camera.motion]
+keys = [
+    { time = 1 },
+    { time = 2, rotate = { axis = [0, 1, 0], degrees = 90 } },
+    { time = 3.5, rotate = { axis = [0, 1, 0], degrees = 90 }, translate = [0, 0, 4] },
+]
+"""
+
+
+def test_a_camera_that_moves(folder):
+    """It turns about where it stands, unless told about what."""
+    camera = scene_of(folder, MOVING + QUAD).camera
+    assert isinstance(camera, wrt.FisheyeCamera)
+    assert (camera.shutter_open, camera.shutter_close, camera.shutter_ramp) == (1.0, 3.0, 0.5)
+    assert camera.motion.center == (1.0, 2.0, 3.0)
+    point = np.array([1.0, 2.0, 4.0, 1.0])
+    for time, expected in ((0.0, (1, 2, 4)), (2.0, (2, 2, 3)), (3.5, (2, 2, 7)), (9.0, (2, 2, 7))):
+        np.testing.assert_allclose((camera.motion.at(time) @ point)[:3], expected, atol=1e-12)
+    own = scene_of(folder, MOVING.replace("[camera.motion]", "[camera.motion]\ncenter = [0, 0, 0]") + QUAD).camera
+    np.testing.assert_allclose((own.motion.at(2.0) @ point)[:3], (4, 2, -1), atol=1e-12)
+
+
+MOTIONS = {
+    "keys = []": "camera.motion: motion times must be finite numbers, at least one",
+    "keys = [{ translate = [0, 0, 1] }]": "camera.motion.keys[0]: the key 'time' is missing",
+    "keys = [{ time = 1 }, { time = 1 }]": "camera.motion: motion times must ascend",
+    "keys = [{ time = 1, turn = 3 }]": "camera.motion.keys[0].turn: unknown key",
+    "keys = [{ time = 1, scale = 2 }]": "camera: camera motion must only move and turn",
+    "keys = 3": "camera.motion.keys: must be an array of tables",
+    "center = [0, 0, 0]": "camera.motion: the key 'keys' is missing",
+}
+
+
+@pytest.mark.parametrize("text", MOTIONS)
+def test_motions_that_cannot_be(folder, text):
+    with pytest.raises(wrt.InputError, match=re.escape(f"scene.toml: {MOTIONS[text]}")):
+        scene_of(folder, f"[camera.motion]\n{text}\n{QUAD}")
 
 
 def test_the_number_of_triangles_can_be_replaced(folder):

@@ -372,7 +372,7 @@ def _report(options: argparse.Namespace, renderer: Renderer, output: Path) -> No
     if not options.quiet:
         parts = [
             str(output),
-            f"{renderer.width}x{renderer.height}",
+            f"{renderer.film.width}x{renderer.film.height}",
             f"{renderer.spp} spp",
             f"{seconds:.1f} s",
             f"{rate_text(paths_per_second)} paths/s",
@@ -386,8 +386,8 @@ def _report(options: argparse.Namespace, renderer: Renderer, output: Path) -> No
         summary = {
             "device": renderer.device.name,
             "threads": renderer.threads,
-            "width": renderer.width,
-            "height": renderer.height,
+            "width": renderer.film.width,
+            "height": renderer.film.height,
             "spp": renderer.spp,
             "seconds_total": _seconds_since_start(),
             "seconds_compile": renderer.seconds_compile,

@@ -123,10 +123,13 @@ def _rgb(value: Any) -> dict[str, Any]:
     return {"type": "rgb", "value": [float(x) for x in np.broadcast_to(np.asarray(value, np.float64), 3)]}
 
 
-def _sensor(camera: wrt.PerspectiveCamera | None, width: int, height: int) -> dict[str, Any]:
+def _sensor(camera: wrt.Camera | None, width: int, height: int) -> dict[str, Any]:
     mi = load_mitsuba()
-    if camera is None:
-        raise ValueError("the scene has no camera")
+    if not isinstance(camera, (wrt.PerspectiveCamera, wrt.OrthographicCamera)):
+        raise NotImplementedError(f"Mitsuba has no {type(camera).__name__}")
+    to_world = mi.ScalarTransform4f().look_at(
+        origin=list(camera.origin), target=list(camera.target), up=list(camera.up)
+    )
     lens: dict[str, Any] = {"type": "perspective"}
     if camera.aperture_radius > 0.0:
         lens = {
@@ -134,15 +137,22 @@ def _sensor(camera: wrt.PerspectiveCamera | None, width: int, height: int) -> di
             "aperture_radius": camera.aperture_radius,
             "focus_distance": camera.distance_in_focus,
         }
+    if isinstance(camera, wrt.OrthographicCamera):
+        # Its picture is 2 wide, before `to_world`.
+        half_width = 0.5 * camera.view_height * width / height
+        to_world = to_world @ mi.ScalarTransform4f().scale([half_width, half_width, 1.0])
+        lens = {"type": "orthographic"}
+    else:
+        lens |= {"fov": camera.fov_degrees, "fov_axis": "y"}
+        if lens["type"] == "perspective":
+            # Shares of width and height by which its picture moves to the right and down.
+            lens["principal_point_offset_x"] = camera.shift_x * height / width
+            lens["principal_point_offset_y"] = -camera.shift_y
     return {
         **lens,
-        "fov": camera.fov_degrees,
-        "fov_axis": "y",
         "near_clip": 1e-4 * camera.distance_in_focus,
         "far_clip": 1e4 * camera.distance_in_focus,
-        "to_world": mi.ScalarTransform4f().look_at(
-            origin=list(camera.origin), target=list(camera.target), up=list(camera.up)
-        ),
+        "to_world": to_world,
         "film": {
             "type": "hdrfilm",
             "width": width,
