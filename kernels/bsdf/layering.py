@@ -11,6 +11,7 @@ from typing import NamedTuple
 import warp as wp
 
 from wrt.kernels.albedo_fits import LEAST_SHEEN_ROUGHNESS, sheen_albedo, specular_albedo
+from wrt.kernels.bsdf.facets import mirrored
 from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.bsdf.sheen import sheen
 from wrt.kernels.microfacet import LEAST_ALPHA, ggx
@@ -56,13 +57,6 @@ def schlick(cos_m: float, f0: wp.vec3, f90: float) -> wp.vec3:
     x = wp.clamp(1.0 - cos_m, 0.0, 1.0)
     x2 = x * x
     return f0 + (wp.vec3(f90) - f0) * (x2 * x2 * x)
-
-
-@wp.func
-def mirrored(wo: wp.vec3, m: wp.vec3) -> wp.vec3:
-    """Return the direction that a facet reflects to wo; zero where that is below the surface."""
-    wi = wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
-    return wp.where(wi[2] > 0.0, wi, wp.vec3(0.0))
 
 
 @wp.func

@@ -30,7 +30,8 @@ import warp as wp
 
 from wrt.kernels.albedo import average_missing_energy, missing_energy, multiple_bounce_fresnel, multiple_bounce_lobe
 from wrt.kernels.albedo_fits import average_facet_albedo, facet_albedo
-from wrt.kernels.bsdf.layering import Layer, Response, add_coat, add_sheen, facet_response, mirrored
+from wrt.kernels.bsdf.facets import mirrored
+from wrt.kernels.bsdf.layering import Layer, Response, add_coat, add_sheen, facet_response
 from wrt.kernels.bsdf.principled_base import (
     FEATURE_ROWS,
     Base,

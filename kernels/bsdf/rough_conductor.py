@@ -16,12 +16,13 @@ from wrt.kernels.albedo import (
     multiple_bounces_pdf,
     sample_multiple_bounces,
 )
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.bsdf.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.record import Bsdf, Model
 from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
-from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
+from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.microfacet.widening import WIDENED
 
-SHAPE = wp.constant(0)  # of the distribution: see kernels/microfacet
+# Slot 0 is the shape of the distribution: see facets.py.
 REFLECTANCE = wp.constant(1)  # what Fresnel's reflectance is multiplied by
 F0 = wp.constant(2)  # of "schlick"
 ETA = wp.constant(2)  # of "conductor"
@@ -30,8 +31,6 @@ AVERAGE = wp.constant(4)  # reflectance averaged over the hemisphere, 2 ∫ F μ
 
 FRESNELS = ("conductor", "schlick")
 BOUNCES = ("single", "multiple")
-BY_ALPHA = ("ggx", "beckmann", "blinn-phong")
-ISOTROPIC = ("blinn-phong",)
 
 
 @wp.func
@@ -54,35 +53,6 @@ def _average_schlick(bsdf: Bsdf) -> wp.vec3:
     # 2 ∫ (F0 + (1 − F0)(1 − μ)⁵) μ dμ = F0 + (1 − F0) / 21
     f0 = bsdf.slots[F0]
     return wp.cw_mul(bsdf.slots[REFLECTANCE], f0 + (wp.vec3(1.0) - f0) / 21.0)
-
-
-@functools.cache
-def make_shape_of(distribution: str) -> wp.Function:
-    """Return the device function bsdf -> shape of the distribution: within its limits, and widened by a normal map."""
-    by_alpha = distribution in BY_ALPHA
-    isotropic = distribution in ISOTROPIC
-    widens = distribution in WIDENED
-    widened = WIDENED.get(distribution, _as_it_is)
-
-    @wp.func(name=f"rough_conductor_shape_{distribution.replace('-', '_')}")
-    def shape_of(bsdf: Bsdf) -> wp.vec3:
-        shape = bsdf.slots[SHAPE]
-        if wp.static(by_alpha):
-            along_x = wp.clamp(shape[0], LEAST_ALPHA, 1.0)
-            along_y = wp.clamp(shape[1], LEAST_ALPHA, 1.0)
-            if wp.static(isotropic):
-                along_y = along_x
-            shape = wp.vec3(along_x, along_y, 0.0)
-        if wp.static(widens):
-            shape = widened(shape, bsdf.normal_variance)
-        return shape
-
-    return shape_of
-
-
-@wp.func
-def _as_it_is(shape: wp.vec3, variance: wp.vec2) -> wp.vec3:
-    return shape
 
 
 @functools.cache
@@ -127,45 +97,23 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
 
     @wp.func(name=f"rough_conductor_direction_{suffix}")
     def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
-        m = sample_normal(wo, shape_of(bsdf), u)
-        return wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
+        return mirrored(wo, sample_normal(wo, shape_of(bsdf), u))
 
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
     slots = {"schlick": 3, "conductor": 4}[fresnel]
     if bounces == "multiple":
         average = _average_conductor if conductor else _average_schlick
         evaluate, pdf, direction = _with_multiple_bounces(
-            suffix, shape_of, average, evaluate_single, pdf_single, direction_single
+            suffix, make_alpha_of(distribution), average, evaluate_single, pdf_single, direction_single
         )
         slots = {"schlick": 3, "conductor": 5}[fresnel]
-    sample = _make_sample(suffix, evaluate, pdf, direction)
+    sample = make_sample(f"rough_conductor_sample_{suffix}", evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=slots, widens=distribution in WIDENED)
-
-
-def _make_sample(suffix: str, evaluate: wp.Function, pdf: wp.Function, direction: wp.Function) -> wp.Function:
-    """Return the sampling of a model by a function (bsdf, wo, u, u_lobe) -> wi.
-
-    Value and density are those of the direction, not of the normal that it came from: at a roughness of 1e-4 the two
-    differ by what float32 rounds, and the renderer asks for both again.
-    """
-
-    @wp.func(name=f"rough_conductor_sample_{suffix}")
-    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-        s = no_sample()
-        wi = direction(bsdf, wo, u, u_lobe)
-        density = pdf(bsdf, wo, wi)
-        if density > 0.0:
-            s.wi = wi
-            s.weight = evaluate(bsdf, wo, wi) / density
-            s.pdf = density
-        return s
-
-    return sample
 
 
 def _with_multiple_bounces(
     suffix: str,
-    shape_of: wp.Function,
+    alpha_of: wp.Function,
     average: wp.Function,
     evaluate_single: wp.Function,
     pdf_single: wp.Function,
@@ -175,11 +123,6 @@ def _with_multiple_bounces(
 
     That lobe is sampled as often as it has a share of a white surface's light, 1 − E(wo).
     """
-
-    @wp.func(name=f"rough_conductor_alpha_{suffix}")
-    def alpha_of(bsdf: Bsdf) -> float:
-        shape = shape_of(bsdf)
-        return wp.sqrt(shape[0] * shape[1])
 
     @wp.func(name=f"rough_conductor_missing_{suffix}")
     def missing(bsdf: Bsdf, w: wp.vec3) -> float:

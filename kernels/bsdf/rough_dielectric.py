@@ -17,13 +17,13 @@ import warp as wp
 from wrt.kernels.albedo import missing_energy
 from wrt.kernels.albedo_dielectric import dielectric_lobes, dielectric_lobes_pdf, sample_dielectric_lobes, side_table
 from wrt.kernels.bsdf.dielectric import seen_from
+from wrt.kernels.bsdf.facets import make_alpha_of, make_sample, make_shape_of, mirrored
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
-from wrt.kernels.bsdf.rough_conductor import make_shape_of
 from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.microfacet.widening import WIDENED
 
-# Slot 0 is the shape of the distribution, as in kernels/bsdf/rough_conductor.py.
+# Slot 0 is the shape of the distribution: see facets.py.
 IOR = wp.constant(1)  # n_inside / n_outside
 REFLECTANCE = wp.constant(2)  # what reflected light is multiplied by
 TRANSMITTANCE = wp.constant(3)  # what refracted light is multiplied by
@@ -143,9 +143,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
         if cos_o <= 0.0:
             return wp.vec3(0.0)
         if u_lobe < fresnel_dielectric(cos_o, eta):
-            wi = m * (2.0 * cos_o) - wo  # eq. 39
-            # Out of sight of the surface: not a direction of refraction, though it is below.
-            return wp.where(wi[2] > 0.0, wp.normalize(wi), wp.vec3(0.0))
+            return mirrored(wo, m)  # eq. 39; zero where it is below, which is no direction of refraction
         cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
         wi = m * (cos_o / eta - cos_t) - wo / eta  # eq. 40
         return wp.where(wi[2] < 0.0, wp.normalize(wi), wp.vec3(0.0))
@@ -153,42 +151,35 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
     if bounces == "multiple":
         evaluate, pdf, direction = _with_multiple_bounces(
-            suffix, shape_of, evaluate_single, pdf_single, direction_single
+            suffix, make_alpha_of(distribution), evaluate_single, pdf_single, direction_single
         )
-    sample = _make_sample(suffix, evaluate, pdf, direction)
+    sample = _or_straight_on(suffix, make_sample(f"rough_dielectric_facets_{suffix}", evaluate, pdf, direction))
     return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=distribution in WIDENED)
 
 
-def _make_sample(suffix: str, evaluate: wp.Function, pdf: wp.Function, direction: wp.Function) -> wp.Function:
-    """Return the sampling of a model by a function (bsdf, wo, u, u_lobe) -> wi, which is zero where there is none.
-
-    Value and density are those of the direction, as for rough conductors.
-    """
+def _or_straight_on(suffix: str, sample_facets: wp.Function) -> wp.Function:
+    """Return the sampling of the facets or, where both media are as good as one, of the way straight on."""
 
     @wp.func(name=f"rough_dielectric_sample_{suffix}")
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-        s = no_sample()
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         if is_matched(eta):
+            s = no_sample()
             s.wi = -wo
             s.weight = bsdf.slots[TRANSMITTANCE]
             s.delta = True
             return s
-        wi = direction(bsdf, wo, u, u_lobe)
-        density = pdf(bsdf, wo, wi)
-        if density > 0.0:
-            s.wi = wi
-            s.weight = evaluate(bsdf, wo, wi) / density
-            s.pdf = density
-            s.eta = wp.where(wi[2] > 0.0, 1.0, eta)
-        return s
+        found = sample_facets(bsdf, wo, u, u_lobe)
+        if found.wi[2] < 0.0:
+            found.eta = eta
+        return found
 
     return sample
 
 
 def _with_multiple_bounces(
     suffix: str,
-    shape_of: wp.Function,
+    alpha_of: wp.Function,
     evaluate_single: wp.Function,
     pdf_single: wp.Function,
     direction_single: wp.Function,
@@ -197,11 +188,6 @@ def _with_multiple_bounces(
 
     Those are sampled as often as they have a share of the light, 1 − E(wo).
     """
-
-    @wp.func(name=f"rough_dielectric_alpha_{suffix}")
-    def alpha_of(bsdf: Bsdf) -> float:
-        shape = shape_of(bsdf)
-        return wp.sqrt(shape[0] * shape[1])
 
     @wp.func(name=f"rough_dielectric_missing_{suffix}")
     def missing(bsdf: Bsdf, wo: wp.vec3) -> float:

@@ -12,8 +12,9 @@ import functools
 
 import warp as wp
 
+from wrt.kernels.bsdf.facets import make_sample, mirrored
 from wrt.kernels.bsdf.plastic import base_reflectance, base_share
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.bsdf.record import Bsdf, Model
 from wrt.kernels.coat import coat_column, coat_internal_reflectance, coat_transmittance, transmitted
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.microfacet.widening import widened_evenly
@@ -83,19 +84,12 @@ def make_rough_plastic(distribution: str, masking: str) -> Model:
         coat = normal_pdf(wo, m, shape) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
         return share * INV_PI * wi[2] + (1.0 - share) * coat
 
-    @wp.func(name=f"rough_plastic_sample_{suffix}")
-    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-        s = no_sample()
+    @wp.func(name=f"rough_plastic_direction_{suffix}")
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         shape = coat_shape(bsdf)
-        wi = square_to_cosine_hemisphere(u)
-        if u_lobe >= base_share(bsdf, let_in(bsdf, wo, shape[0])):
-            m = sample_normal(wo, shape, u)
-            wi = wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
-        density = pdf(bsdf, wo, wi)
-        if density > 0.0:
-            s.wi = wi
-            s.weight = evaluate(bsdf, wo, wi) / density
-            s.pdf = density
-        return s
+        if u_lobe < base_share(bsdf, let_in(bsdf, wo, shape[0])):
+            return square_to_cosine_hemisphere(u)
+        return mirrored(wo, sample_normal(wo, shape, u))
 
+    sample = make_sample(f"rough_plastic_sample_{suffix}", evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=5, widens=True)
