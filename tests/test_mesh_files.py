@@ -62,7 +62,7 @@ def test_igea_strips_keep_every_vertex_and_bridge_nothing():
 @needs_assets
 def test_textures_of_real_files_lie_right():
     duck = load_shapes(ASSETS / "meshes" / "Duck.glb")[0]
-    texture = duck.material.reflectance
+    texture = duck.material.base_color
     assert isinstance(texture, wrt.ImageTexture)
     assert texture.pixels.shape == (512, 512, 3)
     # The duck is yellow: sampled where its vertices lie, red and green are far above blue.

@@ -249,7 +249,7 @@ def test_gltf_nodes_factors_strips_and_normalized_integers(tmp_path):
 
     del tree["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
     write(tmp_path, "scene.gltf", json.dumps(tree))
-    assert load_shapes(path)[0].material.reflectance == pytest.approx((0.001, 0.5, 1.0))
+    assert load_shapes(path)[0].material.base_color == pytest.approx((0.001, 0.5, 1.0))
 
     (tmp_path / "the data.bin").unlink()
     with pytest.raises(wrt.InputError, match=r"the data\.bin.*cannot be read: No such file"):
@@ -308,7 +308,7 @@ def test_gltf_lays_the_texture_by_the_coordinates_and_transform_it_names(tmp_pat
     tree["nodes"] = [{"camera": 0, "children": [1], "translation": [0, 0, 7]}, {"mesh": 0}]
     tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]
     shape = load_shapes(write(tmp_path, "laid.gltf", json.dumps(tree)))[0]
-    assert isinstance(shape.material.reflectance, wrt.ImageTexture)
+    assert isinstance(shape.material.base_color, wrt.ImageTexture)
     np.testing.assert_allclose(shape.mesh.vertices, points + [0, 0, 7])
     np.testing.assert_allclose(shape.mesh.uvs, uvs * [2, -1] + [0.25, 1], atol=1e-6)
 
@@ -331,7 +331,7 @@ def test_gltf_agrees_with_trimesh_objects(name):
         np.testing.assert_allclose(a.mesh.uvs[a.mesh.faces], b.mesh.uvs[b.mesh.faces], atol=1e-6)
         if name == "Duck.glb":  # the other's are those trimesh would compute, which are not kept
             np.testing.assert_allclose(a.mesh.normals[a.mesh.faces], b.mesh.normals[b.mesh.faces], atol=1e-4)
-        np.testing.assert_array_equal(a.material.reflectance.pixels, b.material.reflectance.pixels)
+        np.testing.assert_array_equal(a.material.base_color.pixels, b.material.reflectance.pixels)
 
 
 # Polygons -----------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
-"""glTF 2.0 and GLB, loaded by trimesh: triangles in world space with their base colours.
+"""glTF 2.0 and GLB: triangles in world space, loaded by trimesh, with their materials.
 
-Format: Khronos Group 2021, "glTF 2.0 Specification"; section numbers below are its. Left aside:
-alpha, animation, skins, morph targets, cameras, lights, and of materials all but the base colour.
+Format: Khronos Group 2021, "glTF 2.0 Specification"; section numbers below are its. Left aside: animation, skins,
+morph targets, cameras, lights, and the alpha of vertex colours.
 """
 
 from __future__ import annotations
@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line
+from wrt.formats.gltf_images import IMAGE_KEYS, GltfImages, Tree
+from wrt.formats.gltf_materials import GltfMaterials, texture_references
 from wrt.formats.parts import Part, moved, warn
-from wrt.formats.trimesh_files import load, part_of, reflectance
-
-Tree = dict[str, Any]
+from wrt.formats.trimesh_files import load, part_of
 
 # Extensions a file may require that change nothing which is taken here, or that are known.
 _KNOWN_EXTENSIONS = ("KHR_materials_", "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform")
@@ -41,7 +40,8 @@ def read_gltf(path: Path, data: bytes) -> list[Part]:
         tree = json.loads(text)
         if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
             raise InputError(f"{path}: not a glTF file: it names no asset")
-        materials = _prepare(path, tree)
+        images = GltfImages(path, {key: tree.get(key, []) for key in IMAGE_KEYS}, _binary_chunk(rest))
+        materials = GltfMaterials(path, _prepare(path, tree), images)
         text = json.dumps(tree).encode()
         if binary:
             text += b" " * (-len(text) % 4)
@@ -69,17 +69,20 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
     for node in nodes:
         node.pop("camera", None)  # trimesh leaves out what hangs on a node with a camera
     described = [dict(material) for material in materials]
-    for number, material in enumerate(materials):
-        material["name"] = str(number)  # by which it is found again
+    # trimesh only carries the number of each on; images are decoded where they are used, and as what they are.
+    tree["materials"] = [{"name": str(number)} for number in range(len(materials))]
+    for unused in ("images", "textures", "samplers"):
+        tree.pop(unused, None)
     accessors = tree.get("accessors", [])
     for primitive in (p for mesh in tree.get("meshes", []) for p in mesh["primitives"]):
         attributes = primitive["attributes"]
         if primitive.get("mode") == _FAN:
             warn(f"{path}: triangle fans are left out; export triangles")
         # trimesh takes the first set of coordinates, whichever the texture asks for.
-        texture = _texture(described[primitive["material"]]) if "material" in primitive else {}
-        transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
-        chosen = attributes.get(f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}")
+        sets = _coordinate_sets(described[primitive["material"]]) if "material" in primitive else []
+        if len(set(sets)) > 1:
+            warn(f"{path}: textures of material {primitive['material']} are all laid by coordinates {sets[0]}")
+        chosen = attributes.get(f"TEXCOORD_{sets[0] if sets else 0}")
         attributes.pop("TEXCOORD_0", None)
         if chosen is not None:
             attributes["TEXCOORD_0"] = chosen
@@ -96,51 +99,49 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
     return described
 
 
-def _texture(material: Tree) -> Tree:
-    texture: Tree = material.get("pbrMetallicRoughness", {}).get("baseColorTexture") or {}
-    return texture
+def _coordinate_sets(material: Tree) -> list[int]:
+    """Return the numbers of the texture coordinates that a material's textures name, that of the base colour first."""
+    references = texture_references(material)
+    base = material.get("pbrMetallicRoughness", {}).get("baseColorTexture")
+    references.sort(key=lambda info: info is not base)
+    transforms = [info.get("extensions", {}).get("KHR_texture_transform", {}) for info in references]
+    return [t.get("texCoord", info.get("texCoord", 0)) for t, info in zip(transforms, references, strict=True)]
 
 
-def _parts(path: Path, loaded: Tree, materials: list[Tree]) -> list[Part]:
+def _binary_chunk(rest: bytes) -> bytes:
+    """Return the data of a GLB's second chunk, empty where there is none."""
+    return rest[8 : 8 + int.from_bytes(rest[:4], "little")]
+
+
+def _parts(path: Path, loaded: Tree, materials: GltfMaterials) -> list[Part]:
     world = {loaded["base_frame"]: np.eye(4)}
-    known: dict[int, NDArray[np.float32]] = {}
+    made: dict[str, Part | None] = {}
     parts = []
     for edge in loaded["graph"]:  # parents come before children
         if edge["frame_to"] in world:
             raise InputError(f"{path}: the nodes form a circle, or share a child")
         world[edge["frame_to"]] = matrix = world[edge["frame_from"]] @ edge["matrix"]
         name = edge.get("geometry")
-        part = None if name is None else part_of(path, str(name), loaded["geometry"][name], linear=True)
-        if part is None:
+        if name is None:
             continue
-        material = getattr(loaded["geometry"][name].get("visual"), "material", None)
-        if material is not None:
-            _add_material(path, part, material, materials[int(material.name)], known)
-        parts.append(moved(part, matrix))
+        if name not in made:
+            made[name] = _part(path, str(name), loaded["geometry"][name], materials)
+        part = made[name]
+        if part is not None:
+            parts.append(moved(part, matrix))
     return parts[::-1]  # trimesh takes the last child first
 
 
-def _add_material(path: Path, part: Part, material: Any, described: Tree, known: dict[int, Any]) -> None:
-    """Fill in base colour and coordinates from trimesh's material and what the file says of it."""
-    pbr, texture = described.get("pbrMetallicRoughness", {}), _texture(described)
-    # trimesh rounds the factor to 8 bits. It is linear, as vertex colours are (sections 3.9.2, 3.7.2.1).
-    factor = np.ones(3)
-    if "baseColorFactor" in pbr:
-        factor = np.array(pbr["baseColorFactor"], np.float64)[:3]
-    elif material.baseColorFactor is not None:  # made of KHR_materials_pbrSpecularGlossiness
-        factor = np.asarray(material.baseColorFactor)[:3] / 255.0
-    image = material.baseColorTexture if part.uvs is not None else None
-    if texture and part.uvs is not None and image is None:
-        warn(f"{path}: texture {texture.get('index')} of {part.name} left out: its image cannot be read")
-    label = f"{path.name} texture {texture.get('index')}"
-    part.reflectance = reflectance(path, label, image, factor, known)
+def _part(path: Path, name: str, fields: Any, materials: GltfMaterials) -> Part | None:
+    part = part_of(path, name, fields, linear=True)
+    material = getattr(fields.get("visual"), "material", None)
+    if part is None or material is None:
+        return part
+    number = int(material.name)
+    part.material = materials.material(number, laid=part.uvs is not None, colored=part.colors is not None)
     if part.colors is not None:
-        part.colors = part.colors * factor
-    transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
-    if transform and part.uvs is not None:
-        uvs = part.uvs * (1.0, -1.0) + (0.0, 1.0)  # v runs downwards in the file
-        turn = float(transform.get("rotation", 0.0))
-        c, s = np.cos(turn), np.sin(turn)
-        uvs = uvs * np.array(transform.get("scale", (1.0, 1.0)), np.float64) @ np.array([[c, -s], [s, c]])
-        uvs = uvs + np.array(transform.get("offset", (0.0, 0.0)), np.float64)
-        part.uvs = uvs * (1.0, -1.0) + (0.0, 1.0)
+        part.colors = part.colors * materials.base_factor(number)
+    placement = materials.shared_placement(number)
+    if part.uvs is not None and placement is not None:
+        part.uvs = np.asarray(part.uvs, np.float64) @ placement[:, :2].T + placement[:, 2]
+    return part

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.materials import Diffuse
+from wrt.materials import Diffuse, Material
 from wrt.mesh import Mesh
 from wrt.normals import with_normals
 from wrt.scene import Shape
@@ -46,6 +46,7 @@ class Part:
         colors: (N, 3) or None, linear Rec. 709; need not be finite.
         face_colors: (M, 3) or None, like `colors`.
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
+        material: all that the file says, where it says more than a reflectance; it fits `uvs` and `colors`.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Part:
     colors: FloatArray | None = None
     face_colors: FloatArray | None = None
     reflectance: ColorSource | None = None
+    material: Material | None = None
 
 
 def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> list[Shape]:
@@ -220,6 +222,8 @@ def _smooth(meshes: list[Mesh], crease_degrees: float) -> list[Mesh]:
 
 def _shape(part: Part, mesh: Mesh) -> Shape:
     """Choose the material: a texture if it can be laid, else colours, else the constant."""
+    if part.material is not None:
+        return Shape(mesh, part.material, name=mesh.name)
     reflectance = part.reflectance
     if isinstance(reflectance, ImageTexture):
         if mesh.uvs is not None:

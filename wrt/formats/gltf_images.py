@@ -1,0 +1,190 @@
+"""Images of glTF files as textures: where their bytes are, how they are laid, what of them is read.
+
+Format: Khronos Group 2021, "glTF 2.0 Specification", sections 3.6.1, 3.8; KHR_texture_transform.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import io
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.files import first_line
+from wrt.formats.images import pixels_of
+from wrt.formats.parts import warn
+from wrt.textures import ImageTexture
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+Tree = dict[str, Any]
+
+IMAGE_KEYS = ("images", "textures", "samplers", "bufferViews", "buffers")
+"""What of a file's JSON leads to its images."""
+
+_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_NEAREST = 9728
+
+
+class GltfImages:
+    """The images of one file, each decoded once for each use.
+
+    An image that cannot be decoded is left out with a warning.
+    """
+
+    def __init__(self, path: Path, tree: Tree, binary: bytes) -> None:
+        """Take a file's JSON, and the binary chunk of a GLB."""
+        self._path, self._tree, self._binary = path, tree, binary
+        self._images: dict[int, Image | None] = {}
+        self._pixels: dict[tuple[int, str], NDArray[np.float32]] = {}
+
+    def texture(self, info: Tree | None, kind: str, *, placed: bool, **options: Any) -> ImageTexture | None:
+        """Return the texture that a reference names, or None without one.
+
+        Args:
+            info: the reference.
+            kind: what is read of the image, see `pixels`.
+            placed: whether the reference's transform is applied, and not to the mesh's coordinates.
+            **options: further attributes of the ImageTexture.
+        """
+        pixels = self.pixels(info, kind)
+        if pixels is None or info is None:
+            return None
+        return ImageTexture(
+            pixels,
+            self.label(info),
+            wrap=self.wrap(info),
+            filter="nearest" if self._sampler(info).get("magFilter") == _NEAREST else "bilinear",
+            **(placement_of(info) if placed else {}),
+            **options,
+        )
+
+    def label(self, info: Tree) -> str:
+        """Return a name for messages."""
+        return f"{self._path.name} texture {info.get('index')}"
+
+    def pixels(self, info: Tree | None, kind: str) -> NDArray[np.float32] | None:
+        """Return (H, W, 3) what an image holds as "color", "data" or "alpha", or None without one."""
+        number = None if not info else self._source(info)
+        if number is None:
+            return None
+        image = self._decoded(number)
+        if image is None:
+            return None
+        if (number, kind) not in self._pixels:
+            try:
+                found = _alpha(image) if kind == "alpha" else pixels_of(image, linear=kind == "data")
+            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
+                self._images[number] = None
+                self._left_out(number, first_line(error))
+                return None
+            self._pixels[number, kind] = found
+        return self._pixels[number, kind]
+
+    def has_alpha(self, info: Tree | None) -> bool:
+        """Whether the image has an alpha channel that is not opaque everywhere."""
+        number = None if not info else self._source(info)
+        image = None if number is None else self._decoded(number)
+        if image is None or not ("A" in image.getbands() or "transparency" in image.info):
+            return False
+        pixels = self.pixels(info, "alpha")
+        return pixels is not None and bool(pixels.min() < 1.0)
+
+    def wrap(self, info: Tree) -> tuple[str, str]:
+        """Return how a texture goes on beyond its edges, along u and v."""
+        sampler = self._sampler(info)
+        return _WRAPS.get(sampler.get("wrapS", 0), "repeat"), _WRAPS.get(sampler.get("wrapT", 0), "repeat")
+
+    def _entry(self, info: Tree) -> Tree:
+        entry: Tree = self._tree["textures"][info["index"]]
+        return entry
+
+    def _sampler(self, info: Tree) -> Tree:
+        number = self._entry(info).get("sampler")
+        sampler: Tree = {} if number is None else self._tree["samplers"][number]
+        return sampler
+
+    def _source(self, info: Tree) -> int | None:
+        """Return the number of the image that a texture reference leads to."""
+        entry = self._entry(info)
+        extensions = entry.get("extensions", {})
+        source: int | None = extensions.get("EXT_texture_webp", {}).get("source", entry.get("source"))
+        if source is None:
+            kinds = ", ".join(extensions) or "no source"
+            warn(f"{self._path}: texture {info['index']} left out: its image is in a format not supported ({kinds})")
+        return source
+
+    def _decoded(self, number: int) -> Image | None:
+        from PIL import Image
+
+        if number not in self._images:
+            self._images[number] = None
+            try:
+                image = Image.open(io.BytesIO(self._bytes(self._tree["images"][number])))
+                image.load()
+                self._images[number] = image
+            except InputError as error:
+                warn(f"{error}; it is left out")
+            except Image.DecompressionBombError:
+                self._left_out(number, "it is too large")
+            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
+                self._left_out(number, first_line(error))
+        return self._images[number]
+
+    def _left_out(self, number: int, reason: str) -> None:
+        warn(f"{self._path}: image {number} left out: it cannot be decoded: {reason}")
+
+    def _bytes(self, image: Tree) -> bytes:
+        if "bufferView" in image:
+            view = self._tree["bufferViews"][image["bufferView"]]
+            buffer = self._tree["buffers"][view["buffer"]]
+            data = self._located(buffer["uri"]) if "uri" in buffer else self._binary
+            start = view.get("byteOffset", 0)
+            return data[start : start + view["byteLength"]]
+        return self._located(image["uri"])
+
+    def _located(self, uri: str) -> bytes:
+        """Return the bytes of a data URI, or of a file beside this one."""
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=True)
+            except binascii.Error as error:
+                raise InputError(f"{self._path}: a data URI in it is damaged: {error}") from None
+        file = self._path.parent / unquote(uri)
+        try:
+            return file.read_bytes()
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"{self._path}: {str(file)!r}, which it refers to, cannot be read: {first_line(error)}"
+            ) from None
+
+
+def placement_of(info: Tree) -> Tree:
+    """Return `scale`, `rotation_degrees` and `offset` of an ImageTexture, whose v points up, for a reference.
+
+    In the file v points down, and (u, v) becomes (ou + c su u + s sv v, ov − s su u + c sv v). With v' = 1 − v
+    before and after, that is the same rotation seen the other way up, and another offset.
+    """
+    given = info.get("extensions", {}).get("KHR_texture_transform", {})
+    turn = float(given.get("rotation", 0.0))
+    c, s = math.cos(turn), math.sin(turn)
+    (su, sv), (ou, ov) = given.get("scale", (1.0, 1.0)), given.get("offset", (0.0, 0.0))
+    return {
+        "scale": (su, sv),
+        "rotation_degrees": math.degrees(turn),
+        "offset": (ou + s * sv, 1.0 - ov - c * sv),
+    }
+
+
+def _alpha(image: Image) -> NDArray[np.float32]:
+    """Return the alpha channel as (H, W, 3) numbers from 0 to 1."""
+    codes = np.asarray(image.convert("RGBA").getchannel("A"), np.float32) / np.float32(255.0)
+    return np.repeat(codes[:, :, None], 3, axis=2)

@@ -1,0 +1,211 @@
+"""Materials of glTF files as wrt's.
+
+Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and the extensions KHR_materials_anisotropy,
+_clearcoat, _emissive_strength, _ior, _pbrSpecularGlossiness, _sheen, _specular, _transmission and _volume. Left aside:
+the occlusion texture, which says what a path tracer finds out by itself, and that one-sided surfaces have no back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.formats.gltf_images import GltfImages, Tree, placement_of
+from wrt.formats.parts import warn
+from wrt.materials import Material, Principled
+from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+
+_NOT_SUPPORTED = {
+    "KHR_materials_iridescence": "iridescence",
+    "KHR_materials_dispersion": "dispersion",
+    "KHR_materials_diffuse_transmission": "diffuse transmission",
+}
+
+
+class GltfMaterials:
+    """The materials of one file, each made once for each way of using it."""
+
+    def __init__(self, path: Path, described: list[Tree], images: GltfImages) -> None:
+        """Take the file's materials as its JSON describes them."""
+        self._path, self._described, self._images = path, described, images
+        self._made: dict[tuple[int, bool, bool], Material] = {}
+
+    def material(self, number: int, *, laid: bool, colored: bool) -> Material:
+        """Return a material.
+
+        Args:
+            number: which one.
+            laid: whether the mesh has texture coordinates; without, textures are left out.
+            colored: whether the mesh has colours, which multiply the base colour.
+        """
+        key = number, laid, colored
+        if key not in self._made:
+            self._made[key] = self._make(number, laid, colored)
+        return self._made[key]
+
+    def base_factor(self, number: int) -> NDArray[np.float64]:
+        """Return (3,) what multiplies the base colour."""
+        described = self._described[number]
+        gloss = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+        source = described.get("pbrMetallicRoughness", {}) if gloss is None else gloss
+        factor = source.get("baseColorFactor" if gloss is None else "diffuseFactor", (1.0, 1.0, 1.0))
+        return np.clip(np.asarray(factor, np.float64)[:3], 0.0, 1.0)
+
+    def shared_placement(self, number: int) -> NDArray[np.float64] | None:
+        """Return the (2, 3) placement that all textures of a material have, or None where they differ.
+
+        It is for the mesh's coordinates then, so that tangents of normal maps follow it too.
+        """
+        placements = [placement_of(info) for info in texture_references(self._described[number])]
+        if any(placement != placements[0] for placement in placements):
+            return None
+        return ImageTexture(np.zeros((1, 1, 3), np.float32), **placements[0]).placement if placements else np.eye(2, 3)
+
+    def _make(self, number: int, laid: bool, colored: bool) -> Material:
+        described, name = self._described[number], f"material {number}"
+        extensions = described.get("extensions", {})
+        placed = self.shared_placement(number) is None
+        for key, words in _NOT_SUPPORTED.items():
+            if key in extensions:
+                warn(f"{self._path}: {words} of {name} is left out")
+        read = _Reader(self._images, laid, placed)
+        values: dict[str, Any] = {"opacity": self._opacity(described, read)}
+        gloss = extensions.get("KHR_materials_pbrSpecularGlossiness")
+        if gloss is not None:
+            values |= _specular_glossiness(gloss, read)
+            values["base_color"] = read.color(gloss.get("diffuseTexture"), self.base_factor(number), colored)
+        else:
+            pbr = described.get("pbrMetallicRoughness", {})
+            orm = pbr.get("metallicRoughnessTexture")
+            values |= {
+                "base_color": read.color(pbr.get("baseColorTexture"), self.base_factor(number), colored),
+                "metallic": read.number(orm, "b", pbr.get("metallicFactor", 1.0)),
+                "roughness": read.number(orm, "g", pbr.get("roughnessFactor", 1.0)),
+            }
+        values |= _extended(extensions, read)
+        strength = extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
+        factor = np.asarray(described.get("emissiveFactor", (0.0, 0.0, 0.0)), np.float64) * strength
+        if factor.any():
+            values["emission"] = read.color(described.get("emissiveTexture"), factor)
+        normal = described.get("normalTexture")
+        if normal and laid:
+            pixels = self._images.pixels(normal, "data")
+            if placed and placement_of(normal) != placement_of({}):
+                warn(f"{self._path}: the transform of the normal texture of {name} is left out")
+            if pixels is not None:
+                values["normal_map"] = NormalMap(
+                    pixels,
+                    scale=normal.get("scale", 1.0),
+                    name=self._images.label(normal),
+                    wrap=self._images.wrap(normal),
+                )
+        return Principled(**values)
+
+    def _opacity(self, described: Tree, read: _Reader) -> ColorSource:
+        """Return what of the surface is there, by alpha mode (section 3.9.4)."""
+        mode = described.get("alphaMode", "OPAQUE")
+        if mode not in ("MASK", "BLEND"):
+            return 1.0
+        pbr = described.get("pbrMetallicRoughness", {})
+        factor, info = (tuple(pbr.get("baseColorFactor", ())) + (1.0, 1.0, 1.0, 1.0))[3], pbr.get("baseColorTexture")
+        gloss = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+        if gloss is not None:
+            factor, info = tuple(gloss.get("diffuseFactor", (1.0,) * 4))[3], gloss.get("diffuseTexture")
+        cutoff = described.get("alphaCutoff", 0.5) if mode == "MASK" else None
+        if read.laid and self._images.has_alpha(info):
+            texture = self._images.texture(info, "alpha", placed=read.placed, channel="r", factor=factor, cutoff=cutoff)
+            assert texture is not None
+            return texture
+        if cutoff is not None:
+            return 1.0 if factor >= cutoff else 0.0
+        return float(np.clip(factor, 0.0, 1.0))
+
+
+class _Reader:
+    """Factors times textures, as one value."""
+
+    def __init__(self, images: GltfImages, laid: bool, placed: bool) -> None:
+        self.images, self.laid, self.placed = images, laid, placed
+
+    def texture(self, info: Tree | None, kind: str, **options: Any) -> ImageTexture | None:
+        return self.images.texture(info, kind, placed=self.placed, **options) if self.laid else None
+
+    def color(self, info: Tree | None, factor: Any, colored: bool = False) -> ColorSource:
+        """Return a colour; the reader has multiplied the mesh's own by the factor already."""
+        factor = (1.0, 1.0, 1.0) if colored else tuple(np.maximum(np.asarray(factor, np.float64)[:3], 0.0).tolist())
+        texture = self.texture(info, "color", factor=factor, vertex_colors=colored)
+        if texture is not None:
+            return texture
+        return VertexColor() if colored else factor
+
+    def number(self, info: Tree | None, channel: str, factor: Any) -> ColorSource:
+        """Return a number from 0 to 1 that lies in one channel, "a" for alpha."""
+        factor = float(np.clip(factor, 0.0, 1.0))
+        kind, channel = ("alpha", "r") if channel == "a" else ("data", channel)
+        texture = self.texture(info, kind, channel=channel, factor=factor) if factor > 0.0 else None
+        return factor if texture is None else texture
+
+
+def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
+    """Return what extensions add to the metallic-roughness material."""
+    values: dict[str, Any] = {}
+    if "ior" in (found := extensions.get("KHR_materials_ior", {})):
+        values["ior"] = found["ior"]
+    if found := extensions.get("KHR_materials_specular", {}):
+        values["specular"] = read.number(found.get("specularTexture"), "a", found.get("specularFactor", 1.0))
+        tint = found.get("specularColorFactor", (1.0, 1.0, 1.0))
+        values["specular_color"] = read.color(found.get("specularColorTexture"), tint)
+    if found := extensions.get("KHR_materials_transmission", {}):
+        share = found.get("transmissionFactor", 0.0)
+        values["transmission"] = read.number(found.get("transmissionTexture"), "r", share)
+        values["thin_walled"] = extensions.get("KHR_materials_volume", {}).get("thicknessFactor", 0.0) == 0.0
+    if found := extensions.get("KHR_materials_clearcoat", {}):
+        values["coat"] = read.number(found.get("clearcoatTexture"), "r", found.get("clearcoatFactor", 0.0))
+        values["coat_roughness"] = read.number(
+            found.get("clearcoatRoughnessTexture"), "g", found.get("clearcoatRoughnessFactor", 0.0)
+        )
+    if found := extensions.get("KHR_materials_sheen", {}):
+        tint = found.get("sheenColorFactor", (0.0, 0.0, 0.0))
+        if any(tint):
+            values["sheen_color"] = read.color(found.get("sheenColorTexture"), np.minimum(tint, 1.0))
+            values["sheen_roughness"] = read.number(
+                found.get("sheenRoughnessTexture"), "a", found.get("sheenRoughnessFactor", 0.0)
+            )
+    if found := extensions.get("KHR_materials_anisotropy", {}):
+        strength = float(found.get("anisotropyStrength", 0.0))
+        texture = (
+            read.texture(found.get("anisotropyTexture"), "data", factor=(1.0, 1.0, strength)) if strength else None
+        )
+        values["anisotropy"] = strength if texture is None else texture
+        values["anisotropy_rotation"] = found.get("anisotropyRotation", 0.0)
+    return values
+
+
+def _specular_glossiness(gloss: Tree, read: _Reader) -> dict[str, Any]:
+    """Return the same as a dielectric of index 1.5 whose reflectance of 0.04, straight on, is tinted."""
+    info = gloss.get("specularGlossinessTexture")
+    tint = np.asarray(gloss.get("specularFactor", (1.0, 1.0, 1.0)), np.float64) / 0.04
+    factor = float(np.clip(gloss.get("glossinessFactor", 1.0), 0.0, 1.0))
+    texture = read.texture(info, "alpha", channel="r")
+    return {
+        "metallic": 0.0,
+        "roughness": 1.0 - factor if texture is None else replace(texture, pixels=1.0 - factor * texture.pixels),
+        "specular_color": read.color(info, tint),
+    }
+
+
+def texture_references(described: Any) -> list[Tree]:
+    """Return all texture references in a material but that of the occlusion."""
+    found: list[Tree] = []
+    if isinstance(described, dict):
+        for key, value in described.items():
+            if key.endswith("Texture") and isinstance(value, dict):
+                if key != "occlusionTexture":
+                    found.append(value)
+            else:
+                found += texture_references(value)
+    return found
