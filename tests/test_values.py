@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.values import boolean, color, integer, number, vector
+from wrt.values import array, boolean, color, integer, number, vector
 
 NOT_NUMBERS: list[Any] = [None, "1", "nan", True, False, [1.0], (1.0, 2.0, 3.0), {}, 1j, slice(1)]
 
@@ -129,3 +129,21 @@ def test_light_must_fit_a_float32(value: Any) -> None:
     """Kernels would see infinity, and every sample of that light would be thrown away."""
     with pytest.raises(wrt.InputError):
         wrt.Shape(wrt.box(), emission=value)
+
+
+@pytest.mark.parametrize("value", [[[1.0, 2.0], [3.0]], "words", [None, "x"], {"a": 1}])
+def test_what_is_no_array_of_numbers(value: Any) -> None:
+    text = message(lambda: array(value, "thing", np.float64))
+    assert text == "thing must be an array of numbers, all rows of one length"
+
+
+def test_meshes_of_ragged_arrays_and_projections_are_refused() -> None:
+    vertices, faces = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+    for arguments, what in (((vertices[:2] + [[1, 2]], faces), "vertices"), ((vertices, [[0, 1, 2], [0]]), "faces")):
+        with pytest.raises(wrt.InputError, match=f"^mesh: {what} must be an array of numbers"):
+            wrt.Mesh(*arguments)
+    mesh = wrt.Mesh(vertices, faces)
+    projection = np.eye(4)
+    projection[3, 2] = 0.5
+    with pytest.raises(wrt.InputError, match=r"^mesh: a transform must be affine: its last row must be 0 0 0 1$"):
+        mesh.transformed(projection)

@@ -93,7 +93,7 @@ class Intersector:
 
         Raises:
             InputError: on arrays of other shapes, mesh numbers out of range, or matrices that are not
-                finite or not invertible.
+                finite, not affine or not invertible.
         """
         made = cls.__new__(cls)
         made.device = Device(device, threads=threads)

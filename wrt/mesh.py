@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.values import array
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = self._float_array("vertices", self.vertices, 3)
         count = len(vertices)
-        faces = np.asarray(self.faces)
+        faces = array(self.faces, f"{self.name}: faces")
         if faces.ndim != 2 or faces.shape[1] != 3:
             raise InputError(f"{self.name}: faces must be (M, 3), not {faces.shape}")
         if len(faces) == 0:
@@ -54,20 +55,20 @@ class Mesh:
             value = getattr(self, name)
             if value is None:
                 continue
-            array = self._float_array(name, value, width)
-            if len(array) != count:
-                raise InputError(f"{self.name}: {len(array)} {name} for {count} vertices")
-            object.__setattr__(self, name, array)
+            rows = self._float_array(name, value, width)
+            if len(rows) != count:
+                raise InputError(f"{self.name}: {len(rows)} {name} for {count} vertices")
+            object.__setattr__(self, name, rows)
 
     def _float_array(self, what: str, value: ArrayLike, width: int) -> NDArray[np.float32]:
         with np.errstate(over="ignore"):
-            array = np.ascontiguousarray(value, dtype=np.float32)
-        if array.ndim != 2 or array.shape[1] != width:
-            raise InputError(f"{self.name}: {what} must be (N, {width}), not {array.shape}")
-        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+            rows = np.ascontiguousarray(array(value, f"{self.name}: {what}", np.float32))
+        if rows.ndim != 2 or rows.shape[1] != width:
+            raise InputError(f"{self.name}: {what} must be (N, {width}), not {rows.shape}")
+        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
         if len(bad):
-            raise InputError(f"{self.name}: {what} must be finite; number {bad[0]} is {array[bad[0]].tolist()}")
-        return array
+            raise InputError(f"{self.name}: {what} must be finite; number {bad[0]} is {rows[bad[0]].tolist()}")
+        return rows
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -77,9 +78,11 @@ class Mesh:
 
     def transformed(self, matrix: ArrayLike) -> Mesh:
         """Return a copy moved by a (4, 4) or (3, 4) affine matrix, normals and winding kept right."""
-        m = np.asarray(matrix, dtype=np.float64)
+        m = array(matrix, f"{self.name}: a transform", np.float64)
         if m.shape not in ((4, 4), (3, 4)) or not np.isfinite(m).all():
             raise InputError(f"{self.name}: a transform must be a finite 4x4 matrix")
+        if (m[3:] != (0.0, 0.0, 0.0, 1.0)).any():
+            raise InputError(f"{self.name}: a transform must be affine: its last row must be 0 0 0 1")
         linear, offset = m[:3, :3], m[:3, 3]
         determinant = float(np.linalg.det(linear))
         if determinant == 0.0:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.values import Vec3, number, vector
+from wrt.values import Vec3, array, number, vector
 
 FloatArray = NDArray[np.float64]
 
@@ -58,12 +58,12 @@ class Motion:
     center: Vec3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=np.float64)
+        times = array(self.times, "motion times", np.float64).copy()
         if times.ndim != 1 or len(times) == 0 or not np.isfinite(times).all():
             raise InputError("motion times must be finite numbers, at least one")
         if (np.diff(times.astype(np.float32)) <= 0.0).any():
             raise InputError(f"motion times must ascend, each greater than the one before, not {times.tolist()}")
-        matrices = np.array(self.transforms, dtype=np.float64)
+        matrices = array(self.transforms, "motion transforms", np.float64).copy()
         if matrices.shape != (len(times), 4, 4):
             raise InputError(f"motion transforms must be ({len(times)}, 4, 4), one a time, not {matrices.shape}")
         for k, matrix in enumerate(matrices):
@@ -74,9 +74,9 @@ class Motion:
             raise InputError(
                 f"motion transform {turned[0] + 1} mirrors the one before: on the way it would have to be flat"
             )
-        for array, name in ((times, "times"), (matrices, "transforms")):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        for values, name in ((times, "times"), (matrices, "transforms")):
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
         object.__setattr__(self, "center", vector(self.center, "motion center"))
 
     @classmethod

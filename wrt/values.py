@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,14 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
     for i, item in enumerate(result):
         number(item, f"{name}[{i}]", minimum=0.0, maximum=maximum)
     return result
+
+
+def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
+    """Return `value` as an array, or raise InputError naming `name` where it is ragged or holds other things."""
+    try:
+        return np.asarray(value, dtype=dtype)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must be an array of numbers, all rows of one length") from None
 
 
 def image(value: object, what: str) -> NDArray[np.float32]:

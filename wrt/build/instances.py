@@ -13,6 +13,7 @@ from wrt.build.geometry import upload_triangles
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
+from wrt.values import array
 
 FloatArray = NDArray[np.float64]
 
@@ -37,10 +38,10 @@ class PlacedTrees:
 
         Raises:
             InputError: on arrays of other shapes, mesh numbers out of range, matrices that are not
-                finite or not invertible, or more triangles than an int counts.
+                finite, not affine or not invertible, or more triangles than an int counts.
         """
         self._device = device
-        self._numbers = np.asarray(numbers)
+        self._numbers = array(numbers, "numbers")
         if self._numbers.ndim != 1 or len(self._numbers) == 0 or self._numbers.dtype.kind not in "iu":
             raise InputError("numbers must be a list of mesh numbers, one an instance, at least one")
         if self._numbers.min() < 0 or self._numbers.max() >= len(meshes):
@@ -87,10 +88,13 @@ class PlacedTrees:
         return self._geometry[mesh][0]
 
     def _matrices(self, transforms: ArrayLike) -> FloatArray:
-        matrices = np.asarray(transforms, np.float64)
+        matrices = array(transforms, "transforms", np.float64)
         n = len(self._numbers)
         if matrices.shape not in ((n, 4, 4), (n, 3, 4)) or not np.isfinite(matrices).all():
             raise InputError(f"transforms must be ({n}, 4, 4) finite numbers, not {matrices.shape}")
+        bent = np.flatnonzero((matrices[:, 3:] != (0.0, 0.0, 0.0, 1.0)).any(axis=(1, 2)))
+        if len(bent):
+            raise InputError(f"the transform of instance {bent[0]} must be affine: its last row must be 0 0 0 1")
         flat = np.flatnonzero(np.linalg.det(matrices[:, :3, :3]) == 0.0)
         if len(flat):
             raise InputError(f"the transform of instance {flat[0]} is not invertible")
