@@ -22,12 +22,9 @@ class EnvironmentSample:
 @wp.func
 def direction_to_uv(environment: EnvironmentData, d: wp.vec3) -> wp.vec2:
     """Return where in the image direction d looks."""
-    c = environment.cos_rotation
-    s = environment.sin_rotation
-    x = c * d[0] - s * d[2]
-    z = s * d[0] + c * d[2]
-    u = 0.5 + wp.atan2(x, -z) / TWO_PI
-    v = wp.acos(wp.clamp(d[1], -1.0, 1.0)) / PI
+    local = environment.rotation * d
+    u = 0.5 + wp.atan2(local[0], -local[2]) / TWO_PI
+    v = wp.acos(wp.clamp(local[1], -1.0, 1.0)) / PI
     return wp.vec2(u, v)
 
 
@@ -36,11 +33,9 @@ def uv_to_direction(environment: EnvironmentData, uv: wp.vec2) -> wp.vec3:
     """Return the direction that sees (u, v)."""
     azimuth = (uv[0] - 0.5) * TWO_PI
     polar = uv[1] * PI
-    x = wp.sin(polar) * wp.sin(azimuth)
-    z = -wp.sin(polar) * wp.cos(azimuth)
-    c = environment.cos_rotation
-    s = environment.sin_rotation
-    return wp.vec3(c * x + s * z, wp.cos(polar), -s * x + c * z)
+    sine = wp.sin(polar)
+    local = wp.vec3(sine * wp.sin(azimuth), wp.cos(polar), -sine * wp.cos(azimuth))
+    return wp.transpose(environment.rotation) * local
 
 
 @wp.func

@@ -22,6 +22,7 @@ class Features:
         instances: "none" where all triangles lie in one tree, else what instances do at most: "still", "moving" as
             wholes, or "deforming".
         integrator: what follows a camera ray (see `kernels/integrators.py`).
+        light_shapes: whether any light is a spot, a rectangle, a disk, a sphere or a sun with a diameter.
     """
 
     models: tuple[str, ...]
@@ -32,6 +33,7 @@ class Features:
     sampler: str = "independent"
     instances: str = "none"
     integrator: str = "path"
+    light_shapes: bool = False
 
     @property
     def name(self) -> str:
@@ -41,6 +43,7 @@ class Features:
         parts += [self.sampler] * (self.sampler != "independent")
         parts += [self.instances] * (self.instances != "none")
         parts += [self.integrator] * (self.integrator != "path")
+        parts += ["lights"] * self.light_shapes
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

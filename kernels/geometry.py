@@ -20,6 +20,18 @@ class Ray:
 
 
 @wp.struct
+class Receiver:
+    """From where lights are looked at: a point, the surface's geometric normal there, and when.
+
+    `normal` is zero in a medium, where light arrives from everywhere.
+    """
+
+    position: wp.vec3
+    normal: wp.vec3
+    time: float
+
+
+@wp.struct
 class Frame:
     """Orthonormal axes; `n` is the local z."""
 

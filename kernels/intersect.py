@@ -8,6 +8,7 @@ import warp as wp
 from wrt.kernels.bvh import Hit, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.geometry import Ray
 from wrt.kernels.instances import instance_hit, make_traverse
+from wrt.kernels.light_shapes import light_shape_blocks, nearer_light_shape
 from wrt.kernels.scene_data import SceneData
 
 NO_HIT = wp.constant(-1)
@@ -47,8 +48,13 @@ def occluded(scene: SceneData, ray: Ray, distance: float) -> bool:
 
 
 @functools.cache
-def make_intersect(instances: str) -> Intersect:
-    """Return the functions for scenes with these instances, named as in Features."""
+def make_intersect(instances: str, light_shapes: bool = False) -> Intersect:
+    """Return the functions for scenes with these instances, named as in Features, and with light shapes or without.
+
+    A light shape that is hit has a number below NO_HIT in place of a triangle's (see `kernels.light_shapes`).
+    """
+    if light_shapes:
+        return _with_light_shapes(instances)
     if instances == "none":
         return Intersect(closest_hit, closest_hit_before, occluded)
     traverse = make_traverse(instances)
@@ -66,5 +72,29 @@ def make_intersect(instances: str) -> Intersect:
     def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
         found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, True)
         return wp.cast(found[0], wp.int32) >= 0
+
+    return Intersect(nearest, before, blocked)
+
+
+def _with_light_shapes(instances: str) -> Intersect:
+    _, triangle_before, triangle_blocks = make_intersect(instances)
+
+    @wp.func(name=f"closest_hit_before_{instances}_lights")
+    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
+        hit = triangle_before(scene, ray, distance)
+        reach = float(distance)
+        if hit.triangle != NO_HIT:
+            reach = hit.t
+        return nearer_light_shape(scene, ray, hit, reach)
+
+    @wp.func(name=f"closest_hit_{instances}_lights")
+    def nearest(scene: SceneData, ray: Ray) -> Hit:
+        return before(scene, ray, INFINITE_DISTANCE)
+
+    @wp.func(name=f"occluded_{instances}_lights")
+    def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
+        nobody = Hit()
+        nobody.triangle = NO_HIT
+        return light_shape_blocks(scene, ray, distance, nobody) or triangle_blocks(scene, ray, distance)
 
     return Intersect(nearest, before, blocked)

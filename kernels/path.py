@@ -8,12 +8,18 @@ import functools
 import warp as wp
 
 from wrt.kernels.bsdf import make_bsdf, model_of
-from wrt.kernels.bvh import Hit
-from wrt.kernels.environment import image_pdf, image_radiance
+from wrt.kernels.environment import image_radiance
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import Ray, to_local, to_world
+from wrt.kernels.geometry import Ray, Receiver, to_local, to_world
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
-from wrt.kernels.lights import make_sample_light, triangle_light_pdf
+from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
+from wrt.kernels.lights import (
+    choice_probability,
+    environment_light_pdf,
+    hit_triangle_pdf,
+    light_shape_pdf,
+    make_lights,
+)
 from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, choose_material, make_bsdf_at
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.sampler import (
@@ -25,9 +31,9 @@ from wrt.kernels.sampler import (
     passed_block,
     vertex_block,
 )
-from wrt.kernels.scene_data import SceneData, ShapeRecord
+from wrt.kernels.scene_data import SceneData
 from wrt.kernels.shadow import make_visibility
-from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.surface import add_texture_coordinates, align_tangents, make_surface_at
 from wrt.kernels.triangles import leave_surface
 
 # How light that both samplings can find is shared between them.
@@ -76,26 +82,17 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
     return mis_weight(strategy, bsdf_pdf, light_pdf, STRATEGY_BSDF)
 
 
-@wp.func
-def hit_light_pdf(scene: SceneData, shape: ShapeRecord, hit: Hit, surface: Surface, ray: Ray, distance: float) -> float:
-    """Return the density with which `sample_light` would have chosen the point that was hit, `distance` away."""
-    light = scene.lights[shape.first_light + hit.triangle - shape.first_triangle]
-    cos_light = -wp.dot(surface.normal, ray.direction)
-    return triangle_light_pdf(
-        light.probability, wp.length(wp.cross(surface.e1, surface.e2)), distance * distance, cos_light
-    )
-
-
 @functools.cache
 def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
     bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
     bsdf_at = make_bsdf_at(features)
+    closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
+    sample_light, _, emission_at = make_lights(features)
     visibility = make_visibility(features)
     sample_4d = make_sample_4d(features.sampler)
-    closest_hit = make_intersect(features.instances).closest_hit
     surface_at = make_surface_at(features.instances)
-    sample_light = make_sample_light(features.instances)
+    light_shapes = features.light_shapes
     textured = features.textured
     layered = features.layered
     tangents = features.tangents
@@ -104,13 +101,26 @@ def make_trace_path(features: Features) -> wp.Function:
     image_environment = features.environment == "image"
 
     @wp.func
-    def environment_seen(scene: SceneData, direction: wp.vec3, last_pdf: float, strategy: int) -> wp.vec3:
+    def environment_seen(
+        scene: SceneData, receiver: Receiver, direction: wp.vec3, last_pdf: float, strategy: int
+    ) -> wp.vec3:
         if wp.static(image_environment):
             light_pdf = float(0.0)
             if last_pdf > 0.0:
-                light_pdf = image_pdf(scene.environment, direction) * scene.environment.light_probability
+                light_pdf = environment_light_pdf(scene, receiver, direction)
             return image_radiance(scene.environment, direction) * emitter_hit_weight(strategy, last_pdf, light_pdf)
         return scene.environment.radiance
+
+    @wp.func
+    def light_shape_seen(
+        scene: SceneData, shape: int, receiver: Receiver, ray: Ray, distance: float, last_pdf: float, strategy: int
+    ) -> wp.vec3:
+        record = scene.light_shapes[shape]
+        light_pdf = float(0.0)
+        if last_pdf > 0.0:
+            light_pdf = light_shape_pdf(record, receiver, ray.direction, distance)
+            light_pdf *= choice_probability(scene, receiver, record.light)
+        return scene.lights[record.light].value * emitter_hit_weight(strategy, last_pdf, light_pdf)
 
     @wp.func
     def trace_path(
@@ -126,6 +136,8 @@ def make_trace_path(features: Features) -> wp.Function:
         rays = int(0)
         depth = int(0)
         surfaces_passed = int(0)
+        receiver = Receiver()  # the last vertex from which lights were looked at
+        receiver.time = ray.time
         while depth < settings.max_depth:
             hit = closest_hit(scene, ray)
             rays += 1
@@ -134,9 +146,26 @@ def make_trace_path(features: Features) -> wp.Function:
             # Environment
             if hit.triangle == NO_HIT:
                 if wp.static(has_environment):
-                    seen = environment_seen(scene, ray.direction, last_pdf, settings.strategy)
+                    seen = environment_seen(scene, receiver, ray.direction, last_pdf, settings.strategy)
                     radiance += wp.cw_mul(throughput, seen)
+                if wp.static(light_shapes):
+                    for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
+                        if sun_covers(scene.light_shapes[i], ray.direction):
+                            sun = light_shape_seen(scene, i, receiver, ray, 0.0, last_pdf, settings.strategy)
+                            radiance += wp.cw_mul(throughput, sun)
                 break
+
+            # Lights that are shapes of their own
+            if wp.static(light_shapes):
+                if hit.triangle < NO_HIT:
+                    number = shape_number(hit)
+                    if shines_back(scene, scene.light_shapes[number], ray):
+                        distance_to_light = passed + hit.t
+                        seen_light = light_shape_seen(
+                            scene, number, receiver, ray, distance_to_light, last_pdf, settings.strategy
+                        )
+                        radiance += wp.cw_mul(throughput, seen_light)
+                    break
 
             surface = surface_at(scene, ray, hit)
             shape = scene.shapes[surface.shape]
@@ -163,9 +192,11 @@ def make_trace_path(features: Features) -> wp.Function:
                 if surface.front or shape.two_sided != 0:
                     weight = float(1.0)
                     if last_pdf > 0.0:
-                        light_pdf = hit_light_pdf(scene, shape, hit, surface, ray, passed + hit.t)
+                        light_pdf = hit_triangle_pdf(surface, ray.direction, passed + hit.t)
+                        light_number = shape.first_light + hit.triangle - shape.first_triangle
+                        light_pdf *= choice_probability(scene, receiver, light_number)
                         weight = emitter_hit_weight(settings.strategy, last_pdf, light_pdf)
-                    radiance += wp.cw_mul(throughput, shape.emission) * weight
+                    radiance += wp.cw_mul(throughput, emission_at(scene, shape, surface)) * weight
             if depth >= settings.max_depth:
                 break
 
@@ -180,11 +211,13 @@ def make_trace_path(features: Features) -> wp.Function:
             # Emitter sampling
             if scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf):
                 leave = leave_surface(surface.position, surface.normal, surface.slack)
+                receiver.position = leave
+                receiver.normal = surface.normal
                 u_environment = wp.vec4()
                 if wp.static(image_environment):
                     u_environment = sample_4d(sampler, vertex_block(depth, BLOCK_ENVIRONMENT))
                 u_light = sample_4d(sampler, vertex_block(depth, BLOCK_LIGHT))
-                light = sample_light(scene, leave, ray.time, u_light, u_environment)
+                light = sample_light(scene, receiver, u_light, u_environment)
                 wi = to_local(surface.frame, light.wi)
                 # A shading normal must not let light through: both normals must agree on the side.
                 above = wp.dot(light.wi, surface.normal) > 0.0

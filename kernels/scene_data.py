@@ -26,6 +26,16 @@ LIGHT_TRIANGLE = wp.constant(0)
 LIGHT_POINT = wp.constant(1)
 LIGHT_DIRECTIONAL = wp.constant(2)
 LIGHT_ENVIRONMENT = wp.constant(3)
+LIGHT_SPOT = wp.constant(4)
+LIGHT_RECTANGLE = wp.constant(5)
+LIGHT_DISK = wp.constant(6)
+LIGHT_SPHERE = wp.constant(7)
+LIGHT_SUN = wp.constant(8)
+
+# How a spot light fades from its inner to its outer cone; wrt/lights.py has the formulas.
+FALLOFF_SMOOTH = wp.constant(0)
+FALLOFF_LINEAR = wp.constant(1)
+FALLOFF_GLTF = wp.constant(2)
 
 
 @wp.struct
@@ -101,6 +111,7 @@ class ShapeRecord:
     first_triangle: int
     first_light: int  # light number of its first triangle; -1 where it does not emit
     emission: wp.vec3
+    emission_slot: int  # -1 where `emission` is the same everywhere
     two_sided: int
 
 
@@ -108,17 +119,38 @@ class ShapeRecord:
 class LightRecord:
     """One entry of the light table.
 
-    `value` is radiance (triangle), intensity (point) or irradiance (directional); `place` is the
-    position of a point light and the direction that directional light comes from.
+    `value` is radiance (triangle, rectangle, disk, sphere, sun), intensity (point, spot) or irradiance (directional);
+    `place` is the position of a point or spot light and the direction that directional light comes from. A triangle
+    whose emission varies is told its mean.
     """
 
     kind: int
     triangle: int
     instance: int  # that the triangle belongs to, in scenes with instances
+    shape: int  # number in `shapes` of a triangle; in `light_shapes` of a spot, rectangle, disk, sphere or sun
     place: wp.vec3
     value: wp.vec3
     two_sided: int
     probability: float
+
+
+@wp.struct
+class LightShape:
+    """Where a light is that is no triangle, and how large.
+
+    Rectangle: a corner, two unit axes, x × y = normal, and its width and height. Disk and sphere: the centre, the
+    normal, and the radius twice. Sun: `normal` points to it; 1 − cos and sin² of its angular radius. Spot: `normal`
+    is its axis; cosines of the inner and of the outer cone.
+    """
+
+    kind: int
+    light: int  # number in `lights`
+    place: wp.vec3
+    x: wp.vec3
+    y: wp.vec3
+    normal: wp.vec3
+    size: wp.vec2
+    falloff: int
 
 
 @wp.struct
@@ -129,12 +161,11 @@ class EnvironmentData:
     texels: wp.array(dtype=wp.vec3)
     width: int
     height: int
-    cos_rotation: float
-    sin_rotation: float
+    rotation: wp.mat33  # from world to image
     thresholds: wp.array(dtype=float)
     aliases: wp.array(dtype=int)
     probabilities: wp.array(dtype=float)
-    light_probability: float
+    light: int  # number in `lights`; -1 where it is not sampled
 
 
 @wp.struct
@@ -162,4 +193,7 @@ class SceneData:
     lights: wp.array(dtype=LightRecord)
     light_thresholds: wp.array(dtype=float)
     light_aliases: wp.array(dtype=int)
+    light_shapes: wp.array(dtype=LightShape)  # first those that rays can hit, then suns, then spots
+    solid_light_shapes: int
+    sun_light_shapes: int  # number of the first that is no sun
     environment: EnvironmentData

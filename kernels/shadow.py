@@ -8,6 +8,7 @@ from wrt.kernels.bvh import Hit
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray
 from wrt.kernels.intersect import NO_HIT, make_intersect
+from wrt.kernels.light_shapes import light_shape_blocks
 from wrt.kernels.materials import MOST_PASSED, transmittance_of
 from wrt.kernels.scene_data import SceneData
 from wrt.kernels.surface import Surface, add_texture_coordinates, make_surface_at
@@ -19,11 +20,13 @@ def make_visibility(features: Features) -> wp.Function:
     """Return the device function (scene, ray, distance, light_point) -> share of light that comes through, 0 to 1.
 
     It is the product over all surfaces before `distance` of what they let pass, times what is there of the light
-    itself: `light_point` is where on a triangle it begins, or a Hit of no triangle.
+    itself: `light_point` is where on a triangle it begins, or which light shape it is, or a Hit of nothing.
     """
     textured = features.textured
     _, closest_hit_before, occluded = make_intersect(features.instances)
     surface_at = make_surface_at(features.instances)
+    light_shapes = features.light_shapes
+    name = f"{'textured' if textured else 'plain'}{'_shapes' if light_shapes else ''}"
 
     @wp.func(name=f"transmittance_at_{'textured' if textured else 'plain'}")
     def transmittance_at(scene: SceneData, hit: Hit, surface: Surface) -> float:
@@ -31,11 +34,14 @@ def make_visibility(features: Features) -> wp.Function:
             surface = add_texture_coordinates(scene, hit, surface)
         return transmittance_of(scene, scene.shapes[surface.shape].material, surface)
 
-    @wp.func(name=f"visibility_{'textured' if textured else 'plain'}")
+    @wp.func(name=f"visibility_{name}")
     def through_opacity(scene: SceneData, ray: Ray, distance: float, light_point: Hit) -> float:
         share = float(1.0)
-        if light_point.triangle != NO_HIT:
+        if light_point.triangle >= 0:
             share -= transmittance_at(scene, light_point, surface_at(scene, ray, light_point))
+        if wp.static(light_shapes):
+            if light_shape_blocks(scene, ray, distance, light_point):
+                return 0.0
         rest = Ray()
         rest.origin = ray.origin
         rest.direction = ray.direction
@@ -53,8 +59,11 @@ def make_visibility(features: Features) -> wp.Function:
             passed += 1
         return 0.0
 
-    @wp.func
+    @wp.func(name=f"unblocked{'_shapes' if light_shapes else ''}")
     def unblocked(scene: SceneData, ray: Ray, distance: float, light_point: Hit) -> float:
+        if wp.static(light_shapes):
+            if light_shape_blocks(scene, ray, distance, light_point):
+                return 0.0
         return wp.where(occluded(scene, ray, distance), 0.0, 1.0)
 
     return through_opacity if features.layered else unblocked

@@ -5,7 +5,8 @@ Whitted (1980), "An improved illumination model for shaded display"; the limit o
 
 - What is smooth (`Model.specular`) sends on two rays, what is not receives direct light alone.
 - Each point, spot or directional light casts a hard shadow; a triangle that shines does so from its middle, as if all
-  of its area stood there: L A cosθ / r² (the midpoint rule).
+  of its area stood there: L A cosθ / r² (the midpoint rule). So do rectangles, disks, spheres and suns, by their solid
+  angle.
 - Ambient light arrives at what is not smooth from all sides alike and is blocked by nothing.
 - Mixtures and what is not opaque are all of their parts, each by its share.
 """
@@ -19,14 +20,15 @@ from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.bsdf.specular import make_specular
 from wrt.kernels.environment import image_radiance
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import Ray, to_local, to_world
+from wrt.kernels.geometry import Ray, Receiver, to_local, to_world
 from wrt.kernels.intersect import NO_HIT, make_intersect
-from wrt.kernels.lights import make_sample_one_light
+from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
+from wrt.kernels.lights import make_lights
 from wrt.kernels.materials import MOST_PASSED, leaves_of, make_bsdf_at, next_leaf
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import Sampler
-from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, SceneData
+from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, LIGHT_RECTANGLE, LIGHT_TRIANGLE, SceneData
 from wrt.kernels.shadow import make_visibility
 from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
 from wrt.kernels.triangles import leave_surface
@@ -42,6 +44,17 @@ AMBIENT_POINTS = wp.constant(16)
 MIDDLE = wp.constant(2.0 / 3.0)
 """Both numbers that `square_to_triangle` maps to the middle."""
 
+
+@wp.func
+def middle_of(kind: int) -> wp.vec2:
+    """Return the numbers by which the middle of a light of this kind is drawn."""
+    if kind == LIGHT_TRIANGLE:
+        return wp.vec2(MIDDLE)
+    if kind == LIGHT_RECTANGLE:
+        return wp.vec2(0.5)
+    return wp.vec2(0.0)
+
+
 _vectors = wp.types.matrix(shape=(32, 3), dtype=float)
 _numbers = wp.types.vector(length=32, dtype=float)
 _counts = wp.types.vector(length=32, dtype=int)
@@ -52,7 +65,7 @@ def make_direct_light(features: Features) -> wp.Function:
     """Return the device function (scene, surface, bsdf, wo, time, settings) -> PathResult: without smooth lobes."""
     bsdf_evaluate, _, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
     visibility = make_visibility(features)
-    sample_one_light = make_sample_one_light(features.instances)
+    sample_one_light = make_lights(features).sample_one_light
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
@@ -80,18 +93,23 @@ def make_direct_light(features: Features) -> wp.Function:
         if wp.max(settings.ambient) > 0.0:
             result.radiance = wp.cw_mul(settings.ambient, ambient_share(bsdf, wo))
         for number in range(scene.lights.shape[0]):
-            record = scene.lights[number]
-            if record.kind != LIGHT_ENVIRONMENT:
+            kind = scene.lights[number].kind
+            if kind != LIGHT_ENVIRONMENT:
                 leave = leave_surface(surface.position, surface.normal, surface.slack)
-                light = sample_one_light(scene, number, leave, time, wp.vec2(MIDDLE), wp.vec4())
+                receiver = Receiver()
+                receiver.position = leave
+                receiver.normal = surface.normal
+                receiver.time = time
+                light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind), wp.vec4())
                 above = wp.dot(light.wi, surface.normal) > 0.0
                 if wp.static(transmits):
                     if not above:
                         leave = leave_surface(surface.position, -surface.normal, surface.slack)
-                        light = sample_one_light(scene, number, leave, time, wp.vec2(MIDDLE), wp.vec4())
+                        receiver.position = leave
+                        light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind), wp.vec4())
                 wi = to_local(surface.frame, light.wi)
                 if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
-                    arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance * record.probability)
+                    arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
                     if wp.max(arriving) > 0.0:
                         shadow = Ray()
                         shadow.origin = leave
@@ -111,7 +129,9 @@ def make_trace_tree(features: Features) -> wp.Function:
     direct_light = make_direct_light(features)
     specular = make_specular(features.models)
     bsdf_at = make_bsdf_at(features)
-    closest_hit = make_intersect(features.instances).closest_hit
+    closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
+    emission_at = make_lights(features).emission_at
+    light_shapes = features.light_shapes
     surface_at = make_surface_at(features.instances)
     textured = features.textured
     layered = features.layered
@@ -164,7 +184,20 @@ def make_trace_tree(features: Features) -> wp.Function:
             if hit.triangle == NO_HIT:
                 if wp.static(has_environment):
                     radiance += wp.cw_mul(throughput, environment_seen(scene, ray.direction))
+                if wp.static(light_shapes):
+                    for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
+                        if sun_covers(scene.light_shapes[i], ray.direction):
+                            sun = scene.light_shapes[i].light
+                            radiance += wp.cw_mul(throughput, scene.lights[sun].value)
                 continue
+
+            # Lights that are shapes of their own
+            if wp.static(light_shapes):
+                if hit.triangle < NO_HIT:
+                    met = scene.light_shapes[shape_number(hit)]
+                    if shines_back(scene, met, ray):
+                        radiance += wp.cw_mul(throughput, scene.lights[met.light].value)
+                    continue
 
             # Each part of the material by its share
             surface = surface_at(scene, ray, hit)
@@ -183,7 +216,7 @@ def make_trace_tree(features: Features) -> wp.Function:
 
                 # Emission
                 if shape.first_light >= 0 and (surface.front or shape.two_sided != 0):
-                    radiance += wp.cw_mul(part, shape.emission)
+                    radiance += wp.cw_mul(part, emission_at(scene, shape, surface))
                 if depth >= settings.max_depth:
                     continue
 

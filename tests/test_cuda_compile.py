@@ -45,6 +45,7 @@ FEATURES = [
         "image",
         layered=True,
         tangents=True,
+        light_shapes=True,
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),

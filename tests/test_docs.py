@@ -23,6 +23,7 @@ from wrt.environment import ConstantEnvironment
 from wrt.formats import scene_toml
 from wrt.formats.images import load_environment
 from wrt.formats.scene_toml import load_scene
+from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS
 
 if sys.version_info >= (3, 11):
@@ -179,8 +180,9 @@ TABLES: dict[str, Callable[..., Any]] = {
     **{f"[camera] {kind}": cls for kind, cls in CAMERAS.items()},
     "[environment] constant": ConstantEnvironment,
     "[environment] image": load_environment,
-    "[[lights]] point": wrt.PointLight,
-    "[[lights]] directional": wrt.DirectionalLight,
+    "[environment] spherical-harmonics": wrt.SphericalHarmonicsEnvironment,
+    "[environment] sun-sky": wrt.SunSkyEnvironment,
+    **{f"[[lights]] {kind}": cls for kind, cls in LIGHTS.items()},
     **{f"[materials.NAME] {kind}": cls for kind, cls in MATERIALS.items()},
     "[[shapes]] quad": wrt.quad,
     "[[shapes]] box": wrt.box,
@@ -228,7 +230,7 @@ def value_of(text: str) -> Any:
 
 def test_every_kind_of_table_is_documented_and_no_other() -> None:
     assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS, COMMON_OF_CAMERAS, TEXTURES}
-    kinds = {"[[lights]]": scene_toml._LIGHTS, "[materials.NAME]": MATERIALS}
+    kinds = {"[environment]": scene_toml._ENVIRONMENTS, "[[lights]]": LIGHTS, "[materials.NAME]": MATERIALS}
     for section, known in kinds.items():
         assert {f"{section} {kind}" for kind in known} == {name for name in TABLES if name.startswith(f"{section} ")}
     with pytest.raises(wrt.InputError) as caught:

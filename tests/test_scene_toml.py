@@ -368,9 +368,11 @@ MISTAKES = {
     '[environment]\ntype = "image"\nfile = "none.hdr"': "environment.file: {folder}/none.hdr: no such file",
     '[environment]\ntype = "image"\nfile = 5': "environment.file: must be a text, not 5",
     "[lights]\ntype = 'point'": "lights: must be an array of tables; write [[lights]]",
-    "[[lights]]\ntype = 'pont'": "lights[0]: type must be one of 'point', 'directional', not 'pont' (did you mean",
+    "[[lights]]\ntype = 'pont'": "lights[0]: type must be one of 'point', 'spot', 'directional', 'rectangle', 'disk', "
+    "'sphere', not 'pont' (did you mean",
     "[[lights]]\ntype = 'point'\nintensity = 1": "lights[0]: the key 'position' is missing",
-    "[[lights]]\ntype = 'point'\nposition = [0, 0, 0]": "lights[0]: a point light takes either intensity or power",
+    "[[lights]]\ntype = 'point'\nposition = [0, 0, 0]": "lights[0]: a point light takes one of intensity, power and "
+    "color",
     "[materials]\nred = 5": "materials.red: must be a table, not 5",
     "[materials.red]\nreflectance = 1": "materials.red: the key 'type' is missing",
     "[materials.red]\ntype = 'diffuse'\nreflectance = 1.5": "materials.red: reflectance must be at most 1, not 1.5",

@@ -21,12 +21,17 @@ if not (_here / "kernels").is_dir() and (_here.parent / "kernels").is_dir():
 if TYPE_CHECKING:
     from wrt.api import load, render
     from wrt.camera import Camera, FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
-    from wrt.environment import ConstantEnvironment, ImageEnvironment
+    from wrt.environment import (
+        ConstantEnvironment,
+        ImageEnvironment,
+        SphericalHarmonicsEnvironment,
+        SunSkyEnvironment,
+    )
     from wrt.errors import InputError
     from wrt.formats.images import load_image, save_image
     from wrt.formats.meshes import load_mesh
     from wrt.intersector import Hits, Intersector
-    from wrt.lights import DirectionalLight, PointLight
+    from wrt.lights import DirectionalLight, DiskLight, PointLight, RectangleLight, SphereLight, SpotLight
     from wrt.materials import (
         Conductor,
         Dielectric,
@@ -60,6 +65,7 @@ _EXPORTS = {
     "Dielectric": "wrt.materials",
     "Diffuse": "wrt.materials",
     "DirectionalLight": "wrt.lights",
+    "DiskLight": "wrt.lights",
     "FisheyeCamera": "wrt.camera",
     "ImageEnvironment": "wrt.environment",
     "ImageTexture": "wrt.textures",
@@ -83,12 +89,17 @@ _EXPORTS = {
     "Principled": "wrt.materials",
     "Progress": "wrt.renderer",
     "Renderer": "wrt.renderer",
+    "RectangleLight": "wrt.lights",
     "RenderSettings": "wrt.scene",
     "RoughConductor": "wrt.materials",
     "RoughDielectric": "wrt.materials",
     "RoughPlastic": "wrt.materials",
     "Scene": "wrt.scene",
     "Shape": "wrt.scene",
+    "SphereLight": "wrt.lights",
+    "SphericalHarmonicsEnvironment": "wrt.environment",
+    "SpotLight": "wrt.lights",
+    "SunSkyEnvironment": "wrt.environment",
     "ThinDielectric": "wrt.materials",
     "TwoSided": "wrt.materials",
     "VertexColor": "wrt.textures",
@@ -111,6 +122,7 @@ __all__ = [
     "Dielectric",
     "Diffuse",
     "DirectionalLight",
+    "DiskLight",
     "Emissive",
     "FisheyeCamera",
     "Glossy",
@@ -133,6 +145,7 @@ __all__ = [
     "PointLight",
     "Principled",
     "Progress",
+    "RectangleLight",
     "RenderSettings",
     "Renderer",
     "RoughConductor",
@@ -140,6 +153,10 @@ __all__ = [
     "RoughPlastic",
     "Scene",
     "Shape",
+    "SphereLight",
+    "SphericalHarmonicsEnvironment",
+    "SpotLight",
+    "SunSkyEnvironment",
     "ThinDielectric",
     "TwoSided",
     "VertexColor",

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from wrt.values import ColorLike, color, image, number
+from wrt.errors import InputError
+from wrt.harmonics import harmonics
+from wrt.lights import DirectionalLight
+from wrt.sky import rgb_from_xyz, sky_xyz, sun_xyz
+from wrt.values import ColorLike, Vec3, color, image, number, vector
+
+SUN_DIAMETER_DEGREES = 0.53
+"""The sun's mean angular diameter."""
+
+_SKY_HEIGHT = 512
+"""Rows of the image of a sky: the horizon lies between two of them."""
+
+_HARMONICS_ROWS = 64
+"""Rows for each degree of spherical harmonics; see `SphericalHarmonicsEnvironment`."""
+
+_MOST_DEGREE = 16
 
 
 @dataclass(frozen=True)
@@ -36,14 +53,164 @@ class ImageEnvironment:
         scale: multiplies the pixels.
         rotation_degrees: turns the environment about +y, counter-clockwise seen from above.
         name: where the pixels came from, for messages.
+        rotation_axis: the axis to turn about instead, which looks at whoever sees it turn counter-clockwise.
     """
 
     pixels: NDArray[np.float32] = field(repr=False)
     scale: float = 1.0
     rotation_degrees: float = 0.0
     name: str = "environment"
+    rotation_axis: Vec3 = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pixels", image(self.pixels, f"environment {self.name}"))
         object.__setattr__(self, "scale", number(self.scale, "scale", minimum=0.0))
         object.__setattr__(self, "rotation_degrees", number(self.rotation_degrees, "rotation_degrees"))
+        object.__setattr__(self, "rotation_axis", vector(self.rotation_axis, "rotation_axis"))
+        if not any(self.rotation_axis):
+            raise InputError("rotation_axis must not be zero")
+
+
+@dataclass(frozen=True, eq=False)
+class SphericalHarmonicsEnvironment:
+    """Radiance as a sum of real spherical harmonics; where the sum is negative it counts as 0.
+
+    `wrt.harmonics` has the basis: orthonormal, in the world's x, y and z with z as the polar axis, no
+    Condon-Shortley sign. The constant radiance L is the single coefficient L √(4π).
+
+    It becomes an image of 64 rows a degree l. A sum of harmonics up to l changes along any great circle no faster than
+    l times its largest value (Bernstein), so what is read between the texels differs from it by at most
+    (π/64)²/4 = 0.06 % of that value, and within half a texel of the poles by π/128 = 2.5 %.
+
+    Attributes:
+        coefficients: ((l + 1)², 3), row l² + l + m, W·sr⁻¹·m⁻²; for greys also ((l + 1)²,). l is 16 at most.
+        scale: multiplies them.
+    """
+
+    coefficients: ArrayLike = field(repr=False)
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        try:
+            values = np.asarray(self.coefficients, np.float64)
+        except (TypeError, ValueError):
+            values = np.full(1, np.nan)
+        if values.ndim == 1:
+            values = np.repeat(values[:, None], 3, axis=1)
+        count = len(values)
+        if values.ndim != 2 or values.shape[1] != 3 or math.isqrt(count) ** 2 != count or count == 0:
+            raise InputError(f"coefficients must be 1, 4, 9, 16, ... rows of three numbers, not {values.shape}")
+        if count > (_MOST_DEGREE + 1) ** 2:
+            raise InputError(f"coefficients must be at most {(_MOST_DEGREE + 1) ** 2}, not {count}")
+        if not np.isfinite(values).all():
+            raise InputError("coefficients must be finite numbers")
+        object.__setattr__(self, "coefficients", values)
+        object.__setattr__(self, "scale", number(self.scale, "scale", minimum=0.0))
+
+    @property
+    def degree(self) -> int:
+        """The largest l."""
+        return math.isqrt(len(self.coefficients)) - 1  # type: ignore[arg-type]
+
+    def image(self) -> ImageEnvironment:
+        """Return the image that stands for it."""
+        height = max(_HARMONICS_ROWS * self.degree, 1)
+        directions = image_directions(height, 2 * height)
+        pixels = harmonics(self.degree, directions.reshape(-1, 3)) @ np.asarray(self.coefficients)
+        pixels = np.maximum(pixels, 0.0).reshape(height, 2 * height, 3)
+        return ImageEnvironment(pixels.astype(np.float32), self.scale, name="spherical harmonics")
+
+
+@dataclass(frozen=True)
+class SunSkyEnvironment:
+    """A clear sky by day, the sun in it, and flat matt ground below the horizon.
+
+    The model of Preetham, Shirley and Smits (1999), in `wrt.sky`. The sun is a disk of 0.53 degrees, equally bright all
+    over. The ground reflects what sun and sky send down, the same everywhere. Radiance is absolute, some tens of
+    W·sr⁻¹·m⁻² in the sky and over 10⁶ in the sun, and irradiance over 100 W·m⁻²:
+    pictures want an exposure of about −4.
+
+    Attributes:
+        elevation_degrees: of the sun above the horizon, above 0 to 90.
+        azimuth_degrees: where the sun stands, from −z towards +x.
+        sun_direction: towards the sun, in place of both angles; any length but zero.
+        turbidity: haziness of the air: 2 very clear, 3 clear, 6 hazy, 10 thick haze. Below 2 the model has no sky.
+        ground_albedo: share of light that the ground reflects, per channel, 0 to 1.
+        sky_scale: multiplies the radiance of sky and ground.
+        sun_scale: multiplies the radiance of the sun; 0 leaves it out of the sky, but not off the ground.
+    """
+
+    elevation_degrees: float = 45.0
+    azimuth_degrees: float = 0.0
+    sun_direction: Vec3 | None = None
+    turbidity: float = 3.0
+    ground_albedo: ColorLike = 0.2
+    sky_scale: float = 1.0
+    sun_scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.sun_direction is not None:
+            direction = np.array(vector(self.sun_direction, "sun_direction"))
+            length = float(np.linalg.norm(direction))
+            if length == 0.0:
+                raise InputError("sun_direction must not be zero")
+            x, y, z = (float(v) for v in direction / length)
+            elevation, azimuth = math.degrees(math.asin(y)), math.degrees(math.atan2(x, -z))
+            if elevation <= 0.0:
+                raise InputError(f"sun_direction must point above the horizon, not {elevation:g} degrees from it")
+            object.__setattr__(self, "sun_direction", (x, y, z))
+            object.__setattr__(self, "elevation_degrees", elevation)
+            object.__setattr__(self, "azimuth_degrees", azimuth)
+        for name, limits in {
+            "elevation_degrees": {"above": 0.0, "maximum": 90.0},
+            "azimuth_degrees": {},
+            "turbidity": {"minimum": 2.0, "maximum": 10.0},
+            "sky_scale": {"minimum": 0.0},
+            "sun_scale": {"minimum": 0.0},
+        }.items():
+            object.__setattr__(self, name, number(getattr(self, name), name, **limits))
+        object.__setattr__(self, "ground_albedo", color(self.ground_albedo, "ground_albedo", maximum=1.0))
+
+    @property
+    def to_sun(self) -> Vec3:
+        """Unit vector towards the sun."""
+        elevation, azimuth = math.radians(self.elevation_degrees), math.radians(self.azimuth_degrees)
+        flat = math.cos(elevation)
+        return flat * math.sin(azimuth), math.sin(elevation), -flat * math.cos(azimuth)
+
+    def image_and_sun(self) -> tuple[ImageEnvironment, DirectionalLight | None]:
+        """Return the image of sky and ground, and the sun; None where it is left out."""
+        zenith = math.radians(90.0 - self.elevation_degrees)
+        half = 0.5 * math.radians(SUN_DIAMETER_DEGREES)
+        irradiance = rgb_from_xyz(sun_xyz(zenith, self.turbidity)) * math.pi * math.sin(half) ** 2
+
+        directions = image_directions(_SKY_HEIGHT, 2 * _SKY_HEIGHT)
+        upper = directions[: _SKY_HEIGHT // 2]
+        sky = rgb_from_xyz(sky_xyz(upper[..., 1], upper @ np.array(self.to_sun), zenith, self.turbidity))
+        edges = np.cos(np.linspace(0.0, 0.5 * math.pi, _SKY_HEIGHT // 2 + 1))
+        # Of each row the integral of the cosine over its solid angle, spread over its columns.
+        received = 0.5 * (edges[:-1] ** 2 - edges[1:] ** 2) * (math.pi / _SKY_HEIGHT)
+        down = (sky * received[:, None, None]).sum(axis=(0, 1)) + irradiance * math.cos(zenith)
+        pixels = np.empty((*directions.shape[:2], 3), np.float32)
+        pixels[: len(sky)] = sky
+        pixels[len(sky) :] = np.asarray(self.ground_albedo) * down / math.pi
+        image = ImageEnvironment(pixels, self.sky_scale, name="sky")
+        if self.sun_scale == 0.0:
+            return image, None
+        direction = tuple(-x for x in self.to_sun)
+        return image, DirectionalLight(
+            direction,  # type: ignore[arg-type]
+            tuple(float(x) for x in irradiance * self.sun_scale),
+            angle_degrees=SUN_DIAMETER_DEGREES,
+        )
+
+
+Environment: TypeAlias = ConstantEnvironment | ImageEnvironment | SphericalHarmonicsEnvironment | SunSkyEnvironment
+
+
+def image_directions(height: int, width: int) -> NDArray[np.float64]:
+    """Return the unit vectors (height, width, 3) of the middles of an environment image's texels."""
+    polar = np.pi * (np.arange(height)[:, None] + 0.5) / height
+    azimuth = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
+    sine = np.sin(polar)
+    return np.stack(np.broadcast_arrays(sine * np.sin(azimuth), np.cos(polar), -sine * np.cos(azimuth)), axis=-1)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.build.camera import CropWindow, build_camera
-from wrt.build.environment import environment_kind
+from wrt.build.environment import environment_kind, resolve_environment
 from wrt.build.filters import filter_table
 from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.build.scene_data import build_scene
@@ -343,5 +343,5 @@ def _has_light(scene: Scene) -> bool:
     return (
         any(shape.emits for shape in scene.shapes)
         or bool(scene.lights)
-        or environment_kind(scene.environment) != "none"
+        or environment_kind(resolve_environment(scene.environment)[0]) != "none"
     )

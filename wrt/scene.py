@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wrt.camera import Camera
-from wrt.environment import ConstantEnvironment, ImageEnvironment
+from wrt.environment import Environment
 from wrt.errors import InputError
-from wrt.lights import DirectionalLight, PointLight
+from wrt.lights import LIGHTS, Light
 from wrt.materials import Diffuse, Material
+from wrt.materials.material import color_source
 from wrt.mesh import Mesh
-from wrt.values import ColorLike, Vec3, color, integer, number
+from wrt.textures import ColorSource, shines
+from wrt.values import FLOAT32_MAX, Vec3, integer, number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-Light: TypeAlias = PointLight | DirectionalLight
-Environment: TypeAlias = ConstantEnvironment | ImageEnvironment
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/filters.py` says what each is."""
@@ -38,14 +37,15 @@ class Shape:
     Attributes:
         mesh: the triangles.
         material: how it reflects.
-        emission: radiance it gives off its front, per channel, W·sr⁻¹·m⁻²; where it is 0, that of the material.
+        emission: radiance it gives off its front, per channel, W·sr⁻¹·m⁻², also an image or the mesh's colours;
+            where it is 0, that of the material.
         two_sided_emission: whether its back shines as well.
         name: for messages.
     """
 
     mesh: Mesh
     material: Material = field(default_factory=Diffuse)
-    emission: ColorLike = 0.0
+    emission: ColorSource = 0.0
     two_sided_emission: bool = False
     name: str = "shape"
 
@@ -54,13 +54,13 @@ class Shape:
             raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}")
         if not isinstance(self.material, Material):
             raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
-        emission = color(self.emission, f"{self.name}: emission")
-        object.__setattr__(self, "emission", emission if any(emission) else self.material.emission)
+        emission = color_source(self.emission, f"{self.name}: emission", maximum=FLOAT32_MAX)
+        object.__setattr__(self, "emission", emission if shines(emission) else self.material.emission)
 
     @property
     def emits(self) -> bool:
         """Whether it gives off any light."""
-        return any(self.emission)  # type: ignore[arg-type]
+        return shines(self.emission)
 
 
 @dataclass
@@ -131,7 +131,7 @@ class Scene:
 
     Attributes:
         shapes: what can be hit.
-        lights: point and directional lights.
+        lights: those that are no meshes.
         environment: what rays that hit nothing see; None is black.
         camera: where the picture is taken from; None lets the renderer frame the shapes.
         settings: how the scene asks to be rendered.
@@ -148,7 +148,7 @@ class Scene:
         mesh: Mesh,
         *,
         material: Material | None = None,
-        emission: ColorLike = 0.0,
+        emission: ColorSource = 0.0,
         two_sided_emission: bool = False,
         name: str | None = None,
     ) -> Shape:
@@ -164,9 +164,10 @@ class Scene:
         return shape
 
     def add_light(self, light: Light) -> Light:
-        """Add a point or directional light and return it."""
-        if not isinstance(light, (PointLight, DirectionalLight)):
-            raise InputError(f"a light must be a PointLight or DirectionalLight, not {type(light).__name__}")
+        """Add a light that is no mesh and return it."""
+        if not isinstance(light, tuple(LIGHTS.values())):
+            names = ", ".join(cls.__name__ for cls in LIGHTS.values())
+            raise InputError(f"a light must be one of {names}, not {type(light).__name__}")
         self.lights.append(light)
         return light
 

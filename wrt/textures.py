@@ -38,7 +38,7 @@ class ImageTexture:
         name: where the pixels came from, for messages.
         channel: "r", "g" or "b": this one alone, standing for all three. glTF keeps roughness in green and
             metalness in blue of one image.
-        factor: multiplies the pixels.
+        factor: multiplies the pixels: of an image that shines, what white is, W·sr⁻¹·m⁻².
         scale: of the texture coordinates, one number or one for u and one for v.
         rotation_degrees: of the texture coordinates.
         offset: added to the texture coordinates, u and v.
@@ -91,7 +91,16 @@ class ImageTexture:
 
 @dataclass(frozen=True)
 class VertexColor:
-    """The mesh's own colours, interpolated over each triangle (white where it has none)."""
+    """The mesh's own colours, interpolated over each triangle (white where it has none).
+
+    Attributes:
+        factor: multiplies the colours.
+    """
+
+    factor: ColorLike = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", color(self.factor, "vertex colours: factor"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,3 +149,10 @@ def _two_wraps(wrap: str | Sequence[str], what: str) -> tuple[str, ...]:
 
 ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor
 """A constant colour, an image, or the mesh's vertex colours."""
+
+
+def shines(emission: ColorSource) -> bool:
+    """Return whether an emission, checked, is anything but black everywhere."""
+    if isinstance(emission, ImageTexture):
+        return any(emission.factor) and bool(emission.pixels.any())  # type: ignore[arg-type]
+    return any(emission.factor if isinstance(emission, VertexColor) else emission)  # type: ignore[arg-type]

@@ -9,10 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.build.alias import make_alias_table
-from wrt.environment import ConstantEnvironment, ImageEnvironment
+from wrt.environment import (
+    ConstantEnvironment,
+    Environment,
+    ImageEnvironment,
+    SphericalHarmonicsEnvironment,
+    SunSkyEnvironment,
+)
+from wrt.lights import DirectionalLight
+from wrt.motion import rotation_matrix
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear Rec. 709 RGB in the luminance Y."""
+
+
+def resolve_environment(
+    environment: Environment | None,
+) -> tuple[ConstantEnvironment | ImageEnvironment | None, list[DirectionalLight]]:
+    """Return what kernels know of for an environment that is described in another way: an image, and the sun."""
+    if isinstance(environment, SphericalHarmonicsEnvironment):
+        return environment.image(), []
+    if isinstance(environment, SunSkyEnvironment):
+        image, sun = environment.image_and_sun()
+        return image, [] if sun is None else [sun]
+    return environment, []
 
 
 def environment_kind(environment: ConstantEnvironment | ImageEnvironment | None) -> str:
@@ -53,7 +73,8 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     from wrt.kernels.scene_data import EnvironmentData
 
     data = EnvironmentData()
-    data.cos_rotation = 1.0
+    data.rotation = wp.mat33(*np.eye(3).ravel())
+    data.light = -1
     kind = environment_kind(environment)
     if kind == "none":
         return data, 0.0
@@ -66,8 +87,7 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     table = make_alias_table(weights.ravel())
     data.height, data.width = pixels.shape[:2]
     data.texels = wp.array(pixels.reshape(-1, 3), dtype=wp.vec3, device=device)
-    angle = math.radians(environment.rotation_degrees)
-    data.cos_rotation, data.sin_rotation = math.cos(angle), math.sin(angle)
+    data.rotation = wp.mat33(*rotation_matrix(environment.rotation_axis, environment.rotation_degrees).T.ravel())
     data.thresholds = wp.array(table.thresholds, dtype=float, device=device)
     data.aliases = wp.array(table.aliases, dtype=int, device=device)
     data.probabilities = wp.array(table.probabilities.astype(np.float32), dtype=float, device=device)

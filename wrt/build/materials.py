@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +25,8 @@ class MaterialTable:
         materials: the distinct materials.
         numbers: place in `materials` by identity.
         of_shapes: (shapes,) number of each shape's material.
+        emissions: (shapes,) what each shape gives off.
+        emission_slots: (shapes,) number of the slot of an emission that varies, else −1; known once uploaded.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         layered: whether any material is composite or not opaque.
@@ -33,6 +36,8 @@ class MaterialTable:
     materials: list[Material] = field(default_factory=list)
     numbers: dict[int, int] = field(default_factory=dict)
     of_shapes: list[int] = field(default_factory=list)
+    emissions: list[ColorSource] = field(default_factory=list)
+    emission_slots: list[int] = field(default_factory=list)
     models: tuple[str, ...] = ()
     textured: bool = False
     layered: bool = False
@@ -59,6 +64,7 @@ class MaterialTable:
         for record, material in zip(records, self.materials, strict=True):
             self._describe(record, material, slots)
             record["table"] = 0 if material.table_key is None else places[material.table_key]
+        self.emission_slots = [slots.add(emission) if _varies(emission) else -1 for emission in self.emissions]
         rows = np.zeros(len(slots.rows), ColorSlot.numpy_dtype())
         for i, row in enumerate(slots.rows):
             rows[i] = row
@@ -104,15 +110,15 @@ class MaterialTable:
             record["normal_filter"] = _normal_filter(material, filtered)
 
 
-def describe_materials(materials: list[Material]) -> MaterialTable:
-    """Return the table of the shapes' materials.
+def describe_materials(materials: list[Material], emissions: Sequence[ColorSource] = ()) -> MaterialTable:
+    """Return the table of the shapes' materials, and of what the shapes give off.
 
     Raises:
         InputError: where a material names a reflection model that does not exist.
     """
     from wrt.kernels.bsdf import model_of
 
-    table = MaterialTable()
+    table = MaterialTable(emissions=list(emissions))
     table.of_shapes = [table.add(material) for material in materials]
     simple = [material for material in table.materials if not material.parts]
     table.models = tuple(sorted({material.model for material in simple}))
@@ -121,14 +127,15 @@ def describe_materials(materials: list[Material]) -> MaterialTable:
             model_of(material.model)
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
-    table.textured = any(
-        isinstance(value, (ImageTexture, VertexColor))
-        for material in table.materials
-        for value in (*material.slots, material.opacity)
-    )
+    values = [value for material in table.materials for value in (*material.slots, material.opacity)]
+    table.textured = any(_varies(value) for value in [*values, *emissions])
     table.layered = any(material.parts or material.opacity != 1.0 for material in table.materials)
     table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
     return table
+
+
+def _varies(value: ColorSource) -> bool:
+    return isinstance(value, (ImageTexture, VertexColor))
 
 
 def _normal_filter(material: Material, filtered: bool) -> int:
@@ -159,7 +166,7 @@ class _Slots:
             cutoff = -1.0 if value.cutoff is None else value.cutoff
             self.rows.append((value.factor, image, channel, value.vertex_colors, cutoff))
         elif isinstance(value, VertexColor):
-            self.rows.append(((1.0, 1.0, 1.0), -1, -1, True, -1.0))
+            self.rows.append((value.factor, -1, -1, True, -1.0))
         else:
             constant = tuple(float(v) for v in np.broadcast_to(np.asarray(value, np.float64), 3))
             self.rows.append((constant, -1, -1, False, -1.0))

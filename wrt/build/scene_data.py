@@ -9,7 +9,7 @@ import numpy as np
 
 from wrt.build.alias import make_alias_table
 from wrt.build.bvh import build_bvh
-from wrt.build.environment import environment_kind, upload_environment
+from wrt.build.environment import environment_kind, resolve_environment, upload_environment
 from wrt.build.geometry import upload_triangles
 from wrt.build.lights import light_table
 from wrt.build.materials import describe_materials
@@ -41,12 +41,14 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
     import warp as wp
 
     from wrt.kernels.features import Features
-    from wrt.kernels.scene_data import LightRecord, SceneData, ShapeRecord
+    from wrt.kernels.scene_data import LightRecord, LightShape, SceneData, ShapeRecord
 
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
     meshes = [shape.mesh for shape in scene.shapes]
-    materials = describe_materials([shape.material for shape in scene.shapes])
+    materials = describe_materials(
+        [shape.material for shape in scene.shapes], [shape.emission for shape in scene.shapes]
+    )
     data = SceneData()
     _upload_geometry(data, meshes, device.name, textured=materials.textured or materials.tangents)
     data.bvh = build_bvh(data.points, data.indices, device).data
@@ -58,34 +60,42 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
         np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device.name
     )
 
-    data.environment, flux = upload_environment(scene.environment, device.name)
-    lights, first_lights, weights = light_table(scene, first_triangles, flux, LightRecord.numpy_dtype())
-    if weights.sum() > 0.0:
-        table = make_alias_table(weights)
-        lights["probability"] = table.probabilities
+    environment, sky_lights = resolve_environment(scene.environment)
+    data.environment, flux = upload_environment(environment, device.name)
+    lights = light_table(scene.shapes, [*scene.lights, *sky_lights], first_triangles, flux)
+    if lights.weights.sum() > 0.0:
+        table = make_alias_table(lights.weights)
+        lights.records["probability"] = table.probabilities
         data.light_thresholds = wp.array(table.thresholds, dtype=float, device=device.name)
         data.light_aliases = wp.array(table.aliases, dtype=int, device=device.name)
-        data.lights = wp.array(lights, dtype=LightRecord, device=device.name)
-        if flux > 0.0:
-            data.environment.light_probability = float(table.probabilities[-1])
+        data.lights = wp.array(lights.records, dtype=LightRecord, device=device.name)
+        data.environment.light = lights.environment
     else:
-        first_lights[:] = -1
+        lights.first_lights[:] = -1
         data.lights = wp.zeros(0, dtype=LightRecord, device=device.name)
+    if len(lights.shapes):
+        data.light_shapes = wp.array(lights.shapes, dtype=LightShape, device=device.name)
+        data.solid_light_shapes = lights.solid_count
+        data.sun_light_shapes = lights.solid_count + lights.sun_count
 
     shapes = np.zeros(len(scene.shapes), ShapeRecord.numpy_dtype())
     shapes["material"] = materials.of_shapes
     shapes["first_triangle"] = first_triangles
-    shapes["first_light"] = first_lights
-    shapes["emission"] = [shape.emission for shape in scene.shapes]
+    shapes["first_light"] = lights.first_lights
+    shapes["emission_slot"] = materials.emission_slots
+    for row, shape in zip(shapes, scene.shapes, strict=True):
+        if row["emission_slot"] < 0:
+            row["emission"] = shape.emission
     shapes["two_sided"] = [shape.two_sided_emission for shape in scene.shapes]
     data.shapes = wp.array(shapes, dtype=ShapeRecord, device=device.name)
 
     features = Features(
         materials.models,
         materials.textured,
-        environment_kind(scene.environment),
+        environment_kind(environment),
         layered=materials.layered,
         tangents=materials.tangents,
+        light_shapes=len(lights.shapes) > 0,
     )
     return BuiltScene(data, features)
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt.environment import ImageEnvironment
 from wrt.errors import InputError
 from wrt.files import PathLike, first_line, require_file, require_place, write_whole
+from wrt.values import Vec3
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -65,20 +66,23 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     return pixels
 
 
-def load_environment(path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0) -> ImageEnvironment:
+def load_environment(
+    path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0, rotation_axis: Vec3 = (0.0, 1.0, 0.0)
+) -> ImageEnvironment:
     """Read a latitude-longitude image as an environment.
 
     Args:
         path: the file; see `load_image`.
         scale: multiplies the pixels.
         rotation_degrees: see `ImageEnvironment`.
+        rotation_axis: likewise.
 
     Raises:
         InputError: when the file cannot be read, or holds negative values or values not finite.
     """
     pixels = load_image(path)
     try:
-        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name)
+        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from wrt import shapes
 from wrt.camera import CAMERAS, Camera
-from wrt.environment import ConstantEnvironment
+from wrt.environment import ConstantEnvironment, SphericalHarmonicsEnvironment, SunSkyEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, require_file
 from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
-from wrt.lights import DirectionalLight, PointLight
+from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
 from wrt.mesh import Mesh
@@ -34,7 +34,12 @@ from wrt.values import Vec3, boolean, integer, number, vector
 
 Table = dict[str, Any]
 
-_LIGHTS: dict[str, type[PointLight] | type[DirectionalLight]] = {"point": PointLight, "directional": DirectionalLight}
+_ENVIRONMENTS: dict[str, type[Any] | None] = {
+    "constant": ConstantEnvironment,
+    "image": None,  # has a file in place of its pixels
+    "spherical-harmonics": SphericalHarmonicsEnvironment,
+    "sun-sky": SunSkyEnvironment,
+}
 _SECTIONS = ("settings", "camera", "environment", "lights", "materials", "shapes")
 _TRANSFORM_KEYS = ("scale", "rotate", "translate")
 _SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", *_TRANSFORM_KEYS)
@@ -111,7 +116,7 @@ class _Reader:
         if "environment" in tree:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
-        self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, _LIGHTS), light)))
+        self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, LIGHTS), light)))
         with self.at("materials"):
             materials = self.all_materials(table_of(tree.get("materials", {})))
         self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape, materials)))
@@ -179,13 +184,16 @@ class _Reader:
         return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
 
     def environment(self, table: Table) -> Any:
-        if choice(table, {"constant": "constant", "image": "image"}) == "constant":
-            return self.build(ConstantEnvironment, table)
-        self.check_keys(table, ["type", "file", "scale", "rotation_degrees"], ["file"])
+        cls = choice(table, _ENVIRONMENTS)
+        if cls is not None:
+            return self.build(cls, table)
+        self.check_keys(table, ["type", "file", "scale", "rotation_degrees", "rotation_axis"], ["file"])
         scale = number(table.get("scale", 1.0), "scale", minimum=0.0)
         rotation = number(table.get("rotation_degrees", 0.0), "rotation_degrees")
+        axis = vector(table.get("rotation_axis", (0.0, 1.0, 0.0)), "rotation_axis")
         with self.at("file"):
-            return load_environment(self.beside(table["file"]), scale=scale, rotation_degrees=rotation)
+            file = self.beside(table["file"])
+            return load_environment(file, scale=scale, rotation_degrees=rotation, rotation_axis=axis)
 
     def all_materials(self, tables: Table) -> dict[str, Material]:
         """Return all materials by name; a material may name others as its parts, in any order."""
@@ -238,6 +246,11 @@ class _Reader:
 
     def color_source(self, value: Any, *, names: bool) -> Any:
         """Return what a value that may vary stands for: a constant, vertex colours or an image; or itself if a name."""
+        if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
+            self.check_keys(value, ["vertex_colors", "factor"])
+            if value["vertex_colors"] is not True:
+                raise InputError(f"vertex_colors must be true, not {value['vertex_colors']!r}")
+            return VertexColor(value.get("factor", 1.0))
         if isinstance(value, str) and value != "vertex-colors":
             if names:
                 return value
@@ -290,12 +303,14 @@ class _Reader:
         if "name" in table:
             with self.at("name"):
                 name = text_of(table["name"])
+        with self.at("emission"):
+            emission = self.color_source(table.get("emission", 0.0), names=False)
         two_sided = boolean(table.get("two_sided_emission", False), "two_sided_emission")
         return [
             Shape(
                 shape.mesh if matrix is None else shape.mesh.transformed(matrix),
                 material or shape.material,
-                table.get("emission", 0.0),
+                emission,
                 two_sided,
                 name or shape.name,
             )

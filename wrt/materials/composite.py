@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from wrt.errors import InputError
 from wrt.materials.diffuse import Diffuse
-from wrt.materials.material import Material, value_source
-from wrt.textures import ColorSource
-from wrt.values import ColorLike, Vec3, color
+from wrt.materials.material import Material, color_source, value_source
+from wrt.textures import ColorSource, shines
+from wrt.values import FLOAT32_MAX
 
 MAX_NESTING = 7
 """How deep composite materials may lie within one another (kernels/materials.py follows no deeper)."""
@@ -24,7 +24,7 @@ def _check_parts(material: Material, names: tuple[str, ...]) -> None:
         part = getattr(material, name)
         if not isinstance(part, Material):
             raise InputError(f"{name} must be a wrt.Material, not {type(part).__name__}")
-        if any(part.emission):
+        if shines(part.emission):
             raise InputError(f"{name} must not emit light; give the shape an emission instead")
     if _nesting(material) > MAX_NESTING:
         raise InputError(f"materials are nested more than {MAX_NESTING} deep")
@@ -93,13 +93,13 @@ class Emissive(Material):
         radiance: what it gives off its front, per channel, W·sr⁻¹·m⁻².
     """
 
-    radiance: ColorLike = 1.0
+    radiance: ColorSource = 1.0
 
     type_name: ClassVar[str] = "emissive"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set(radiance=color(self.radiance, "radiance"))
+        self._set(radiance=color_source(self.radiance, "radiance", maximum=FLOAT32_MAX))
 
     @property
     def model(self) -> str:
@@ -112,6 +112,6 @@ class Emissive(Material):
         return (0.0,)
 
     @property
-    def emission(self) -> Vec3:
+    def emission(self) -> ColorSource:
         """The radiance."""
-        return self.radiance  # type: ignore[return-value]
+        return self.radiance

@@ -65,7 +65,7 @@ class Material:
         return None
 
     @property
-    def emission(self) -> Vec3:
+    def emission(self) -> ColorSource:
         """Radiance that the surface gives off by itself."""
         return (0.0, 0.0, 0.0)
 

@@ -14,7 +14,7 @@ from wrt.materials.material import Material, color_source, value_source
 from wrt.materials.microfacet import LEAST_ALPHA
 from wrt.presets import dielectric_ior
 from wrt.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import FLOAT32_MAX, ColorLike, boolean, color, number
+from wrt.values import FLOAT32_MAX, boolean, number
 
 _SHARES = ("metallic", "roughness", "specular", "transmission", "coat", "coat_roughness", "sheen_roughness")
 """Numbers from 0 to 1, which may vary over the surface."""
@@ -65,7 +65,7 @@ class Principled(Material):
     coat_roughness: ColorSource = 0.0
     sheen_color: ColorSource = 0.0
     sheen_roughness: ColorSource = 0.0
-    emission: ColorLike = 0.0  # type: ignore[assignment]
+    emission: ColorSource = 0.0
     multiple_bounces: bool = False
 
     type_name: ClassVar[str] = "principled"
@@ -80,7 +80,7 @@ class Principled(Material):
             anisotropy=_anisotropy(self.anisotropy),
             anisotropy_rotation=number(self.anisotropy_rotation, "anisotropy_rotation"),
             sheen_color=color_source(self.sheen_color, "sheen_color"),
-            emission=color(self.emission, "emission"),
+            emission=color_source(self.emission, "emission", maximum=FLOAT32_MAX),
         )
         for name in ("thin_walled", "multiple_bounces"):
             boolean(getattr(self, name), name)

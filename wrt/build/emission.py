@@ -1,0 +1,148 @@
+"""How much each triangle of a shape shines, where that varies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.build.environment import LUMINANCE
+from wrt.scene import Shape
+from wrt.textures import CHANNELS, ImageTexture, VertexColor
+
+_MOST_PARTS = 64
+"""An edge is cut into at most so many parts to find a triangle's mean."""
+
+_LEAST_SHARE = 0.01
+"""Share of the mean over a triangle's whole surroundings in the image that its weight has at least: the points at which
+the mean is read may all miss a bright texel, and yet it must be sampled."""
+
+_BATCH = 2**20
+
+
+def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean radiance of each triangle, (T, 3), and how much each counts in sampling, (T,) luminance.
+
+    The second is the luminance of the first, but never 0 where any point of the triangle shines.
+    """
+    count = len(shape.mesh.faces)
+    emission = shape.emission
+    if isinstance(emission, ImageTexture):
+        return _of_image(shape, emission)
+    if isinstance(emission, VertexColor):
+        means = _vertex_colors(shape).mean(axis=1) * emission.factor
+    else:
+        means = np.broadcast_to(np.asarray(emission, np.float64), (count, 3))
+    return means, means @ LUMINANCE
+
+
+def _vertex_colors(shape: Shape) -> NDArray[np.float64]:
+    """Return (T, 3, 3) the colours of each triangle's corners."""
+    if shape.mesh.colors is None:
+        return np.ones((len(shape.mesh.faces), 3, 3))
+    return np.asarray(shape.mesh.colors[shape.mesh.faces], np.float64)
+
+
+def _of_image(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    faces = shape.mesh.faces
+    pixels = texture.pixels
+    if texture.channel is not None:
+        pixels = np.repeat(pixels[..., [CHANNELS.index(texture.channel)]], 3, axis=2)
+    height, width = pixels.shape[:2]
+    corners = np.zeros((len(faces), 3, 2))
+    if shape.mesh.uvs is not None:
+        corners[:] = shape.mesh.uvs[faces]
+    corners = corners @ texture.placement[:, :2].T + texture.placement[:, 2]
+    colors = _vertex_colors(shape) if texture.vertex_colors else np.ones((len(faces), 3, 3))
+    reach = (np.ptp(corners, axis=1) * [width, height]).max(axis=1)
+    parts = np.minimum(2 ** np.ceil(np.log2(np.maximum(reach, 1.0))), _MOST_PARTS).astype(np.int64)
+    means = np.zeros((len(faces), 3))
+    for n in np.unique(parts):
+        weights = _lattice(int(n))
+        members = np.flatnonzero(parts == n)
+        for chunk in np.array_split(members, -(-len(members) * len(weights) // _BATCH)):
+            values = _look_up(texture, pixels, np.einsum("pk,tkc->tpc", weights, corners[chunk]))
+            values = values * np.einsum("pk,tkc->tpc", weights, colors[chunk]) * texture.factor
+            if texture.cutoff is not None:
+                values = np.repeat((values[..., :1] >= texture.cutoff).astype(np.float64), 3, axis=2)
+            means[chunk] = values.mean(axis=1)
+    luminance = pixels.astype(np.float64) @ LUMINANCE
+    if texture.cutoff is not None:
+        luminance = np.where(luminance > 0.0, 1.0, 0.0)
+    around = _means_around(texture, luminance, corners) * (colors.max(axis=1) * texture.factor).max(axis=1)
+    return means, np.maximum(means @ LUMINANCE, _LEAST_SHARE * around)
+
+
+def _look_up(texture: ImageTexture, pixels: NDArray[np.float32], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the image's colours at coordinates in it, as `kernels.textures.image_color` has them."""
+    height, width = pixels.shape[:2]
+    u, v = (_inside(t, wrap) for t, wrap in zip(np.moveaxis(uv, -1, 0), texture.wrap, strict=True))
+    x, y = u * width - 0.5, (1.0 - v) * height - 0.5
+    if texture.filter == "nearest":
+        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
+    left, top = np.floor(x), np.floor(y)
+    fx, fy = (x - left)[..., None], (y - top)[..., None]
+    columns, rows = _neighbors(left, width, texture.wrap[0]), _neighbors(top, height, texture.wrap[1])
+    upper = pixels[rows[0], columns[0]] * (1.0 - fx) + pixels[rows[0], columns[1]] * fx
+    lower = pixels[rows[1], columns[0]] * (1.0 - fx) + pixels[rows[1], columns[1]] * fx
+    result: NDArray[np.float64] = upper * (1.0 - fy) + lower * fy
+    return result
+
+
+def _inside(t: NDArray[np.float64], wrap: str) -> NDArray[np.float64]:
+    if wrap == "clamp":
+        return np.clip(t, 0.0, 1.0)
+    if wrap == "mirror":
+        return np.asarray(1.0 - np.abs(2.0 * (0.5 * t - np.floor(0.5 * t)) - 1.0))
+    return np.asarray(t - np.floor(t))
+
+
+def _neighbors(first: NDArray[np.float64], size: int, wrap: str) -> list[NDArray[np.int64]]:
+    both = [first.astype(np.int64), first.astype(np.int64) + 1]
+    return [i % size if wrap == "repeat" else np.clip(i, 0, size - 1) for i in both]
+
+
+def _means_around(
+    texture: ImageTexture, values: NDArray[np.float64], corners: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the means of an image over the texels that may show on each triangle, by its box of coordinates."""
+    mirrored = [wrap == "mirror" for wrap in texture.wrap]
+    if mirrored[0]:
+        values = np.concatenate([values, values[:, ::-1]], axis=1)
+    if mirrored[1]:
+        values = np.concatenate([values, values[::-1]], axis=0)
+    # In texels of the image as it repeats, x to the right and y down, and two more on every side.
+    size = np.array(values.shape[::-1])
+    across, down = (np.array(texture.pixels.shape[1::-1]) * [1, -1]).tolist()
+    points = np.where([wrap == "clamp" for wrap in texture.wrap], np.clip(corners, 0.0, 1.0), corners)
+    points = points * [across, down] + [0.0, -down]
+    low, high = np.floor(points.min(axis=1)) - 2.0, np.floor(points.max(axis=1)) + 3.0
+    return _box_means(values, low, np.minimum(high, low + size))
+
+
+def _lattice(n: int) -> NDArray[np.float64]:
+    """Return (n², 3) barycentric weights of the centroids of n² equal parts of a triangle."""
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    up = i + j < n
+    down = i + j < n - 1
+    b = np.concatenate([np.stack([i[up], j[up]], 1) + 1.0 / 3.0, np.stack([i[down], j[down]], 1) + 2.0 / 3.0]) / n
+    return np.concatenate([1.0 - b.sum(axis=1, keepdims=True), b], axis=1)
+
+
+def _box_means(values: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the means of an image that repeats over boxes [low, high) of texels, from a table of its sums."""
+    height, width = values.shape
+    sums = np.zeros((height + 1, width + 1))
+    sums[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+
+    def sum_to(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        a, b = np.floor(x / width), np.floor(y / height)
+        i, j = (x - a * width).astype(np.int64), (y - b * height).astype(np.int64)
+        result: NDArray[np.float64] = a * b * sums[-1, -1] + a * sums[j, -1] + b * sums[-1, i] + sums[j, i]
+        return result
+
+    # Near the origin, as a difference of large sums has few digits.
+    moved = np.floor(low / [width, height]) * [width, height]
+    (x0, y0), (x1, y1) = (low - moved).T, (high - moved).T
+    total = sum_to(x1, y1) - sum_to(x0, y1) - sum_to(x1, y0) + sum_to(x0, y0)
+    result: NDArray[np.float64] = np.maximum(total, 0.0) / ((x1 - x0) * (y1 - y0))
+    return result
