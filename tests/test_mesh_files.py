@@ -74,7 +74,7 @@ def test_textures_of_real_files_lie_right():
     assert green > 0.4
     assert blue < 0.1
     fuze = load_shapes(ASSETS / "meshes" / "fuze" / "fuze.obj")[0]
-    assert fuze.material.reflectance.name == "fuze uv.jpg"
+    assert fuze.material.base_color.name == "fuze uv.jpg"
     assert fuze.mesh.uvs is not None
 
 

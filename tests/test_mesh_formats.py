@@ -71,7 +71,9 @@ def test_obj_materials_split_the_mesh_without_a_seam_in_the_shading(tmp_path):
     red, laid = load_shapes(write(tmp_path, "roof.obj", text))
     assert red.material.reflectance == pytest.approx((0.8, 0.1, 0.05))
     assert isinstance(laid.material.reflectance, wrt.ImageTexture)
-    np.testing.assert_allclose(laid.material.reflectance.pixels, 0.5 * linear_from_srgb(128 / 255), rtol=1e-6)
+    np.testing.assert_allclose(laid.material.reflectance.pixels, linear_from_srgb(128 / 255), rtol=1e-6)
+    assert laid.material.reflectance.factor == (0.5, 0.5, 0.5)
+    assert laid.material.reflectance.wrap == ("clamp", "clamp")
     for shape in (red, laid):
         ridge = shape.mesh.vertices[:, 1] > 0.1
         assert ridge.sum() == 2

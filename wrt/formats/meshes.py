@@ -88,9 +88,9 @@ def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
 
 def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
-    """Read a file as one shape for each of its parts, each with a diffuse material of its own.
+    """Read a file as one shape for each of its parts, with the materials that it gives them.
 
-    The reflectance is the file's texture, its vertex or face colours, its constant, or
+    What a surface reflects is the file's texture, its vertex or face colours, its constant, or
     DEFAULT_REFLECTANCE, whichever it has first. A texture or material file that is missing is
     told as an InputWarning, and the next in that list is used.
 

@@ -8,12 +8,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from wrt.errors import InputError
+from wrt.formats.mtl import MtlMaterials
 from wrt.formats.parts import Part, warn
-from wrt.formats.trimesh_files import as_text, is_stand_in, load, part_of, reflectance
+from wrt.formats.trimesh_files import as_text, is_stand_in, load, part_of
 
 
 def read_obj(path: Path, data: bytes) -> list[Part]:
@@ -24,23 +22,24 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     """
     text = _plain(path, as_text(data))
     loaded = load(path, text, "obj", split_groups=True)
-    known: dict[int, NDArray[np.float32]] = {}
+    materials = MtlMaterials(path)
     parts = []
     for fields in reversed(list(loaded.get("geometry", {}).values())):  # trimesh takes the last one first
-        material = getattr(fields.get("visual"), "material", None)
-        if is_stand_in(getattr(material, "image", None)):
-            material = None
-        name = str(getattr(material, "name", None) or path.stem)
+        described = getattr(fields.get("visual"), "material", None)
+        name = str(getattr(described, "name", None) or path.stem)
         part = part_of(path, name, fields)
         if part is None:
             continue
-        # `diffuse` is rounded to 8 bits, `kd` is what the file says.
-        image, factor = getattr(material, "image", None), getattr(material, "kwargs", {}).get("kd")
-        label = str(image.info.get("file_path", name)) if image is not None else name
+        statements = getattr(described, "kwargs", {})
+        image = getattr(described, "image", None)
+        image = None if is_stand_in(image) else image
         if image is not None and part.uvs is None and "\nvt " in text:
             # trimesh drops all coordinates where one is not there.
+            label = image.info.get("file_path", name)
             warn(f"{path}: texture {label} cannot be laid: its faces name texture coordinates that are not there")
-        part.reflectance = reflectance(path, label, image, factor, known)
+        if statements or image is not None:
+            laid, colored = part.uvs is not None, part.colors is not None
+            part.material = materials.material(name, statements, image, laid=laid, colored=colored)
         parts.append(part)
     return parts
 

@@ -33,7 +33,7 @@ Fields = dict[str, Any]
 _MAP_OPTIONS = re.compile(r"^\s*(?:-[a-z]+\s+(?:(?:on|off|[-+]?[.\d][-+.\de]*)\s+)+)+", re.IGNORECASE)
 
 
-class _Beside:
+class Beside:
     """Gives trimesh the files that a file refers to, and remembers which were not there."""
 
     def __init__(self, path: Path) -> None:
@@ -42,6 +42,11 @@ class _Beside:
         self.missing: list[str] = []
 
     def get(self, name: str) -> bytes | str:
+        """Return a file's bytes, or the text of a material file.
+
+        Raises:
+            InputError: where it cannot be read.
+        """
         # Exporters on Windows write its separators and quotes; glTF writes spaces as %20.
         plain = _MAP_OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
         files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
@@ -91,7 +96,7 @@ def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
     """
     from trimesh.exchange.load import mesh_loaders
 
-    beside = _Beside(path)
+    beside = Beside(path)
     file = io.StringIO(data) if isinstance(data, str) else io.BytesIO(data)
     with quiet():
         try:

@@ -1,0 +1,130 @@
+"""Materials of OBJ files: what each statement of an MTL file becomes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.meshes import write
+
+import wrt
+from wrt.formats.images import linear_from_srgb
+from wrt.formats.meshes import InputWarning, load_shapes
+
+CODES = np.random.default_rng(8).integers(0, 256, (4, 4, 4), dtype=np.uint8)
+OBJ = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
+
+
+def material_of(folder: Path, text: str, obj: str = OBJ) -> wrt.Material:
+    Image.fromarray(CODES).save(folder / "with alpha.png")
+    Image.fromarray(CODES[:, :, :3]).save(folder / "rgb.png")
+    write(folder, "m.mtl", "newmtl m\n" + text)
+    (shape,) = load_shapes(write(folder, "mesh.obj", obj))
+    return shape.material
+
+
+def test_without_gloss_it_is_matt(tmp_path):
+    for text in ("Kd 0.5 0.25 0.1", "Kd 0.5 0.25 0.1\nKs 1 1 1\nillum 1", "Kd 0.5 0.25 0.1\nKs 0 0 0\nNs 100\nillum 2"):
+        assert material_of(tmp_path, text) == wrt.Diffuse((0.5, 0.25, 0.1))
+
+
+def test_gloss_is_that_of_a_dielectric(tmp_path):
+    material = material_of(tmp_path, "Kd 0.5 0.25 0.1\nKs 0.5 0.25 1\nNs 250\nNi 1.45\nillum 2")
+    assert isinstance(material, wrt.Principled)
+    assert (material.base_color, material.metallic, material.ior) == ((0.5, 0.25, 0.1), 0.0, 1.45)
+    assert material.specular_color == (1.0, 0.5, 2.0)
+    assert material.roughness == pytest.approx(0.5)
+    mirror = material_of(tmp_path, "Kd 0 0 0\nKs 0.9 0.8 0.7\nNs 1000\nillum 3")
+    # Straight on it reflects Ks.
+    np.testing.assert_allclose(0.04 * np.array(mirror.specular_color), (0.9, 0.8, 0.7), rtol=1e-6)
+    assert mirror.roughness == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "opacity"),
+    [
+        ("d 0.3", 0.3),
+        ("Tr 0.3", 0.7),
+        ("d 0.3\nTr 0.3", 0.3),  # d is the one that all agree on
+        ("Tr 1", 1.0),
+        ("Tr 0", 1.0),
+        ("d -halo 0.6", 0.6),
+        ("d none", 1.0),
+    ],
+)
+def test_dissolve_and_transparency(tmp_path, text, opacity):
+    assert material_of(tmp_path, f"Kd 1 1 1\n{text}").opacity == pytest.approx(opacity)
+
+
+def test_glass(tmp_path):
+    material = material_of(tmp_path, "Kd 0.2 0.2 0.2\nTf 0.9 0.95 1\nd 0.1\nNi 1.5\nNs 1000\nillum 7")
+    assert (material.transmission, material.opacity, material.ior) == (pytest.approx(0.9), 1.0, 1.5)
+    assert (material.base_color, material.roughness) == ((0.9, 0.95, 1.0), 0.0)
+    assert not material.thin_walled
+
+
+def test_physically_based_statements(tmp_path):
+    material = material_of(
+        tmp_path, "Kd 1 0.5 0.2\nPr 0.4\nPm 1\nPc 0.5\nPcr 0.1\nPs 0.2\naniso 0.6\nKe 1 2 3\nmap_Pr rgb.png"
+    )
+    assert (material.metallic, material.coat, material.coat_roughness) == (1.0, 0.5, 0.1)
+    assert (material.sheen_color, material.anisotropy, material.emission) == ((0.2,) * 3, 0.6, (1.0, 2.0, 3.0))
+    np.testing.assert_allclose(material.roughness.pixels, CODES[:, :, :3] / 255.0, atol=1e-6)
+    assert material.roughness.channel == "r"
+
+
+def test_maps(tmp_path):
+    text = "Kd 0.5 1 1\nKs 1 1 1\nillum 2\nd 0\nmap_Kd -s 2 3 1 -o 0.5 0.25 -clamp on with alpha.png\nmap_Ks rgb.png\n"
+    text += "map_d with alpha.png\nnorm rgb.png\n"
+    material = material_of(tmp_path, text)
+    base = material.base_color
+    np.testing.assert_allclose(base.pixels, linear_from_srgb(CODES[:, :, :3] / 255.0), atol=1e-6)
+    assert (base.factor, base.scale, base.offset, base.wrap) == (
+        (0.5, 1.0, 1.0),
+        (2.0, 3.0),
+        (0.5, 0.25),
+        ("clamp",) * 2,
+    )
+    np.testing.assert_allclose(material.opacity.pixels[:, :, 0], CODES[:, :, 3] / 255.0, atol=1e-6)
+    assert material.opacity.factor == (1.0,) * 3
+    assert material.specular_color.factor == (2.0,) * 3
+    np.testing.assert_allclose(material.normal_map.pixels, CODES[:, :, :3] / 255.0, atol=1e-6)
+    mask = material_of(tmp_path, "Kd 1 1 1\nmap_d -imfchan g rgb.png").opacity
+    assert mask.channel == "g"
+
+
+def test_a_bump_map_is_a_relief(tmp_path):
+    # A ramp along u: heights grow by 8 / 255 from texel to texel, but where it repeats.
+    ramp = np.repeat(np.arange(0, 256, 8, dtype=np.uint8)[None, :], 4, axis=0)
+    Image.fromarray(ramp).save(tmp_path / "ramp.png")
+    pixels = material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 ramp.png").normal_map.pixels
+    normal = 2.0 * pixels[2, 10].astype(np.float64) - 1.0
+    assert -normal[0] / normal[2] == pytest.approx(2.0 * 0.5 * 8 / 255, rel=1e-4)
+    assert abs(normal[1]) < 1e-6
+    # What is blue holds normals, whatever the statement calls it.
+    blue = np.zeros((4, 4, 3), np.uint8) + np.array([128, 128, 250], np.uint8)
+    Image.fromarray(blue).save(tmp_path / "normals.png")
+    pixels = material_of(tmp_path, "Kd 1 1 1\nbump normals.png").normal_map.pixels
+    np.testing.assert_allclose(pixels, blue / 255.0, atol=1e-6)
+
+
+def test_images_that_are_not_there_are_told(tmp_path):
+    for text in ("map_Ks none.png\nKs 1 1 1\nillum 2", "map_d none.png", "bump none.png", "map_Pr none.png"):
+        with pytest.warns(InputWarning, match=r"none\.png', which it refers to, cannot be read: No such file"):
+            material = material_of(tmp_path, f"Kd 0.5 0.5 0.5\n{text}")
+        assert material.opacity == 1.0
+    with pytest.warns(InputWarning, match=r"texture m\.mtl left out"):
+        material_of(tmp_path, "Kd 0.5 0.5 0.5\nbump m.mtl")
+
+
+def test_without_coordinates_maps_are_left_out_and_the_color_is_the_mean(tmp_path):
+    text = "Kd 0.5 0.5 0.5\nmap_Kd rgb.png\nmap_d rgb.png\nbump rgb.png"
+    bare = OBJ.replace("1/1 2/2 3/3", "1 2 3")
+    with pytest.warns(InputWarning, match=r"texture rgb\.png cannot be laid"):
+        material = material_of(tmp_path, text, bare)
+    assert isinstance(material, wrt.Diffuse)
+    expected = 0.5 * linear_from_srgb(CODES[:, :, :3] / 255.0).mean(axis=(0, 1))
+    np.testing.assert_allclose(material.reflectance, expected, rtol=1e-5)
+    assert (material.opacity, material.normal_map) == (1.0, None)
