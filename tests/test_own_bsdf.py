@@ -40,10 +40,15 @@ from wrt.materials import MATERIALS
 
 @functools.cache
 def example() -> ModuleType:
-    """Return the page's program as a module; it registers its material, which can be done but once."""
-    folder = Path(tempfile.mkdtemp())
-    (folder / "lunar.py").write_text(CODE, "utf-8")
-    spec = importlib.util.spec_from_file_location("lunar", folder / "lunar.py")
+    """Return the page's program as a module; it registers its material."""
+    return module_of("lunar", CODE)
+
+
+def module_of(name: str, code: str) -> ModuleType:
+    """Run code as a module, from a file since Warp reads it."""
+    path = Path(tempfile.mkdtemp()) / f"{name}.py"
+    path.write_text(code, "utf-8")
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -165,6 +170,12 @@ def test_what_cannot_be_registered_is_refused() -> None:
     class Taken(wrt.Material):
         type_name = "diffuse"
 
+    class Impostor(wrt.Material):
+        type_name = "lunar"
+
+    class AlmostTaken(wrt.Material):
+        type_name = "rough_conductor"
+
     class Odd(wrt.Material):
         type_name = "odd name"
 
@@ -178,7 +189,8 @@ def test_what_cannot_be_registered_is_refused() -> None:
     for cls, model, message in (
         (Nameless, LAMBERT, "Nameless: type_name '' is empty or taken"),
         (Taken, None, "Taken: type_name 'diffuse' is empty or taken"),
-        (example().Lunar, LAMBERT, "Lunar: there is a model 'lunar' already"),
+        (Impostor, LAMBERT, "Impostor: type_name 'lunar' is empty or taken"),
+        (AlmostTaken, LAMBERT, "AlmostTaken: there is a model 'rough_conductor' already"),
         (Odd, LAMBERT, "Odd: a model's name must be an identifier, not 'odd name'"),
         (Greedy, LAMBERT._replace(slots=MAX_SLOTS + 1), f"Greedy: greedy: a model reads 0 to {MAX_SLOTS} values"),
     ):
@@ -192,6 +204,34 @@ def test_what_cannot_be_registered_is_refused() -> None:
     scene.add(wrt.box(), material=Unknown())
     with pytest.raises(wrt.InputError, match="Unknown: there is no reflection model 'unknown'"):
         wrt.Renderer(scene, width=4, height=4)
+
+
+def test_ones_own_may_be_registered_again(device: str) -> None:
+    """As a cell of a notebook that is edited and run again: new functions by the same names, and no old kernel."""
+    renderers, images = [], []
+    bright = CODE.replace("return bsdf.slots[ALBEDO] * (", "return 2.0 * bsdf.slots[ALBEDO] * (")
+    assert bright != CODE
+    try:
+        for code in (CODE, bright, CODE):
+            module = module_of("cell", code.replace('"lunar"', '"cell-moon"'))
+            assert MATERIALS["cell-moon"] is module.Lunar
+            scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 3.0)))
+            scene.add(wrt.sphere(), material=module.Lunar(0.25))
+            scene.add_light(wrt.DirectionalLight((0.0, 0.0, -1.0), irradiance=60.0))
+            renderers.append(wrt.Renderer(scene, width=8, height=8, max_depth=2, device=device))
+            for _ in renderers[-1].passes(spp=1):
+                pass
+            images.append(renderers[-1].image())
+        # What is there already keeps the functions that it was made with.
+        for renderer, image in zip(renderers, images, strict=True):
+            for _ in renderer.passes(spp=2):
+                pass
+            assert renderer.image().sum() == pytest.approx(image.sum(), rel=0.3)
+    finally:
+        del MATERIALS["cell-moon"]
+    assert images[0].max() > 0.0
+    np.testing.assert_array_equal(images[1], 2.0 * images[0])
+    np.testing.assert_array_equal(images[2], images[0])
 
 
 def test_slots_must_be_as_many_as_the_model_reads() -> None:

@@ -35,23 +35,51 @@ FAMILIES: dict[str, Callable[..., Model]] = {
 }
 
 
-def register_model(name: str, model: Model) -> None:
-    """Let materials name a model of one's own.
+_BUILT_IN = frozenset(FAMILIES)
+
+
+class _Registered(NamedTuple):
+    """A model from outside: whose it is, and what it has been, with what it is now last."""
+
+    owner: str
+    revisions: list[Model]
+
+
+_REGISTERED: dict[str, _Registered] = {}
+
+
+def register_model(name: str, model: Model, owner: str = "") -> None:
+    """Let materials name a model of one's own, in place of what its owner registered by that name before.
 
     Args:
         name: what a material's `model` says; letters, digits and underscores.
         model: its device functions.
+        owner: whose it is; nobody else can replace it.
 
     Raises:
-        ValueError: where the name is taken or not an identifier, or the model reads too many values.
+        ValueError: where the name is another's or not an identifier, or the model reads too many values.
     """
     if not name.isidentifier():
         raise ValueError(f"a model's name must be an identifier, not {name!r}")
-    if name in FAMILIES:
+    known = _REGISTERED.get(name, _Registered(owner, []))
+    if name in _BUILT_IN or known.owner != owner:
         raise ValueError(f"there is a model {name!r} already")
     if not 0 <= model.slots <= MAX_SLOTS:
         raise ValueError(f"{name}: a model reads 0 to {MAX_SLOTS} values, not {model.slots}")
-    FAMILIES[name] = lambda: model
+    if known.revisions[-1:] != [model]:
+        known.revisions.append(model)
+    _REGISTERED[name] = known
+    FAMILIES[name] = lambda revision="revision0": known.revisions[int(revision.removeprefix("revision"))]
+
+
+def current_name(name: str) -> str:
+    """Return the name by which kernels know what a material's `model` is now.
+
+    A model that was registered again has another one than before: whatever is kept by name, from dispatch to compiled
+    kernels, is then never that of older functions.
+    """
+    revision = len(_REGISTERED[name].revisions) - 1 if name in _REGISTERED else 0
+    return f"{name}:revision{revision}" if revision else name
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from support.kernels import uniforms, upload
 from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 from wrt.build.tables import pack_tables
 from wrt.device import Device
-from wrt.kernels.bsdf import identifier, make_bsdf, model_of
+from wrt.kernels.bsdf import current_name, identifier, make_bsdf, model_of
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
 
 EPS = float(np.finfo(np.float32).eps)
@@ -70,7 +70,11 @@ class Case:
 
     @property
     def model(self) -> Model:
-        return model_of(self.material.model)
+        return model_of(self.name)
+
+    @property
+    def name(self) -> str:
+        return current_name(self.material.model)
 
     def record(self, device: str) -> Any:
         bsdf = Bsdf()
@@ -90,7 +94,7 @@ class Case:
         wo, wi = np.broadcast_arrays(wo, wi)
         out = [wp.empty(len(wi), dtype=dtype, device=device) for dtype in (wp.vec3, wp.float32, wp.int32)]
         inputs = [self.record(device), upload(wo, wp.vec3, device), upload(wi, wp.vec3, device)]
-        wp.launch(kernels_of(self.material.model).evaluate, len(wi), inputs, out, device=device)
+        wp.launch(kernels_of(self.name).evaluate, len(wi), inputs, out, device=device)
         value, pdf, delta = (array.numpy() for array in out)
         return value.astype(np.float64), pdf.astype(np.float64), delta.astype(bool)
 
@@ -99,7 +103,7 @@ class Case:
         out = wp.empty(len(u), dtype=BsdfSample, device=device)
         wo = np.broadcast_to(wo, (len(u), 3))
         inputs = [self.record(device), upload(wo, wp.vec3, device), upload(u, wp.vec3, device)]
-        wp.launch(kernels_of(self.material.model).sample, len(u), inputs, [out], device=device)
+        wp.launch(kernels_of(self.name).sample, len(u), inputs, [out], device=device)
         return out.numpy()
 
 

@@ -82,7 +82,7 @@ class MaterialTable:
             data.normal_maps = wp.array(normal_maps, dtype=NormalMapRecord, device=device.name)
 
     def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
-        from wrt.kernels.bsdf import model_number, model_of
+        from wrt.kernels.bsdf import current_name, model_number, model_of
         from wrt.kernels.scene_data import MATERIAL_MIX, MATERIAL_MODEL, MATERIAL_SIDES
 
         record["first_slot"] = len(slots.rows)
@@ -95,17 +95,17 @@ class MaterialTable:
             record["kind"] = MATERIAL_MIX if isinstance(material, Mix) else MATERIAL_SIDES
             record["first"], record["second"] = (self.numbers[id(part)] for part in material.parts)
             return
-        expected = model_of(material.model).slots
-        if len(material.slots) != expected:
-            raise InputError(
-                f"{type(material).__name__} gives {len(material.slots)} values, but {material.model} reads {expected}"
-            )
+        name = current_name(material.model)
+        model = model_of(name)
+        if len(material.slots) != model.slots:
+            given = f"{type(material).__name__} gives {len(material.slots)} values"
+            raise InputError(f"{given}, but {material.model} reads {model.slots}")
         record["kind"] = MATERIAL_MODEL
-        record["model"] = model_number(material.model, self.models)
-        record["matt"] = model_of(material.model).matt
+        record["model"] = model_number(name, self.models)
+        record["matt"] = model.matt
         record["normal_map"] = -1
         if material.normal_map is not None:
-            filtered = material.normal_map.filter and model_of(material.model).widens
+            filtered = material.normal_map.filter and model.widens
             record["normal_map"] = slots.add_normal_map(material.normal_map, filtered)
             record["normal_filter"] = _normal_filter(material, filtered)
 
@@ -116,15 +116,15 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
     Raises:
         InputError: where a material names a reflection model that does not exist.
     """
-    from wrt.kernels.bsdf import model_of
+    from wrt.kernels.bsdf import current_name, model_of
 
     table = MaterialTable(emissions=list(emissions))
     table.of_shapes = [table.add(material) for material in materials]
     simple = [material for material in table.materials if not material.parts]
-    table.models = tuple(sorted({material.model for material in simple}))
+    table.models = tuple(sorted({current_name(material.model) for material in simple}))
     for material in simple:
         try:
-            model_of(material.model)
+            model_of(current_name(material.model))
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
     values = [value for material in table.materials for value in (*material.slots, material.opacity)]

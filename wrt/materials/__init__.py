@@ -39,27 +39,38 @@ MATERIALS: dict[str, type[Material]] = {
 }
 """Materials by their `type` in scene files."""
 
+_BUILT_IN = frozenset(MATERIALS)
+
 
 def register_material(cls: type[Material], model: Model | None = None) -> None:
     """Let scene files and `wrt materials` know a material of one's own.
+
+    A class of the same name in the same module takes the place of the one registered before, as when a cell of a
+    notebook runs again. Renderers that exist go on with what they were made with.
 
     Args:
         cls: the description, with a `type_name`.
         model: its device functions, where it does not use the model of another material.
 
     Raises:
-        InputError: where it has no `type_name`, or another material has that name.
+        InputError: where it has no `type_name`, or a built-in or somebody else's material has that name.
     """
-    if not cls.type_name or MATERIALS.get(cls.type_name, cls) is not cls:
+    known = MATERIALS.get(cls.type_name, cls)
+    if not cls.type_name or cls.type_name in _BUILT_IN or _origin(known) != _origin(cls):
         raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
     if model is not None:
         from wrt.kernels.bsdf import register_model
 
         try:
-            register_model(cls.type_name.replace("-", "_"), model)
+            register_model(cls.type_name.replace("-", "_"), model, _origin(cls))
         except ValueError as error:
             raise InputError(f"{cls.__name__}: {error}") from None
     MATERIALS[cls.type_name] = cls
+
+
+def _origin(cls: type[Material]) -> str:
+    """Return where a class was written."""
+    return f"{cls.__module__}.{cls.__qualname__}"
 
 
 __all__ = [
