@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Iterator
 from types import ModuleType
 
@@ -12,6 +13,7 @@ from conftest import ROOT
 
 import wrt
 from wrt.build.materials import describe_materials
+from wrt.camera import CAMERAS
 from wrt.materials import MATERIALS
 
 
@@ -36,6 +38,15 @@ def with_parts(material: wrt.Material) -> Iterator[wrt.Material]:
     yield material
     for part in material.parts:
         yield from with_parts(part)
+
+
+def test_every_camera_has_its_pictures_in_the_docs() -> None:
+    cameras = script("cameras")
+    shown = re.findall(r"\(pictures/(camera-[\w-]+)\.jpg\)", (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8"))
+    assert sorted(shown) == sorted(cameras.PICTURES)
+    assert {type(picture.camera) for picture in cameras.PICTURES.values()} == set(CAMERAS.values())
+    scenes = [cameras.make_scene(picture.camera) for picture in cameras.PICTURES.values()]
+    assert len({describe_materials([shape.material for shape in scene.shapes]).models for scene in scenes}) == 1
 
 
 # --- Gallery ---------------------------------------------------------------------------------------
