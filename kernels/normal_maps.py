@@ -11,7 +11,7 @@ from wrt.kernels.scene_data import (
     NormalMapRecord,
     SceneData,
 )
-from wrt.kernels.surface import Surface
+from wrt.kernels.surface import Surface, uv_edges
 from wrt.kernels.textures import image_color
 
 LEAST_ELEVATION = wp.constant(0.02)
@@ -79,13 +79,11 @@ def texels_across(
     as along the tilt it is longer by 1 / cosθ. The narrower axis, not the wider one: a texture must not be blurred
     over more than the pixel, and what lies along the wider one is averaged by the pixel's samples.
     """
-    i0 = scene.indices[3 * hit.triangle]
-    i1 = scene.indices[3 * hit.triangle + 1]
-    i2 = scene.indices[3 * hit.triangle + 2]
     e1 = surface.e1
     e2 = surface.e2
-    a = scene.uvs[i1] - scene.uvs[i0]
-    b = scene.uvs[i2] - scene.uvs[i0]
+    uv = uv_edges(scene, hit)
+    a = uv[0]
+    b = uv[1]
     c = wp.cross(e1, e2)
     c = c / wp.max(wp.length_sq(c), 1.0e-36)
     r1 = wp.cross(e2, c) * width

@@ -142,19 +142,26 @@ def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Sur
 
 
 @wp.func
+def uv_edges(scene: SceneData, hit: Hit) -> wp.mat22:
+    """Return by how much u and v change along the edges e1 and e2 of the triangle, a row an edge."""
+    uv = scene.uvs[scene.indices[3 * hit.triangle]]
+    a = scene.uvs[scene.indices[3 * hit.triangle + 1]] - uv
+    b = scene.uvs[scene.indices[3 * hit.triangle + 2]] - uv
+    return wp.mat22(a[0], a[1], b[0], b[1])
+
+
+@wp.func
 def align_tangents(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
     """Return the surface with its frame turned about the normal: s along growing u, t as near as can be to growing v.
 
     t = ±n × s: where the texture lies mirrored on what the viewer sees, the frame is left-handed. Where u and v do not
     span the triangle the frame stays as it was.
     """
-    i0 = scene.indices[3 * hit.triangle]
-    i1 = scene.indices[3 * hit.triangle + 1]
-    i2 = scene.indices[3 * hit.triangle + 2]
     e1 = surface.e1
     e2 = surface.e2
-    a = scene.uvs[i1] - scene.uvs[i0]
-    b = scene.uvs[i2] - scene.uvs[i0]
+    uv = uv_edges(scene, hit)
+    a = uv[0]
+    b = uv[1]
     forth = a[0] * b[1]
     back = a[1] * b[0]
     area = forth - back
