@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.camera import Camera
 from wrt.errors import InputError
 from wrt.mesh import Mesh
+from wrt.presentation import SETTINGS, present
 from wrt.scene import Scene, Shape
 
 
@@ -20,7 +23,8 @@ def load(source: Any, *, triangles: int | None = None, up: str | None = None) ->
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml) or of a mesh (OBJ,
             PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
-            Meshes are put into a studio (see `wrt.presentation`).
+            Meshes are put into a studio (see `wrt.presentation`), unless their file has lights of its own; a
+            camera of its own is kept.
         triangles: size of the procedural meshes of a scene that has some.
         up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y, as glTF says;
             for files that do not say, the one of y and z on which the mesh stands (see
@@ -59,21 +63,26 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
     if not path.suffix and not path.exists():
         names = ", ".join(meshes.scene_names())
         raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
-    from wrt.formats.meshes import load_shapes
+    from wrt.formats.meshes import load_file
 
-    shapes = load_shapes(path)
+    scene = load_file(path)
     suffix = path.suffix.lower()
     if up is None and suffix in (".obj", ".ply", ".stl", ".off"):
         from wrt.orientation import guess_up
 
-        up = guess_up(shapes, "z" if suffix in (".stl", ".off") else "y")
-    return _present(shapes, up or "y")
+        up = guess_up(scene.shapes, "z" if suffix in (".stl", ".off") else "y")
+    if up not in (None, "y") and (scene.lights or scene.camera):
+        raise InputError(f"{source}: an up axis is for files without lights and cameras, which would not turn with it")
+    if scene.lights:
+        scene.settings = dataclasses.replace(SETTINGS)
+        return scene
+    return _present(scene.shapes, up or "y", scene.camera)
 
 
-def _present(shapes: list[Shape], up: str) -> Scene:
-    from wrt.presentation import present
-
-    return present(shapes, up=up)
+def _present(shapes: list[Shape], up: str, camera: Camera | None = None) -> Scene:
+    scene = present(shapes, up=up)
+    scene.camera = camera or scene.camera
+    return scene
 
 
 def render(

@@ -1,7 +1,7 @@
-"""glTF 2.0 and GLB: triangles in world space, loaded by trimesh, with their materials.
+"""glTF 2.0 and GLB: triangles in world space, loaded by trimesh, with their materials, cameras and lights.
 
 Format: Khronos Group 2021, "glTF 2.0 Specification"; section numbers below are its. Left aside: animation, skins,
-morph targets, cameras, lights, and the alpha of vertex colours.
+morph targets, and the alpha of vertex colours.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from wrt.errors import InputError
 from wrt.files import first_line
 from wrt.formats.gltf_images import IMAGE_KEYS, GltfImages, Tree
 from wrt.formats.gltf_materials import GltfMaterials, texture_references
-from wrt.formats.parts import Part, moved, warn
+from wrt.formats.gltf_scene import cameras_of, lights_of
+from wrt.formats.parts import Contents, Part, moved, warn
 from wrt.formats.trimesh_files import load, part_of
 
 # Extensions a file may require that change nothing which is taken here, or that are known.
@@ -25,8 +26,8 @@ _INTEGERS = (5120, 5121, 5122, 5123, 5125)
 _FAN = 6
 
 
-def read_gltf(path: Path, data: bytes) -> list[Part]:
-    """Return a part for each primitive of each node of the scene, moved into world space.
+def read_gltf(path: Path, data: bytes) -> Contents:
+    """Return a part for each primitive of each node of the scene, moved into world space, its cameras and its lights.
 
     Raises:
         InputError: on a damaged file, on extensions that compress or replace the geometry, and
@@ -40,6 +41,9 @@ def read_gltf(path: Path, data: bytes) -> list[Part]:
         tree = json.loads(text)
         if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
             raise InputError(f"{path}: not a glTF file: it names no asset")
+        _add_scene(tree)
+        # What hangs on the nodes is taken from a copy: trimesh must not see it.
+        nodes = {**tree, "nodes": [dict(node) for node in tree.get("nodes", [])]}
         images = GltfImages(path, {key: tree.get(key, []) for key in IMAGE_KEYS}, _binary_chunk(rest))
         materials = GltfMaterials(path, _prepare(path, tree), images)
         text = json.dumps(tree).encode()
@@ -47,13 +51,23 @@ def read_gltf(path: Path, data: bytes) -> list[Part]:
             text += b" " * (-len(text) % 4)
             head = data[:8] + (20 + len(text) + len(rest)).to_bytes(4, "little")
             text = head + len(text).to_bytes(4, "little") + data[16:20] + text + rest
-        return _parts(path, load(path, text, "glb" if binary else "gltf"), materials)
-    except InputError:
-        raise
+        parts = _parts(path, load(path, text, "glb" if binary else "gltf"), materials)
+        return Contents(parts, lights_of(nodes), cameras_of(nodes))
+    except InputError as error:
+        raise InputError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         # The tree is whatever the file says; a key or type that is not as specified ends up here.
         reason = f"{type(error).__name__}: {first_line(error)}"
         raise InputError(f"{path}: the glTF file is damaged or not as specified ({reason})") from None
+
+
+def _add_scene(tree: Tree) -> None:
+    """Add a scene of all nodes to a file without scenes, of which trimesh shows nothing."""
+    if not tree.get("scenes"):
+        nodes = tree.get("nodes", [])
+        children = {child for node in nodes for child in node.get("children", [])}
+        tree["scenes"] = [{"nodes": [k for k in range(len(nodes)) if k not in children]}]
+        tree.pop("scene", None)
 
 
 def _prepare(path: Path, tree: Tree) -> list[Tree]:
@@ -61,12 +75,8 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
     for name in tree.get("extensionsRequired", []):
         if not str(name).startswith(_KNOWN_EXTENSIONS):
             raise InputError(f"{path}: requires the glTF extension {name}, which is not supported; export without it")
-    nodes, materials = tree.get("nodes", []), tree.get("materials", [])
-    if not tree.get("scenes"):  # trimesh shows nothing then
-        children = {child for node in nodes for child in node.get("children", [])}
-        tree["scenes"] = [{"nodes": [k for k in range(len(nodes)) if k not in children]}]
-        tree.pop("scene", None)
-    for node in nodes:
+    materials = tree.get("materials", [])
+    for node in tree.get("nodes", []):
         node.pop("camera", None)  # trimesh leaves out what hangs on a node with a camera
     described = [dict(material) for material in materials]
     # trimesh only carries the number of each on; images are decoded where they are used, and as what they are.

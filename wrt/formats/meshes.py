@@ -17,15 +17,23 @@ from wrt.errors import InputError
 from wrt.files import PathLike, first_line, require_file
 from wrt.formats.gltf import read_gltf
 from wrt.formats.obj import read_obj
-from wrt.formats.parts import DEFAULT_REFLECTANCE, InputWarning, Part, merge, moved, to_shapes, warn
+from wrt.formats.parts import DEFAULT_REFLECTANCE, Contents, InputWarning, Part, merge, moved, to_shapes, warn
 from wrt.formats.ply import read_ply
 from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
 from wrt.mesh import Mesh
 from wrt.normals import CREASE_DEGREES, same_positions, vertex_normals
-from wrt.scene import Shape
+from wrt.scene import Scene, Shape
 from wrt.textures import ColorSource
 
-__all__ = ["DEFAULT_REFLECTANCE", "MESH_SUFFIXES", "InputWarning", "from_trimesh", "load_mesh", "load_shapes"]
+__all__ = [
+    "DEFAULT_REFLECTANCE",
+    "MESH_SUFFIXES",
+    "InputWarning",
+    "from_trimesh",
+    "load_file",
+    "load_mesh",
+    "load_shapes",
+]
 
 
 def _read_stl(path: Path, data: bytes) -> list[Part]:
@@ -59,11 +67,16 @@ def _read_off(path: Path, data: bytes) -> list[Part]:
     return [] if part is None else [part]
 
 
-_READERS: dict[str, Callable[[Path, bytes], list[Part]]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".stl": _read_stl,
-    ".off": _read_off,
+def _of_parts(read: Callable[[Path, bytes], list[Part]]) -> Callable[[Path, bytes], Contents]:
+    """Return the reader of a format that knows nothing but meshes."""
+    return lambda path, data: Contents(read(path, data))
+
+
+_READERS: dict[str, Callable[[Path, bytes], Contents]] = {
+    ".obj": _of_parts(read_obj),
+    ".ply": _of_parts(read_ply),
+    ".stl": _of_parts(_read_stl),
+    ".off": _of_parts(_read_off),
     ".gltf": read_gltf,
     ".glb": read_gltf,
 }
@@ -88,7 +101,12 @@ def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
 
 def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
-    """Read a file as one shape for each of its parts, with the materials that it gives them.
+    """Read a file as one shape for each of its parts; see `load_file`."""
+    return load_file(path, smooth_degrees=smooth_degrees).shapes
+
+
+def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
+    """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
     What a surface reflects is the file's texture, its vertex or face colours, its constant, or
     DEFAULT_REFLECTANCE, whichever it has first. A texture or material file that is missing is
@@ -107,11 +125,13 @@ def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES
     if reader is None:
         raise InputError(f"{file}: not a mesh format that is known; the name must end in {', '.join(MESH_SUFFIXES)}")
     try:
-        return to_shapes(str(file), reader(file, file.read_bytes()), smooth_degrees)
+        contents = reader(file, file.read_bytes())
+        shapes = to_shapes(str(file), contents.parts, smooth_degrees)
     except InputError:
         raise
     except (OSError, MemoryError) as error:
         raise InputError(f"{file}: cannot be read: {first_line(error)}") from None
+    return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.camera import Camera
 from wrt.errors import InputError
+from wrt.lights import Light
 from wrt.materials import Diffuse, Material
 from wrt.mesh import Mesh
 from wrt.normals import with_normals
@@ -58,6 +60,21 @@ class Part:
     face_colors: FloatArray | None = None
     reflectance: ColorSource | None = None
     material: Material | None = None
+
+
+@dataclass
+class Contents:
+    """What is in a file.
+
+    Attributes:
+        parts: its triangles.
+        lights: its lights without a mesh.
+        cameras: its cameras, in their order.
+    """
+
+    parts: list[Part]
+    lights: list[Light] = field(default_factory=list)
+    cameras: list[Camera] = field(default_factory=list)
 
 
 def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> list[Shape]:

@@ -1,0 +1,105 @@
+"""Cameras and lights of glTF files stand where their nodes have them."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from support.meshes import gltf_box, write
+
+import wrt
+from wrt.formats.meshes import load_file
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+HALF = math.sqrt(0.5)
+
+
+def tree_with(nodes: list[dict], **more: object) -> dict:
+    """Return a triangle on node 0, and further nodes."""
+    tree = gltf_box(POINTS, np.array([[0, 1, 2]]))
+    tree["nodes"] = [{"mesh": 0}, *nodes]
+    return tree | more
+
+
+CAMERAS = [
+    {"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1, "aspectRatio": 2.0}},
+    {"type": "orthographic", "orthographic": {"xmag": 3.0, "ymag": 2.0, "znear": 0.1, "zfar": 9.0}},
+]
+LIGHTS = [
+    {"type": "point", "intensity": 5.0, "color": [1.0, 0.5, 0.25]},
+    {"type": "directional", "intensity": 2.0},
+    {"type": "spot", "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.5}},
+    {"type": "spot", "spot": {}},
+]
+
+
+def light(number: int) -> dict:
+    return {"extensions": {"KHR_lights_punctual": {"light": number}}}
+
+
+def test_the_first_camera_is_taken_through_all_nodes_above(tmp_path):
+    # Moved, then turned by 90 degrees about y: it looks along -x.
+    nodes = [
+        {"children": [2], "translation": [1, 2, 3]},
+        {"camera": 0, "rotation": [0, HALF, 0, HALF], "scale": [2, 2, 2]},
+        {"camera": 1},
+    ]
+    scene = load_file(write(tmp_path, "a.gltf", json.dumps(tree_with(nodes, cameras=CAMERAS))))
+    camera = scene.camera
+    assert isinstance(camera, wrt.PerspectiveCamera)
+    assert camera.origin == pytest.approx((1, 2, 3))
+    assert camera.target == pytest.approx((0, 2, 3))
+    assert camera.fov_degrees == pytest.approx(math.degrees(0.7))
+    right, up, _ = camera.frame()
+    np.testing.assert_allclose([right, up], [[0, 0, -1], [0, 1, 0]], atol=1e-12)
+    nodes[1]["camera"] = 1
+    camera = load_file(write(tmp_path, "a.gltf", json.dumps(tree_with(nodes, cameras=CAMERAS)))).camera
+    assert isinstance(camera, wrt.OrthographicCamera)
+    assert camera.view_height == 4.0
+
+
+def test_lights(tmp_path):
+    # By columns: x to y, y to -x, and moved.
+    matrix = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 8, 9, 1]
+    tilted = {"rotation": [-HALF, 0, 0, HALF], "translation": [0, 5, 0]}  # -90 degrees about x: -z becomes -y
+    nodes = [light(0) | {"matrix": matrix}, light(1) | tilted, light(2) | tilted, light(3)]
+    tree = tree_with(nodes, extensions={"KHR_lights_punctual": {"lights": LIGHTS}})
+    point, sun, spot, wide = load_file(write(tmp_path, "a.gltf", json.dumps(tree))).lights
+    assert point == wrt.PointLight((7.0, 8.0, 9.0), intensity=(5.0, 2.5, 1.25))
+    assert isinstance(sun, wrt.DirectionalLight)
+    assert sun.direction == pytest.approx((0, -1, 0))
+    assert sun.irradiance == (2.0, 2.0, 2.0)
+    assert isinstance(spot, wrt.SpotLight)
+    assert (spot.position, spot.falloff) == ((0.0, 5.0, 0.0), "gltf")
+    assert spot.direction == pytest.approx((0, -1, 0))
+    assert (spot.inner_degrees, spot.outer_degrees) == pytest.approx((math.degrees(0.2), math.degrees(0.5)))
+    assert (wide.inner_degrees, wide.outer_degrees) == pytest.approx((0.0, 45.0))
+
+
+def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_path):
+    lit = tree_with([light(0)], extensions={"KHR_lights_punctual": {"lights": LIGHTS}})
+    scene = wrt.load(write(tmp_path, "lit.gltf", json.dumps(lit)))
+    assert (len(scene.shapes), len(scene.lights), scene.environment) == (1, 1, None)
+    seen = tree_with([{"camera": 0, "translation": [0, 0, 4]}], cameras=CAMERAS)
+    scene = wrt.load(write(tmp_path, "seen.gltf", json.dumps(seen)))
+    assert len(scene.shapes) > 1
+    assert scene.camera is not None
+    assert scene.camera.origin == (0.0, 0.0, 4.0)
+    for name in ("lit", "seen"):
+        with pytest.raises(wrt.InputError, match=rf"{name}\.gltf: an up axis is for files without lights and cameras"):
+            wrt.load(tmp_path / f"{name}.gltf", up="z")
+
+
+def test_mistakes_are_told_in_one_line(tmp_path):
+    for nodes, more in (
+        ([{"camera": 3}], {"cameras": CAMERAS}),
+        ([light(9)], {"extensions": {"KHR_lights_punctual": {"lights": LIGHTS}}}),
+        ([{"camera": 0, "scale": [0, 0, 0]}], {"cameras": CAMERAS}),
+        ([light(2)], {"extensions": {"KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": "much"}] * 3}}}),
+    ):
+        with pytest.raises(wrt.InputError) as caught:
+            load_file(write(tmp_path, "a.gltf", json.dumps(tree_with(nodes, **more))))
+        assert str(caught.value).startswith(str(tmp_path / "a.gltf"))
+        assert "\n" not in str(caught.value)
