@@ -9,6 +9,7 @@ from wrt.kernels.features import Features
 from wrt.kernels.film import FilmData, is_finite_color
 from wrt.kernels.filters import filter_offset
 from wrt.kernels.integrators import make_trace
+from wrt.kernels.layers import LayerData, make_add_layers
 from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_4d
 from wrt.kernels.scene_data import SceneData
@@ -18,6 +19,8 @@ from wrt.kernels.scene_data import SceneData
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features; equal features give the same kernel."""
     trace = make_trace(features)
+    add_layers = make_add_layers(features)
+    has_layers = features.layers
     sample_4d = make_sample_4d(features.sampler)
     pixel_name = make_pixel_name(features.sampler)
 
@@ -34,6 +37,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         scene: SceneData,
         settings: PathSettings,
         film: FilmData,
+        layers: LayerData,
     ):
         pixel = first_pixel + wp.tid()
         # Random numbers belong to a place in the whole picture, so that a part of it looks as it does there.
@@ -59,6 +63,9 @@ def make_render_kernel(features: Features) -> wp.Kernel:
             result = PathResult()
             if seen.visible:
                 result = trace(scene, seen.ray, seen.footprint, sampler, settings)
+                if wp.static(has_layers):
+                    offset = position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
+                    rays += add_layers(scene, camera, seen, sampler, layers, pixel, offset)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

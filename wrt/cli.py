@@ -155,6 +155,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     add("--max-depth", metavar="N", type=_whole(1), help="most segments in a path (default: the scene's own)")
     add("--sampler", metavar="NAME", help="independent, stratified, sobol or blue-noise (default: the scene's own)")
     add("--integrator", metavar="NAME", help="path, direct, whitted, ao or aov (default: the scene's own)")
+    add("--layers", metavar="NAMES", help="write these too, to .exr: albedo,normal,depth and others (see the docs)")
     add("--exposure", metavar="STOPS", type=_finite, help="factors of two by which a PNG is brightened")
     add("--checkpoint", metavar="FILE", help="save the render there, to go on with later")
     add("--resume", action="store_true", help="go on from the checkpoint if there is one")
@@ -253,20 +254,20 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
     output, checkpoint = _check_paths(options)
     with ProgressBar(output.stem, time_limit=options.time, wanted=not options.quiet) as bar, _short_warnings(bar):
         from wrt.api import load
-        from wrt.formats.images import save_image
+        from wrt.output import check_layers, save_render
 
         scene = load(options.input, triangles=options.triangles, up=options.up)
         if options.exposure is not None:
             scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
         renderer = _make_renderer(options, scene, checkpoint, bar)
+        check_layers(output, renderer)
 
         def save() -> None:
-            notes = {"Software": f"wrt {__version__}", "Samples per pixel": renderer.spp, "Seed": options.seed}
             if checkpoint is not None:  # first, since the picture can be had from it again
                 with _naming(checkpoint):
                     renderer.save_checkpoint(checkpoint)
             with _naming(output):
-                save_image(output, renderer.image(), exposure=scene.settings.exposure, metadata=notes)
+                save_render(output, renderer)
 
         save_every = options.save_every or (SAVE_EVERY_SECONDS if checkpoint else float("inf"))
         spp = options.spp or (None if options.time else scene.settings.spp)
@@ -313,6 +314,7 @@ def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
 
 
 def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path | None, bar: ProgressBar) -> Renderer:
+    from wrt.layers import layer_names
     from wrt.renderer import Renderer
 
     width, height = options.size or (None, None)
@@ -327,6 +329,7 @@ def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path |
         crop=options.crop,
         sampler=options.sampler,
         integrator=options.integrator,
+        layers=None if options.layers is None else layer_names(options.layers),
     )
     if options.resume and checkpoint is not None:
         if not checkpoint.exists():

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.device import Device
+from wrt.film_layers import FilmLayers
 
 STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
 """The arrays that make up a film's state; the rays traced only report on this run."""
@@ -20,8 +21,8 @@ BYTES_PER_PIXEL = 64
 class Film:
     """Sums of samples and of their squares, and their number, for each pixel of a picture."""
 
-    def __init__(self, width: int, height: int, device: Device) -> None:
-        """Start an empty film of width x height pixels on a device."""
+    def __init__(self, width: int, height: int, device: Device, layers: tuple[str, ...] = ()) -> None:
+        """Start an empty film of width x height pixels on a device, with `layers` beside its light."""
         import warp as wp
 
         from wrt.kernels.film import FilmData
@@ -29,6 +30,7 @@ class Film:
         self.width, self.height, self.device = width, height, device
         self.pixels = pixels = width * height
         device.require_memory(pixels * BYTES_PER_PIXEL, f"a picture of {width}x{height}")
+        self.layers = FilmLayers(layers, width, height, device)
         self.data = FilmData()
         self.data.total = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
         self.data.total_of_squares = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
@@ -38,7 +40,8 @@ class Film:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return copies of all that must be kept to go on later, by name."""
-        return {name: getattr(self.data, name).numpy().copy() for name in STATE_ARRAYS}
+        own = {name: getattr(self.data, name).numpy().copy() for name in STATE_ARRAYS}
+        return {**own, **self.layers.state()}
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""
@@ -47,6 +50,7 @@ class Film:
         for name in STATE_ARRAYS:
             target = getattr(self.data, name)
             wp.copy(target, wp.array(state[name], dtype=target.dtype, device=self.device.name))
+        self.layers.restore(state)
 
     @property
     def counts(self) -> NDArray[np.int32]:

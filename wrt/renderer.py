@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +41,7 @@ SETTINGS_OF_PICTURE = (
     "integrator",
     "min_attenuation",
     "ao_distance",
+    "layers",
 )
 """What of `RenderSettings` changes a picture: checkpoints tell it."""
 
@@ -99,6 +100,7 @@ class Renderer:
         integrator: str | None = None,
         min_attenuation: float | None = None,
         ao_distance: float | None = None,
+        layers: Sequence[str] | None = None,
     ) -> None:
         """Build a scene for a device and compile its kernel.
 
@@ -119,6 +121,7 @@ class Renderer:
                 what follows, which is described at `wrt.RenderSettings`.
             min_attenuation: of integrator "whitted".
             ao_distance: of integrator "ao", metres.
+            layers: names of `wrt.layers.LAYERS` to render beside the light, for `layers`.
 
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
@@ -133,6 +136,7 @@ class Renderer:
             "integrator": integrator,
             "min_attenuation": min_attenuation,
             "ao_distance": ao_distance,
+            "layers": layers,
         }
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
@@ -155,8 +159,8 @@ class Renderer:
 
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
-        self.film = Film(x1 - x0, y1 - y0, self.device)
-        self._built = build_scene(self.scene, self.device)
+        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.layers)
+        self._built = build_scene(self.scene, self.device, texture_coordinates="uv" in self.settings.layers)
         self.seconds_compile, self._kernel, self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
@@ -172,9 +176,13 @@ class Renderer:
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
         features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
-        kernel = make_render_kernel(integrator_features(features, self.integrator))
+        kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings.layers))
         seconds = self.device.compile(kernel)
-        return seconds, kernel, [self.seed, camera, table, self._built.data, path, self.film.data]
+        return (
+            seconds,
+            kernel,
+            [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data],
+        )
 
     @property
     def width(self) -> int:
@@ -283,6 +291,13 @@ class Renderer:
         """Return (H, W, 3) float64 variance of the estimate; NaN below two samples."""
         return self.film.variance()
 
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Return the layers that were asked for: (H, W, channels), or (H, W) where there is one channel.
+
+        float32, or uint32 for numbers of objects and materials, which count from 1; 0 is where nothing was met.
+        """
+        return self.film.layers.arrays(self.film.counts, [shape.material for shape in self.scene.shapes])
+
     def save_checkpoint(self, path: PathLike) -> None:
         """Write all that is needed to go on later, atomically.
 
@@ -335,6 +350,7 @@ class Renderer:
             "strategy": self.strategy,
             "crop": list(self.crop) if self.crop != (0, 0, self.width, self.height) else None,
             "integrator": self.integrator,
+            "layers": list(self.settings.layers),
             "scene": scene_fingerprint(self.scene),
         }
 

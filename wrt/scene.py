@@ -10,6 +10,7 @@ import numpy as np
 from wrt.camera import Camera
 from wrt.environment import Environment
 from wrt.errors import InputError
+from wrt.layers import layer_names
 from wrt.lights import LIGHTS, Light
 from wrt.materials import Diffuse, Material
 from wrt.materials.material import color_source
@@ -79,6 +80,7 @@ class RenderSettings:
         integrator: one of INTEGRATORS; None is "path".
         min_attenuation: integrator "whitted" follows no ray that counts for less than this share.
         ao_distance: how far integrator "ao" looks for what blocks the sky, metres; None is without limit.
+        layers: names of `wrt.layers.LAYERS` to render beside the light.
     """
 
     width: int = 768
@@ -92,6 +94,7 @@ class RenderSettings:
     integrator: str | None = None
     min_attenuation: float = 0.005
     ao_distance: float | None = None
+    layers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self.width = integer(self.width, "width", minimum=1, maximum=65536)
@@ -108,6 +111,7 @@ class RenderSettings:
         self.min_attenuation = number(self.min_attenuation, "min_attenuation", minimum=0.0, maximum=1.0)
         if self.ao_distance is not None:
             self.ao_distance = number(self.ao_distance, "ao_distance", above=0.0)
+        self.layers = layer_names(self.layers)
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
 

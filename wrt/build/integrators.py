@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.build.environment import resolve_environment
 from wrt.environment import ConstantEnvironment, ImageEnvironment
 from wrt.errors import InputError
 from wrt.scene import RenderSettings, Scene
@@ -44,12 +45,16 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     return name
 
 
-def integrator_features(features: Features, integrator: str) -> Features:
+def integrator_features(features: Features, integrator: str, layers: tuple[str, ...] = ()) -> Features:
     """Return what the kernel of a scene with `features` contains: less where the integrator does not ask for it."""
+    if layers:
+        features = dataclasses.replace(features, layers=True)
     if integrator in ("path", "direct"):
         return features
+    if integrator in WITHOUT_LIGHT and "albedo" not in layers:
+        features = dataclasses.replace(features, models=())
     if integrator in WITHOUT_LIGHT:
-        features = dataclasses.replace(features, models=(), environment="none")
+        features = dataclasses.replace(features, environment="none", light_shapes=False)
     return dataclasses.replace(features, integrator=integrator)
 
 
@@ -69,8 +74,8 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
 
 
 def mean_radiance(scene: Scene) -> NDArray[np.float64]:
-    """Return the environment's radiance, averaged over all directions."""
-    environment = scene.environment
+    """Return the environment's radiance, averaged over all directions, without a sun."""
+    environment, _ = resolve_environment(scene.environment)
     if isinstance(environment, ConstantEnvironment):
         return np.asarray(environment.radiance, np.float64)
     if isinstance(environment, ImageEnvironment):

@@ -32,8 +32,13 @@ class BuiltScene:
     features: Any
 
 
-def build_scene(scene: Scene, device: Device) -> BuiltScene:
+def build_scene(scene: Scene, device: Device, *, texture_coordinates: bool = False) -> BuiltScene:
     """Upload a scene to a device and build its ray tree there.
+
+    Args:
+        scene: what to upload.
+        device: where to.
+        texture_coordinates: whether these are asked for even where no material does.
 
     Raises:
         InputError: where the scene has no shapes, or more triangles or vertices than an int counts.
@@ -50,7 +55,9 @@ def build_scene(scene: Scene, device: Device) -> BuiltScene:
         [shape.material for shape in scene.shapes], [shape.emission for shape in scene.shapes]
     )
     data = SceneData()
-    _upload_geometry(data, meshes, device.name, textured=materials.textured or materials.tangents)
+    _upload_geometry(
+        data, meshes, device.name, textured=materials.textured or materials.tangents or texture_coordinates
+    )
     data.bvh = build_bvh(data.points, data.indices, device).data
     materials.upload(data, device)
 

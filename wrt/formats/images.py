@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt.environment import ImageEnvironment
 from wrt.errors import InputError
 from wrt.files import PathLike, first_line, require_file, require_place, write_whole
+from wrt.layers import channel_names
 from wrt.values import Vec3
 
 if TYPE_CHECKING:
@@ -170,10 +171,11 @@ def check_output(path: PathLike) -> Path:
 
 def save_image(
     path: PathLike,
-    image: ArrayLike,
+    image: ArrayLike | None,
     *,
     exposure: float = 0.0,
     metadata: Mapping[str, object] | None = None,
+    layers: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
     """Write a linear Rec. 709 image as PNG, OpenEXR or NumPy array, by its suffix.
 
@@ -183,24 +185,33 @@ def save_image(
     Args:
         path: ends in .png (8-bit sRGB, clipped and dithered), .exr (float32 R, G, B) or .npy
             (float32 (H, W, 3)).
-        image: (H, W, 3), row 0 at the top.
+        image: (H, W, 3), row 0 at the top; None where there are layers only.
         exposure: stops (factors of two) by which a PNG is brightened; the other two keep the
             radiance as it is.
         metadata: names and values, kept as text in PNG and as attributes in OpenEXR.
+        layers: what `wrt.Renderer.layers` returns, for OpenEXR: channels such as `albedo.R`, 32-bit.
 
     Raises:
         InputError: see `check_output`; also when the image has another shape or writing fails.
     """
     file = check_output(path)
+    notes = {str(key): str(value) for key, value in (metadata or {}).items()}
+    if layers:
+        if file.suffix.lower() != ".exr":
+            raise InputError(f"{file}: layers go into OpenEXR files; give it a name that ends in .exr")
+        write_whole(file, lambda temporary: _write_exr(temporary, _channels(image, layers), notes))
+        return
     pixels = np.ascontiguousarray(image, np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
-    notes = {str(key): str(value) for key, value in (metadata or {}).items()}
-    writer = {".png": _write_png, ".exr": _write_exr, ".npy": _write_npy}[file.suffix.lower()]
-    if writer is _write_png and exposure != 0.0:
+    if file.suffix.lower() == ".exr":
+        write_whole(file, lambda temporary: _write_exr(temporary, _channels(pixels, {}), notes))
+    elif file.suffix.lower() == ".npy":
+        write_whole(file, lambda temporary: _write_npy(temporary, pixels))
+    else:
         with np.errstate(over="ignore"):
             pixels = pixels * np.float32(2.0**exposure)
-    write_whole(file, lambda temporary: writer(temporary, pixels, notes))
+        write_whole(file, lambda temporary: _write_png(temporary, pixels, notes))
 
 
 def quantize(image: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
@@ -244,15 +255,27 @@ def _write_png(path: Path, pixels: NDArray[np.float32], notes: Mapping[str, str]
     Image.fromarray(quantize(pixels)).save(path, format="PNG", pnginfo=info)
 
 
-def _write_exr(path: Path, pixels: NDArray[np.float32], notes: Mapping[str, str]) -> None:
+def _channels(image: ArrayLike | None, layers: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return what an OpenEXR file holds, by the channels' names.
+
+    Numbers of objects too are 32-bit floats, exact up to 2²⁴: many programs take whole numbers for shares of 2³².
+    """
+    parts = [(["R", "G", "B"], np.asarray(image, np.float32))] if image is not None else []
+    parts += [(channel_names(name), values) for name, values in layers.items()]
+    return {
+        name: np.ascontiguousarray(values.reshape(*values.shape[:2], len(names))[:, :, k], np.float32)
+        for names, values in parts
+        for k, name in enumerate(names)
+    }
+
+
+def _write_exr(path: Path, channels: dict[str, NDArray[Any]], notes: Mapping[str, str]) -> None:
     import OpenEXR
 
     header = {**notes, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    channels = {name: np.ascontiguousarray(pixels[:, :, k]) for k, name in enumerate("RGB")}
     OpenEXR.File(header, channels).write(str(path))
 
 
-def _write_npy(path: Path, pixels: NDArray[np.float32], notes: Mapping[str, str]) -> None:
-    del notes  # the format has no place for them
+def _write_npy(path: Path, pixels: NDArray[np.float32]) -> None:
     with path.open("xb") as file:
         np.save(file, pixels)

@@ -1,0 +1,86 @@
+"""The host's side of a film's layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.device import Device
+from wrt.layers import LAYERS, NUMBERS
+from wrt.materials import Material
+
+_ARRAYS = ("sums", "nearest", "object_number", "off_middle")
+_PREFIX = "layer_"
+
+
+class FilmLayers:
+    """The layers of a film that were asked for; none take no memory."""
+
+    def __init__(self, names: tuple[str, ...], width: int, height: int, device: Device) -> None:
+        """Start empty layers for a picture of width x height pixels on a device."""
+        import warp as wp
+
+        from wrt.kernels.layers import LayerData
+
+        self.names, self.width, self.height, self.device = names, width, height, device
+        self.data = LayerData()
+        self._first: dict[str, int] = {}
+        counts = {True: 0, False: 0}
+        for name, layer in LAYERS.items():
+            if name in NUMBERS:
+                continue
+            self._first[name] = counts[layer.averaged] if name in names else -1
+            setattr(self.data, name, self._first[name])
+            if name in names:
+                counts[layer.averaged] += len(layer.channels)
+        if not names:
+            return
+        pixels = width * height
+        device.require_memory(pixels * (8 * counts[True] + 4 * counts[False] + 8), f"{width}x{height} pixels of layers")
+        self.data.sums = wp.zeros((pixels, counts[True]), dtype=wp.float64, device=device.name)
+        self.data.nearest = wp.zeros((pixels, counts[False]), dtype=wp.float32, device=device.name)
+        self.data.object_number = wp.zeros(pixels, dtype=wp.int32, device=device.name)
+        self.data.off_middle = wp.full(pixels, float("inf"), dtype=wp.float32, device=device.name)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return copies of all that must be kept to go on later, by name."""
+        if not self.names:
+            return {}
+        return {_PREFIX + name: getattr(self.data, name).numpy().copy() for name in _ARRAYS}
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Go on from a state; arrays must have the shapes and types that `state` gives."""
+        import warp as wp
+
+        for name in _ARRAYS if self.names else ():
+            target = getattr(self.data, name)
+            wp.copy(target, wp.array(state[_PREFIX + name], dtype=target.dtype, device=self.device.name))
+
+    def arrays(self, counts: NDArray[np.int32], materials: Sequence[Material]) -> dict[str, NDArray[Any]]:
+        """Return each layer, (H, W, channels) or (H, W) of one channel.
+
+        Args:
+            counts: (H, W) samples in each pixel.
+            materials: of the scene's shapes, to number them by the order in which they first come.
+        """
+        if not self.names:
+            return {}
+        objects = self.data.object_number.numpy()
+        first_seen: dict[int, int] = {}
+        numbers = [0] + [first_seen.setdefault(id(material), len(first_seen) + 1) for material in materials]
+        averages = self.data.sums.numpy() / np.maximum(counts.reshape(-1, 1), 1)
+        nearest = self.data.nearest.numpy()
+        result: dict[str, NDArray[Any]] = {}
+        for name in self.names:
+            if name in NUMBERS:
+                whole = objects if name == "object" else np.array(numbers)[objects]
+                result[name] = whole.astype(np.uint32).reshape(self.height, self.width)
+                continue
+            layer = LAYERS[name]
+            first, count = self._first[name], len(layer.channels)
+            values = (averages if layer.averaged else nearest)[:, first : first + count].astype(np.float32)
+            result[name] = values.reshape((self.height, self.width, count) if count > 1 else (self.height, self.width))
+        return result

@@ -1,0 +1,51 @@
+"""What of a render goes into its picture's file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from wrt._version import __version__
+from wrt.errors import InputError
+from wrt.formats.images import save_image
+from wrt.layer_pictures import picture_of
+from wrt.renderer import Renderer
+
+
+def check_layers(path: Path, renderer: Renderer) -> None:
+    """Raise InputError where the layers of a render cannot go into a file, before they are rendered.
+
+    OpenEXR files hold them all. Without light, which is integrator "aov", a PNG may show one of them.
+    """
+    layers = renderer.settings.layers
+    lightless = renderer.integrator == "aov"
+    if lightless and not layers:
+        raise InputError("integrator aov shows layers alone; name some, such as albedo,normal,depth")
+    shown = path.suffix.lower() == ".png" and lightless and len(layers) == 1
+    if layers and path.suffix.lower() != ".exr" and not shown:
+        raise InputError(f"{path}: layers go into OpenEXR files; give it a name that ends in .exr")
+
+
+def save_render(path: Path, renderer: Renderer) -> None:
+    """Write what has been rendered so far: light, layers, and how they were made.
+
+    Raises:
+        InputError: see `check_layers` and `wrt.save_image`.
+    """
+    check_layers(path, renderer)
+    notes = {
+        "Software": f"wrt {__version__}",
+        "Integrator": renderer.integrator,
+        "Samples per pixel": renderer.spp,
+        "Seed": renderer.seed,
+        "Render seconds": f"{renderer.seconds_render:.1f}",
+    }
+    exposure = renderer.settings.exposure
+    layers = renderer.layers()
+    if path.suffix.lower() == ".exr":
+        image = None if renderer.integrator == "aov" else renderer.image()
+        save_image(path, image, metadata=notes, layers=layers)
+    elif layers:
+        ((name, values),) = layers.items()
+        save_image(path, picture_of(name, values), metadata=notes)
+    else:
+        save_image(path, renderer.image(), exposure=exposure, metadata=notes)
