@@ -21,6 +21,7 @@ if not (_here / "kernels").is_dir() and (_here.parent / "kernels").is_dir():
 if TYPE_CHECKING:
     from wrt.api import load, render
     from wrt.camera import Camera, FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
+    from wrt.deformation import Deformation
     from wrt.environment import (
         ConstantEnvironment,
         ImageEnvironment,
@@ -64,6 +65,7 @@ _EXPORTS = {
     "Conductor": "wrt.materials",
     "Dielectric": "wrt.materials",
     "Diffuse": "wrt.materials",
+    "Deformation": "wrt.deformation",
     "DirectionalLight": "wrt.lights",
     "DiskLight": "wrt.lights",
     "FisheyeCamera": "wrt.camera",
@@ -119,6 +121,7 @@ __all__ = [
     "Camera",
     "Conductor",
     "ConstantEnvironment",
+    "Deformation",
     "Dielectric",
     "Diffuse",
     "DirectionalLight",

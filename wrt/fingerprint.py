@@ -16,8 +16,16 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
 
     Names are for people and do not count.
     """
+    # A mesh that many shapes share is read once.
+    parts = {id(part): part for shape in scene.shapes for part in (shape.mesh, shape.deformation, shape.transform)}
+    digests = {key: _digest(part) for key, part in parts.items()}
     return {
-        "geometry": _digest([shape.mesh for shape in scene.shapes]),
+        "geometry": _digest(
+            [
+                tuple(digests[id(part)] for part in (shape.mesh, shape.transform, shape.deformation))
+                for shape in scene.shapes
+            ]
+        ),
         "materials": _digest([shape.material for shape in scene.shapes]),
         "emission": _digest([(shape.emission, shape.two_sided_emission) for shape in scene.shapes]),
         "lights": _digest(scene.lights),

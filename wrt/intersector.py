@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrt.build.bvh import build_bvh, refit_bvh
-from wrt.build.geometry import upload_triangles
+from wrt.build.geometry import upload_meshes
 from wrt.build.instances import PlacedTrees
 from wrt.device import Device
 from wrt.errors import InputError
@@ -58,7 +58,8 @@ class Intersector:
         """Build the tree.
 
         Args:
-            source: a `wrt.Mesh`, a `wrt.Scene` (its shapes' triangles numbered through), or a trimesh object.
+            source: a `wrt.Mesh`, a `wrt.Scene` (its shapes' triangles numbered through, where they are when the shutter
+                opens), or a trimesh object.
             device: "cpu", "cuda" or "cuda:N".
             threads: CPU threads; by default all cores.
 
@@ -67,7 +68,7 @@ class Intersector:
         """
         self.device = Device(device, threads=threads)
         self._placed: PlacedTrees | None = None
-        self._points, self._indices = upload_triangles(_meshes(source), self.device.name)
+        self._points, self._indices = upload_meshes(_meshes(source), self.device.name)
         self._built = build_bvh(self._points, self._indices, self.device)
 
     @classmethod
@@ -290,7 +291,8 @@ def _meshes(source: Any) -> list[Any]:
     if isinstance(source, Scene):
         if not source.shapes:
             raise InputError("the scene has no shapes to hit")
-        return [shape.mesh for shape in source.shapes]
+        time = source.camera.shutter_open if source.camera else 0.0
+        return [shape.mesh_at(time) for shape in source.shapes]
     from wrt.formats.meshes import from_trimesh
 
     return [shape.mesh for shape in from_trimesh(source)]

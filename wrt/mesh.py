@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ class Mesh:
             raise InputError(f"{self.name}: {what} must be finite; number {bad[0]} is {rows[bad[0]].tolist()}")
         return rows
 
-    @property
+    @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64 lowest and highest corner of the vertices that faces use."""
         used = self.vertices[np.unique(self.faces)].astype(np.float64)

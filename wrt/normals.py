@@ -89,6 +89,17 @@ def vertex_normals(mesh: Mesh) -> _Float:
     return _smooth(mesh, mesh.faces.astype(np.intp), np.arange(len(mesh.vertices)))
 
 
+def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (N, 3) unit normals of a mesh whose vertices have moved.
+
+    Vertices that had position and normal in common still share their normal; where they had not, there was a crease.
+    """
+    assert mesh.normals is not None
+    together = same_positions(np.hstack([mesh.vertices, mesh.normals]))
+    moved = Mesh(vertices, mesh.faces, name=mesh.name)
+    return _smooth(moved, mesh.faces.astype(np.intp), together).astype(np.float32)
+
+
 def same_positions(vertices: NDArray[np.float32]) -> _Int:
     """Return (N,) an index, without gaps, that is the same for vertices at the same position."""
     bits = (vertices + np.float32(0.0)).view(np.uint32)  # adding 0 makes -0 and 0 the same

@@ -152,7 +152,7 @@ class Renderer:
         if not scene.shapes:
             raise InputError("the scene has no shapes to render")
         if self.scene.camera is None:
-            points = np.concatenate([shape.mesh.vertices for shape in self.scene.shapes])
+            points = np.concatenate([shape.outline for shape in self.scene.shapes])
             self.scene.camera = frame_camera(points, self.width / self.height)
         if self.integrator not in WITHOUT_LIGHT and not _has_light(self.scene):
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from wrt.camera import Camera
+from wrt.deformation import Deformation
 from wrt.environment import Environment
 from wrt.errors import InputError
 from wrt.layers import layer_names
@@ -15,11 +17,9 @@ from wrt.lights import LIGHTS, Light
 from wrt.materials import Diffuse, Material
 from wrt.materials.material import color_source
 from wrt.mesh import Mesh
+from wrt.motion import Motion, check_affine
 from wrt.textures import ColorSource, shines
 from wrt.values import FLOAT32_MAX, Vec3, integer, number
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/filters.py` says what each is."""
@@ -42,6 +42,9 @@ class Shape:
             where it is 0, that of the material.
         two_sided_emission: whether its back shines as well.
         name: for messages.
+        transform: where it is: a (4, 4) affine matrix from the mesh's space to the world, or how it moves. Shapes that
+            have one and share a mesh share its memory; of mirror images, the front is the mesh's front.
+        deformation: how the mesh changes its shape.
     """
 
     mesh: Mesh
@@ -49,12 +52,24 @@ class Shape:
     emission: ColorSource = 0.0
     two_sided_emission: bool = False
     name: str = "shape"
+    transform: NDArray[np.float64] | Motion | None = field(default=None, repr=False)
+    deformation: Deformation | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, Mesh):
             raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}")
         if not isinstance(self.material, Material):
             raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
+        if self.transform is not None and not isinstance(self.transform, Motion):
+            object.__setattr__(self, "transform", _matrix(self.transform, f"{self.name}: transform"))
+        if self.deformation is not None:
+            if not isinstance(self.deformation, Deformation):
+                raise InputError(f"{self.name}: deformation must be a wrt.Deformation")
+            count = self.deformation.vertices.shape[1]
+            if count != len(self.mesh.vertices):
+                raise InputError(
+                    f"{self.name}: the deformation has {count} vertices, the mesh {len(self.mesh.vertices)}"
+                )
         emission = color_source(self.emission, f"{self.name}: emission", maximum=FLOAT32_MAX)
         object.__setattr__(self, "emission", emission if shines(emission) else self.material.emission)
 
@@ -62,6 +77,43 @@ class Shape:
     def emits(self) -> bool:
         """Whether it gives off any light."""
         return shines(self.emission)
+
+    def transform_at(self, time: float) -> NDArray[np.float64]:
+        """Return the (4, 4) map from the mesh's space to the world at a time, seconds."""
+        if self.transform is None:
+            return np.eye(4)
+        return self.transform.at(time) if isinstance(self.transform, Motion) else self.transform
+
+    def mesh_at(self, time: float) -> Mesh:
+        """Return the mesh in the world at a time, seconds."""
+        mesh = self.mesh if self.deformation is None else self.deformation.at(time, self.mesh)
+        return mesh if self.transform is None else mesh.transformed(self.transform_at(time))
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 lowest and highest corner of the shape, or of its outline where it has a transform."""
+        if self.transform is None and self.deformation is None:
+            return self.mesh.bounds
+        outline = self.outline
+        return np.stack([outline.min(axis=0), outline.max(axis=0)])
+
+    @property
+    def outline(self) -> NDArray[np.float64]:
+        """(P, 3) points whose convex hull has the shape within: the vertices, or corners of boxes, at all keys."""
+        if self.transform is None and self.deformation is None:
+            return self.mesh.vertices.astype(np.float64)
+        low, high = self.mesh.bounds
+        if self.deformation is not None:
+            low, high = self.deformation.vertices.min(axis=(0, 1)), self.deformation.vertices.max(axis=(0, 1))
+        corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
+        times = np.zeros(1)
+        if isinstance(self.transform, Motion):
+            keys = self.transform.times
+            # Between keys it turns by less than 180 degrees: every 12 degrees, arcs are 0.6 % beyond their chords.
+            times = np.interp(np.linspace(0, len(keys) - 1, 16 * (len(keys) - 1) + 1), np.arange(len(keys)), keys)
+        matrices = np.stack([self.transform_at(time) for time in times])
+        moved = np.einsum("kij,nj->kni", matrices[:, :3, :3], corners) + matrices[:, None, :3, 3]
+        return np.asarray(moved.reshape(-1, 3))
 
 
 @dataclass
@@ -116,6 +168,19 @@ class RenderSettings:
             self.crop = _crop_window(self.crop, self.width, self.height)
 
 
+def _matrix(value: object, name: str) -> NDArray[np.float64]:
+    """Return `value` as an affine (4, 4) matrix, or raise InputError."""
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not {type(value).__name__}") from None
+    if matrix.shape != (4, 4):
+        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not an array of {matrix.shape}")
+    check_affine(matrix, name)
+    matrix.setflags(write=False)
+    return matrix
+
+
 def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
     """Return `value` as a part of a picture that is not empty, or raise InputError."""
     if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 4:
@@ -155,6 +220,8 @@ class Scene:
         emission: ColorSource = 0.0,
         two_sided_emission: bool = False,
         name: str | None = None,
+        transform: ArrayLike | Motion | None = None,
+        deformation: Deformation | None = None,
     ) -> Shape:
         """Add a mesh with a material and, for a light, an emission; return the new shape."""
         shape = Shape(
@@ -163,9 +230,47 @@ class Scene:
             emission=emission,
             two_sided_emission=two_sided_emission,
             name=name or str(getattr(mesh, "name", "shape")),
+            transform=transform,  # type: ignore[arg-type]
+            deformation=deformation,
         )
         self.shapes.append(shape)
         return shape
+
+    def add_instances(
+        self,
+        mesh: Mesh,
+        transforms: Iterable[ArrayLike | Motion],
+        *,
+        material: Material | None = None,
+        emission: ColorSource = 0.0,
+        two_sided_emission: bool = False,
+        name: str | None = None,
+        deformation: Deformation | None = None,
+    ) -> list[Shape]:
+        """Add a mesh in many places, where it takes memory once; return the new shapes.
+
+        Args:
+            mesh: the triangles.
+            transforms: for each place a (4, 4) affine matrix from the mesh's space to the world, or a Motion.
+            material: as for `add`, and likewise the others.
+            emission: of all of them.
+            two_sided_emission: of all of them.
+            name: of all of them.
+            deformation: of all of them.
+        """
+        shared = Diffuse() if material is None else material
+        return [
+            self.add(
+                mesh,
+                material=shared,
+                emission=emission,
+                two_sided_emission=two_sided_emission,
+                name=name,
+                transform=transform,
+                deformation=deformation,
+            )
+            for transform in transforms
+        ]
 
     def add_light(self, light: Light) -> Light:
         """Add a light that is no mesh and return it."""
@@ -180,7 +285,7 @@ class Scene:
         """(2, 3) float64 lowest and highest corner of all shapes; zeros without shapes."""
         if not self.shapes:
             return np.zeros((2, 3))
-        corners = np.stack([shape.mesh.bounds for shape in self.shapes])
+        corners = np.stack([shape.bounds for shape in self.shapes])
         return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.build.bvh import BuiltBvh, build_bvh, build_upper_tree, refit_bvh
-from wrt.build.geometry import upload_triangles
+from wrt.build.geometry import upload_meshes
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
@@ -52,7 +52,7 @@ class PlacedTrees:
             raise InputError(f"{self.triangles} triangles in all instances are more than an int counts")
         self._first_triangles = np.cumsum(counts) - counts
         matrices = self._matrices(transforms)
-        self._geometry = [upload_triangles([mesh], device.name) for mesh in meshes]
+        self._geometry = [upload_meshes([mesh], device.name) for mesh in meshes]
         self._trees = [build_bvh(points, indices, device) for points, indices in self._geometry]
         self._place(matrices)
 
@@ -176,7 +176,9 @@ def instance_tree(meshes: Sequence[Any], records: NDArray[Any], boxes: NDArray[n
             wp.copy(data.nodes, nodes, dest_offset=int(first) * NODE_FLOATS, count=len(nodes))
     data.slice_nodes = wp.array(np.cumsum(counts) - counts, dtype=int, device=name)
     data.instances = wp.array(records, dtype=InstanceRecord, device=name)
-    data.meshes = wp.array(list(meshes), dtype=PlacedMesh, device=name)
+    structs = wp.array(list(meshes), dtype=PlacedMesh, device=name)
+    structs._ref = meshes  # the array has their pointers, but does not own what they point to
+    data.meshes = structs
     return data
 
 

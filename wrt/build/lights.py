@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.build.emission import mean_emissions
 from wrt.build.environment import LUMINANCE
+from wrt.build.layout import Layout, is_moving
 from wrt.errors import InputError
 from wrt.lights import FALLOFFS, DirectionalLight, DiskLight, Light, PointLight, RectangleLight, SphereLight, SpotLight
 from wrt.scene import Shape
@@ -97,7 +98,11 @@ class LightTable:
 
 
 def light_table(
-    shapes: list[Shape], lights: list[Light], first_triangles: NDArray[np.int64], environment_flux: float
+    shapes: list[Shape],
+    lights: list[Light],
+    layout: Layout,
+    first_triangles: NDArray[np.int64],
+    environment_flux: float,
 ) -> LightTable:
     """Return the table of a scene's lights.
 
@@ -107,6 +112,7 @@ def light_table(
     Args:
         shapes: of the scene; those that emit are lights, one a triangle.
         lights: all that are no meshes.
+        layout: where the shapes are kept.
         first_triangles: (shapes,) number of each shape's first triangle.
         environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
 
@@ -119,10 +125,12 @@ def light_table(
     extents: list[LightExtents] = []
     first_lights = np.full(len(shapes), -1, np.int32)
     count = 0
+    instances = layout.instance_numbers
     for i, shape in enumerate(shapes):
         if shape.emits:
             first_lights[i] = count
-            record, extent = _emissive_mesh(shape, i, int(first_triangles[i]))
+            record, extent = _emissive_mesh(shape, i, int(first_triangles[i]), layout.shutter)
+            record["instance"] = instances.get(i, 0)
             records.append(record)
             extents.append(extent)
             count += len(record)
@@ -184,11 +192,17 @@ def _shares(extents: LightExtents) -> Array:
 # --- Each kind -------------------------------------------------------------------------------------
 
 
-def _emissive_mesh(shape: Shape, number: int, first_triangle: int) -> tuple[NDArray[Any], LightExtents]:
-    """One light a triangle. Normals are one; the power is π L A, on both sides where it has two."""
+def _emissive_mesh(
+    shape: Shape, number: int, first_triangle: int, shutter: tuple[float, float]
+) -> tuple[NDArray[Any], LightExtents]:
+    """One light a triangle. Normals are one; the power is π L A, on both sides where it has two.
+
+    Of a shape that moves, power is that in the middle of the time, normals may point anywhere.
+    """
     from wrt.kernels.scene_data import LIGHT_TRIANGLE, LightRecord
 
-    corners = shape.mesh.vertices[shape.mesh.faces].astype(np.float64)
+    mesh = shape.mesh_at(0.5 * sum(shutter))
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=1)
     means, luminance = mean_emissions(shape)
@@ -200,7 +214,27 @@ def _emissive_mesh(shape: Shape, number: int, first_triangle: int) -> tuple[NDAr
     records["two_sided"] = shape.two_sided_emission
     power = 0.5 * length * np.pi * luminance * (2.0 if shape.two_sided_emission else 1.0)
     axis = cross / np.maximum(length, 1e-300)[:, None]
-    return records, LightExtents.of(corners, axis, power, two_sided=shape.two_sided_emission)
+    spread = 1.0
+    if is_moving(shape, shutter):
+        corners, spread = _way_of_corners(shape, shutter), -1.0
+    extent = LightExtents.of(corners, axis, power, cos_spread=spread, two_sided=shape.two_sided_emission)
+    return records, extent
+
+
+def _way_of_corners(shape: Shape, shutter: tuple[float, float]) -> Array:
+    """Return (T, 2, 3) boxes around the ways of triangles.
+
+    The arc of a turn of less than 180 degrees lies no further from the box around its ends than half its chord.
+    """
+    meshes = [shape.mesh_at(time) for time in np.linspace(*shutter, 33)]
+    last = meshes[0].vertices[meshes[0].faces].astype(np.float64)
+    low, high, step = last.min(axis=1), last.max(axis=1), 0.0
+    for mesh in meshes[1:]:
+        corners = mesh.vertices[mesh.faces].astype(np.float64)
+        step = max(step, float(np.linalg.norm(corners - last, axis=2).max()))
+        low, high = np.minimum(low, corners.min(axis=1)), np.maximum(high, corners.max(axis=1))
+        last = corners
+    return np.stack([low - 0.5 * step, high + 0.5 * step], axis=1)
 
 
 def _record(light: Light) -> tuple[NDArray[Any], LightExtents]:

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from wrt.motion import Motion
+from wrt.build.instances import world_boxes
+from wrt.motion import FloatArray, Motion, segments
 
 
 def motion_records(motions: Sequence[Motion]) -> tuple[Any, Any]:
@@ -29,3 +31,73 @@ def motion_records(motions: Sequence[Motion]) -> tuple[Any, Any]:
         )
         record["center"] = motion.center
     return keys, records
+
+
+STEPS_PER_SLICE = 4
+"""Pieces of a slice, whose boxes are found one by one: what they are too large by falls with the square."""
+
+_ROUNDINGS = 64.0
+"""Times that a device rounds the largest number on the way from keys to a place, at most."""
+
+
+def swept_boxes(
+    motion: Motion, times: FloatArray, boxes: FloatArray, shutter: tuple[float, float], slices: int
+) -> NDArray[np.float32]:
+    """Return (S, 2, 3) boxes, one for each of equal slices of the time, that hold a moving thing throughout the slice.
+
+    Within a step between two times t0 and t1 no key lies, so a point x of the thing is at
+    p = q + R y with y = S (x − c), where q and S are linear in the time, and R turns about one axis at the rate w.
+    As (R y)'' = R'' y + 2 R' y', it deviates from the straight line between p(t0) and p(t1) in each coordinate by
+    at most (t1 − t0)² / 8 · (w² |y| + 2 w |y'|), the error of linear interpolation. So the boxes at both times,
+    widened by that much, hold the way of every point of the thing's own box. If that box changes, linearly between
+    `times`, the one around it at both ends of the step holds all points meanwhile.
+
+    Args:
+        motion: of the thing's own space.
+        times: (K,) when its own box is one of `boxes`.
+        boxes: (K, 2, 3).
+        shutter: first and last time.
+        slices: how many, S.
+    """
+    begin, end = shutter
+    edges = np.linspace(begin, end, slices + 1)
+    # By how much a time in float32 may be on the wrong side of an edge.
+    late = 4.0 * np.finfo(np.float32).eps * max(abs(begin), abs(end))
+    grid = np.linspace(begin, end, slices * STEPS_PER_SLICE + 1)
+    keys = np.concatenate([motion.times, times])
+    grid = np.unique(np.concatenate([grid, edges - late, edges + late, keys[(keys > begin) & (keys < end)]]))
+    matrices = motion.at(grid)
+    first, share = segments(times, grid)
+    f = share[:, None, None]
+    own = (1.0 - f) * boxes[first] + f * boxes[np.minimum(first + 1, len(times) - 1)]
+    own = np.stack([np.minimum(own[:-1, 0], own[1:, 0]), np.maximum(own[:-1, 1], own[1:, 1])], axis=1)
+
+    # How fast it turns and stretches in each step: both are constant in it.
+    segment, _ = segments(motion.times, 0.5 * (grid[:-1] + grid[1:]))
+    length = np.diff(motion.times, append=motion.times[-1] + 1.0)[segment]
+    moves = (grid[1:] > motion.times[0]) & (grid[:-1] < motion.times[-1])
+    rate = np.where(moves, 2.0 * motion.half_angles[segment] / length, 0.0)
+    stretches = motion.parts.stretches
+    next_segment = np.minimum(segment + 1, len(motion.times) - 1)
+    growth = (stretches[next_segment] - stretches[segment]) / length[:, None, None]
+    picks = np.array([[i >> 0 & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
+    corners = own[:, picks, np.arange(3)] - np.array(motion.center)  # (steps, 8, 3)
+    sizes = [
+        np.linalg.norm(np.einsum("kij,knj->kni", m, corners), axis=2).max(axis=1)
+        for m in (matrices[:-1, :3, :3], matrices[1:, :3, :3], growth)
+    ]
+    step = np.diff(grid)
+    off = step * step / 8.0 * (rate * rate * np.maximum(sizes[0], sizes[1]) + 2.0 * rate * sizes[2])
+    ends = np.stack([world_boxes(own, m, _ROUNDINGS) for m in (matrices[:-1], matrices[1:])]).astype(np.float64)
+    low, high = ends[:, :, 0].min(axis=0) - off[:, None], ends[:, :, 1].max(axis=0) + off[:, None]
+    result = np.empty((slices, 2, 3))
+    for k in range(slices):
+        a, b = np.searchsorted(grid, (edges[k] - late, edges[k + 1] + late))
+        result[k] = low[a:b].min(axis=0), high[a:b].max(axis=0)
+    return np.stack(
+        [
+            np.nextafter(result[:, 0].astype(np.float32), np.float32(-np.inf)),
+            np.nextafter(result[:, 1].astype(np.float32), np.float32(np.inf)),
+        ],
+        axis=1,
+    )

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.build.alias import make_alias_table
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
 from wrt.build.geometry import upload_triangles
+from wrt.build.layout import Layout, lay_out
 from wrt.build.lights import light_table
 from wrt.build.materials import describe_materials
+from wrt.build.placed import place
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
@@ -50,26 +53,18 @@ def build_scene(scene: Scene, device: Device, *, texture_coordinates: bool = Fal
 
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
-    meshes = [shape.mesh for shape in scene.shapes]
+    layout = lay_out(scene)
     materials = describe_materials(
         [shape.material for shape in scene.shapes], [shape.emission for shape in scene.shapes]
     )
     data = SceneData()
-    _upload_geometry(
-        data, meshes, device.name, textured=materials.textured or materials.tangents or texture_coordinates
-    )
-    data.bvh = build_bvh(data.points, data.indices, device).data
+    textured = materials.textured or materials.tangents or texture_coordinates
+    first_triangles = _upload_geometry(data, layout, device, textured=textured)
     materials.upload(data, device)
-
-    counts = np.array([len(m.faces) for m in meshes])
-    first_triangles = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    data.triangle_shape = wp.array(
-        np.repeat(np.arange(len(meshes), dtype=np.int32), counts), dtype=int, device=device.name
-    )
 
     environment, sky_lights = resolve_environment(scene.environment)
     data.environment, flux = upload_environment(environment, device.name)
-    lights = light_table(scene.shapes, [*scene.lights, *sky_lights], first_triangles, flux)
+    lights = light_table(scene.shapes, [*scene.lights, *sky_lights], layout, first_triangles, flux)
     if lights.weights.sum() > 0.0:
         table = make_alias_table(lights.weights)
         lights.records["probability"] = table.probabilities
@@ -103,26 +98,51 @@ def build_scene(scene: Scene, device: Device, *, texture_coordinates: bool = Fal
         layered=materials.layered,
         tangents=materials.tangents,
         light_shapes=len(lights.shapes) > 0,
+        instances=layout.kind,
     )
     return BuiltScene(data, features)
 
 
-def _upload_geometry(data: Any, meshes: list[Mesh], device: str, *, textured: bool) -> None:
+def _upload_geometry(data: Any, layout: Layout, device: Device, *, textured: bool) -> NDArray[np.int64]:
+    """Upload all meshes, those in the world first, and their trees; return the first triangle of each shape."""
     import warp as wp
 
-    vertex_counts = [len(m.vertices) for m in meshes]
-    data.points, data.indices = upload_triangles(meshes, device)
+    name = device.name
+    world = layout.world_meshes
+    copies = [*world, *(key for shared in layout.shared for key in shared.keys)]
+    # All keys of a mesh have the faces of the first.
+    faces = [*world, *(shared.keys[0] for shared in layout.shared)]
+    bases = np.cumsum([0, *(len(m.vertices) for m in copies)])
+    repeats = np.array([1] * len(world) + [len(shared.keys) for shared in layout.shared])
+    first_vertices = bases[np.cumsum(repeats) - repeats]
+    data.points, data.indices = upload_triangles(copies, faces, first_vertices, name)
 
-    def attribute(name: str, width: int, default: float) -> np.ndarray:
-        arrays = [getattr(m, name) for m in meshes]
+    def attribute(kind: str, width: int, default: float, meshes: list[Mesh]) -> np.ndarray:
+        arrays = [getattr(m, kind) for m in meshes]
         return np.concatenate(
             [
-                np.full((n, width), default, np.float32) if a is None else a
-                for a, n in zip(arrays, vertex_counts, strict=True)
+                np.full((len(m.vertices), width), default, np.float32) if a is None else a
+                for a, m in zip(arrays, meshes, strict=True)
             ]
         )
 
-    data.normals = wp.array(attribute("normals", 3, 0.0), dtype=wp.vec3, device=device)
+    data.normals = wp.array(attribute("normals", 3, 0.0, copies), dtype=wp.vec3, device=name)
     if textured:
-        data.uvs = wp.array(attribute("uvs", 2, 0.0), dtype=wp.vec2, device=device)
-        data.colors = wp.array(attribute("colors", 3, 1.0), dtype=wp.vec3, device=device)
+        data.uvs = wp.array(attribute("uvs", 2, 0.0, copies), dtype=wp.vec2, device=name)
+        data.colors = wp.array(attribute("colors", 3, 1.0, copies), dtype=wp.vec3, device=name)
+
+    counts = np.array([len(m.faces) for m in faces])
+    first_triangles = np.cumsum(counts) - counts
+    shape_numbers = np.array([*layout.world_shapes, *[-1] * len(layout.shared)], np.int32)
+    data.triangle_shape = wp.array(np.repeat(shape_numbers, counts), dtype=int, device=name)
+    tree = None
+    if world:
+        data.bvh = (tree := build_bvh(data.points, data.indices[: 3 * int(counts[: len(world)].sum())], device)).data
+    if layout.instances:
+        pools = list(zip(first_vertices[len(world) :].tolist(), first_triangles[len(world) :].tolist(), strict=True))
+        data.placed = place(layout, pools, tree, data.points, device)
+    of_shapes = np.empty(len(layout.world_shapes) + len(layout.instances), np.int64)
+    of_shapes[layout.world_shapes] = first_triangles[: len(world)]
+    for instance in layout.instances:
+        of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
+    return of_shapes

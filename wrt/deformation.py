@@ -1,0 +1,80 @@
+"""Deformation: where the vertices of a mesh are at each time, from keyframes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.mesh import Mesh
+from wrt.motion import segments
+from wrt.normals import following_normals
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """Vertices at several times, moving on straight lines between them; before and after they stand still.
+
+    Attributes:
+        times: (K,) seconds, ascending; at least one.
+        vertices: (K, N, 3) float32 positions, metres, in the mesh's own space; they take the place of the mesh's.
+        normals: (K, N, 3) float32 shading normals. By default those of the mesh, if it has any, are computed anew for
+            each time, with the creases that it has.
+
+    Raises:
+        InputError: on other shapes, values that are not finite, or times that do not ascend.
+    """
+
+    times: NDArray[np.float64]
+    vertices: NDArray[np.float32] = field(repr=False)
+    normals: NDArray[np.float32] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        times = np.array(self.times, dtype=np.float64)
+        if times.ndim != 1 or len(times) == 0 or not np.isfinite(times).all():
+            raise InputError("deformation times must be finite numbers, at least one")
+        if (np.diff(times.astype(np.float32)) <= 0.0).any():
+            raise InputError(f"deformation times must ascend, each greater than the one before, not {times.tolist()}")
+        object.__setattr__(self, "times", times)
+        for name in ("vertices", "normals"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            with np.errstate(over="ignore"):
+                array = np.array(value, dtype=np.float32)
+            if array.ndim != 3 or array.shape[0] != len(times) or array.shape[2] != 3:
+                raise InputError(f"deformation {name} must be ({len(times)}, N, 3), one set a time, not {array.shape}")
+            if not np.isfinite(array).all():
+                raise InputError(f"deformation {name} must be finite")
+            object.__setattr__(self, name, array)
+        if self.normals is not None and self.normals.shape != self.vertices.shape:
+            raise InputError(
+                f"a deformation of {self.vertices.shape[1]} vertices has {self.normals.shape[1]} normals a time"
+            )
+        self.times.setflags(write=False)
+        self.vertices.setflags(write=False)
+
+    def keys_of(self, mesh: Mesh) -> list[Mesh]:
+        """Return the mesh at each of the times."""
+        normals: list[NDArray[np.float32] | None] = [None] * len(self.times)
+        if self.normals is not None:
+            normals = list(self.normals)
+        elif mesh.normals is not None:
+            normals = [following_normals(mesh, vertices) for vertices in self.vertices]
+        return [
+            Mesh(vertices, mesh.faces, own, mesh.uvs, mesh.colors, mesh.name)
+            for vertices, own in zip(self.vertices, normals, strict=True)
+        ]
+
+    def at(self, time: float, mesh: Mesh) -> Mesh:
+        """Return the mesh as it is at a time, seconds."""
+        first, share = (float(a[0]) for a in segments(self.times, np.array([float(time)])))
+        keys = self.keys_of(mesh)[int(first) : int(first) + 2]
+        arrays = []
+        for name in ("vertices", "normals"):
+            a, b = getattr(keys[0], name), getattr(keys[-1], name)
+            arrays.append(None if a is None else ((1.0 - share) * a.astype(np.float64) + share * b).astype(np.float32))
+        vertices, normals = arrays
+        return Mesh(vertices, mesh.faces, normals, mesh.uvs, mesh.colors, mesh.name)  # type: ignore[arg-type]
