@@ -141,6 +141,15 @@ def chi_square(
     return chi_square_test(sphere_histogram(found["wi"][smooth]), expected, tests=tests, samples=samples)
 
 
+def assert_nothing_goes_through(case: Case, device: str) -> None:
+    """Value and density are zero below the surface."""
+    below = hemisphere(10_000, seed=4) * np.array([1.0, 1.0, -1.0])
+    value, pdf, delta = case.evaluate(viewer(30.0), below, device)
+    assert (value == 0.0).all()
+    assert (pdf == 0.0).all()
+    assert not delta.any()
+
+
 def assert_weights(case: Case, degrees: float, device: str, *, rtol: float = 1e-4) -> None:
     """Every smooth sample's weight is value over density, its pdf is `pdf`, its direction a unit vector."""
     wo = viewer(degrees)
