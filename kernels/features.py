@@ -23,6 +23,8 @@ class Features:
             wholes, or "deforming".
         integrator: what follows a camera ray (see `kernels/integrators.py`).
         light_shapes: whether any light is a spot, a rectangle, a disk, a sphere or a sun with a diameter.
+        clamped: whether paths bring only so much indirect light.
+        regularized: whether surfaces get rougher along a path.
         layers: whether the film has layers (see `kernels/layers.py`).
     """
 
@@ -35,6 +37,8 @@ class Features:
     instances: str = "none"
     integrator: str = "path"
     light_shapes: bool = False
+    clamped: bool = False
+    regularized: bool = False
     layers: bool = False
 
     @property
@@ -46,7 +50,7 @@ class Features:
         parts += [self.instances] * (self.instances != "none")
         parts += [self.integrator] * (self.integrator != "path")
         parts += ["lights"] * self.light_shapes
-        parts += ["layers"] * self.layers
+        parts += ["clamped"] * self.clamped + ["regularized"] * self.regularized + ["layers"] * self.layers
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

@@ -55,6 +55,8 @@ class PathSettings:
     min_attenuation: float  # of ray trees: what is dimmer is not followed
     ambient: wp.vec3  # of ray trees: radiance that all that is not smooth receives from everywhere
     ao_distance: float  # how far ambient occlusion looks
+    clamp_indirect: float  # most radiance per channel that a path brings by more than two segments
+    widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
 
 
 @wp.struct
@@ -99,6 +101,8 @@ def make_trace_path(features: Features) -> wp.Function:
     transmits = any(model_of(name).transmits for name in features.models)
     has_environment = features.environment != "none"
     image_environment = features.environment == "image"
+    clamped = features.clamped
+    regularized = features.regularized
 
     @wp.func
     def environment_seen(
@@ -136,6 +140,9 @@ def make_trace_path(features: Features) -> wp.Function:
         rays = int(0)
         depth = int(0)
         surfaces_passed = int(0)
+        direct = wp.vec3(0.0)  # light of two segments at most, once there may be more
+        indirect = bool(False)
+        scattered = bool(False)  # by what is not smooth
         receiver = Receiver()  # the last vertex from which lights were looked at
         receiver.time = ray.time
         while depth < settings.max_depth:
@@ -199,6 +206,11 @@ def make_trace_path(features: Features) -> wp.Function:
                     radiance += wp.cw_mul(throughput, emission_at(scene, shape, surface)) * weight
             if depth >= settings.max_depth:
                 break
+            if wp.static(clamped):
+                if depth == 2:
+                    direct = radiance
+                    radiance = wp.vec3(0.0)
+                    indirect = True
 
             # Normal
             if wp.static(tangents):
@@ -206,6 +218,9 @@ def make_trace_path(features: Features) -> wp.Function:
                 width = footprint[0] + footprint[1] * (passed + hit.t)
                 surface = apply_normal_map(scene, material, hit, surface, ray.direction, width)
             bsdf = bsdf_at(scene, material, surface)
+            if wp.static(regularized):
+                if scattered:
+                    bsdf.normal_variance = bsdf.normal_variance + wp.vec2(settings.widening)
             wo = to_local(surface.frame, -ray.direction)
 
             # Emitter sampling
@@ -250,6 +265,8 @@ def make_trace_path(features: Features) -> wp.Function:
             throughput = wp.cw_mul(throughput, s.weight)
             eta_scale *= s.eta * s.eta
             last_pdf = s.pdf
+            if wp.static(regularized):
+                scattered = scattered or s.pdf > 0.0
             direction = to_world(surface.frame, s.wi)
             side = wp.where(s.wi[2] > 0.0, 1.0, -1.0)
             if wp.dot(direction, surface.normal) * side <= 0.0:
@@ -269,6 +286,9 @@ def make_trace_path(features: Features) -> wp.Function:
                     break
                 throughput = throughput / survival
 
+        if wp.static(clamped):
+            if indirect:
+                radiance = direct + radiance * wp.min(1.0, settings.clamp_indirect / wp.max(wp.max(radiance), 1.0e-30))
         result = PathResult()
         result.radiance = radiance
         result.rays = rays

@@ -50,7 +50,7 @@ FEATURES = [
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(Features(("conductor", "dielectric"), True, "image", True, True, integrator=name) for name in INTEGRATORS),
-    Features(("dielectric", "diffuse"), True, "image", True, True, layers=True),
+    Features(("dielectric", "diffuse"), True, "image", True, True, clamped=True, regularized=True, layers=True),
     # Each distribution of normals, and each masking with one of them.
     *(
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")

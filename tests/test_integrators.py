@@ -34,9 +34,9 @@ def room() -> wrt.Scene:
 
 def test_every_name_has_a_kernel_and_no_other() -> None:
     features = wrt.Renderer(room(), width=1, height=1)._built.features
-    needed = {integrator_features(features, name).integrator for name in INTEGRATORS}
+    needed = {integrator_features(features, name, wrt.RenderSettings()).integrator for name in INTEGRATORS}
     assert needed == set(DEVICE_INTEGRATORS)
-    assert integrator_features(features, "path") == features
+    assert integrator_features(features, "path", wrt.RenderSettings()) == features
 
 
 def test_the_scene_or_the_caller_chooses(tmp_path: Path) -> None:

@@ -156,6 +156,8 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     add("--sampler", metavar="NAME", help="independent, stratified, sobol or blue-noise (default: the scene's own)")
     add("--integrator", metavar="NAME", help="path, direct, whitted, ao or aov (default: the scene's own)")
     add("--layers", metavar="NAMES", help="write these too, to .exr: albedo,normal,depth and others (see the docs)")
+    add("--clamp-indirect", metavar="RADIANCE", type=_positive, help="most indirect light of one path; biased")
+    add("--regularization", metavar="ALPHA", type=_finite, help="roughness that surfaces gain along a path; biased")
     add("--exposure", metavar="STOPS", type=_finite, help="factors of two by which a PNG is brightened")
     add("--checkpoint", metavar="FILE", help="save the render there, to go on with later")
     add("--resume", action="store_true", help="go on from the checkpoint if there is one")
@@ -329,6 +331,8 @@ def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path |
         crop=options.crop,
         sampler=options.sampler,
         integrator=options.integrator,
+        clamp_indirect=options.clamp_indirect,
+        regularization=options.regularization,
         layers=None if options.layers is None else layer_names(options.layers),
     )
     if options.resume and checkpoint is not None:

@@ -42,6 +42,8 @@ SETTINGS_OF_PICTURE = (
     "min_attenuation",
     "ao_distance",
     "layers",
+    "clamp_indirect",
+    "regularization",
 )
 """What of `RenderSettings` changes a picture: checkpoints tell it."""
 
@@ -101,6 +103,8 @@ class Renderer:
         min_attenuation: float | None = None,
         ao_distance: float | None = None,
         layers: Sequence[str] | None = None,
+        clamp_indirect: float | None = None,
+        regularization: float | None = None,
     ) -> None:
         """Build a scene for a device and compile its kernel.
 
@@ -122,6 +126,8 @@ class Renderer:
             min_attenuation: of integrator "whitted".
             ao_distance: of integrator "ao", metres.
             layers: names of `wrt.layers.LAYERS` to render beside the light, for `layers`.
+            clamp_indirect: of integrator "path", biased: most indirect radiance that a path brings.
+            regularization: of integrator "path", biased: roughness that surfaces gain along a path.
 
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
@@ -137,6 +143,8 @@ class Renderer:
             "min_attenuation": min_attenuation,
             "ao_distance": ao_distance,
             "layers": layers,
+            "clamp_indirect": clamp_indirect,
+            "regularization": regularization,
         }
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
@@ -176,7 +184,7 @@ class Renderer:
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
         features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
-        kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings.layers))
+        kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings))
         seconds = self.device.compile(kernel)
         return (
             seconds,

@@ -133,6 +133,10 @@ class RenderSettings:
         min_attenuation: integrator "whitted" follows no ray that counts for less than this share.
         ao_distance: how far integrator "ao" looks for what blocks the sky, metres; None is without limit.
         layers: names of `wrt.layers.LAYERS` to render beside the light.
+        clamp_indirect: most indirect radiance per channel that one path brings, W·sr⁻¹·m⁻²; None is without limit.
+            Biased: what is cut off is lost.
+        regularization: roughness that rough surfaces gain, √(α² + r²), once a path was scattered by anything that is
+            not smooth, 0 to 1. Biased: what such surfaces show of one another is blurred.
     """
 
     width: int = 768
@@ -147,6 +151,8 @@ class RenderSettings:
     min_attenuation: float = 0.005
     ao_distance: float | None = None
     layers: tuple[str, ...] = ()
+    clamp_indirect: float | None = None
+    regularization: float = 0.0
 
     def __post_init__(self) -> None:
         self.width = integer(self.width, "width", minimum=1, maximum=65536)
@@ -164,6 +170,9 @@ class RenderSettings:
         if self.ao_distance is not None:
             self.ao_distance = number(self.ao_distance, "ao_distance", above=0.0)
         self.layers = layer_names(self.layers)
+        if self.clamp_indirect is not None:
+            self.clamp_indirect = number(self.clamp_indirect, "clamp_indirect", above=0.0, maximum=FLOAT32_MAX)
+        self.regularization = number(self.regularization, "regularization", minimum=0.0, maximum=1.0)
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
 

@@ -45,13 +45,16 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     return name
 
 
-def integrator_features(features: Features, integrator: str, layers: tuple[str, ...] = ()) -> Features:
+def integrator_features(features: Features, integrator: str, settings: RenderSettings) -> Features:
     """Return what the kernel of a scene with `features` contains: less where the integrator does not ask for it."""
-    if layers:
+    if settings.layers:
         features = dataclasses.replace(features, layers=True)
-    if integrator in ("path", "direct"):
+    if integrator == "direct":
         return features
-    if integrator in WITHOUT_LIGHT and "albedo" not in layers:
+    if integrator == "path":
+        clamped, regularized = settings.clamp_indirect is not None, settings.regularization > 0.0
+        return dataclasses.replace(features, clamped=clamped, regularized=regularized)
+    if integrator in WITHOUT_LIGHT and "albedo" not in settings.layers:
         features = dataclasses.replace(features, models=())
     if integrator in WITHOUT_LIGHT:
         features = dataclasses.replace(features, environment="none", light_shapes=False)
@@ -70,6 +73,8 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
     path.min_attenuation = settings.min_attenuation
     path.ambient = wp.vec3(*mean_radiance(scene))
     path.ao_distance = INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance
+    path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
+    path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
     return path
 
 
