@@ -1,4 +1,4 @@
-"""The command line: ``wrt render``, ``wrt scenes`` and ``wrt materials``.
+"""The command line: ``wrt render``, ``wrt info``, ``wrt scenes`` and ``wrt materials``.
 
 Exit status: 0 when done; 1 when a file could not be written or memory ran out; 2 when something
 given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended a render. What goes wrong is said in
@@ -42,6 +42,7 @@ examples:
   wrt render teapot.ply --spp 256 -o teapot.exr
   wrt render room.toml --time 60 --size 1280x720
   wrt render room.toml --spp 4096 --checkpoint room.ckpt --resume
+  wrt info robot.glb
 """
 
 
@@ -127,6 +128,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     materials.add_argument("name", metavar="NAME", nargs="?", help="explain this one, such as diffuse")
     materials.set_defaults(run=_materials)
+
+    info = commands.add_parser(
+        "info",
+        help="tell what is in a scene or a mesh file",
+        description="Tell what is in a scene or a mesh file: shapes, materials, textures, lights, camera.",
+        allow_abbrev=False,
+    )
+    info.add_argument("source", metavar="SCENE", help="as for wrt render")
+    info.set_defaults(run=_info)
 
     render = commands.add_parser(
         "render",
@@ -237,6 +247,20 @@ def _materials(options: argparse.Namespace) -> int:
     return 0
 
 
+def _info(options: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from wrt.api import load
+    from wrt.describe_scene import scene_text
+    from wrt.formats.meshes import MESH_SUFFIXES, load_file
+
+    with _short_warnings(lambda line: print(line, file=sys.stderr)):
+        # Of a mesh file, what is in it, and not the studio around it.
+        alone = Path(options.source).suffix.lower() in MESH_SUFFIXES
+        print(scene_text(load_file(options.source) if alone else load(options.source)))
+    return 0
+
+
 def _render(options: argparse.Namespace) -> int:
     from wrt.interrupts import Interrupts
 
@@ -254,7 +278,10 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
     from wrt.progress import ProgressBar
 
     output, checkpoint = _check_paths(options)
-    with ProgressBar(output.stem, time_limit=options.time, wanted=not options.quiet) as bar, _short_warnings(bar):
+    with (
+        ProgressBar(output.stem, time_limit=options.time, wanted=not options.quiet) as bar,
+        _short_warnings(bar.message),
+    ):
         from wrt.api import load
         from wrt.output import check_layers, save_render
 
@@ -357,13 +384,13 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _short_warnings(bar: ProgressBar) -> Iterator[None]:
+def _short_warnings(show_line: Callable[[str], None]) -> Iterator[None]:
     """Within the context, show warnings meant for users in one line each, and no others."""
     import warnings
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, UserWarning):
-            bar.message("wrt: warning: " + " ".join(str(message).split("\n")))
+            show_line("wrt: warning: " + " ".join(str(message).split("\n")))
 
     with warnings.catch_warnings():
         warnings.showwarning = show
