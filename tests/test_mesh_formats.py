@@ -12,7 +12,7 @@ from support.meshes import SQUARE, area, area_vector, gltf_box, triangles, write
 
 import wrt
 from wrt.formats.images import linear_from_srgb, save_image
-from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_mesh, load_shapes
+from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_file, load_mesh, load_shapes
 from wrt.formats.polygons import split_strips, triangulate
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
@@ -334,6 +334,36 @@ def test_gltf_agrees_with_trimesh_objects(name):
         if name == "Duck.glb":  # the other's are those trimesh would compute, which are not kept
             np.testing.assert_allclose(a.mesh.normals[a.mesh.faces], b.mesh.normals[b.mesh.faces], atol=1e-4)
         np.testing.assert_array_equal(a.material.base_color.pixels, b.material.reflectance.pixels)
+
+
+def test_what_stands_in_several_places_is_there_once(tmp_path):
+    import trimesh
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    tree = gltf_box(points, np.array([[0, 1, 2]]))
+    tree["nodes"] = [
+        {"mesh": 0, "translation": [5, 0, 0]},
+        {"children": [0, 2], "scale": [2, 2, 2]},
+        {"mesh": 0, "scale": [-1, 1, 1]},
+    ]
+    file = load_file(write(tmp_path, "two.gltf", json.dumps(tree)))
+    scene = trimesh.Scene()
+    mesh = trimesh.Trimesh(points, [[0, 1, 2]], process=False)
+    matrices = [np.diag([2.0, 2.0, 2.0, 1.0]) for _ in range(2)]
+    matrices[0][0, 3], matrices[1][0, 0] = 10.0, -2.0
+    for name, matrix in zip("ab", matrices, strict=True):
+        scene.add_geometry(mesh, geom_name="m", node_name=name, transform=matrix)
+    for first, second in (file.shapes, from_trimesh(scene)):
+        assert first.mesh is second.mesh
+        np.testing.assert_allclose(first.transform, matrices[0])
+        np.testing.assert_allclose(second.transform, matrices[1])
+        np.testing.assert_allclose(first.bounds, [[10, 0, 0], [12, 2, 0]])
+    presented = wrt.load(tmp_path / "two.gltf", up="z")
+    assert presented.shapes[0].mesh is presented.shapes[1].mesh
+    np.testing.assert_allclose(presented.shapes[0].bounds, [[10, 0, -2], [12, 0, 0]], atol=1e-6)
+    # One mesh of all, and shapes without transforms, for those who want no more.
+    assert load_mesh(tmp_path / "two.gltf").bounds.tolist() == [[-2, 0, 0], [12, 2, 0]]
+    assert all(shape.transform is None for shape in load_shapes(tmp_path / "two.gltf"))
 
 
 # Polygons -----------------------------------------------------------------------------------------

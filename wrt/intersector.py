@@ -295,4 +295,4 @@ def _meshes(source: Any) -> list[Any]:
         return [shape.mesh_at(time) for shape in source.shapes]
     from wrt.formats.meshes import from_trimesh
 
-    return [shape.mesh for shape in from_trimesh(source)]
+    return [shape.mesh_at(0.0) for shape in from_trimesh(source)]

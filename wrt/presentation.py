@@ -12,6 +12,7 @@ from wrt.errors import InputError
 from wrt.framing import frame_camera
 from wrt.materials import Diffuse
 from wrt.mesh import Mesh
+from wrt.motion import rotation_matrix
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.shapes import quad
 
@@ -47,9 +48,9 @@ def present(shapes: list[Shape], *, up: str = "y") -> Scene:
         raise InputError("there is nothing to show: no shapes")
     axis, degrees = _UP_ROTATIONS[up]
     if degrees:
-        shapes = [
-            Shape(s.mesh.rotated(axis, degrees), s.material, s.emission, s.two_sided_emission, s.name) for s in shapes
-        ]
+        turn = np.eye(4)
+        turn[:3, :3] = rotation_matrix(axis, degrees)
+        shapes = [shape.moved(turn) for shape in shapes]
     scene = Scene(shapes=list(shapes), settings=dataclasses.replace(SETTINGS))
     low, high = scene.bounds
     size = float(np.linalg.norm(high - low))
@@ -58,7 +59,7 @@ def present(shapes: list[Shape], *, up: str = "y") -> Scene:
     floor = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
     center = 0.5 * (low + high)
 
-    points = np.concatenate([shape.mesh.vertices for shape in scene.shapes])
+    points = np.concatenate([shape.outline for shape in scene.shapes])
     scene.camera = frame_camera(points, SETTINGS.width / SETTINGS.height, fov_degrees=24.0, margin=1.3)
     scene.environment = ConstantEnvironment(FILL_RADIANCE)
     scene.add(_sweep(floor, size), material=Diffuse(GROUND_REFLECTANCE), name="ground")

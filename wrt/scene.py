@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,6 +88,15 @@ class Shape:
         """Return the mesh in the world at a time, seconds."""
         mesh = self.mesh if self.deformation is None else self.deformation.at(time, self.mesh)
         return mesh if self.transform is None else mesh.transformed(self.transform_at(time))
+
+    def moved(self, matrix: NDArray[np.float64]) -> Shape:
+        """Return the shape moved by a (4, 4) affine matrix: its mesh, or its transform where it has one."""
+        if isinstance(self.transform, Motion):
+            motion = Motion(self.transform.times, matrix @ self.transform.transforms, self.transform.center)
+            return replace(self, transform=motion)
+        if self.transform is not None or self.deformation is not None:
+            return replace(self, transform=matrix @ self.transform_at(0.0))
+        return replace(self, mesh=self.mesh.transformed(matrix))
 
     @property
     def bounds(self) -> NDArray[np.float64]:

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line
 from wrt.formats.gltf_images import IMAGE_KEYS, GltfImages, Tree
 from wrt.formats.gltf_materials import GltfMaterials, texture_references
 from wrt.formats.gltf_scene import cameras_of, lights_of
-from wrt.formats.parts import Contents, Part, moved, warn
+from wrt.formats.parts import Contents, Part, placed, warn
 from wrt.formats.trimesh_files import load, part_of
 
 # Extensions a file may require that change nothing which is taken here, or that are known.
@@ -125,21 +126,16 @@ def _binary_chunk(rest: bytes) -> bytes:
 
 def _parts(path: Path, loaded: Tree, materials: GltfMaterials) -> list[Part]:
     world = {loaded["base_frame"]: np.eye(4)}
-    made: dict[str, Part | None] = {}
-    parts = []
+    places: dict[str, list[NDArray[np.float64]]] = {}
     for edge in loaded["graph"]:  # parents come before children
         if edge["frame_to"] in world:
             raise InputError(f"{path}: the nodes form a circle, or share a child")
         world[edge["frame_to"]] = matrix = world[edge["frame_from"]] @ edge["matrix"]
-        name = edge.get("geometry")
-        if name is None:
-            continue
-        if name not in made:
-            made[name] = _part(path, str(name), loaded["geometry"][name], materials)
-        part = made[name]
-        if part is not None:
-            parts.append(moved(part, matrix))
-    return parts[::-1]  # trimesh takes the last child first
+        if edge.get("geometry") is not None:
+            places.setdefault(edge["geometry"], []).append(matrix)
+    made = {name: _part(path, str(name), loaded["geometry"][name], materials) for name in places}
+    # trimesh takes the last child first.
+    return [placed(part, places[name][::-1]) for name, part in reversed(made.items()) if part is not None]
 
 
 def _part(path: Path, name: str, fields: Any, materials: GltfMaterials) -> Part | None:

@@ -7,6 +7,7 @@ either, and most do not say.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from wrt.errors import InputError
 from wrt.files import PathLike, first_line, require_file
 from wrt.formats.gltf import read_gltf
 from wrt.formats.obj import read_obj
-from wrt.formats.parts import DEFAULT_REFLECTANCE, Contents, InputWarning, Part, merge, moved, to_shapes, warn
+from wrt.formats.parts import DEFAULT_REFLECTANCE, Contents, InputWarning, Part, merge, placed, to_shapes, warn
 from wrt.formats.ply import read_ply
 from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
 from wrt.mesh import Mesh
@@ -101,12 +102,18 @@ def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
 
 def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
-    """Read a file as one shape for each of its parts; see `load_file`."""
-    return load_file(path, smooth_degrees=smooth_degrees).shapes
+    """Read a file as one shape for each of its parts, in world space; see `load_file`."""
+    shapes = load_file(path, smooth_degrees=smooth_degrees).shapes
+    return [
+        shape if shape.transform is None else replace(shape, mesh=shape.mesh_at(0.0), transform=None)
+        for shape in shapes
+    ]
 
 
 def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
+
+    What stands in several places are shapes that share a mesh, each with a transform.
 
     What a surface reflects is the file's texture, its vertex or face colours, its constant, or
     DEFAULT_REFLECTANCE, whichever it has first. A texture or material file that is missing is
@@ -135,7 +142,9 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
-    """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`, moved into world space.
+    """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`.
+
+    What stands in several places are shapes that share a mesh, each with a transform; all else lies in world space.
 
     Normals that someone gave the mesh are kept; the ones trimesh computes by itself are not, as
     they round every edge off.
@@ -152,12 +161,12 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) 
     if isinstance(source, trimesh.Trimesh):
         parts = [_trimesh_part("trimesh", source)]
     elif isinstance(source, trimesh.Scene):
-        parts = []
+        places: dict[str, list[NDArray[np.float64]]] = {}
         for node in source.graph.nodes_geometry:
             matrix, name = source.graph[node]
             if isinstance(source.geometry[name], trimesh.Trimesh):
-                part = _trimesh_part(str(node), source.geometry[name])
-                parts.append(moved(part, np.asarray(matrix, np.float64)))
+                places.setdefault(name, []).append(np.asarray(matrix, np.float64))
+        parts = [placed(_trimesh_part(str(name), source.geometry[name]), found) for name, found in places.items()]
     else:
         raise InputError(f"expected a trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}")
     return to_shapes("trimesh", parts, smooth_degrees)

@@ -49,6 +49,7 @@ class Part:
         face_colors: (M, 3) or None, like `colors`.
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
         material: all that the file says, where it says more than a reflectance; it fits `uvs` and `colors`.
+        places: (4, 4) matrices of where it stands, if in several places; else it lies in world space.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Part:
     face_colors: FloatArray | None = None
     reflectance: ColorSource | None = None
     material: Material | None = None
+    places: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 @dataclass
@@ -94,8 +96,17 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
         raise InputError(f"{path}: no triangles in it; there is nothing to render")
     meshes = [_mesh(path, part) for part in repaired]
     if crease_degrees is not None:
-        meshes = _smooth(meshes, crease_degrees)
-    return [_shape(part, mesh) for part, mesh in zip(repaired, meshes, strict=True)]
+        meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
+    shapes = []
+    for part, mesh in zip(repaired, meshes, strict=True):
+        shape = _shape(part, mesh)
+        shapes += [replace(shape, transform=place) for place in part.places] or [shape]
+    return shapes
+
+
+def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:
+    """Return a part as it stands in one place or in several, which is no reason to have it in memory several times."""
+    return moved(part, places[0]) if len(places) == 1 else replace(part, places=places)
 
 
 def merge(meshes: list[Mesh], name: str) -> Mesh:
@@ -216,10 +227,13 @@ def _mesh(path: str, part: Part) -> Mesh:
     return Mesh(vertices, faces, normals, pick(part.uvs), colors, f"{Path(path).name}: {part.name}")
 
 
-def _smooth(meshes: list[Mesh], crease_degrees: float) -> list[Mesh]:
-    """Give every mesh normals; the ones without are smoothed together, so no seam shows between materials."""
-    bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None]
-    result = [mesh if mesh.normals is None else with_normals(mesh, crease_degrees) for mesh in meshes]
+def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[Mesh]:
+    """Give every mesh normals; the ones without are smoothed together, so no seam shows between materials.
+
+    Those numbered in `alone` lie in other spaces and have no seams with the rest.
+    """
+    bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None and i not in alone]
+    result = [mesh if i in bare else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
     if not bare:
         return result
     whole = with_normals(merge([meshes[i] for i in bare], "mesh"), crease_degrees)
