@@ -351,8 +351,8 @@ def test_what_stands_in_several_places_is_there_once(tmp_path):
     mesh = trimesh.Trimesh(points, [[0, 1, 2]], process=False)
     matrices = [np.diag([2.0, 2.0, 2.0, 1.0]) for _ in range(2)]
     matrices[0][0, 3], matrices[1][0, 0] = 10.0, -2.0
-    for name, matrix in zip("ab", matrices, strict=True):
-        scene.add_geometry(mesh, geom_name="m", node_name=name, transform=matrix)
+    scene.add_geometry(mesh, geom_name="m", transform=matrices[0])
+    scene.graph.update(frame_to="another", matrix=matrices[1], geometry="m")
     for first, second in (file.shapes, from_trimesh(scene)):
         assert first.mesh is second.mesh
         np.testing.assert_allclose(first.transform, matrices[0])
