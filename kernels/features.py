@@ -22,6 +22,7 @@ class Features:
         instances: "none" where all triangles lie in one tree, else what instances do at most: "still", "moving" as
             wholes, or "deforming".
         integrator: what follows a camera ray (see `kernels/integrators.py`).
+        light_tree: whether lights are chosen by a tree over them, not by power alone.
         light_shapes: whether any light is a spot, a rectangle, a disk, a sphere or a sun with a diameter.
         clamped: whether paths bring only so much indirect light.
         regularized: whether surfaces get rougher along a path.
@@ -40,6 +41,7 @@ class Features:
     clamped: bool = False
     regularized: bool = False
     layers: bool = False
+    light_tree: bool = False
 
     @property
     def name(self) -> str:
@@ -51,6 +53,7 @@ class Features:
         parts += [self.integrator] * (self.integrator != "path")
         parts += ["lights"] * self.light_shapes
         parts += ["clamped"] * self.clamped + ["regularized"] * self.regularized + ["layers"] * self.layers
+        parts += ["tree"] * self.light_tree
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

@@ -19,15 +19,22 @@ class Ray:
     time: float
 
 
+# From where light can come to a point.
+RECEIVES_ANYWHERE = wp.constant(0)  # a point in a medium, which has no normal
+RECEIVES_FRONT = wp.constant(1)  # the side of the normal alone
+RECEIVES_BOTH = wp.constant(2)  # either side
+
+
 @wp.struct
 class Receiver:
-    """From where lights are looked at: a point, the surface's geometric normal there, and when.
+    """From where lights are looked at: a point, the shading normal there, and when.
 
-    `normal` is zero in a medium, where light arrives from everywhere.
+    `receives` says from which side of the normal light counts; in a medium there is none.
     """
 
     position: wp.vec3
     normal: wp.vec3
+    receives: int  # one of the constants above
     time: float
 
 

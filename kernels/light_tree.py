@@ -8,6 +8,7 @@ at the point for any light of the group. Nodes have eight children (`wrt/build/l
 
 import warp as wp
 
+from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_BOTH
 from wrt.kernels.simd import VECTOR_CODE
 
 NO_LIGHT = wp.constant(-1)
@@ -16,11 +17,6 @@ FAR_LIGHT = wp.constant(-2)
 # Between lights that are somewhere and those infinitely far away a point chooses by what irradiance each could give
 # it. What is in the way is not known, so each gets at least this.
 _LEAST_SHARE = "0.2"
-
-# What is known of the surface at the point that is lit.
-RECEIVES_ANYWHERE = wp.constant(0)  # nothing: a point in a medium
-RECEIVES_FRONT = wp.constant(1)  # light comes from the side of the normal alone
-RECEIVES_BOTH = wp.constant(2)  # from either side
 
 
 @wp.struct
@@ -39,7 +35,7 @@ class LightTree:
 
 
 @wp.struct
-class LightChoice:
+class TreeChoice:
     """A light, FAR_LIGHT for any that is not in the tree, or NO_LIGHT, and the probability of the choice.
 
     `rest` and `more` are what is left of the numbers that chose: uniform in [0, 1), `more` with the further digits.
@@ -81,9 +77,9 @@ _WEIGH = """
     // Inside the sphere any direction is possible.
     V importance = WHERE(center2 <= radius2, (V)1.0f, WHERE(cos_emitted > ROW(11), cos_emitted, (V)0.0f));
     importance = WHERE((depth + ROW(13)) * inverse_mean < -3e-3f, (V)0.0f, importance);
-    if (receives != 0) {
+    if (receives != RECEIVES_ANYWHERE) {
         V height = dx * normal[0] + dy * normal[1] + dz * normal[2];
-        if (receives == 2) height = SIZE(height);
+        if (receives == RECEIVES_BOTH) height = SIZE(height);
         const V above = ROW(3) * fabsf(normal[0]) + ROW(4) * fabsf(normal[1]) + ROW(5) * fabsf(normal[2]);
         const V cos_i = LEAST(height * inverse, (V)1.0f), sin_i = ROOT(MOST(1.0f - cos_i * cos_i, (V)0.0f));
         V cos_received = WHERE(cos_i > cos_u, (V)1.0f, cos_i * cos_u + sin_i * sin_u);
@@ -265,6 +261,9 @@ def _native(code: str) -> str:
     code = code.replace(
         "AS_FLOAT(probability)", "(probability > 0.0 && probability < 1e-37 ? 1e-37f : (float)probability)"
     )
+    code = code.replace("RECEIVES_ANYWHERE", str(int(RECEIVES_ANYWHERE))).replace(
+        "RECEIVES_BOTH", str(int(RECEIVES_BOTH))
+    )
     return code.replace("BELOW_ONE", "0.999999999999")
 
 
@@ -285,7 +284,7 @@ def far_light_probability(tree: LightTree, position: wp.vec3, normal: wp.vec3, r
 
 
 @wp.func
-def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> LightChoice:
+def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> TreeChoice:
     """Return a light for the point `position`, chosen by one random number, whose lower bits are `u[1]`.
 
     Args:
@@ -296,7 +295,7 @@ def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, recei
         u: two numbers in [0, 1) of 24 bits.
     """
     found = _sample(tree, position, normal, receives, u)
-    choice = LightChoice()
+    choice = TreeChoice()
     choice.light = wp.cast(found[0], wp.int32)
     choice.probability = found[1]
     choice.rest = found[2]

@@ -1,7 +1,7 @@
 """Sampling the lights for next-event estimation: choosing one, then a way to a point of it.
 
-The two are kept apart. `choose_light` and `choice_probability` know nothing of what a light is; the functions by kind
-know nothing of how often it is chosen.
+The two are kept apart. `kernels/light_choice.py` knows nothing of what a light is; the functions by kind, here, know
+nothing of how often it is chosen.
 """
 
 import functools
@@ -14,7 +14,9 @@ from wrt.kernels.environment import image_pdf, image_radiance, sample_image
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Receiver
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT
+from wrt.kernels.light_choice import make_light_choice
 from wrt.kernels.light_shapes import hit_number, spot_factor
+from wrt.kernels.light_tree import NO_LIGHT
 from wrt.kernels.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -44,7 +46,7 @@ from wrt.kernels.solid_angle import (
 from wrt.kernels.surface import Surface, add_texture_coordinates
 from wrt.kernels.textures import slot_color
 from wrt.kernels.triangles import Triangle, leave_surface, make_triangle_of
-from wrt.kernels.warps import sample_alias, square_to_triangle
+from wrt.kernels.warps import square_to_triangle
 
 
 @wp.struct
@@ -63,39 +65,6 @@ class LightSample:
     pdf: float
     delta: bool
     point: Hit
-
-
-# --- Choosing a light ------------------------------------------------------------------------------
-
-
-@wp.struct
-class LightChoice:
-    """A light's number, the probability with which it was chosen, and two numbers left for a point on it."""
-
-    light: int
-    probability: float
-    u: wp.vec2
-
-
-@wp.func
-def choose_light(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightChoice:
-    """Return a light, by the share that `choice_probability` says.
-
-    u[2] chooses the light, and what it leaves is the first coordinate of the point on it: so the points on a light of
-    two triangles are as evenly spread as the pair u[2], u[3] is. u[0] has further digits of u[2].
-    """
-    drawn = sample_alias(scene.light_thresholds, scene.light_aliases, u[2], u[0])
-    choice = LightChoice()
-    choice.light = drawn.index
-    choice.probability = scene.lights[choice.light].probability
-    choice.u = wp.vec2(drawn.rest, u[3])
-    return choice
-
-
-@wp.func
-def choice_probability(scene: SceneData, receiver: Receiver, light: int) -> float:
-    """Return the probability that `choose_light` chooses a light when it is asked at `receiver`."""
-    return scene.lights[light].probability
 
 
 # --- Triangles -------------------------------------------------------------------------------------
@@ -220,24 +189,31 @@ class Lights(NamedTuple):
         sample_light: (scene, receiver, u vec4, u_environment vec4) -> LightSample: chooses a light and a way to it.
         sample_one_light: (scene, number, probability, receiver, u vec2, u_environment vec4) -> LightSample: a way to
             this light, which was chosen with that probability.
+        choice_probability: (scene, receiver, light) -> the probability with which sample_light chooses this light.
+        environment_light_pdf: (scene, receiver, direction) -> the density with which sample_light draws a direction for
+            the environment's image.
         emission_at: (scene, shape record, surface) -> radiance of a triangle's surface, texture coordinates included.
     """
 
     sample_light: wp.Function
     sample_one_light: wp.Function
+    choice_probability: wp.Function
+    environment_light_pdf: wp.Function
     emission_at: wp.Function
 
 
 @functools.cache
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
-    return _make_lights(features.textured, features.light_shapes, features.instances)
+    return _make_lights(features.textured, features.light_shapes, features.instances, features.light_tree)
 
 
 @functools.cache
-def _make_lights(textured: bool, light_shapes: bool, instances: str) -> Lights:
+def _make_lights(textured: bool, light_shapes: bool, instances: str, light_tree: bool) -> Lights:
+    choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(instances)
-    name = f"{'textured' if textured else 'plain'}{'_shapes' if light_shapes else ''}_{instances}"
+    parts = ["textured" if textured else "plain", *["shapes"] * light_shapes, instances, *["tree"] * light_tree]
+    name = "_".join(parts)
 
     @wp.func(name=f"emission_at_{name}")
     def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
@@ -309,18 +285,18 @@ def _make_lights(textured: bool, light_shapes: bool, instances: str) -> Lights:
     @wp.func(name=f"sample_light_{name}")
     def sample_light(scene: SceneData, receiver: Receiver, u: wp.vec4, u_environment: wp.vec4) -> LightSample:
         choice = choose_light(scene, receiver, u)
+        if wp.static(light_tree):
+            if choice.light == NO_LIGHT:
+                nothing = LightSample()
+                nothing.point.triangle = NO_HIT
+                return nothing
         return sample_one_light(scene, choice.light, choice.probability, receiver, choice.u, u_environment)
 
-    return Lights(sample_light, sample_one_light, emission_at)
+    @wp.func(name=f"environment_light_pdf_{name}")
+    def environment_light_pdf(scene: SceneData, receiver: Receiver, direction: wp.vec3) -> float:
+        if scene.environment.light < 0:
+            return 0.0
+        probability = choice_probability(scene, receiver, scene.environment.light)
+        return image_pdf(scene.environment, direction) * probability
 
-
-# --- Light that rays run into ----------------------------------------------------------------------
-
-
-@wp.func
-def environment_light_pdf(scene: SceneData, receiver: Receiver, direction: wp.vec3) -> float:
-    """Return the density with which `sample_light` draws a direction for the environment's image."""
-    if scene.environment.light < 0:
-        return 0.0
-    probability = choice_probability(scene, receiver, scene.environment.light)
-    return image_pdf(scene.environment, direction) * probability
+    return Lights(sample_light, sample_one_light, choice_probability, environment_light_pdf, emission_at)

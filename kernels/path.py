@@ -10,12 +10,10 @@ import warp as wp
 from wrt.kernels.bsdf import make_bsdf, model_of
 from wrt.kernels.environment import image_radiance
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import Ray, Receiver, to_local, to_world
+from wrt.kernels.geometry import RECEIVES_BOTH, RECEIVES_FRONT, Ray, Receiver, to_local, to_world
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
 from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
 from wrt.kernels.lights import (
-    choice_probability,
-    environment_light_pdf,
     hit_triangle_pdf,
     light_shape_pdf,
     make_lights,
@@ -87,10 +85,10 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
 @functools.cache
 def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
-    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
+    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta, bsdf_transmits = make_bsdf(features.models)
     bsdf_at = make_bsdf_at(features)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
-    sample_light, _, emission_at = make_lights(features)
+    sample_light, _, choice_probability, environment_light_pdf, emission_at = make_lights(features)
     visibility = make_visibility(features)
     sample_4d = make_sample_4d(features.sampler)
     surface_at = make_surface_at(features.instances)
@@ -227,7 +225,11 @@ def make_trace_path(features: Features) -> wp.Function:
             if scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf):
                 leave = leave_surface(surface.position, surface.normal, surface.slack)
                 receiver.position = leave
-                receiver.normal = surface.normal
+                receiver.normal = surface.frame.n
+                receiver.receives = RECEIVES_FRONT
+                if wp.static(transmits):
+                    if bsdf_transmits(bsdf):
+                        receiver.receives = RECEIVES_BOTH
                 u_environment = wp.vec4()
                 if wp.static(image_environment):
                     u_environment = sample_4d(sampler, vertex_block(depth, BLOCK_ENVIRONMENT))

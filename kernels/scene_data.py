@@ -4,6 +4,7 @@ import warp as wp
 
 from wrt.kernels.bvh import Bvh
 from wrt.kernels.instances import InstanceTree
+from wrt.kernels.light_tree import LightTree
 
 # How an image goes on beyond its edges.
 WRAP_REPEAT = wp.constant(0)
@@ -193,6 +194,7 @@ class SceneData:
     lights: wp.array(dtype=LightRecord)
     light_thresholds: wp.array(dtype=float)
     light_aliases: wp.array(dtype=int)
+    light_tree: LightTree  # where Features.light_tree; the table above then has the lights that are far away
     light_shapes: wp.array(dtype=LightShape)  # first those that rays can hit, then suns, then spots
     solid_light_shapes: int
     sun_light_shapes: int  # number of the first that is no sun

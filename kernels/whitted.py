@@ -63,7 +63,7 @@ _counts = wp.types.vector(length=32, dtype=int)
 @functools.cache
 def make_direct_light(features: Features) -> wp.Function:
     """Return the device function (scene, surface, bsdf, wo, time, settings) -> PathResult: without smooth lobes."""
-    bsdf_evaluate, _, bsdf_sample, bsdf_is_delta = make_bsdf(features.models)
+    bsdf_evaluate, _, bsdf_sample, bsdf_is_delta, _ = make_bsdf(features.models)
     visibility = make_visibility(features)
     sample_one_light = make_lights(features).sample_one_light
     transmits = any(model_of(name).transmits for name in features.models)

@@ -182,7 +182,7 @@ def test_share_of_reflected_light(name: str, device: str, report: Report) -> Non
 
 
 def test_a_model_that_the_kernel_lacks_is_black(device: str) -> None:
-    evaluate, pdf, _, is_delta = make_bsdf(("mirror",))
+    evaluate, pdf, _, is_delta, _ = make_bsdf(("mirror",))
 
     @wp.kernel(enable_backward=False, module="unique")
     def ask(bsdf: Bsdf, wo: wp.vec3, out: wp.array(dtype=float)):

@@ -35,6 +35,7 @@ FACTORIES = {("wrt.kernels.render", "make_render_kernel")} | {(f.__module__, f._
 FEATURES = [
     Features(("diffuse",), False, "none"),
     Features(("conductor", "dielectric"), False, "constant"),
+    Features(("conductor", "dielectric"), False, "image", light_tree=True),
     Features(("diffuse",), False, "none", instances="still"),
     Features(("diffuse",), False, "none", instances="moving"),
     Features(("diffuse",), False, "none", instances="deforming"),

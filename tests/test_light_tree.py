@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 import warp as wp
 from conftest import Report
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.build.light_tree import WIDTH, LightBounds, build_light_tree
+from wrt.build.light_bounds import LightBounds
+from wrt.build.light_tree import WIDTH, build_light_tree
 from wrt.build.light_tree import LightTree as HostTree
+from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT
 from wrt.kernels.light_tree import (
     FAR_LIGHT,
-    RECEIVES_ANYWHERE,
-    RECEIVES_BOTH,
-    RECEIVES_FRONT,
     LightTree,
     far_light_probability,
     light_tree_probability,
@@ -100,56 +99,58 @@ def triangles(n: int, seed: int, size: float = 0.1) -> NDArray:
     return (rng.random((n, 1, 3)) * [4.0, 1.0, 4.0] + size * rng.normal(size=(n, 3, 3))).astype(np.float32)
 
 
+def points_of(position: ArrayLike, power: ArrayLike) -> LightBounds:
+    """Return point lights."""
+    return LightBounds.of(np.asarray(position)[:, None], (0.0, 1.0, 0.0), power, cos_spread=-1.0)
+
+
+def triangles_of(corners: ArrayLike, power: ArrayLike, two_sided: ArrayLike = False) -> LightBounds:
+    """Return triangles that shine."""
+    c = np.asarray(corners, np.float64)
+    normal = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
+    axis = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return LightBounds.of(c, axis, power, two_sided=two_sided)
+
+
 def spots(n: int, seed: int) -> LightBounds:
     """Return narrow beams from single points."""
     rng = np.random.default_rng(seed)
-    points = LightBounds.of_points(rng.random((n, 3)) * 4.0, rng.random(n))
     axis = unit(rng.normal(size=(n, 3)))
-    return LightBounds(
-        points.center,
-        points.half,
-        points.radius,
-        points.depth,
-        axis,
-        np.ones(n),
-        np.full(n, 0.9),
-        points.two_sided,
-        points.power,
-    )
+    return LightBounds.of(rng.random((n, 1, 3)) * 4.0, axis, rng.random(n), cos_falloff=0.9)
 
 
 def some_lights(name: str) -> LightBounds:
     rng = np.random.default_rng(7)
     if name == "one":
-        return LightBounds.of_triangles(triangles(1, 1), 1.0)
+        return triangles_of(triangles(1, 1), 1.0)
     if name == "two":
-        return LightBounds.of_triangles([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 1, 0], [0, 1, 0], [1, 0, 0]]], 1.0)
+        return triangles_of([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 1, 0], [0, 1, 0], [1, 0, 0]]], 1.0)
     if name == "all at one point":
-        return LightBounds.of_points(np.ones((100, 3)), 1.0)
+        return points_of(np.ones((100, 3)), 1.0)
     if name == "the same triangle":
-        return LightBounds.of_triangles(np.repeat(triangles(1, 2), 50, axis=0), 1.0)
+        return triangles_of(np.repeat(triangles(1, 2), 50, axis=0), 1.0)
     if name == "on a line":
-        return LightBounds.of_points(np.linspace(0.0, 1.0, 300)[:, None] * [1.0, 0.0, 0.0], rng.random(300))
+        return points_of(np.linspace(0.0, 1.0, 300)[:, None] * [1.0, 0.0, 0.0], rng.random(300))
     if name == "ever nearer":  # the deepest of trees
-        return LightBounds.of_points(0.5 ** np.arange(100.0)[:, None] * [1.0, 1.0, 1.0], 1.0)
+        return points_of(0.5 ** np.arange(100.0)[:, None] * [1.0, 1.0, 1.0], 1.0)
     if name == "some without power":
-        return LightBounds.of_triangles(triangles(200, 3), np.where(rng.random(200) < 0.5, 0.0, rng.random(200)))
+        return triangles_of(triangles(200, 3), np.where(rng.random(200) < 0.5, 0.0, rng.random(200)))
     if name == "uneven powers":
-        return LightBounds.of_triangles(triangles(200, 3), 10.0 ** rng.uniform(-20.0, 20.0, 200))
+        return triangles_of(triangles(200, 3), 10.0 ** rng.uniform(-20.0, 20.0, 200))
     if name == "degenerate triangles":
-        return LightBounds.of_triangles(np.repeat(triangles(20, 3)[:, :1], 3, axis=1), 1.0)
+        return triangles_of(np.repeat(triangles(20, 3)[:, :1], 3, axis=1), 1.0)
     if name == "tiny":
-        return LightBounds.of_triangles(triangles(100, 4) * 1e-9, 1.0)
+        return triangles_of(triangles(100, 4) * 1e-9, 1.0)
     if name == "huge":
-        return LightBounds.of_triangles(triangles(100, 4) * 1e9, 1.0)
+        return triangles_of(triangles(100, 4) * 1e9, 1.0)
     if name == "in a plane":
         flat = triangles(400, 5) * [1.0, 0.0, 1.0]
         normal = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
         flat = np.where(normal[:, 1:2, None] > 0.0, flat, flat[:, ::-1])  # all upwards
-        return LightBounds.of_triangles(flat, 1.0)
+        return triangles_of(flat, 1.0)
     mixed = [
-        LightBounds.of_triangles(triangles(300, 5), rng.random(300), rng.random(300) < 0.3),
-        LightBounds.of_points(rng.random((50, 3)), rng.random(50)),
+        triangles_of(triangles(300, 5), rng.random(300), rng.random(300) < 0.3),
+        points_of(rng.random((50, 3)), rng.random(50)),
         spots(50, 6),
     ]
     return LightBounds.joined(mixed)
@@ -201,7 +202,7 @@ def test_nodes_hold_what_is_below_them(kind: str) -> None:
             assert (tree.parents[child] if child >= 0 else tree.places[-1 - child]) == place
             leaves = below[child] if child >= 0 else [-1 - child]
             below[node] += leaves
-            sums.append(lights.power[leaves].sum())
+            sums.append(lights.facing_power[leaves].sum())
             assert_holds(tree.nodes[node, :, k].astype(np.float64), lights.take(np.array(leaves)))
         share = powers[node][powers[node] > 0.0]
         np.testing.assert_allclose(share / share.max(), np.maximum(np.divide(sums, max(sums)), 1e-30), rtol=1e-6)
@@ -226,14 +227,14 @@ def assert_holds(child: NDArray, lights: LightBounds) -> None:
 
 
 def test_nothing_shines() -> None:
-    tree = build_light_tree(LightBounds.of_points(np.zeros((3, 3)), 0.0))
+    tree = build_light_tree(points_of(np.zeros((3, 3)), 0.0))
     assert tree.nodes.shape[0] == 0
     assert (tree.places == -1).all()
-    assert len(build_light_tree(LightBounds.of_points(np.zeros((0, 3)), 0.0)).places) == 0
+    assert len(build_light_tree(points_of(np.zeros((0, 3)), 0.0)).places) == 0
 
 
 def test_nodes_are_well_filled(report: Report) -> None:
-    lights = LightBounds.of_triangles(triangles(20_000, 1, size=0.01), 1.0)
+    lights = triangles_of(triangles(20_000, 1, size=0.01), 1.0)
     tree = build_light_tree(lights)
     filled = float((tree.nodes[:, -2] > 0.0).sum(axis=1).mean())
     report("children of a node", filled, "5 or more")
@@ -319,7 +320,7 @@ def test_lights_rarer_than_a_float_can_choose(device: str, report: Report) -> No
     """Lights that share 1024 of the 2^24 values of the first number, unevenly: the second number tells them apart."""
     rng = np.random.default_rng(0)
     n = 1024
-    lights = LightBounds.of_points(rng.random((n + 1, 3)), np.r_[rng.random(n) * 2.0**-23, 1.0])
+    lights = points_of(rng.random((n + 1, 3)), np.r_[rng.random(n) * 2.0**-23, 1.0])
     tree = build_light_tree(lights)
     far = np.array([[0.0, 1000.0, 0.0]], np.float32)
     said = probabilities(tree, far, far, SIDES["anywhere"], device)[0]
@@ -352,7 +353,7 @@ def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, r
             corners[:, :, rng.integers(3)] = 0.5
         corners = (corners + np.float32(10.0 ** rng.uniform(-1, 2))).astype(np.float32)
         two_sided = rng.random(n) < (seed % 2) * 0.5
-        lights = LightBounds.of_triangles(corners, 10.0 ** rng.uniform(-3, 3, n), two_sided)
+        lights = triangles_of(corners, 10.0 ** rng.uniform(-3, 3, n), two_sided)
         points = corners[rng.integers(0, n, 300), rng.integers(0, 3, 300)]
         points[:150] += (rng.normal(size=(150, 3)) * 10.0 ** rng.uniform(-3, 1, (150, 1))).astype(np.float32)
         normals = unit(rng.normal(size=points.shape)).astype(np.float32)
@@ -393,7 +394,7 @@ def test_near_lights_and_those_that_face_the_point_are_preferred(report: Report,
     """The variance of unshadowed light over that of the choice by power, for lights of a large room."""
     rng = np.random.default_rng(0)
     corners = triangles(2000, 11, size=0.02) * np.float32(5.0)
-    lights = LightBounds.of_triangles(corners, rng.lognormal(size=2000))
+    lights = triangles_of(corners, rng.lognormal(size=2000))
     points = (rng.random((50, 3)) * [20.0, 5.0, 20.0]).astype(np.float32)
     normals = unit(rng.normal(size=points.shape)).astype(np.float32)
     said = probabilities(build_light_tree(lights), points, normals, SIDES["front"], device)

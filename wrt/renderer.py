@@ -17,6 +17,7 @@ from wrt.build.camera import CropWindow, build_camera
 from wrt.build.environment import environment_kind, resolve_environment
 from wrt.build.filters import filter_table
 from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
+from wrt.build.light_choice import LIGHT_CHOICES
 from wrt.build.scene_data import build_scene
 from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
 from wrt.device import Device
@@ -100,6 +101,7 @@ class Renderer:
         strategy: str = "mis",
         crop: CropWindow | None = None,
         integrator: str | None = None,
+        light_choice: str = "auto",
         min_attenuation: float | None = None,
         ao_distance: float | None = None,
         layers: Sequence[str] | None = None,
@@ -123,6 +125,7 @@ class Renderer:
                 after the last; by default the scene's own setting, which by default is all of it.
             integrator: what the picture shows, see `wrt.scene.INTEGRATORS`; by default the scene's own setting, as for
                 what follows, which is described at `wrt.RenderSettings`.
+            light_choice: how next-event estimation chooses a light: "auto", or "power" or "tree" to compare the two.
             min_attenuation: of integrator "whitted".
             ao_distance: of integrator "ao", metres.
             layers: names of `wrt.layers.LAYERS` to render beside the light, for `layers`.
@@ -156,6 +159,9 @@ class Renderer:
         if strategy not in STRATEGIES:
             raise InputError(f"strategy must be one of {', '.join(STRATEGIES)}, not {strategy!r}")
         self.strategy = strategy
+        if light_choice not in LIGHT_CHOICES:
+            raise InputError(f"light_choice must be one of {', '.join(LIGHT_CHOICES)}, not {light_choice!r}")
+        self.light_choice = light_choice
         self.scene = dataclasses.replace(scene, shapes=list(scene.shapes), lights=list(scene.lights))
         if not scene.shapes:
             raise InputError("the scene has no shapes to render")
@@ -168,7 +174,12 @@ class Renderer:
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.layers)
-        self._built = build_scene(self.scene, self.device, texture_coordinates="uv" in self.settings.layers)
+        self._built = build_scene(
+            self.scene,
+            self.device,
+            texture_coordinates="uv" in self.settings.layers,
+            light_choice=light_choice,
+        )
         self.seconds_compile, self._kernel, self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
@@ -322,7 +333,7 @@ class Renderer:
             InputError: where the file is not a checkpoint, or of another scene or version.
         """
         header, arrays = read_checkpoint(path)
-        options = {key: header.get(key) for key in ("seed", "strategy", *SETTINGS_OF_PICTURE)}
+        options = {key: header.get(key) for key in ("seed", "strategy", "light_choice", *SETTINGS_OF_PICTURE)}
         try:
             renderer = cls(scene, device=device, threads=threads, **options)  # type: ignore[arg-type]
         except InputError as error:
@@ -359,6 +370,7 @@ class Renderer:
             "crop": list(self.crop) if self.crop != (0, 0, self.width, self.height) else None,
             "integrator": self.integrator,
             "layers": list(self.settings.layers),
+            "light_choice": self.light_choice,
             "scene": scene_fingerprint(self.scene),
         }
 

@@ -101,6 +101,7 @@ class BsdfFunctions(NamedTuple):
     pdf: wp.Function
     sample: wp.Function
     is_delta: wp.Function
+    transmits: wp.Function
 
 
 @functools.cache
@@ -112,12 +113,12 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     scenes would be taken for one another.
     """
     if not names:
-        return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample, _no_is_delta)
+        return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample, _no_is_delta, _no_transmits)
     model = model_of(names[0])
     number = model_number(names[0], names)
-    delta = model.delta
+    delta, model_transmits = model.delta, model.transmits
     model_evaluate, model_pdf, model_sample = model.evaluate, model.pdf, model.sample
-    next_evaluate, next_pdf, next_sample, next_is_delta = make_bsdf(names[1:])
+    next_evaluate, next_pdf, next_sample, next_is_delta, next_transmits = make_bsdf(names[1:])
     suffix = identifier(names)
 
     @wp.func(name=f"bsdf_evaluate_{suffix}")
@@ -144,7 +145,13 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
             return wp.static(delta)
         return next_is_delta(bsdf)
 
-    return BsdfFunctions(evaluate, pdf, sample, is_delta)
+    @wp.func(name=f"bsdf_transmits_{suffix}")
+    def transmits(bsdf: Bsdf) -> bool:
+        if bsdf.model == wp.static(number):
+            return wp.static(model_transmits)
+        return next_transmits(bsdf)
+
+    return BsdfFunctions(evaluate, pdf, sample, is_delta, transmits)
 
 
 def identifier(names: tuple[str, ...]) -> str:
@@ -160,3 +167,8 @@ def _no_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample
 @wp.func
 def _no_is_delta(bsdf: Bsdf) -> bool:
     return True
+
+
+@wp.func
+def _no_transmits(bsdf: Bsdf) -> bool:
+    return False

@@ -34,7 +34,7 @@ class Kernels(NamedTuple):
 def kernels_of(model: str) -> Kernels:
     """Return kernels that hold one model alone, in a module of its own."""
     functions = make_bsdf((model,))
-    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta = functions
+    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta, _ = functions
     module = wp.get_module(f"test.bsdf.{identifier((model,))}")
 
     @wp.kernel(module=module, enable_backward=False)

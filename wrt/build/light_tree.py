@@ -7,10 +7,13 @@ children, which `kernels/light_tree.py` weighs together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+
+from wrt.build.light_bounds import LightBounds
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,90 +35,6 @@ _FLAT = 1e-3
 
 
 @dataclass(frozen=True)
-class LightBounds:
-    """What the tree knows of N lights.
-
-    A light sends nothing from outside its sphere and its box, nor in a direction that is further from its axis than
-    the angles of spread and falloff together: normals lie within the spread, and each point shines as far as the
-    falloff around its normal.
-
-    Attributes:
-        center: (N, 3) of the sphere, metres.
-        half: (N, 3) half the sides of a box about the same centre, metres.
-        radius: (N,) of the sphere, metres.
-        depth: (N,) how far it extends from the centre along the axis, metres.
-        axis: (N, 3) unit vectors.
-        cos_spread: (N,) cosine of the greatest angle between the axis and a normal; −1 for lights without a normal.
-        cos_falloff: (N,) cosine of the angle from the normal beyond which nothing goes; 0 for surfaces.
-        two_sided: (N,) whether it shines against its axis as well.
-        power: (N,) π times the greatest radiant intensity, in any unit, for a flat surface the power that a side
-            gives off; not negative, and a light of power 0 is never chosen.
-    """
-
-    center: Array
-    half: Array
-    radius: Array
-    depth: Array
-    axis: Array
-    cos_spread: Array
-    cos_falloff: Array
-    two_sided: NDArray[np.bool_]
-    power: Array
-
-    def __len__(self) -> int:
-        return len(self.power)
-
-    @staticmethod
-    def of_points(position: ArrayLike, power: ArrayLike) -> LightBounds:
-        """Return bounds of points that shine to all sides."""
-        p = np.reshape(np.asarray(position, np.float64), (-1, 3))
-        n = len(p)
-        axis = np.tile([0.0, 0.0, 1.0], (n, 1))
-        return LightBounds(
-            p,
-            np.zeros((n, 3)),
-            np.zeros(n),
-            np.zeros(n),
-            axis,
-            np.full(n, -1.0),
-            np.zeros(n),
-            np.zeros(n, np.bool_),
-            np.broadcast_to(np.asarray(power, np.float64), (n,)),
-        )
-
-    @staticmethod
-    def of_triangles(corners: ArrayLike, power: ArrayLike, two_sided: ArrayLike = False) -> LightBounds:
-        """Return bounds of triangles (N, 3, 3) that shine off their front, or off both sides."""
-        c = np.asarray(corners, np.float64)
-        n = len(c)
-        center = 0.5 * (c.min(axis=1) + c.max(axis=1))
-        radius = np.sqrt(((c - center[:, None]) ** 2).sum(axis=2).max(axis=1))
-        normal = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
-        length = np.sqrt((normal**2).sum(axis=1))
-        axis = np.where(length[:, None] > 0.0, normal / np.maximum(length, 1e-300)[:, None], [0.0, 0.0, 1.0])
-        return LightBounds(
-            center,
-            0.5 * (c.max(axis=1) - c.min(axis=1)),
-            radius,
-            np.abs(((c - center[:, None]) * axis[:, None]).sum(axis=2)).max(axis=1),
-            axis,
-            np.ones(n),
-            np.zeros(n),
-            np.array(np.broadcast_to(np.asarray(two_sided, np.bool_), (n,))),
-            np.array(np.broadcast_to(np.asarray(power, np.float64), (n,))),
-        )
-
-    @staticmethod
-    def joined(parts: list[LightBounds]) -> LightBounds:
-        """Return the bounds of several lists of lights, one after the other."""
-        return LightBounds(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(LightBounds)))
-
-    def take(self, which: Indices | NDArray[np.bool_]) -> LightBounds:
-        """Return the bounds of some of the lights."""
-        return LightBounds(*(getattr(self, f.name)[which] for f in fields(LightBounds)))
-
-
-@dataclass(frozen=True)
 class LightTree:
     """The tree as arrays; node 0 is the root.
 
@@ -134,9 +53,9 @@ class LightTree:
 
 
 def build_light_tree(lights: LightBounds) -> LightTree:
-    """Return the tree over lights; one without nodes where all powers are 0."""
-    shining = np.flatnonzero(lights.power > 0.0)
-    chosen = lights.take(shining)
+    """Return the tree over lights that are somewhere; one without nodes where all their powers are 0."""
+    shining = np.flatnonzero((lights.power > 0.0) & ~lights.is_far)
+    chosen = dataclasses.replace(lights, power=lights.facing_power).take(shining)
     if len(shining) == 0:
         return LightTree(
             np.zeros((0, ROWS, WIDTH), np.float32), np.zeros(0, np.int32), np.full(len(lights), -1, np.int32), 0.0

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt.build.emission import mean_emissions
 from wrt.build.environment import LUMINANCE
 from wrt.build.layout import Layout, is_moving
+from wrt.build.light_bounds import LightBounds
 from wrt.errors import InputError
 from wrt.lights import FALLOFFS, DirectionalLight, DiskLight, Light, PointLight, RectangleLight, SphereLight, SpotLight
 from wrt.scene import Shape
@@ -20,57 +21,6 @@ MOST_SOLID_LIGHTS = 64
 """Rectangles, disks and spheres in a scene: every ray is held against each of them."""
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class LightExtents:
-    """Where N lights are, which way they shine and how much, for choosing among them.
-
-    Attributes:
-        low, high: (N, 3) corners of the box that holds each; NaN for lights infinitely far away.
-        axis: (N, 3) unit vector, the middle of the directions it faces.
-        cos_spread: (N,) cosine of the greatest angle between the axis and a normal; −1 where normals point everywhere.
-        cos_falloff: (N,) cosine of the angle to the normal beyond which nothing is given off; 0 for surfaces.
-        two_sided: (N,) whether it shines against its axis as well.
-        power: (N,) luminance of the power, W; of lights infinitely far away, that of the irradiance, W·m⁻².
-    """
-
-    low: Array
-    high: Array
-    axis: Array
-    cos_spread: Array
-    cos_falloff: Array
-    two_sided: NDArray[np.bool_]
-    power: Array
-
-    @staticmethod
-    def of(
-        corners: ArrayLike,
-        axis: ArrayLike,
-        power: ArrayLike,
-        *,
-        cos_spread: float = 1.0,
-        cos_falloff: float = 0.0,
-        two_sided: bool = False,
-    ) -> LightExtents:
-        """Return the extents of N lights by their corners (N, K, 3), axes (N, 3) and powers (N,)."""
-        points = np.asarray(corners, np.float64)
-        n = len(points)
-        return LightExtents(
-            points.min(axis=1),
-            points.max(axis=1),
-            np.broadcast_to(np.asarray(axis, np.float64), (n, 3)),
-            np.full(n, cos_spread),
-            np.full(n, cos_falloff),
-            np.full(n, two_sided),
-            np.broadcast_to(np.asarray(power, np.float64), (n,)),
-        )
-
-    @staticmethod
-    def joined(parts: list[LightExtents]) -> LightExtents:
-        """Return the extents of several lists of lights, one after the other."""
-        names = LightExtents.__dataclass_fields__
-        return LightExtents(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 @dataclass(frozen=True)
@@ -84,7 +34,7 @@ class LightTable:
         first_lights: (shapes,) number of each emitting mesh's first light, −1 for the others.
         environment: number of the environment's light, or −1.
         weights: (N,) in proportion to how often each is chosen where nothing is known of the place.
-        extents: of the N lights.
+        bounds: of the N lights.
     """
 
     records: NDArray[Any]
@@ -94,7 +44,7 @@ class LightTable:
     first_lights: NDArray[np.int32]
     environment: int
     weights: Array
-    extents: LightExtents
+    bounds: LightBounds
 
 
 def light_table(
@@ -122,7 +72,7 @@ def light_table(
     from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, LightRecord, LightShape
 
     records: list[NDArray[Any]] = []
-    extents: list[LightExtents] = []
+    bounds: list[LightBounds] = []
     first_lights = np.full(len(shapes), -1, np.int32)
     count = 0
     instances = layout.instance_numbers
@@ -132,7 +82,7 @@ def light_table(
             record, extent = _emissive_mesh(shape, i, int(first_triangles[i]), layout.shutter)
             record["instance"] = instances.get(i, 0)
             records.append(record)
-            extents.append(extent)
+            bounds.append(extent)
             count += len(record)
 
     # Light shapes are sorted by what rays do with them; the lights themselves stay in their order.
@@ -153,7 +103,7 @@ def light_table(
         if i in shaped:
             record["shape"] = shaped.index(i)
         records.append(record)
-        extents.append(extent)
+        bounds.append(extent)
         count += 1
     environment = -1
     if environment_flux > 0.0:
@@ -161,11 +111,11 @@ def light_table(
         record["kind"] = LIGHT_ENVIRONMENT
         environment = count
         records.append(record)
-        extents.append(_far((0.0, 1.0, 0.0), environment_flux))
+        bounds.append(_far((0.0, 1.0, 0.0), environment_flux))
     if not records:
         records.append(np.zeros(0, LightRecord.numpy_dtype()))
-        extents.append(LightExtents.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0)))
-    joined = LightExtents.joined(extents)
+        bounds.append(LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0)))
+    joined = LightBounds.joined(bounds)
     return LightTable(
         np.concatenate(records),
         light_shapes,
@@ -178,9 +128,9 @@ def light_table(
     )
 
 
-def _shares(extents: LightExtents) -> Array:
-    far = np.isnan(extents.low[:, 0])
-    weights = extents.power.copy()
+def _shares(bounds: LightBounds) -> Array:
+    far = bounds.is_far
+    weights = bounds.power.copy()
     for group in (far, ~far):
         total = weights[group].sum()
         if total > 0.0:
@@ -194,7 +144,7 @@ def _shares(extents: LightExtents) -> Array:
 
 def _emissive_mesh(
     shape: Shape, number: int, first_triangle: int, shutter: tuple[float, float]
-) -> tuple[NDArray[Any], LightExtents]:
+) -> tuple[NDArray[Any], LightBounds]:
     """One light a triangle. Normals are one; the power is π L A, on both sides where it has two.
 
     Of a shape that moves, power is that in the middle of the time, normals may point anywhere.
@@ -217,7 +167,7 @@ def _emissive_mesh(
     spread = 1.0
     if is_moving(shape, shutter):
         corners, spread = _way_of_corners(shape, shutter), -1.0
-    extent = LightExtents.of(corners, axis, power, cos_spread=spread, two_sided=shape.two_sided_emission)
+    extent = LightBounds.of(corners, axis, power, cos_spread=spread, two_sided=shape.two_sided_emission)
     return records, extent
 
 
@@ -237,7 +187,7 @@ def _way_of_corners(shape: Shape, shutter: tuple[float, float]) -> Array:
     return np.stack([low - 0.5 * step, high + 0.5 * step], axis=1)
 
 
-def _record(light: Light) -> tuple[NDArray[Any], LightExtents]:
+def _record(light: Light) -> tuple[NDArray[Any], LightBounds]:
     """Return a light's record, its probability and its shape's number left open, and its extent."""
     from wrt.kernels.scene_data import (
         LIGHT_DIRECTIONAL,
@@ -255,12 +205,12 @@ def _record(light: Light) -> tuple[NDArray[Any], LightExtents]:
     if isinstance(light, PointLight):
         record["kind"], record["place"], record["value"] = LIGHT_POINT, light.position, light.intensity
         power = 4.0 * math.pi * _luminance(light.intensity)
-        extent = LightExtents.of([[light.position]], up, power, cos_spread=-1.0)
+        extent = LightBounds.of([[light.position]], up, power, cos_spread=-1.0)
     elif isinstance(light, SpotLight):
         record["kind"], record["place"], record["value"] = LIGHT_SPOT, light.position, light.intensity
         power = light.power_over_intensity * _luminance(light.intensity)
         # As one point of a surface that faces along the axis and shines no further than the outer cone.
-        extent = LightExtents.of(
+        extent = LightBounds.of(
             [[light.position]], light.direction, power, cos_falloff=math.cos(math.radians(light.outer_degrees))
         )
     elif isinstance(light, DirectionalLight):
@@ -277,7 +227,7 @@ def _record(light: Light) -> tuple[NDArray[Any], LightExtents]:
         record["kind"], record["value"] = LIGHT_SPHERE, light.radiance
         center = np.array(light.center)
         power = 4.0 * math.pi**2 * light.radius**2 * _luminance(light.radiance)
-        extent = LightExtents.of([[center - light.radius, center + light.radius]], up, power, cos_spread=-1.0)
+        extent = LightBounds.of([[center - light.radius, center + light.radius]], up, power, cos_spread=-1.0)
     else:
         record["value"], record["two_sided"] = light.radiance, light.two_sided
         sides = 2.0 if light.two_sided else 1.0
@@ -293,12 +243,12 @@ def _record(light: Light) -> tuple[NDArray[Any], LightExtents]:
             reach = light.radius * np.sqrt(np.maximum(1.0 - normal**2, 0.0))
             corners = [np.array(light.center) - reach, np.array(light.center) + reach]
         power = sides * math.pi * area * _luminance(light.radiance)
-        extent = LightExtents.of([corners], normal, power, two_sided=light.two_sided)
+        extent = LightBounds.of([corners], normal, power, two_sided=light.two_sided)
     return record, extent
 
 
-def _far(axis: ArrayLike, irradiance: float) -> LightExtents:
-    return LightExtents.of(np.full((1, 1, 3), np.nan), axis, irradiance)
+def _far(axis: ArrayLike, irradiance: float) -> LightBounds:
+    return LightBounds.of(np.full((1, 1, 3), np.nan), axis, irradiance)
 
 
 def _luminance(value: Any) -> float:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.build.alias import make_alias_table
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
 from wrt.build.geometry import upload_triangles
 from wrt.build.layout import Layout, lay_out
+from wrt.build.light_choice import upload_light_choice
 from wrt.build.lights import light_table
 from wrt.build.materials import describe_materials
 from wrt.build.placed import place
@@ -35,13 +35,16 @@ class BuiltScene:
     features: Any
 
 
-def build_scene(scene: Scene, device: Device, *, texture_coordinates: bool = False) -> BuiltScene:
+def build_scene(
+    scene: Scene, device: Device, *, texture_coordinates: bool = False, light_choice: str = "auto"
+) -> BuiltScene:
     """Upload a scene to a device and build its ray tree there.
 
     Args:
         scene: what to upload.
         device: where to.
         texture_coordinates: whether these are asked for even where no material does.
+        light_choice: one of `wrt.build.light_choice.LIGHT_CHOICES`.
 
     Raises:
         InputError: where the scene has no shapes, or more triangles or vertices than an int counts.
@@ -65,11 +68,9 @@ def build_scene(scene: Scene, device: Device, *, texture_coordinates: bool = Fal
     environment, sky_lights = resolve_environment(scene.environment)
     data.environment, flux = upload_environment(environment, device.name)
     lights = light_table(scene.shapes, [*scene.lights, *sky_lights], layout, first_triangles, flux)
+    light_tree = False
     if lights.weights.sum() > 0.0:
-        table = make_alias_table(lights.weights)
-        lights.records["probability"] = table.probabilities
-        data.light_thresholds = wp.array(table.thresholds, dtype=float, device=device.name)
-        data.light_aliases = wp.array(table.aliases, dtype=int, device=device.name)
+        light_tree = upload_light_choice(data, lights, device, light_choice)
         data.lights = wp.array(lights.records, dtype=LightRecord, device=device.name)
         data.environment.light = lights.environment
     else:
@@ -99,6 +100,7 @@ def build_scene(scene: Scene, device: Device, *, texture_coordinates: bool = Fal
         tangents=materials.tangents,
         light_shapes=len(lights.shapes) > 0,
         instances=layout.kind,
+        light_tree=light_tree,
     )
     return BuiltScene(data, features)
 
