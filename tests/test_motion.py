@@ -87,6 +87,13 @@ def test_growing_while_turning() -> None:
         np.testing.assert_allclose(motion.at(time)[:3, :3], expected, atol=1e-14)
 
 
+def test_after_a_transform() -> None:
+    first = random_affine(np.random.default_rng(5), mirrored=True)
+    motion = wrt.Motion.rotation((1, 2, 0), 400.0, center=(1.0, -2.0, 3.0), offset=(0.0, 1.0, 0.0))
+    for time in TIMES:
+        np.testing.assert_allclose(motion.after(first).at(time), motion.at(time) @ first, atol=1e-12)
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_keys_are_met_and_stay_invertible(mirrored: bool) -> None:
     rng = np.random.default_rng(1)

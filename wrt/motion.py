@@ -113,6 +113,19 @@ class Motion:
             matrix[:3, 3] = pivot + share * way - matrix[:3, :3] @ pivot
         return cls(np.linspace(begin, end, keys), matrices, tuple(pivot))
 
+    def after(self, matrix: ArrayLike) -> Motion:
+        """Return the motion of a thing that a (4, 4) affine matrix puts where this motion begins.
+
+        Keys that turn and move it without stretching, and a matrix that does anything, make at every time what the
+        two make one after the other.
+        """
+        first = np.array(matrix, dtype=np.float64)
+        if first.shape != (4, 4):
+            raise InputError(f"a transform must be (4, 4), not {first.shape}")
+        check_affine(first, "transform")
+        center = np.linalg.solve(first, np.append(self.center, 1.0))[:3]
+        return Motion(self.times, self.transforms @ first, tuple(center.tolist()))
+
     @cached_property
     def parts(self) -> MotionParts:
         """The keys taken apart."""
