@@ -13,7 +13,7 @@ from wrt.kernels.scene_data import SceneData
 # of the map, their products and sums, on the way there and, for rays, back, where they count by the record's
 # `round_trip`; the rest is for the test of a triangle.
 _EPSILON = wp.constant(2.0**-24)
-_ROUNDINGS = wp.constant(8.0)
+_ROUNDINGS = wp.constant(10.0)
 
 
 @wp.struct

@@ -52,7 +52,8 @@ def write_files(folder: Path) -> None:
     """Write every file that an example names."""
     ball = wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=2)
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
-    (folder / "bunny.obj").write_text("\n".join(lines) + "\n")
+    for name in ("bunny", "tree", "flag0", "flag1"):
+        (folder / f"{name}.obj").write_text("\n".join(lines) + "\n")
     rng = np.random.default_rng(0)
     for name in ("wood", "robot", "robot-orm", "leaf", "leaf-mask", "letters"):
         wrt.save_image(folder / f"{name}.png", rng.uniform(0.0, 1.0, (4, 4, 3)))

@@ -22,11 +22,12 @@ from wrt.files import PathLike, require_file
 from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
+from wrt.formats.scene_places import read_deformation, read_places
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
 from wrt.mesh import Mesh
-from wrt.motion import Motion
+from wrt.motion import Motion, rotation_matrix
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
@@ -42,7 +43,8 @@ _ENVIRONMENTS: dict[str, type[Any] | None] = {
 }
 _SECTIONS = ("settings", "camera", "environment", "lights", "materials", "shapes")
 _TRANSFORM_KEYS = ("scale", "rotate", "translate")
-_SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", *_TRANSFORM_KEYS)
+_PLACE_KEYS = ("motion", "instances", "deformation")
+_SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", *_TRANSFORM_KEYS, *_PLACE_KEYS)
 
 
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
@@ -167,9 +169,19 @@ class _Reader:
         return made
 
     def motion(self, table: Table, center: Vec3) -> Motion:
-        """Return keyframes, each a time and a transform as a shape has it; they scale and turn about `center`."""
-        self.check_keys(table, ["keys", "center"], ["keys"])
+        """Return keyframes, each a time and a transform as a shape has it; they scale and turn about `center`.
+
+        Or one even rotation and translation between two times.
+        """
         pivot = np.array(vector(table.get("center", center), "center"))
+        if "times" in table:
+            self.check_keys(table, ["times", "rotate", "translate", "center"])
+            turn = table_of(table.get("rotate", {"axis": [0.0, 1.0, 0.0], "degrees": 0.0}))
+            with self.at("rotate"):
+                self.check_keys(turn, ["axis", "degrees"], ["axis", "degrees"])
+            offset = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
+            return Motion.rotation(turn["axis"], turn["degrees"], pivot, numbers_of(table["times"], "times"), offset)
+        self.check_keys(table, ["keys", "center"], ["keys"])
         times: list[float] = []
         matrices: list[NDArray[np.float64]] = []
 
@@ -306,16 +318,19 @@ class _Reader:
         with self.at("emission"):
             emission = self.color_source(table.get("emission", 0.0), names=False)
         two_sided = boolean(table.get("two_sided_emission", False), "two_sided_emission")
-        return [
-            Shape(
-                shape.mesh if matrix is None else shape.mesh.transformed(matrix),
-                material or shape.material,
-                emission,
-                two_sided,
-                name or shape.name,
-            )
-            for shape in made
-        ]
+        places = read_places(self, table)
+        if "deformation" in table and len(made) > 1:
+            raise InputError("its file has several materials, but one mesh alone can be deformed; give a material")
+
+        def moved(mesh: Mesh) -> Mesh:
+            return mesh if matrix is None else mesh.transformed(matrix)
+
+        result = []
+        for shape in made:
+            mesh, changes = moved(shape.mesh), read_deformation(self, table, shape.mesh, moved)
+            looks = (material or shape.material, emission, two_sided, name or shape.name)
+            result += [Shape(mesh, *looks, transform=place, deformation=changes) for place in places]
+        return result
 
     def meshes(self, table: Table) -> list[Shape]:
         """Return the meshes of a shape before its transform; those from files bring materials."""
@@ -373,26 +388,13 @@ class _Reader:
         for i, turn in enumerate(turns if isinstance(turns, list) else [turns]):
             with self.at("rotate" + (f"[{i}]" if isinstance(turns, list) else "")):
                 self.check_keys(table_of(turn), ["axis", "degrees"], ["axis", "degrees"])
-                matrix = rotation(turn["axis"], turn["degrees"]) @ matrix
+                matrix[:3, :3] = rotation_matrix(turn["axis"], turn["degrees"]) @ matrix[:3, :3]
         matrix[:3, 3] = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
         return matrix
 
 
 class _Placed(InputError):
     """An InputError that already says where it happened."""
-
-
-def rotation(axis: Any, degrees: Any) -> NDArray[np.float64]:
-    """Return the (4, 4) rotation about an axis through the origin (Rodrigues' formula)."""
-    x, y, z = vector(axis, "axis")
-    length = float(np.sqrt(x * x + y * y + z * z))
-    if length == 0.0:
-        raise InputError("axis must not be zero")
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
-    angle = np.deg2rad(number(degrees, "degrees"))
-    matrix = np.eye(4)
-    matrix[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
-    return matrix
 
 
 def choice(table: Table, choices: dict[str, Any], *, default: str | None = None) -> Any:
@@ -418,6 +420,13 @@ def text_of(value: Any) -> str:
     if not isinstance(value, str) or not value:
         raise InputError(f"must be a text, not {value!r}")
     return value
+
+
+def numbers_of(value: Any, name: str) -> list[float]:
+    """Return the numbers of an array."""
+    if not isinstance(value, list):
+        raise InputError(f"{name} must be an array of numbers, not {value!r}")
+    return [number(item, f"{name}[{i}]") for i, item in enumerate(value)]
 
 
 def points_of(value: Any, name: str) -> NDArray[np.float64]:

@@ -1,0 +1,99 @@
+"""Where a scene file puts its shapes: instances, motions, deformations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.deformation import Deformation
+from wrt.errors import InputError
+from wrt.files import first_line, require_file
+from wrt.formats.meshes import load_shapes
+from wrt.formats.parts import merge
+from wrt.mesh import Mesh
+from wrt.motion import Motion
+
+if TYPE_CHECKING:
+    from wrt.formats.scene_toml import _Reader
+
+Transform = NDArray[np.float64] | Motion | None
+
+
+def read_places(reader: _Reader, table: dict[str, Any]) -> list[Transform]:
+    """Return the transforms of a shape: one, or of `instances` as many as there are."""
+    if "instances" not in table:
+        return [_motion(reader, table)]
+    if "motion" in table:
+        raise InputError("has both motion and instances; give each instance a motion of its own")
+    if isinstance(table["instances"], str):
+        with reader.at("instances"):
+            return list(_matrices(reader.beside(table["instances"])))
+    found: list[Transform] = []
+
+    def add(place: dict[str, Any]) -> None:
+        reader.check_keys(place, ["scale", "rotate", "translate", "motion"])
+        matrix = reader.transform(place)
+        motion = _motion(reader, place)
+        here = np.eye(4) if matrix is None else matrix
+        found.append(motion.after(here) if isinstance(motion, Motion) else here)
+
+    reader.each(table, "instances", add)
+    if not found:
+        raise InputError("instances must not be empty")
+    return found
+
+
+def _motion(reader: _Reader, table: dict[str, Any]) -> Motion | None:
+    if "motion" not in table:
+        return None
+    with reader.at("motion"):
+        motion: object = table["motion"]
+        if not isinstance(motion, dict):
+            raise InputError(f"must be a table, not {motion!r}")
+        return reader.motion(motion, (0.0, 0.0, 0.0))
+
+
+def _matrices(file: Path) -> NDArray[np.float64]:
+    require_file(file)
+    try:
+        with file.open("rb") as handle:
+            matrices = np.asarray(np.load(handle, allow_pickle=False), np.float64)
+    except (OSError, ValueError, EOFError, TypeError) as error:
+        raise InputError(f"{file}: not a NumPy file of numbers ({first_line(error)})") from None
+    if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) == 0:
+        raise InputError(f"{file}: must be (N, 4, 4) matrices, not an array of {matrices.shape}")
+    return matrices
+
+
+def read_deformation(
+    reader: _Reader, table: dict[str, Any], mesh: Mesh, place: Callable[[Mesh], Mesh]
+) -> Deformation | None:
+    """Return how a mesh changes, by further mesh files of the same vertices; `place` puts them where the shape is."""
+    if "deformation" not in table:
+        return None
+    with reader.at("deformation"):
+        given = table["deformation"]
+        if not isinstance(given, dict):
+            raise InputError(f"must be a table, not {given!r}")
+        reader.check_keys(given, ["files", "times"], ["files", "times"])
+        files, times = given["files"], given["times"]
+        if not isinstance(files, list) or not isinstance(times, list) or len(files) != len(times):
+            raise InputError("files and times must be two arrays of one length")
+        keys = []
+        for i, file in enumerate(files):
+            with reader.at(f"files[{i}]"):
+                key = merge([shape.mesh for shape in load_shapes(reader.beside(file), smooth_degrees=None)], "mesh")
+                if len(key.vertices) != len(mesh.vertices):
+                    raise InputError(
+                        f"{file} has {len(key.vertices)} vertices, the shape {len(mesh.vertices)}; "
+                        "without normals in its file the shape needs smooth = false"
+                    )
+                keys.append(place(key))
+        normals = None
+        if mesh.normals is not None and all(key.normals is not None for key in keys):
+            normals = np.stack([key.normals for key in keys if key.normals is not None])
+        return Deformation(times, np.stack([key.vertices for key in keys]), normals)  # type: ignore[arg-type]
