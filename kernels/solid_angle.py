@@ -17,6 +17,16 @@ NO_EXTENT = wp.constant(1.0e-12)
 """Share of its size within which a point counts as lying in a light's plane."""
 
 
+MOST_DENSE = wp.constant(1.0e18)
+"""Greatest density: the square of a larger one would be infinite. Nothing is seen of a light so small and so far."""
+
+
+@wp.func
+def finite_density(pdf: float) -> float:
+    """Return a density, or 0 where it is too great to reckon with."""
+    return wp.where(pdf < MOST_DENSE, pdf, 0.0)
+
+
 @wp.struct
 class Way:
     """A unit direction, how far away the light lies in it, and the direction's density per solid angle."""
@@ -74,7 +84,8 @@ def rectangle_pdf(r: Rectangle, distance: float) -> float:
     omega = rectangle_solid_angle(r)
     if omega >= SMALL_SOLID_ANGLE:
         return 1.0 / omega
-    return distance * distance * distance / (r.h * (r.x1 - r.x0) * (r.y1 - r.y0))
+    # A factor at a time: neither their product nor the cube of the distance need be a float.
+    return finite_density(distance / r.h * (distance / (r.x1 - r.x0)) * (distance / (r.y1 - r.y0)))
 
 
 @wp.func
@@ -168,7 +179,7 @@ def disk_cone(center: wp.vec3, normal: wp.vec3, radius: float, p: wp.vec3) -> El
 def _cone_pdf(cone: EllipticCone, q2: float) -> float:
     q = wp.sqrt(q2)
     scale = wp.sqrt(1.0 + 1.0 / (cone.a * cone.a)) * wp.sqrt(1.0 + 1.0 / (cone.b * cone.b))
-    return scale * (q + 1.0) / (TWO_PI * q)
+    return finite_density(scale * (q + 1.0) / (TWO_PI * q))
 
 
 @wp.func
@@ -223,7 +234,7 @@ def cone_pdf(one_minus_cos: float) -> float:
     """Return the density of directions uniform in a cone; `one_minus_cos` is 1 − cos of its half-angle."""
     if one_minus_cos <= 0.0:
         return 0.0
-    return 1.0 / (TWO_PI * one_minus_cos)
+    return finite_density(1.0 / (TWO_PI * one_minus_cos))
 
 
 @wp.func

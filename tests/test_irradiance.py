@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -118,6 +119,186 @@ def test_one_sided_light_is_dark_behind(device: str) -> None:
     scene.add(wrt.quad((-0.6, 1.0, -0.4), (0.0, 0.0, 0.8), (1.2, 0.0, 0.0)), material=wrt.Diffuse(0.0), emission=1.0)
     _, measured, _ = irradiance(scene, device, 16)
     assert measured.max() == 0.0
+
+
+# --- Lights that are exact shapes ------------------------------------------------------------------
+
+
+def fading(cosine: NDArray, inner: float, outer: float, falloff: str) -> NDArray:
+    """The share of a spot's intensity, by the formulas of docs/lights.md."""
+    if falloff == "linear":
+        return np.clip((outer - np.arccos(cosine)) / (outer - inner), 0.0, 1.0)
+    x = np.clip((cosine - math.cos(outer)) / (math.cos(inner) - math.cos(outer)), 0.0, 1.0)
+    return x * x if falloff == "gltf" else x * x * (3.0 - 2.0 * x)
+
+
+SPOT = (0.4, 1.2, -0.3)
+
+
+@pytest.mark.parametrize("falloff", ["smooth", "linear", "gltf"])
+def test_spot_light(falloff: str, device: str, report: Report) -> None:
+    """E = I f(θ) cosθ' / r²: within the inner cone, between the two and outside, which are all on the floor."""
+    scene = floor_scene()
+    inner, outer = math.radians(20.0), math.radians(40.0)
+    axis = np.array([0.3, -1.0, 0.1])
+    scene.add_light(
+        wrt.SpotLight(SPOT, tuple(axis), intensity=3.0, inner_degrees=20.0, outer_degrees=40.0, falloff=falloff)
+    )
+    where, measured, variance = irradiance(scene, device, 4096)
+
+    def cosine(x: NDArray, z: NDArray) -> NDArray:
+        way = np.stack([x - SPOT[0], np.full_like(x, -SPOT[1]), z - SPOT[2]])
+        return np.einsum("k,k...->...", axis, way) / np.linalg.norm(way, axis=0) / np.linalg.norm(axis)
+
+    def factor(x: NDArray, z: NDArray) -> NDArray:
+        return fading(cosine(x, z), inner, outer, falloff)
+
+    def expected(x: NDArray, z: NDArray) -> NDArray:
+        r2 = (x - SPOT[0]) ** 2 + SPOT[1] ** 2 + (z - SPOT[2]) ** 2
+        return 3.0 * factor(x, z) * SPOT[1] / r2**1.5
+
+    assert {0.0, 1.0} <= set(factor(*where).ravel())
+    lit = factor(*where) > 0.05  # where the edge crosses a pixel, quadrature does not know
+    exact = pixel_mean(expected, where)
+    check(f"spot light, {falloff}", measured[lit], variance[lit], exact[lit], 4096, report)
+    dark = cosine(*where) < math.cos(math.radians(46.0))
+    assert dark.sum() > 20
+    assert not measured[dark].any()
+    for other in {"smooth", "linear", "gltf"} - {falloff}:
+        mistaken = fading(np.cos(np.linspace(inner, outer, 9)), inner, outer, other)
+        assert np.abs(mistaken - fading(np.cos(np.linspace(inner, outer, 9)), inner, outer, falloff)).max() > 0.05
+
+
+@pytest.mark.parametrize("falloff", ["smooth", "linear", "gltf"])
+@pytest.mark.parametrize(("inner", "outer"), [(0.0, 30.0), (20.0, 25.0), (40.0, 40.0), (10.0, 170.0), (0.05, 0.1)])
+def test_power_of_a_spot_is_the_integral_of_its_intensity(falloff: str, inner: float, outer: float) -> None:
+    light = wrt.SpotLight((0, 0, 0), (0, -1, 0), power=5.0, inner_degrees=inner, outer_degrees=outer, falloff=falloff)
+    a, b = math.radians(inner), math.radians(outer)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    total = 2.0 * math.pi * (1.0 - math.cos(a))
+    if b > a:
+        angles = a + 0.5 * (b - a) * (nodes + 1.0)
+        ring = fading(np.cos(angles), a, b, falloff) * np.sin(angles)
+        total += 2.0 * math.pi * float((weights * ring).sum()) * 0.5 * (b - a)
+    assert light.intensity[0] * total == pytest.approx(5.0, rel=1e-5)
+    assert light.intensity[0] * total * 1.01 != pytest.approx(5.0, rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["point", "spot", "directional"])
+def test_punctual_color_is_what_a_white_surface_shows(kind: str, device: str) -> None:
+    """L = π f c (n·l) with f = ρ/π: the floor, which faces the light, shows ρ c; at one metre."""
+    scene = floor_scene()
+    color = (0.25, 0.5, 1.0)
+    scene.add_light(
+        {
+            "point": wrt.PointLight((0.0, 1.0, 0.0), color=color),
+            "spot": wrt.SpotLight((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), color=color),
+            "directional": wrt.DirectionalLight((0.0, -1.0, 0.0), color=color),
+        }[kind]
+    )
+    assert scene.camera is not None
+    image = wrt.render(replace(scene, camera=replace(scene.camera, fov_degrees=1e-3)), width=1, height=1, spp=1)
+    np.testing.assert_allclose(image[0, 0], REFLECTANCE * np.array(color), rtol=1e-4)
+
+
+def sphere_irradiance(x: NDArray, z: NDArray, height: float, radius: float) -> NDArray:
+    """Irradiance of a ball of radiance 1 above (0, 0), all of it above the horizon: π (R/d)² cosθ."""
+    d2 = x * x + z * z + height * height
+    return math.pi * radius**2 / d2 * height / np.sqrt(d2)
+
+
+def disk_irradiance(x: NDArray, z: NDArray, height: float, radius: float) -> NDArray:
+    """Irradiance of a horizontal disk of radiance 1 above (0, 0), facing down (Howell, B-13)."""
+    r2, h2, a2 = x * x + z * z, height * height, radius * radius
+    return 0.5 * math.pi * (1.0 - (h2 + r2 - a2) / np.sqrt((h2 + r2 + a2) ** 2 - 4.0 * a2 * r2))
+
+
+SHAPES: dict[str, tuple[object, object]] = {
+    "rectangle": (
+        wrt.RectangleLight((-0.6, 1.0, -0.4), (1.2, 0.0, 0.0), (0.0, 0.0, 0.8), radiance=1.0),
+        lambda x, z: rectangle_irradiance(x, z, 1.0, (0.6, 0.4)),
+    ),
+    "disk": (
+        wrt.DiskLight((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), 0.5, power=0.25 * math.pi**2),
+        lambda x, z: disk_irradiance(x, z, 1.0, 0.5),
+    ),
+    "sphere": (
+        wrt.SphereLight((0.0, 1.55, 0.0), 0.6, power=1.44 * math.pi**2),
+        lambda x, z: sphere_irradiance(x, z, 1.55, 0.6),
+    ),
+    "sun": (
+        wrt.DirectionalLight((1.0, -2.0, 0.5), irradiance=2.0, angle_degrees=40.0),
+        lambda x, z: np.full_like(x, 2.0 * 2.0 / math.sqrt(5.25)),
+    ),
+}
+
+
+@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_light_shapes(name: str, strategy: str, device: str, report: Report) -> None:
+    scene = floor_scene(eye=0.9)
+    light, function = SHAPES[name]
+    scene.add_light(light)  # type: ignore[arg-type]
+    spp = 4096 if strategy == "bsdf" else 1024
+    where, measured, variance = irradiance(scene, device, spp, strategy=strategy)
+    expected = pixel_mean(function, where)
+    check(f"{name}, {strategy}", measured, variance, expected, spp, report)
+    share = 1.05 if strategy == "bsdf" else 1.01
+    wrong = float(t_test_mean(measured.mean(), variance.sum() / variance.size**2, spp, share * expected.mean()))
+    assert wrong < 1e-3
+
+
+def test_light_shapes_are_seen_and_hide_what_is_behind_them(device: str) -> None:
+    """Fronts show their radiance and backs nothing; a black one takes the light of another away."""
+    scene = floor_scene()
+    scene.add_light(wrt.RectangleLight((-9.0, 1.0, -9.0), (0.0, 0.0, 18.0), (18.0, 0.0, 0.0), radiance=(1.0, 2.0, 3.0)))
+    image = wrt.render(scene, width=8, height=8, spp=2, device=device)
+    np.testing.assert_array_equal(image, np.broadcast_to(np.float32([1.0, 2.0, 3.0]), image.shape))
+    behind = replace(
+        scene, lights=[wrt.RectangleLight((-9.0, 1.0, -9.0), (18.0, 0.0, 0.0), (0.0, 0.0, 18.0), radiance=1.0)]
+    )
+    assert not wrt.render(behind, width=8, height=8, spp=2, device=device).any()
+    lit = replace(scene, camera=replace(scene.camera, origin=(0.0, 0.9, 0.0)))  # type: ignore[type-var]
+    lid = wrt.DiskLight((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 5.0, radiance=0.0)
+    lit.lights = [wrt.PointLight((0.0, 2.0, 0.0), intensity=1.0), lid]
+    assert not wrt.render(lit, width=8, height=8, spp=2, device=device).any()
+    lit.lights.pop()
+    assert wrt.render(lit, width=8, height=8, spp=2, device=device).all()
+
+
+@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
+def test_a_room_of_rectangle_lights_is_a_furnace(strategy: str, device: str, report: Report) -> None:
+    """Where radiance 1 arrives from everywhere, a matt box shows its albedo, once it is lit by light alone."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 1.9), (0.0, 0.0, 0.0), fov_degrees=12.0))
+    scene.add(wrt.box((-0.7, -0.7, -0.7), (0.7, 0.7, 0.7)), material=wrt.Diffuse(REFLECTANCE))
+    for axis in range(3):
+        u, v = np.roll([0.0, 4.0, 0.0], axis), np.roll([0.0, 0.0, 4.0], axis)
+        corner = -0.5 * (u + v) - np.roll([2.0, 0.0, 0.0], axis)
+        scene.add_light(wrt.RectangleLight(tuple(corner), tuple(u), tuple(v), radiance=1.0))
+        scene.add_light(wrt.RectangleLight(tuple(-corner), tuple(-v), tuple(-u), radiance=1.0))
+    spp = 1024
+    renderer = wrt.Renderer(scene, width=SIZE, height=SIZE, max_depth=2, device=device, seed=5, strategy=strategy)
+    for _ in renderer.passes(spp=spp):
+        pass
+    image, variance = renderer.image()[..., 0], renderer.variance()[..., 0]
+    check(f"furnace, {strategy}", image, variance, np.full_like(image, REFLECTANCE), spp, report)
+
+
+def test_a_pane_dims_light_shapes_and_the_sun(device: str, report: Report) -> None:
+    """Of black panes that are there by a quarter, three quarters of the light come through, whoever finds it."""
+    for name in ("sphere", "sun"):
+        light, function = SHAPES[name]
+        for strategy in ("mis", "bsdf"):
+            scene = floor_scene(eye=0.4)
+            pane = wrt.quad((-50.0, 0.5, 50.0), (100.0, 0.0, 0.0), (0.0, 0.0, -100.0))
+            scene.add(pane, material=wrt.Diffuse(0.0, opacity=0.25))
+            scene.add_light(light)  # type: ignore[arg-type]
+            where, measured, variance = irradiance(scene, device, 1024, strategy=strategy)
+            expected = 0.75 * pixel_mean(function, where)
+            check(f"{name} behind a pane, {strategy}", measured, variance, expected, 1024, report)
+
+
+# --- Environments ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("strategy", ["mis", "light"])

@@ -1,0 +1,322 @@
+"""Environments that are described by few numbers: spherical harmonics, and a sky with its sun."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+
+import wrt
+from wrt.build.environment import resolve_environment
+from wrt.environment import image_directions
+from wrt.formats.scene_toml import load_scene
+from wrt.harmonics import harmonics
+from wrt.sky import LUMINOUS_EFFICACY, color_matching, rgb_from_xyz, sky_xyz, sun_spectrum, sun_xyz, zenith_luminance
+
+Array = NDArray[np.float64]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def directions(n: int, seed: int) -> Array:
+    d = np.random.default_rng(seed).normal(size=(n, 3))
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def sphere_rule(degree: int) -> tuple[Array, Array]:
+    """Return directions and weights that integrate polynomials of a degree over the sphere exactly."""
+    z, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    phi = 2.0 * np.pi * np.arange(degree + 1) / (degree + 1)
+    sine = np.sqrt(1.0 - z * z)
+    d = np.stack([np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi)), np.outer(z, np.ones_like(phi))], axis=-1)
+    return d.reshape(-1, 3), np.repeat(weights * 2.0 * np.pi / (degree + 1), degree + 1)
+
+
+# --- Spherical harmonics ---------------------------------------------------------------------------
+
+
+def test_harmonics_are_orthonormal(report: Report) -> None:
+    degree = 16
+    d, weights = sphere_rule(2 * degree)
+    values = harmonics(degree, d)
+    products = values.T @ (values * weights[:, None])
+    report("largest error of a product", float(np.abs(products - np.eye(len(products))).max()), 0.0)
+    np.testing.assert_allclose(products, np.eye(len(products)), atol=1e-10)
+
+
+def test_harmonics_are_those_of_the_page() -> None:
+    """Ramamoorthi and Hanrahan 2001, equation 3."""
+    d = directions(50, 1)
+    x, y, z = d.T
+    c0, c1, c2, c3, c4 = 0.282095, 0.488603, 1.092548, 0.315392, 0.546274
+    expected = [c0 + 0.0 * x, c1 * y, c1 * z, c1 * x]
+    expected += [c2 * x * y, c2 * y * z, c3 * (3 * z * z - 1), c2 * x * z, c4 * (x * x - y * y)]
+    np.testing.assert_allclose(harmonics(2, d), np.stack(expected, axis=1), atol=2e-6)
+
+
+def read(image: wrt.ImageEnvironment, d: Array) -> Array:
+    """Return an environment image between its texels, as kernels read it."""
+    height, width = image.pixels.shape[:2]
+    x = (0.5 + np.arctan2(d[:, 0], -d[:, 2]) / (2.0 * np.pi)) * width - 0.5
+    y = np.arccos(np.clip(d[:, 1], -1.0, 1.0)) / np.pi * height - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - left)[:, None], (y - top)[:, None]
+    rows = np.clip([top, top + 1], 0, height - 1)
+    p = [[image.pixels[row, column % width] for column in (left, left + 1)] for row in rows]
+    return (p[0][0] * (1 - fx) + p[0][1] * fx) * (1 - fy) + (p[1][0] * (1 - fx) + p[1][1] * fx) * fy
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3, 8])
+def test_the_image_is_within_its_bound_of_the_sum(degree: int, report: Report) -> None:
+    rng = np.random.default_rng(degree)
+    coefficients = rng.normal(size=((degree + 1) ** 2, 3))
+    coefficients[0] += 12.0 * (degree + 1)  # nowhere negative
+    environment = wrt.SphericalHarmonicsEnvironment(coefficients, scale=2.0)
+    image = environment.image()
+    d = directions(100_000, 9)
+    exact = 2.0 * harmonics(degree, d) @ coefficients
+    assert exact.min() > 0.0
+    varying = 2.0 * harmonics(degree, d) @ np.concatenate([coefficients[:1] * 0.0, coefficients[1:]])
+    largest = np.abs(varying).max(axis=0) if degree else np.ones(3)
+    error = np.abs(2.0 * read(image, d) - exact) / largest
+    polar = np.arccos(np.abs(d[:, 1]))
+    inside = (polar > 0.5 * np.pi / len(image.pixels)) | (degree == 0)
+    report(f"degree {degree}: largest error over the largest value", float(error[inside].max()), "< 6.1e-4")
+    assert error[inside].max() < (np.pi / 64.0) ** 2 / 4.0
+    assert error.max() < np.pi / 128.0
+
+
+def test_what_is_negative_is_black() -> None:
+    environment = wrt.SphericalHarmonicsEnvironment([0.0, 1.0, 0.0, 0.0])  # y
+    image = environment.image()
+    up = image_directions(*image.pixels.shape[:2])[..., 1] > 0.0
+    assert (image.pixels[up] > 0.0).all()
+    assert not image.pixels[~up].any()
+
+
+@pytest.mark.parametrize("strategy", ["mis", "light"])
+def test_irradiance_of_harmonics(strategy: str, device: str, report: Report) -> None:
+    """Of degree 2 by the clamped cosine's own harmonics: A0 = π, A1 = 2π/3, A2 = π/4 (ibid., equation 8)."""
+    coefficients = 0.2 * np.random.default_rng(2).normal(size=(9, 3))
+    coefficients[0] = 4.0
+    scene = wrt.Scene(environment=wrt.SphericalHarmonicsEnvironment(coefficients))
+    scene.camera = wrt.PerspectiveCamera((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov_degrees=10.0)
+    scene.add(wrt.quad((-8.0, 0.0, 8.0), (16.0, 0.0, 0.0), (0.0, 0.0, -16.0)), material=wrt.Diffuse(0.5))
+    renderer = wrt.Renderer(scene, width=16, height=16, max_depth=2, device=device, strategy=strategy)
+    for _ in renderer.passes(spp=512):
+        pass
+    bands = np.repeat([math.pi, 2.0 * math.pi / 3.0, math.pi / 4.0], [1, 3, 5])[:, None]
+    expected = (harmonics(2, np.array([[0.0, 1.0, 0.0]])) @ (bands * coefficients))[0] * 0.5 / math.pi
+    measured = renderer.image().astype(np.float64).mean(axis=(0, 1))
+    error = np.sqrt(renderer.variance().sum(axis=(0, 1))) / 256.0
+    for channel in range(3):
+        report(f"{strategy}: channel {channel}", float(measured[channel]), float(expected[channel]))
+    assert (np.abs(measured - expected) < 3.5 * error).all()
+    assert (3.5 * error < 0.02 * expected).all()
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "message"),
+    [
+        ([1.0, 2.0], "coefficients must be 1, 4, 9, 16, ... rows of three numbers, not (2, 3)"),
+        ([[1.0, 2.0]], "coefficients must be 1, 4, 9, 16, ... rows of three numbers, not (1, 2)"),
+        ([math.nan], "coefficients must be finite numbers"),
+        ("x", "coefficients must be"),
+        (np.zeros(18**2), "coefficients must be at most 289, not 324"),
+    ],
+)
+def test_coefficients_that_cannot_be_used(coefficients: object, message: str) -> None:
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.SphericalHarmonicsEnvironment(coefficients)  # type: ignore[arg-type]
+    assert message in str(caught.value)
+
+
+# --- Sun and sky -----------------------------------------------------------------------------------
+
+
+def test_the_zenith_has_the_luminance_of_the_formula() -> None:
+    """Preetham 1999, equation for Y_z at the sun's angles where its tangent is 0 and 1; the picture shows it."""
+    for turbidity in (2.0, 6.0, 10.0):
+        assert zenith_luminance(math.pi / 2.0, turbidity) == pytest.approx(-0.2155 * turbidity + 2.4192)
+        slope = 4.0 / 9.0 - turbidity / 120.0
+        angle = 0.5 * (math.pi - 0.25 * math.pi / slope)
+        assert zenith_luminance(angle, turbidity) == pytest.approx(3.8298 * turbidity - 2.5518)
+        environment = wrt.SunSkyEnvironment(90.0 - math.degrees(angle), turbidity=turbidity)
+        image, _ = environment.image_and_sun()
+        shown = LUMINOUS_EFFICACY / 1000.0 * float(image.pixels[0].mean(axis=0) @ LUMINANCE)
+        assert shown == pytest.approx(zenith_luminance(angle, turbidity), rel=0.01)
+
+
+@pytest.mark.parametrize("elevation", [1.0, 20.0, 50.0, 90.0])
+@pytest.mark.parametrize("turbidity", [2.0, 3.0, 5.0, 10.0])
+def test_skies_are_skies(elevation: float, turbidity: float) -> None:
+    """No negative radiance, a continuous sky, the sun where it should be, ground of what comes down."""
+    environment = wrt.SunSkyEnvironment(elevation, 40.0, turbidity=turbidity, ground_albedo=(0.1, 0.2, 0.4))
+    image, sun = environment.image_and_sun()
+    assert sun is not None
+    height = len(image.pixels)
+    sky, ground = image.pixels[: height // 2].astype(np.float64), image.pixels[height // 2 :]
+    assert (image.pixels >= 0.0).all()
+    assert (sky @ LUMINANCE > 0.0).all()
+    # From texel to texel it changes by less than a tenth: no seam at −z, at the zenith or above the horizon.
+    luminance = sky @ LUMINANCE
+    assert np.abs(np.diff(np.log(luminance), axis=0)).max() < 0.1
+    assert np.abs(np.diff(np.log(np.concatenate([luminance, luminance[:, :1]], axis=1)), axis=1)).max() < 0.1
+    to_sun = np.array(environment.to_sun)
+    np.testing.assert_allclose(-np.array(sun.direction), to_sun)
+    brightest = image_directions(*image.pixels.shape[:2])[: height // 2].reshape(-1, 3)[luminance.argmax()]
+    # At a low sun the brightest place may be the haze below it.
+    flat = np.array([1.0, 0.0, 1.0]) * (brightest - to_sun if elevation < 80.0 else 0.0)
+    assert np.linalg.norm(flat) < 0.6
+    d = image_directions(*image.pixels.shape[:2])[: height // 2]
+    solid_angle = np.sin(np.arccos(d[..., 1])) * (np.pi / height) ** 2
+    down = np.einsum("ijc,ij->c", sky, d[..., 1] * solid_angle) + np.asarray(sun.irradiance) * to_sun[1]
+    np.testing.assert_allclose(ground, np.broadcast_to(down * [0.1, 0.2, 0.4] / np.pi, ground.shape), rtol=1e-3)
+    # More haze, less sun; what the two give together stays below what the sun sends.
+    whole = 1000.0 * 0.133  # kilolux outside the atmosphere
+    assert float(down @ LUMINANCE) * LUMINOUS_EFFICACY < 1.3 * whole * 1000.0 * math.sin(math.radians(elevation)) + 3e4
+
+
+def test_the_sun_is_the_solar_constant_but_for_the_air(report: Report) -> None:
+    """Outside the atmosphere sunlight is 133 klx (Darula, Kittler and Gueymard 2005: 133.1);
+    clear air leaves 70 to 85 %.
+    """
+    half = math.radians(0.265)
+    wavelengths, _ = sun_spectrum(0.0, 2.0)
+    from wrt import sky
+
+    outside = np.interp(np.arange(380.0, 751.0), wavelengths, 10.0 * sky._SUN) @ color_matching(np.arange(380.0, 751.0))
+    above = LUMINOUS_EFFICACY * outside[1] * math.pi * math.sin(half) ** 2 / 1000.0
+    report("sunlight outside the atmosphere, klx", above, 133.1)
+    assert above == pytest.approx(133.1, rel=0.05)
+    ground = LUMINOUS_EFFICACY * sun_xyz(0.0, 2.0)[1] * math.pi * math.sin(half) ** 2 / 1000.0
+    report("at the ground, sun at the zenith, turbidity 2, klx", ground, "70 to 85 % of it")
+    assert 0.7 < ground / above < 0.85
+    shares = [sun_xyz(math.radians(angle), 3.0) for angle in (0.0, 60.0, 80.0, 88.0)]
+    red = [float(rgb_from_xyz(s)[0] / max(rgb_from_xyz(s)[2], 1e-12)) for s in shares]
+    assert red == sorted(red)  # lower suns are redder
+    assert [s[1] for s in shares] == sorted((s[1] for s in shares), reverse=True)
+
+
+def test_color_matching_functions_are_those_of_the_cie() -> None:
+    """CIE 1931 at four wavelengths (CIE 15), and the equal integrals 106.86 of all three."""
+    table = {450.0: (0.3362, 0.0380, 1.7721), 500.0: (0.0049, 0.3230, 0.2720), 550.0: (0.4334, 0.9950, 0.0087)}
+    table[600.0] = (1.0622, 0.6310, 0.0008)
+    for wavelength, values in table.items():
+        np.testing.assert_allclose(color_matching([wavelength])[0], values, atol=0.035)
+    np.testing.assert_allclose(color_matching(np.arange(360.0, 831.0)).sum(axis=0), 106.86, rtol=0.01)
+    white = rgb_from_xyz([0.95047, 1.0, 1.08883])
+    np.testing.assert_allclose(white, 1.0, atol=1e-4)
+
+
+def test_perez_is_one_at_the_zenith() -> None:
+    for angle, turbidity in ((0.3, 2.5), (1.2, 7.0)):
+        zenith = sky_xyz([1.0], [math.cos(angle)], angle, turbidity)[0]
+        assert zenith[1] == pytest.approx(zenith_luminance(angle, turbidity) * 1000.0 / LUMINOUS_EFFICACY)
+
+
+def test_the_sun_is_seen_and_can_be_left_out(device: str) -> None:
+    bright = wrt.Scene(environment=wrt.SunSkyEnvironment(30.0, 70.0))
+    assert isinstance(bright.environment, wrt.SunSkyEnvironment)
+    to_sun = np.array(bright.environment.to_sun)
+    bright.camera = wrt.PerspectiveCamera((0, 0, 0), tuple(to_sun), fov_degrees=0.2)
+    bright.add(wrt.quad((0, -9, 0), (1, 0, 0), (0, 0, 1)))
+    _, (sun,) = resolve_environment(bright.environment)
+    radiance = np.asarray(sun.irradiance) / (math.pi * math.sin(math.radians(0.265)) ** 2)
+    image = wrt.render(bright, width=4, height=4, spp=1, device=device)
+    assert (image > radiance).all()
+    np.testing.assert_allclose(image, np.broadcast_to(radiance, image.shape), rtol=1e-3)
+    bright.environment = wrt.SunSkyEnvironment(30.0, 70.0, sun_scale=0.0)
+    assert wrt.render(bright, width=4, height=4, spp=1, device=device).max() < 1e-3 * radiance.max()
+
+
+def test_the_sun_may_be_given_by_its_direction() -> None:
+    angles = wrt.SunSkyEnvironment(30.0, -100.0)
+    direction = wrt.SunSkyEnvironment(sun_direction=tuple(3.0 * x for x in angles.to_sun))  # type: ignore[arg-type]
+    assert (direction.elevation_degrees, direction.azimuth_degrees) == pytest.approx((30.0, -100.0))
+    np.testing.assert_allclose(wrt.SunSkyEnvironment(0.001, 90.0).to_sun, (1.0, 0.0, 0.0), atol=1e-4)
+    for mistake in ({"sun_direction": (0, -1, 0)}, {"sun_direction": (0, 0, 0)}, {"turbidity": 1.5}):
+        with pytest.raises(wrt.InputError):
+            wrt.SunSkyEnvironment(**mistake)  # type: ignore[arg-type]
+
+
+# --- Scene files -----------------------------------------------------------------------------------
+
+
+def test_everything_can_be_said_in_a_scene_file(tmp_path: Path) -> None:
+    wrt.save_image(tmp_path / "screen.png", np.full((2, 2, 3), 1.0))
+    (tmp_path / "scene.toml").write_text(
+        """
+[environment]
+type = "spherical-harmonics"
+coefficients = [[1, 1, 1], [0.1, 0.2, -0.3], [0, 0, 0], [0.3, 0, 0]]
+scale = 2
+[[lights]]
+type = "spot"
+position = [0, 3, 0]
+direction = [0, -1, 0]
+color = [1, 2, 3]
+falloff = "gltf"
+[[lights]]
+type = "directional"
+direction = [0, -1, 0]
+angle_degrees = 0.53
+[[lights]]
+type = "rectangle"
+origin = [0, 1, 0]
+edge_u = [1, 0, 0]
+edge_v = [0, 0, 1]
+power = 4
+two_sided = true
+[[lights]]
+type = "disk"
+center = [0, 1, 0]
+normal = [0, -2, 0]
+radiance = [1, 2, 3]
+[[lights]]
+type = "sphere"
+center = [0, 1, 0]
+radius = 0.25
+power = 3
+[materials.lamp]
+type = "emissive"
+radiance = { texture = "screen.png", factor = 20 }
+[[shapes]]
+type = "quad"
+origin = [0, 0, 0]
+edge_u = [1, 0, 0]
+edge_v = [0, 0, 1]
+material = "lamp"
+[[shapes]]
+type = "quad"
+origin = [0, 0, 0]
+edge_u = [1, 0, 0]
+edge_v = [0, 0, 1]
+emission = { texture = "screen.png", factor = [1, 2, 3] }
+[[shapes]]
+type = "quad"
+origin = [0, 0, 0]
+edge_u = [1, 0, 0]
+edge_v = [0, 0, 1]
+emission = { vertex_colors = true, factor = 5 }
+"""
+    )
+    scene = load_scene(tmp_path / "scene.toml")
+    spot, sun, rectangle, disk, ball = scene.lights
+    assert spot == wrt.SpotLight((0, 3, 0), (0, -1, 0), color=(1, 2, 3), falloff="gltf")
+    assert spot.intensity == pytest.approx((math.pi, 2 * math.pi, 3 * math.pi))  # type: ignore[union-attr]
+    assert sun == wrt.DirectionalLight((0, -1, 0), 1.0, angle_degrees=0.53)
+    assert rectangle.radiance == pytest.approx((2.0 / math.pi,) * 3)  # type: ignore[union-attr]
+    assert disk == wrt.DiskLight((0, 1, 0), (0, -1, 0), radiance=(1, 2, 3))
+    assert ball.radiance == pytest.approx((3.0 / (4.0 * math.pi**2 * 0.0625),) * 3)  # type: ignore[union-attr]
+    assert isinstance(scene.environment, wrt.SphericalHarmonicsEnvironment)
+    assert scene.environment.degree == 1
+    lamp, textured, colored = (shape.emission for shape in scene.shapes)
+    assert isinstance(lamp, wrt.ImageTexture)
+    assert lamp.factor == (20.0, 20.0, 20.0)
+    assert isinstance(textured, wrt.ImageTexture)
+    assert textured.factor == (1.0, 2.0, 3.0)
+    assert colored == wrt.VertexColor(5.0)
