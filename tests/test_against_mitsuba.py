@@ -16,6 +16,7 @@ import pytest
 from conftest import Report
 
 import wrt
+from wrt.build import layout
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
@@ -23,6 +24,12 @@ from support.mitsuba_scene import Reference, render_reference
 from support.statistics import ImageTest, image_z_test, sidak
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(autouse=True)
+def small_meshes_are_shared_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layout, "WORTH_SHARING", 0)
+
 
 CAMERA = wrt.PerspectiveCamera(origin=(1.2, 1.6, 3.4), target=(0.0, 0.45, 0.0), fov_degrees=36.0)
 
@@ -232,7 +239,28 @@ def cornell_box() -> wrt.Scene:
     return wrt.load("cornell-box")
 
 
+def instances() -> wrt.Scene:
+    """Boxes of which each stands in several places, turned, stretched, mirrored, and lamps that are instances too."""
+    scene = stage()
+    rng = np.random.default_rng(3)
+    red, glass = wrt.Diffuse((0.7, 0.2, 0.1)), wrt.Dielectric()
+    block, mirror = flat(wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))), wrt.Mirror(0.9)
+    for i, material in enumerate((red, red, red, glass, glass, mirror, mirror)):
+        place = np.eye(4)
+        q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        place[:3, :3] = q @ np.diag(rng.uniform(0.25, 0.6, 3))
+        place[:3, 3] = -1.2 + 0.4 * i, rng.uniform(0.3, 1.0), rng.uniform(-0.8, 1.0)
+        scene.add(block, material=material, transform=place)
+    for x in (-1.0, 1.0):
+        place = np.diag([0.8, 1.0, 0.8 * x, 1.0])
+        place[:3, 3] = x, 2.5, 0.5
+        # The mesh shines down; mirrored, its front is the same side.
+        scene.add(wrt.quad((-0.5, 0, -0.5), (1, 0, 0), (0, 0, 1)), emission=(6.0, 5.0, 4.0), transform=place)
+    return scene
+
+
 CASES = {
+    "instances": Case(instances, 10),
     "cornell-box-emission": Case(cornell_box, 1, 64, 256, (64, 64)),
     "cornell-box-direct": Case(cornell_box, 2, size=(64, 64)),
     "cornell-box-global": Case(cornell_box, 8, size=(64, 64)),

@@ -9,6 +9,8 @@ What differs between the two is bridged here, exactly:
 - Reflectors are one-sided in Mitsuba unless wrapped in `twosided`; area lights shine from the side where
   corners run counter-clockwise in both.
 
+- Shapes with transforms are instances of a `shapegroup`; of those that shine, which a group may not have, copies.
+
 What cannot be bridged:
 
 - An interpolated normal. Mitsuba lights a surface by its shading normal alone, wrt asks the geometric one too.
@@ -110,8 +112,21 @@ def to_mitsuba(
         "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": rr_depth},
         "sensor": _sensor(scene.camera, width, height),
     }
+    groups: dict[tuple[int, int], str] = {}
     for i, shape in enumerate(scene.shapes):
-        result[f"shape_{i}"] = _shape(shape, Path(folder) / f"shape_{i}.ply")
+        place = shape.transform
+        if isinstance(place, wrt.Motion) or shape.deformation is not None:
+            raise NotImplementedError(f"{shape.name}: Mitsuba 3 has no motion blur")
+        file = Path(folder) / f"shape_{i}.ply"
+        if place is None or shape.emits:
+            result[f"shape_{i}"] = _shape(dataclasses.replace(shape, mesh=shape.mesh_at(0.0)), file)
+            continue
+        key = (id(shape.mesh), id(shape.material))
+        if key not in groups:
+            groups[key] = f"group_{i}"
+            result[groups[key]] = {"type": "shapegroup", "shape": _shape(shape, file)}
+        to_world = load_mitsuba().ScalarTransform4f(place.tolist())
+        result[f"shape_{i}"] = {"type": "instance", "to_world": to_world, "group": {"type": "ref", "id": groups[key]}}
     for i, light in enumerate(scene.lights):
         result[f"light_{i}"] = _light(light)
     if scene.environment is not None:
