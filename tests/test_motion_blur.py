@@ -229,7 +229,8 @@ def test_boxes_hold_what_moves(report: Report) -> None:
         centers = rng.uniform(-1, 1, (len(times), 3))
         halves = rng.uniform(0.05, 1.0, (len(times), 3))
         boxes = np.stack([centers - halves, centers + halves], axis=1)
-        found = swept_boxes(motion, times, boxes, (0.0, 1.0), 8)
+        radius = float(np.linalg.norm(halves, axis=1).max())
+        found = swept_boxes(motion, times, boxes, radius, (0.0, 1.0), 8)
         for k, (low, high) in enumerate(found.astype(np.float64)):
             at = np.linspace(k / 8, (k + 1) / 8, 201)
             moved = motion.at(at)
@@ -246,6 +247,14 @@ def test_boxes_hold_what_moves(report: Report) -> None:
             slack.append(float((high - low).sum() / (most - least).sum()))
     report("sides over those of the tightest boxes: mean, most", np.mean(slack), f"{np.max(slack):.3f}")
     assert np.mean(slack) < 1.05
+
+
+def test_boxes_of_balls_are_those_of_balls() -> None:
+    """However they turn; stretched ones are held by the ball around them."""
+    motion = Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
+    box = np.array([[[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]])
+    found = swept_boxes(motion, np.zeros(1), box, 0.5, (0.0, 1.0), 4)
+    np.testing.assert_allclose(found, np.broadcast_to(box, (4, 2, 3)), atol=1e-4)
 
 
 def test_shapes_know_where_they_are() -> None:

@@ -41,7 +41,7 @@ _ROUNDINGS = 64.0
 
 
 def swept_boxes(
-    motion: Motion, times: FloatArray, boxes: FloatArray, shutter: tuple[float, float], slices: int
+    motion: Motion, times: FloatArray, boxes: FloatArray, radius: float, shutter: tuple[float, float], slices: int
 ) -> NDArray[np.float32]:
     """Return (S, 2, 3) boxes, one for each of equal slices of the time, that hold a moving thing throughout the slice.
 
@@ -52,10 +52,15 @@ def swept_boxes(
     widened by that much, hold the way of every point of the thing's own box. If that box changes, linearly between
     `times`, the one around it at both ends of the step holds all points meanwhile.
 
+    The thing also lies in a ball around the box's centre. The way of that is held likewise, and the ball is stretched
+    at most by the largest singular value of S, which is a convex function of the time. So boxes of round things that
+    turn are tight.
+
     Args:
         motion: of the thing's own space.
         times: (K,) when its own box is one of `boxes`.
         boxes: (K, 2, 3).
+        radius: of a ball around each of those boxes' centres that holds the thing as well.
         shutter: first and last time.
         slices: how many, S.
     """
@@ -67,29 +72,31 @@ def swept_boxes(
     keys = np.concatenate([motion.times, times])
     grid = np.unique(np.concatenate([grid, edges - late, edges + late, keys[(keys > begin) & (keys < end)]]))
     matrices = motion.at(grid)
+    rate, growth = _rates(motion, grid)
     first, share = segments(times, grid)
     f = share[:, None, None]
     own = (1.0 - f) * boxes[first] + f * boxes[np.minimum(first + 1, len(times) - 1)]
-    own = np.stack([np.minimum(own[:-1, 0], own[1:, 0]), np.maximum(own[:-1, 1], own[1:, 1])], axis=1)
 
-    # How fast it turns and stretches in each step: both are constant in it.
-    segment, _ = segments(motion.times, 0.5 * (grid[:-1] + grid[1:]))
-    length = np.diff(motion.times, append=motion.times[-1] + 1.0)[segment]
-    moves = (grid[1:] > motion.times[0]) & (grid[:-1] < motion.times[-1])
-    rate = np.where(moves, 2.0 * motion.half_angles[segment] / length, 0.0)
-    stretches = motion.parts.stretches
-    next_segment = np.minimum(segment + 1, len(motion.times) - 1)
-    growth = (stretches[next_segment] - stretches[segment]) / length[:, None, None]
-    picks = np.array([[i >> 0 & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
-    corners = own[:, picks, np.arange(3)] - np.array(motion.center)  # (steps, 8, 3)
-    sizes = [
-        np.linalg.norm(np.einsum("kij,knj->kni", m, corners), axis=2).max(axis=1)
-        for m in (matrices[:-1, :3, :3], matrices[1:, :3, :3], growth)
-    ]
-    step = np.diff(grid)
-    off = step * step / 8.0 * (rate * rate * np.maximum(sizes[0], sizes[1]) + 2.0 * rate * sizes[2])
-    ends = np.stack([world_boxes(own, m, _ROUNDINGS) for m in (matrices[:-1], matrices[1:])]).astype(np.float64)
-    low, high = ends[:, :, 0].min(axis=0) - off[:, None], ends[:, :, 1].max(axis=0) + off[:, None]
+    def held(own: FloatArray) -> FloatArray:
+        """Return (steps, 2, 3) what holds the way of a box that changes between the times of the grid."""
+        own = np.stack([np.minimum(own[:-1, 0], own[1:, 0]), np.maximum(own[:-1, 1], own[1:, 1])], axis=1)
+        picks = np.array([[i >> 0 & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
+        corners = own[:, picks, np.arange(3)] - np.array(motion.center)  # (steps, 8, 3)
+        sizes = [
+            np.linalg.norm(np.einsum("kij,knj->kni", m, corners), axis=2).max(axis=1)
+            for m in (matrices[:-1, :3, :3], matrices[1:, :3, :3], growth)
+        ]
+        step = np.diff(grid)
+        off = step * step / 8.0 * (rate * rate * np.maximum(sizes[0], sizes[1]) + 2.0 * rate * sizes[2])
+        ends = [world_boxes(own, m, _ROUNDINGS).astype(np.float64) for m in (matrices[:-1], matrices[1:])]
+        low, high = np.minimum(ends[0][:, 0], ends[1][:, 0]), np.maximum(ends[0][:, 1], ends[1][:, 1])
+        return np.stack([low - off[:, None], high + off[:, None]], axis=1)
+
+    around_box, around_center = held(own), held(np.repeat(own.mean(axis=1, keepdims=True), 2, axis=1))
+    stretch = np.linalg.norm(matrices[:, :3, :3], 2, axis=(1, 2))
+    reach = (1.0 + 1e-5) * radius * np.maximum(stretch[:-1], stretch[1:])[:, None]
+    low = np.maximum(around_box[:, 0], around_center[:, 0] - reach)
+    high = np.minimum(around_box[:, 1], around_center[:, 1] + reach)
     result = np.empty((slices, 2, 3))
     for k in range(slices):
         a, b = np.searchsorted(grid, (edges[k] - late, edges[k + 1] + late))
@@ -101,3 +108,14 @@ def swept_boxes(
         ],
         axis=1,
     )
+
+
+def _rates(motion: Motion, grid: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how fast a motion turns, radians a second, and stretches, S', between times among which are its keys."""
+    segment, _ = segments(motion.times, 0.5 * (grid[:-1] + grid[1:]))
+    length = np.diff(motion.times, append=motion.times[-1] + 1.0)[segment]
+    moves = (grid[1:] > motion.times[0]) & (grid[:-1] < motion.times[-1])
+    rate = np.where(moves, 2.0 * motion.half_angles[segment] / length, 0.0)
+    stretches = motion.parts.stretches
+    next_segment = np.minimum(segment + 1, len(motion.times) - 1)
+    return rate, (stretches[next_segment] - stretches[segment]) / length[:, None, None]

@@ -13,6 +13,7 @@ from wrt.build.layout import Layout, SharedMesh
 from wrt.build.motion import motion_records, swept_boxes
 from wrt.device import Device
 from wrt.errors import InputError
+from wrt.mesh import Mesh
 from wrt.motion import Motion
 
 FloatArray = NDArray[np.float64]
@@ -130,23 +131,39 @@ def _boxes(layout: Layout, world: Any) -> tuple[tuple[float, float], NDArray[np.
         boxes[:, 0] = world_boxes(world.bounds, np.eye(4))
     still = np.setdiff1d(np.arange(len(layout.instances)), changing)
     if len(still):
-        bounds = np.stack([mesh.keys[0].bounds for mesh in layout.shared])
         numbers = np.array([layout.instances[i].mesh for i in still])
         matrices = np.stack([layout.instances[i].transform for i in still])
-        boxes[:, has_world + still] = world_boxes(bounds[numbers], matrices)
-    key_bounds: dict[int, FloatArray] = {}
+        bounds = np.stack([mesh.keys[0].bounds for mesh in layout.shared])
+        radii = np.array([_radius(mesh.keys[0], b.mean(axis=0)) for mesh, b in zip(layout.shared, bounds, strict=True)])
+        boxes[:, has_world + still] = _still_boxes(bounds[numbers], radii[numbers], matrices)
+    forms: dict[int, tuple[FloatArray, float]] = {}
     for i in changing:
         instance = layout.instances[i]
         mesh = layout.shared[instance.mesh]
-        if instance.mesh not in key_bounds:
-            key_bounds[instance.mesh] = np.stack([key.bounds for key in mesh.keys])
+        if instance.mesh not in forms:
+            bounds = np.stack([key.bounds for key in mesh.keys])
+            forms[instance.mesh] = bounds, max(map(_radius, mesh.keys, bounds.mean(axis=1)))
         motion = instance.transform
         if not isinstance(motion, Motion):
             motion = Motion(np.zeros(1), motion[None])
-        boxes[:, has_world + i] = swept_boxes(motion, mesh.times, key_bounds[instance.mesh], layout.shutter, slices)
+        boxes[:, has_world + i] = swept_boxes(motion, mesh.times, *forms[instance.mesh], layout.shutter, slices)
     if changing:
         boxes = _join_slices(boxes, has_world + np.array(changing))
     return layout.shutter, boxes
+
+
+def _radius(mesh: Mesh, center: FloatArray) -> float:
+    return float(np.linalg.norm(mesh.vertices - center, axis=1).max())
+
+
+def _still_boxes(bounds: FloatArray, radii: FloatArray, matrices: FloatArray) -> NDArray[np.float32]:
+    """Return (N, 2, 3) boxes around what lies both in boxes and in balls around their centres."""
+    around_box = world_boxes(bounds, matrices)
+    # The ball's image is an ellipsoid, which reaches as far along an axis as that row of the matrix is long.
+    center = world_boxes(np.repeat(bounds.mean(axis=1, keepdims=True), 2, axis=1), matrices)
+    reach = (1.0 + 1e-6) * radii[:, None] * np.linalg.norm(matrices[:, :3, :3], axis=2)
+    low = np.maximum(around_box[:, 0], (center[:, 0] - reach).astype(np.float32))
+    return np.stack([low, np.minimum(around_box[:, 1], (center[:, 1] + reach).astype(np.float32))], axis=1)
 
 
 def _join_slices(boxes: NDArray[np.float32], changing: NDArray[np.int64]) -> NDArray[np.float32]:
