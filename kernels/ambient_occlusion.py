@@ -16,8 +16,9 @@ from wrt.kernels.geometry import Ray, to_world
 from wrt.kernels.intersect import NO_HIT
 from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
-from wrt.kernels.scene_data import SceneData
+from wrt.kernels.scene_data import BodyStack, SceneData
 from wrt.kernels.shadow import make_visibility
+from wrt.kernels.skin import no_skin
 from wrt.kernels.triangles import leave_surface
 from wrt.kernels.warps import square_to_cosine_hemisphere
 
@@ -48,7 +49,7 @@ def make_trace_occlusion(features: Features) -> wp.Function:
             ray.time = camera_ray.time
             nowhere = Hit()
             nowhere.triangle = NO_HIT
-            result.radiance = wp.vec3(1.0) * visibility(scene, ray, settings.ao_distance, nowhere)
+            result.radiance = visibility(scene, ray, settings.ao_distance, nowhere, BodyStack(), no_skin())
             result.rays = result.rays + 1
         return result
 

@@ -8,7 +8,7 @@ Unused places of a node hold inverted boxes, unused triangles coincident corners
 
 import warp as wp
 
-from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, with_vectors
+from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, TRIANGLE_TEST_AFTER, with_vectors
 
 WIDTH = 8
 NODE_FLOATS = 56
@@ -130,7 +130,8 @@ done:;
     )
 
 
-FOLLOW_RAY = follow_ray("const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);" + TRIANGLE_TEST)
+_FIND_LEAF = "const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);"
+FOLLOW_RAY = follow_ray(_FIND_LEAF + TRIANGLE_TEST)
 
 _TRAVERSE = (
     """
@@ -145,9 +146,7 @@ _TRAVERSE = (
     float hit_u = 0.0f, hit_v = 0.0f;
     int id_max = NOTHING_HIT, current = 0;
     if (runs) {
-"""
-    + FOLLOW_RAY
-    + """
+        FOLLOW_THE_RAY
     }
     const int triangle = id_max == NOTHING_HIT ? -1 : id_max;
     float as_float;
@@ -163,8 +162,19 @@ def native_code(code: str) -> str:
     return with_vectors(code.replace("BOX_PAD", "1.00002f"), LEAF_SIZE)
 
 
-@wp.func_native(native_code(_TRAVERSE))
+@wp.func_native(native_code(_TRAVERSE.replace("FOLLOW_THE_RAY", FOLLOW_RAY)))
 def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4: ...
+
+
+@wp.func_native(
+    native_code(
+        "const bool any_hit = false;"
+        + _TRAVERSE.replace("FOLLOW_THE_RAY", follow_ray(_FIND_LEAF + TRIANGLE_TEST_AFTER))
+    )
+)
+def _traverse_after(
+    bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, id_min: int
+) -> wp.vec4: ...
 
 
 @wp.struct
@@ -183,12 +193,7 @@ class Hit:
 
 
 @wp.func
-def bvh_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> Hit:
-    """Return the nearest hit with t in [t_min, t_max], among equals the lowest triangle number; or some hit.
-
-    t_min must not be negative; a `direction` of any length but zero will do, t is in its units.
-    """
-    found = _traverse(bvh, origin, direction, t_min, t_max, any_hit)
+def _hit(found: wp.vec4) -> Hit:
     hit = Hit()
     hit.triangle = wp.cast(found[0], wp.int32)
     hit.t = found[1]
@@ -198,9 +203,27 @@ def bvh_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: 
 
 
 @wp.func
+def bvh_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> Hit:
+    """Return the nearest hit with t in [t_min, t_max], among equals the lowest triangle number; or some hit.
+
+    t_min must not be negative; a `direction` of any length but zero will do, t is in its units.
+    """
+    return _hit(_traverse(bvh, origin, direction, t_min, t_max, any_hit))
+
+
+@wp.func
 def bvh_closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float) -> Hit:
     """Return the nearest hit with t in [t_min, t_max]; among equals the lowest triangle number."""
     return bvh_hit(bvh, origin, direction, t_min, t_max, False)
+
+
+@wp.func
+def bvh_next_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, last: Hit, t_max: float) -> Hit:
+    """Return the hit that follows `last` up to t_max, which is farther away, or as far and of a higher number.
+
+    So the surfaces that a ray meets are found one by one, those that lie in the same place too.
+    """
+    return _hit(_traverse_after(bvh, origin, direction, last.t, t_max, last.triangle))
 
 
 @wp.func

@@ -27,6 +27,8 @@ class Features:
         clamped: whether paths bring only so much indirect light.
         regularized: whether surfaces get rougher along a path.
         layers: whether the film has layers (see `kernels/layers.py`).
+        media: "none", "absorbing" (where media emit or absorb light) or "scattering".
+        nested: whether bodies have priorities, by which they may lie within one another and overlap.
     """
 
     models: tuple[str, ...]
@@ -42,6 +44,13 @@ class Features:
     regularized: bool = False
     layers: bool = False
     light_tree: bool = False
+    media: str = "none"
+    nested: bool = False
+
+    @property
+    def bodies(self) -> bool:
+        """Whether a path must know in which bodies it is."""
+        return self.nested or self.media != "none"
 
     @property
     def name(self) -> str:
@@ -54,6 +63,7 @@ class Features:
         parts += ["lights"] * self.light_shapes
         parts += ["clamped"] * self.clamped + ["regularized"] * self.regularized + ["layers"] * self.layers
         parts += ["tree"] * self.light_tree
+        parts += [self.media] * (self.media != "none") + ["nested"] * self.nested
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

@@ -18,7 +18,7 @@ import warp as wp
 from wrt.kernels.bvh import FOLLOW_RAY, RAY_SETUP, Bvh, Hit, follow_ray, native_code
 from wrt.kernels.motion import KEY_AT, PLACEMENT_AT, MotionKey, MotionRecord, Placement, transform_at
 from wrt.kernels.ray_batch import RayBatch, reach_of, write_answer
-from wrt.kernels.simd import TRIANGLE_TEST
+from wrt.kernels.simd import TRIANGLE_TEST, TRIANGLE_TEST_AFTER
 
 
 @wp.struct
@@ -276,6 +276,35 @@ def make_traverse(instances: str) -> wp.Function:
     ) -> _found: ...
 
     return traverse
+
+
+@functools.cache
+def make_traverse_after(instances: str) -> wp.Function:
+    """Return the device function that finds what follows a hit, in the order of distance, instance and triangle.
+
+    Its arguments are (tree, origin, direction, time, t_min, t_max, last_instance, last_id), t_min being the distance of
+    the last hit; its triangle is numbered within its mesh.
+    """
+    code = _traverse_code(instances).replace(TRIANGLE_TEST, TRIANGLE_TEST_AFTER)
+    code = code.replace(
+        "if (!runs) return;",
+        "if (!runs) return;\n"
+        "const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_id : -1;",
+    )
+
+    @wp.func_native(native_code("const bool any_hit = false;" + code))
+    def traverse_after(
+        tree: InstanceTree,
+        world_origin: wp.vec3,
+        world_direction: wp.vec3,
+        time: float,
+        t_min: float,
+        t_max: float,
+        last_instance: int,
+        last_id: int,
+    ) -> _found: ...
+
+    return traverse_after
 
 
 @wp.func

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bvh import Hit, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.bvh import Hit, bvh_any_hit, bvh_closest_hit, bvh_next_hit
 from wrt.kernels.geometry import Ray
-from wrt.kernels.instances import instance_hit, make_traverse
+from wrt.kernels.instances import instance_hit, make_traverse, make_traverse_after
 from wrt.kernels.light_shapes import light_shape_blocks, nearer_light_shape
 from wrt.kernels.scene_data import SceneData
 
@@ -21,11 +21,14 @@ class Intersect(NamedTuple):
     Attributes:
         closest_hit: (scene, ray) -> the nearest hit, or one whose triangle is NO_HIT.
         closest_hit_before: (scene, ray, distance) -> the nearest hit before `distance`, likewise.
+        next_hit: (scene, ray, last, distance) -> the hit that follows `last` before `distance`, in the same place or
+            behind it; of an equal distance those of a higher instance, then a higher triangle follow.
         occluded: (scene, ray, distance) -> whether anything lies on the ray before `distance`.
     """
 
     closest_hit: wp.Function
     closest_hit_before: wp.Function
+    next_hit: wp.Function
     occluded: wp.Function
 
 
@@ -39,6 +42,12 @@ def closest_hit(scene: SceneData, ray: Ray) -> Hit:
 def closest_hit_before(scene: SceneData, ray: Ray, distance: float) -> Hit:
     """Return the nearest hit before `distance`, or one whose triangle is NO_HIT."""
     return bvh_closest_hit(scene.bvh, ray.origin, ray.direction, 0.0, distance)
+
+
+@wp.func
+def next_hit(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
+    """Return the hit that follows `last` before `distance`, or one whose triangle is NO_HIT."""
+    return bvh_next_hit(scene.bvh, ray.origin, ray.direction, last, distance)
 
 
 @wp.func
@@ -56,8 +65,9 @@ def make_intersect(instances: str, light_shapes: bool = False) -> Intersect:
     if light_shapes:
         return _with_light_shapes(instances)
     if instances == "none":
-        return Intersect(closest_hit, closest_hit_before, occluded)
+        return Intersect(closest_hit, closest_hit_before, next_hit, occluded)
     traverse = make_traverse(instances)
+    traverse_after = make_traverse_after(instances)
 
     @wp.func(name=f"closest_hit_before_{instances}")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
@@ -68,16 +78,23 @@ def make_intersect(instances: str, light_shapes: bool = False) -> Intersect:
     def nearest(scene: SceneData, ray: Ray) -> Hit:
         return before(scene, ray, INFINITE_DISTANCE)
 
+    @wp.func(name=f"next_hit_{instances}")
+    def following(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
+        placed = scene.placed
+        triangle = last.triangle - placed.instances[last.instance].first_triangle
+        found = traverse_after(placed, ray.origin, ray.direction, ray.time, last.t, distance, last.instance, triangle)
+        return instance_hit(placed, found)
+
     @wp.func(name=f"occluded_{instances}")
     def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
         found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, True)
         return wp.cast(found[0], wp.int32) >= 0
 
-    return Intersect(nearest, before, blocked)
+    return Intersect(nearest, before, following, blocked)
 
 
 def _with_light_shapes(instances: str) -> Intersect:
-    _, triangle_before, triangle_blocks = make_intersect(instances)
+    _, triangle_before, next_triangle, triangle_blocks = make_intersect(instances)
 
     @wp.func(name=f"closest_hit_before_{instances}_lights")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
@@ -97,4 +114,4 @@ def _with_light_shapes(instances: str) -> Intersect:
         nobody.triangle = NO_HIT
         return light_shape_blocks(scene, ray, distance, nobody) or triangle_blocks(scene, ray, distance)
 
-    return Intersect(nearest, before, blocked)
+    return Intersect(nearest, before, next_triangle, blocked)

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.bsdf import model_number, model_of
+from wrt.kernels.bsdf import identifier, model_number, model_of
 from wrt.kernels.bsdf.record import Bsdf, slot_values
 from wrt.kernels.features import Features
 from wrt.kernels.scene_data import MATERIAL_MIX, MATERIAL_MODEL, SceneData
@@ -121,13 +121,111 @@ def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
     return found
 
 
+@functools.cache
+def make_straight(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function bsdf, wo -> vec3: the share of light that comes straight through from −wo."""
+    if not names:
+        return _nothing_straight
+    model = model_of(names[0])
+    number = model_number(names[0], names)
+    next_straight = make_straight(names[1:])
+    if model.straight is None:
+        return next_straight
+    straight = model.straight
+
+    @wp.func(name=f"straight_{identifier(names)}")
+    def chain(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
+        if bsdf.model == wp.static(number):
+            return straight(bsdf, wo)
+        return next_straight(bsdf, wo)
+
+    return chain
+
+
+@functools.cache
+def make_is_pane(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function bsdf -> bool: whether what comes through goes straight, and shadow rays pass."""
+    if not names:
+        return _no_pane
+    number = model_number(names[0], names)
+    next_is_pane = make_is_pane(names[1:])
+    if model_of(names[0]).straight is None:
+        return next_is_pane
+
+    @wp.func(name=f"is_pane_{identifier(names)}")
+    def chain(bsdf: Bsdf) -> bool:
+        return bsdf.model == wp.static(number) or next_is_pane(bsdf)
+
+    return chain
+
+
+@functools.cache
+def make_with_index(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, index) -> Bsdf: with another refractive index inside over outside."""
+    if not names:
+        return _same_bsdf
+    number = model_number(names[0], names)
+    slot = model_of(names[0]).index_slot
+    next_with_index = make_with_index(names[1:])
+    if slot < 0:
+        return next_with_index
+
+    @wp.func(name=f"with_index_{identifier(names)}")
+    def chain(bsdf: Bsdf, index: float) -> Bsdf:
+        if bsdf.model == wp.static(number):
+            # Some models ask that the index be lower in front; what is behind then changes places with that.
+            if index < 1.0:
+                bsdf.front = not bsdf.front
+                index = 1.0 / index
+            bsdf.slots[wp.static(slot)] = wp.vec3(index)
+            return bsdf
+        return next_with_index(bsdf, index)
+
+    return chain
+
+
 @wp.func
-def transmittance_of(scene: SceneData, material: int, surface: Surface) -> float:
-    """Return the share of light that a material lets straight through: what `choose_material` passes, on average."""
-    leaves = leaves_of(material)
-    while leaves.left > 0:
-        leaves = next_leaf(scene, leaves, surface)
-    return leaves.passed
+def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
+    return wp.vec3(0.0)
+
+
+@wp.func
+def _no_pane(bsdf: Bsdf) -> bool:
+    return False
+
+
+@wp.func
+def _same_bsdf(bsdf: Bsdf, index: float) -> Bsdf:
+    return bsdf
+
+
+def has_panes(names: tuple[str, ...]) -> bool:
+    """Return whether any of these models lets light through, and only straight on."""
+    return any(model_of(name).straight is not None for name in names)
+
+
+@functools.cache
+def make_share_passed(features: Features) -> wp.Function:
+    """Return the device function (scene, material, surface, wo) -> vec3: the share of light that goes straight through.
+
+    The mean of what `choose_material` passes and of what panes do. `wo`, in the surface's frame, is where it goes.
+    """
+    panes = has_panes(features.models)
+    bsdf_at = make_bsdf_at(features)
+    straight = make_straight(features.models)
+
+    @wp.func(name=f"share_passed_{identifier(features.models)}")
+    def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
+        leaves = leaves_of(material)
+        through = wp.vec3(0.0)
+        while leaves.left > 0:
+            leaves = next_leaf(scene, leaves, surface)
+            if wp.static(panes):
+                if leaves.share > 0.0:
+                    through += straight(bsdf_at(scene, leaves.leaf, surface), wo) * leaves.share
+        return through + wp.vec3(leaves.passed)
+
+    return share_passed
 
 
 @functools.cache

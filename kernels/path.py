@@ -7,19 +7,32 @@ import functools
 
 import warp as wp
 
+from wrt.kernels.bodies import innermost, is_there, make_meet, relative_index
 from wrt.kernels.bsdf import make_bsdf, model_of
+from wrt.kernels.bvh import Hit
 from wrt.kernels.environment import image_radiance
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import RECEIVES_BOTH, RECEIVES_FRONT, Ray, Receiver, to_local, to_world
-from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
+from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT, Ray, Receiver, to_local, to_world
+from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
 from wrt.kernels.lights import (
     hit_triangle_pdf,
     light_shape_pdf,
     make_lights,
 )
-from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, choose_material, make_bsdf_at
+from wrt.kernels.materials import (
+    MOST_PASSED,
+    PASSED_THROUGH,
+    choose_material,
+    has_panes,
+    make_bsdf_at,
+    make_is_pane,
+    make_with_index,
+)
+from wrt.kernels.medium import emitted, fly, make_extinction, medium_of, transmittance
+from wrt.kernels.next_event import emitter_hit_weight, make_light_at_surface, make_light_in_medium
 from wrt.kernels.normal_maps import apply_normal_map
+from wrt.kernels.phase import phase, sample_phase
 from wrt.kernels.sampler import (
     BLOCK_BSDF,
     BLOCK_ENVIRONMENT,
@@ -29,15 +42,10 @@ from wrt.kernels.sampler import (
     passed_block,
     vertex_block,
 )
-from wrt.kernels.scene_data import SceneData
-from wrt.kernels.shadow import make_visibility
-from wrt.kernels.surface import add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.scene_data import BodyStack, SceneData
+from wrt.kernels.skin import make_skin_near, no_skin, or_skin
+from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
 from wrt.kernels.triangles import leave_surface
-
-# How light that both samplings can find is shared between them.
-STRATEGY_MIS = wp.constant(0)
-STRATEGY_LIGHT = wp.constant(1)
-STRATEGY_BSDF = wp.constant(2)
 
 # Paths shorter than this are never ended by roulette; then survival follows the throughput.
 ROULETTE_DEPTH = wp.constant(5)
@@ -49,6 +57,7 @@ class PathSettings:
     """What does not need a kernel of its own."""
 
     max_depth: int
+    max_scatterings: int  # events in media, which max_depth does not count
     strategy: int
     min_attenuation: float  # of ray trees: what is dimmer is not followed
     ambient: wp.vec3  # of ray trees: radiance that all that is not smooth receives from everywhere
@@ -66,37 +75,38 @@ class PathResult:
 
 
 @wp.func
-def mis_weight(strategy: int, pdf_this: float, pdf_other: float, this: int) -> float:
-    """Return the weight of the sampling `this` by the power heuristic (Veach 1997, eq. 9.13)."""
-    if strategy != STRATEGY_MIS:
-        return wp.where(strategy == this, 1.0, 0.0)
-    a = pdf_this * pdf_this
-    return a / (a + pdf_other * pdf_other)
-
-
-@wp.func
-def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> float:
-    """Return the weight of light found by following the BSDF; bsdf_pdf 0 stands for a delta."""
-    if bsdf_pdf == 0.0 or light_pdf == 0.0:
-        return 1.0
-    return mis_weight(strategy, bsdf_pdf, light_pdf, STRATEGY_BSDF)
+def gap_behind(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> float:
+    """Return how far a ray that leaves a surface at `origin`, a little beside it, has come from it already."""
+    height = wp.abs(wp.dot(origin - surface.position, surface.normal))
+    return height / wp.max(wp.abs(wp.dot(direction, surface.normal)), 0.02)
 
 
 @functools.cache
 def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
-    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta, bsdf_transmits = make_bsdf(features.models)
+    _, _, bsdf_sample, bsdf_is_delta, bsdf_transmits = make_bsdf(features.models)
     bsdf_at = make_bsdf_at(features)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
-    sample_light, _, choice_probability, environment_light_pdf, emission_at = make_lights(features)
-    visibility = make_visibility(features)
+    _, _, choice_probability, environment_light_pdf, emission_at = make_lights(features)
+    transmits = any(model_of(name).transmits for name in features.models)
+    light_at_surface = make_light_at_surface(features)
+    light_in_medium = make_light_in_medium(features)
     sample_4d = make_sample_4d(features.sampler)
     surface_at = make_surface_at(features.instances)
     light_shapes = features.light_shapes
     textured = features.textured
     layered = features.layered
     tangents = features.tangents
-    transmits = any(model_of(name).transmits for name in features.models)
+    panes = has_panes(features.models)
+    is_pane = make_is_pane(features.models)
+    bodies = features.bodies
+    nested = features.nested
+    with_index = make_with_index(features.models)
+    media = features.media != "none"
+    scattering = features.media == "scattering"
+    meet = make_meet(features.instances)
+    skin_near = make_skin_near(features.instances)
+    extinction_of = make_extinction(features.media)
     has_environment = features.environment != "none"
     image_environment = features.environment == "image"
     clamped = features.clamped
@@ -143,10 +153,92 @@ def make_trace_path(features: Features) -> wp.Function:
         scattered = bool(False)  # by what is not smooth
         receiver = Receiver()  # the last vertex from which lights were looked at
         receiver.time = ray.time
+        inside = BodyStack()
+        gap = float(0.0)  # from the surface that the ray left to its origin: the medium begins at the surface
+        scatterings = int(0)
+        skin = no_skin()
+        left = Hit()  # the surface that the ray comes from
+        left.triangle = NO_HIT
+        if wp.static(bodies):
+            inside = scene.inside_at_camera
         while depth < settings.max_depth:
             hit = closest_hit(scene, ray)
+            if wp.static(scattering):
+                hit = or_skin(skin, ray, hit)
             rays += 1
             depth += 1
+            vertex = depth + scatterings
+            u_passed = wp.vec4()
+            if wp.static(layered or panes or scattering):
+                u_passed = sample_4d(sampler, passed_block(vertex, surfaces_passed))
+
+            # Medium
+            if wp.static(media):
+                medium = medium_of(scene, inside)
+                if medium >= 0:
+                    record = scene.media[medium]
+                    extinction = extinction_of(scene, inside)
+                    way = gap + hit.t
+                    radiance += wp.cw_mul(throughput, emitted(record.emission, extinction, way))
+                    if wp.static(scattering):
+                        if wp.max(record.scattering) > 0.0:
+                            flight = fly(extinction, record.scattering, throughput, way, u_passed[3], u_passed[2])
+                            throughput = wp.cw_mul(throughput, flight.weight)
+                            if wp.max(throughput) == 0.0:
+                                break
+                            if flight.scattered:
+                                scatterings += 1
+                                depth -= 1
+                                if scatterings > settings.max_scatterings:
+                                    break
+                                flown = wp.max(flight.distance - gap, 0.0)
+                                skin = skin_near(scene, ray, flown, hit, left)
+                                ray.origin = ray.origin + ray.direction * flown
+                                left.triangle = NO_HIT
+                                gap = 0.0
+                                if wp.static(clamped):
+                                    if vertex >= 2 and not indirect:
+                                        direct = radiance
+                                        radiance = wp.vec3(0.0)
+                                        indirect = True
+                                if scene.lights.shape[0] > 0:
+                                    receiver.position = ray.origin
+                                    receiver.receives = RECEIVES_ANYWHERE
+                                    u_light = sample_4d(sampler, vertex_block(vertex, BLOCK_LIGHT))
+                                    u_environment = wp.vec4()
+                                    if wp.static(image_environment):
+                                        u_environment = sample_4d(sampler, vertex_block(vertex, BLOCK_ENVIRONMENT))
+                                    lit = light_in_medium(
+                                        scene,
+                                        receiver,
+                                        ray.direction,
+                                        record.g,
+                                        inside,
+                                        skin,
+                                        u_light,
+                                        u_environment,
+                                        settings.strategy,
+                                    )
+                                    rays += lit.rays
+                                    radiance += wp.cw_mul(throughput, lit.radiance)
+                                u = sample_4d(sampler, vertex_block(vertex, BLOCK_BSDF))
+                                forward = ray.direction
+                                ray.direction = sample_phase(forward, record.g, wp.vec2(u[0], u[1]))
+                                last_pdf = phase(wp.dot(forward, ray.direction), record.g)
+                                passed = 0.0
+                                footprint = wp.vec2(0.0)
+                                if wp.static(regularized):
+                                    scattered = True
+                                # No limit below 1: of a hundred events in milk all are to be survived.
+                                survival = wp.min(wp.max(throughput) * eta_scale, 1.0)
+                                if u[3] >= survival:
+                                    break
+                                throughput = throughput / survival
+                                continue
+                        else:
+                            throughput = wp.cw_mul(throughput, transmittance(extinction, way))
+                    else:
+                        throughput = wp.cw_mul(throughput, transmittance(extinction, way))
 
             # Environment
             if hit.triangle == NO_HIT:
@@ -172,7 +264,20 @@ def make_trace_path(features: Features) -> wp.Function:
                         radiance += wp.cw_mul(throughput, seen_light)
                     break
 
+            # Surface, and what is behind it
+            skin.hit.triangle = NO_HIT
+            after = inside
             surface = surface_at(scene, ray, hit)
+            near = leave_surface(surface.position, surface.normal, surface.slack)
+            beyond = leave_surface(surface.position, -surface.normal, surface.slack)
+            there = bool(True)
+            if wp.static(bodies):
+                meeting = meet(scene, ray, hit, surface, inside)
+                hit = meeting.hit
+                surface = meeting.surface
+                after = meeting.after
+                if wp.static(nested):
+                    there = is_there(scene, surface, inside, after)
             shape = scene.shapes[surface.shape]
 
             # Material; a surface that is not there takes no part in the path, nor counts as one of its vertices
@@ -180,16 +285,20 @@ def make_trace_path(features: Features) -> wp.Function:
                 surface = add_texture_coordinates(scene, hit, surface)
             material = shape.material
             if wp.static(layered):
-                u_material = sample_4d(sampler, passed_block(depth, surfaces_passed))
-                material = choose_material(scene, material, surface, u_material[0])
-                if material == PASSED_THROUGH:
+                if there:
+                    material = choose_material(scene, material, surface, u_passed[0])
+                    there = material != PASSED_THROUGH
+            if wp.static(layered or nested):
+                if not there:
                     surfaces_passed += 1
                     if surfaces_passed > MOST_PASSED:
                         break
                     depth -= 1
-                    beyond = leave_surface(surface.position, -surface.normal, surface.slack)
                     passed += wp.length(beyond - ray.origin)
                     ray.origin = beyond
+                    gap = gap_behind(surface, beyond, ray.direction)
+                    left = hit
+                    inside = after
                     continue
 
             # Emission
@@ -202,13 +311,9 @@ def make_trace_path(features: Features) -> wp.Function:
                         light_pdf *= choice_probability(scene, receiver, light_number)
                         weight = emitter_hit_weight(settings.strategy, last_pdf, light_pdf)
                     radiance += wp.cw_mul(throughput, emission_at(scene, shape, surface)) * weight
-            if depth >= settings.max_depth:
-                break
-            if wp.static(clamped):
-                if depth == 2:
-                    direct = radiance
-                    radiance = wp.vec3(0.0)
-                    indirect = True
+            if wp.static(not panes):
+                if depth >= settings.max_depth:
+                    break
 
             # Normal
             if wp.static(tangents):
@@ -219,12 +324,31 @@ def make_trace_path(features: Features) -> wp.Function:
             if wp.static(regularized):
                 if scattered:
                     bsdf.normal_variance = bsdf.normal_variance + wp.vec2(settings.widening)
+            if wp.static(nested):
+                if shape.body >= 0:
+                    before = innermost(scene, inside)
+                    bsdf = with_index(bsdf, relative_index(scene, surface, before, innermost(scene, after)))
             wo = to_local(surface.frame, -ray.direction)
+
+            # Panes let light through straight on: that too is as if they were not there
+            u = sample_4d(sampler, vertex_block(vertex, BLOCK_BSDF))
+            pane = bool(False)
+            if wp.static(panes):
+                pane = is_pane(bsdf)
+                if pane:
+                    u[2] = u_passed[1]
+                elif depth >= settings.max_depth:
+                    break
+
+            if wp.static(clamped):
+                if vertex >= 2 and not indirect and not pane:
+                    direct = radiance
+                    radiance = wp.vec3(0.0)
+                    indirect = True
 
             # Emitter sampling
             if scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf):
-                leave = leave_surface(surface.position, surface.normal, surface.slack)
-                receiver.position = leave
+                receiver.position = near
                 receiver.normal = surface.frame.n
                 receiver.receives = RECEIVES_FRONT
                 if wp.static(transmits):
@@ -232,49 +356,63 @@ def make_trace_path(features: Features) -> wp.Function:
                         receiver.receives = RECEIVES_BOTH
                 u_environment = wp.vec4()
                 if wp.static(image_environment):
-                    u_environment = sample_4d(sampler, vertex_block(depth, BLOCK_ENVIRONMENT))
-                u_light = sample_4d(sampler, vertex_block(depth, BLOCK_LIGHT))
-                light = sample_light(scene, receiver, u_light, u_environment)
-                wi = to_local(surface.frame, light.wi)
-                # A shading normal must not let light through: both normals must agree on the side.
-                above = wp.dot(light.wi, surface.normal) > 0.0
-                if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
-                    arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
-                    if not light.delta:
-                        pdf = bsdf_pdf(bsdf, wo, wi)
-                        arriving = arriving * mis_weight(settings.strategy, light.pdf, pdf, STRATEGY_LIGHT)
-                    if wp.max(arriving) > 0.0:
-                        shadow = Ray()
-                        shadow.origin = leave
-                        shadow.direction = light.wi
-                        shadow.time = ray.time
-                        distance = light.distance
-                        if wp.static(transmits):
-                            if not above:
-                                # The way to the same point from the other side of the surface.
-                                shadow.origin = leave_surface(surface.position, -surface.normal, surface.slack)
-                                if distance < INFINITE_DISTANCE:
-                                    way = leave + light.wi * distance - shadow.origin
-                                    distance = wp.length(way)
-                                    shadow.direction = way / distance
-                        rays += 1
-                        arriving = arriving * visibility(scene, shadow, distance, light.point)
-                        radiance += wp.cw_mul(throughput, arriving)
+                    u_environment = sample_4d(sampler, vertex_block(vertex, BLOCK_ENVIRONMENT))
+                u_light = sample_4d(sampler, vertex_block(vertex, BLOCK_LIGHT))
+                lit = light_at_surface(
+                    scene,
+                    receiver,
+                    surface,
+                    beyond,
+                    bsdf,
+                    wo,
+                    inside,
+                    after,
+                    u_light,
+                    u_environment,
+                    settings.strategy,
+                )
+                rays += lit.rays
+                radiance += wp.cw_mul(throughput, lit.radiance)
 
             # BSDF sampling
-            u = sample_4d(sampler, vertex_block(depth, BLOCK_BSDF))
             s = bsdf_sample(bsdf, wo, wp.vec2(u[0], u[1]), u[2])
             throughput = wp.cw_mul(throughput, s.weight)
+            side = wp.where(s.wi[2] > 0.0, 1.0, -1.0)
+            if wp.static(panes):
+                if pane and side < 0.0:
+                    surfaces_passed += 1
+                    if surfaces_passed > MOST_PASSED or wp.max(throughput) == 0.0:
+                        break
+                    depth -= 1
+                    passed += wp.length(beyond - ray.origin)
+                    ray.origin = beyond
+                    gap = gap_behind(surface, beyond, ray.direction)
+                    left = hit
+                    inside = after
+                    continue
+                if depth >= settings.max_depth:
+                    break
+                if wp.static(clamped):
+                    if vertex >= 2 and not indirect:
+                        direct = radiance
+                        radiance = wp.vec3(0.0)
+                        indirect = True
             eta_scale *= s.eta * s.eta
             last_pdf = s.pdf
             if wp.static(regularized):
                 scattered = scattered or s.pdf > 0.0
             direction = to_world(surface.frame, s.wi)
-            side = wp.where(s.wi[2] > 0.0, 1.0, -1.0)
             if wp.dot(direction, surface.normal) * side <= 0.0:
                 break
-            ray.origin = leave_surface(surface.position, surface.normal * side, surface.slack)
+            if side > 0.0:
+                ray.origin = near
+            else:
+                ray.origin = beyond
+                inside = after
             ray.direction = wp.normalize(direction)
+            if wp.static(media):
+                gap = gap_behind(surface, ray.origin, ray.direction)
+                left = hit
             passed = 0.0
             footprint = wp.vec2(0.0)
 

@@ -114,6 +114,37 @@ class ShapeRecord:
     emission: wp.vec3
     emission_slot: int  # -1 where `emission` is the same everywhere
     two_sided: int
+    body: int  # that it bounds; −1 where it bounds none
+
+
+MOST_BODIES = 8
+"""In how many bodies at once a path can be."""
+
+BodyStack = wp.types.vector(length=MOST_BODIES, dtype=int)
+"""The bodies that a point is in, in the order in which they were entered: their numbers + 1, then zeros."""
+
+
+@wp.struct
+class BodyRecord:
+    """What a closed surface has inside.
+
+    `medium` is −1 where it is clear; `ior` is 0 where light is not bent on the way in.
+    """
+
+    medium: int
+    priority: int
+    ior: float
+    exterior_ior: float
+
+
+@wp.struct
+class MediumRecord:
+    """A homogeneous medium, per metre; `g` is the mean cosine of scattering."""
+
+    absorption: wp.vec3
+    scattering: wp.vec3
+    emission: wp.vec3
+    g: float
 
 
 @wp.struct
@@ -190,6 +221,11 @@ class SceneData:
     images: wp.array(dtype=ImageRecord)
     texels: wp.array(dtype=wp.vec3)
     normal_maps: wp.array(dtype=NormalMapRecord)
+    # What is inside: of bodies, where none is, and where the camera stands
+    bodies: wp.array(dtype=BodyRecord)
+    media: wp.array(dtype=MediumRecord)
+    medium: int
+    inside_at_camera: BodyStack
     # Lights
     lights: wp.array(dtype=LightRecord)
     light_thresholds: wp.array(dtype=float)

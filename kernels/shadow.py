@@ -4,66 +4,102 @@ import functools
 
 import warp as wp
 
+from wrt.kernels.bodies import Crossing, crossed, is_same_crossing, is_there
 from wrt.kernels.bvh import Hit
 from wrt.kernels.features import Features
-from wrt.kernels.geometry import Ray
+from wrt.kernels.geometry import Ray, to_local
 from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.light_shapes import light_shape_blocks
-from wrt.kernels.materials import MOST_PASSED, transmittance_of
-from wrt.kernels.scene_data import SceneData
-from wrt.kernels.surface import Surface, add_texture_coordinates, make_surface_at
-from wrt.kernels.triangles import leave_surface
+from wrt.kernels.materials import MOST_PASSED, has_panes, make_share_passed
+from wrt.kernels.medium import make_extinction, transmittance
+from wrt.kernels.normal_maps import apply_normal_map
+from wrt.kernels.scene_data import MATERIAL_MODEL, BodyStack, SceneData
+from wrt.kernels.skin import Skin, or_skin
+from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
 
 
 @functools.cache
 def make_visibility(features: Features) -> wp.Function:
-    """Return the device function (scene, ray, distance, light_point) -> share of light that comes through, 0 to 1.
+    """Return the device function (scene, ray, distance, light_point, inside, skin) -> share of light that arrives.
 
-    It is the product over all surfaces before `distance` of what they let pass, times what is there of the light
-    itself: `light_point` is where on a triangle it begins, or which light shape it is, or a Hit of nothing.
+    Per channel, 0 to 1: the product over all surfaces before `distance` of what they let straight through, and of the
+    transmittance of the media between them, times what is there of the light itself. `light_point` is where on a
+    triangle it begins, or which light shape it is, or a Hit of nothing; `inside` are the bodies that the ray begins in,
+    and `skin` is the surface right beside its origin.
     """
     textured = features.textured
-    _, closest_hit_before, occluded = make_intersect(features.instances)
+    _, closest_hit_before, next_hit, occluded = make_intersect(features.instances)
     surface_at = make_surface_at(features.instances)
+    tangents = features.tangents
+    bodies = features.bodies
+    media = features.media != "none"
+    scattering = features.media == "scattering"
+    nested = features.nested
     light_shapes = features.light_shapes
-    name = f"{'textured' if textured else 'plain'}{'_shapes' if light_shapes else ''}"
+    share_passed = make_share_passed(features)
+    extinction_of = make_extinction(features.media)
 
-    @wp.func(name=f"transmittance_at_{'textured' if textured else 'plain'}")
-    def transmittance_at(scene: SceneData, hit: Hit, surface: Surface) -> float:
-        if wp.static(textured):
+    @wp.func(name=f"passed_at_{features.name}")
+    def passed_at(scene: SceneData, hit: Hit, surface: Surface, direction: wp.vec3) -> wp.vec3:
+        material = scene.shapes[surface.shape].material
+        if wp.static(textured or tangents):
             surface = add_texture_coordinates(scene, hit, surface)
-        return transmittance_of(scene, scene.shapes[surface.shape].material, surface)
+        if wp.static(tangents):
+            surface = align_tangents(scene, hit, surface)
+            if scene.materials[material].kind == MATERIAL_MODEL:
+                surface = apply_normal_map(scene, material, hit, surface, direction, 0.0)
+        return share_passed(scene, material, surface, to_local(surface.frame, -direction))
 
-    @wp.func(name=f"visibility_{name}")
-    def through_opacity(scene: SceneData, ray: Ray, distance: float, light_point: Hit) -> float:
-        share = float(1.0)
+    @wp.func(name=f"visibility_{features.name}")
+    def through(
+        scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin
+    ) -> wp.vec3:
+        share = wp.vec3(1.0)
         if light_point.triangle >= 0:
-            share -= transmittance_at(scene, light_point, surface_at(scene, ray, light_point))
+            share -= passed_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
         if wp.static(light_shapes):
             if light_shape_blocks(scene, ray, distance, light_point):
-                return 0.0
-        rest = Ray()
-        rest.origin = ray.origin
-        rest.direction = ray.direction
-        rest.time = ray.time
-        left = float(distance)
+                return wp.vec3(0.0)
+        within = inside
+        last = Crossing()
+        come = float(0.0)
         passed = int(0)
-        while share > 0.0 and passed < MOST_PASSED:
-            hit = closest_hit_before(scene, rest, left)
+        hit = closest_hit_before(scene, ray, distance)
+        if wp.static(scattering):
+            hit = or_skin(skin, ray, hit)
+        while wp.max(share) > 0.0 and passed < MOST_PASSED:
+            if wp.static(media):
+                share = wp.cw_mul(share, transmittance(extinction_of(scene, within), hit.t - come))
+                come = hit.t
             if hit.triangle == NO_HIT:
                 return share
-            surface = surface_at(scene, rest, hit)
-            share *= transmittance_at(scene, hit, surface)
-            rest.origin = leave_surface(surface.position, -surface.normal, surface.slack)
-            left = distance - wp.dot(rest.origin - ray.origin, ray.direction)
+            surface = surface_at(scene, ray, hit)
+            there = bool(True)
+            if wp.static(bodies):
+                body = scene.shapes[surface.shape].body
+                if body >= 0:
+                    after = within
+                    if not is_same_crossing(last, body, surface.front, hit.t):
+                        after = crossed(within, within, body, surface.front)
+                        last.body = body
+                        last.front = surface.front
+                        last.t = hit.t
+                    if wp.static(nested):
+                        there = is_there(scene, surface, within, after)
+                    within = after
+            if there:
+                share = wp.cw_mul(share, passed_at(scene, hit, surface, ray.direction))
+            hit = next_hit(scene, ray, hit, distance)
             passed += 1
-        return 0.0
+        return wp.vec3(0.0)
 
     @wp.func(name=f"unblocked{'_shapes' if light_shapes else ''}")
-    def unblocked(scene: SceneData, ray: Ray, distance: float, light_point: Hit) -> float:
+    def unblocked(
+        scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin
+    ) -> wp.vec3:
         if wp.static(light_shapes):
             if light_shape_blocks(scene, ray, distance, light_point):
-                return 0.0
-        return wp.where(occluded(scene, ray, distance), 0.0, 1.0)
+                return wp.vec3(0.0)
+        return wp.vec3(wp.where(occluded(scene, ray, distance), 0.0, 1.0))
 
-    return through_opacity if features.layered else unblocked
+    return through if features.layered or bodies or has_panes(features.models) else unblocked

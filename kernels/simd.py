@@ -131,7 +131,7 @@ WOOP_ERROR = """
 # A leaf's triangles, all at once.
 #   in:  leaf, t_min, t_max, id_max; origin, shear: float[3]; kx, ky, kz
 #   out: t_max, hit_u, hit_v, id_max of the nearest hit so far; of equal t the lowest id wins
-TRIANGLE_TEST = (
+_TRIANGLE_TEST = (
     """
     float ts[LEAF_SIZE], us[LEAF_SIZE], vs[LEAF_SIZE];
     unsigned hits = 0;
@@ -184,6 +184,7 @@ TRIANGLE_TEST = (
 #endif
     for (; hits; hits &= hits - 1) {
         const int k = LOWEST_BIT(hits);
+        SKIPPED
         if (ts[k] < t_max || (ts[k] == t_max && ids[k] < id_max)) {
             t_max = ts[k];
             hit_u = us[k];
@@ -193,6 +194,10 @@ TRIANGLE_TEST = (
     }
 """
 )
+TRIANGLE_TEST = _TRIANGLE_TEST.replace("SKIPPED", "")
+
+# The same, without the hits that come before (t_min, id_min) or are it, in the order of distance, then number.
+TRIANGLE_TEST_AFTER = _TRIANGLE_TEST.replace("SKIPPED", "if (ts[k] == t_min && ids[k] <= id_min) continue;")
 
 VECTOR_TYPES = """
 #if VECTOR_CODE

@@ -42,6 +42,15 @@ def square_to_cosine_hemisphere(u: wp.vec2) -> wp.vec3:
 
 
 @wp.func
+def square_to_sphere(u: wp.vec2) -> wp.vec3:
+    """Return a direction, density 1/4π (Archimedes: slices of a sphere of equal height have equal areas)."""
+    z = 1.0 - 2.0 * u[0]
+    r = wp.sqrt(wp.max(0.0, 1.0 - z * z))
+    phi = TWO_PI * u[1]
+    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), z)
+
+
+@wp.func
 def square_to_triangle(u: wp.vec2) -> wp.vec2:
     """Return barycentric (u, v) uniform over a triangle (Heitz 2019, low-distortion map)."""
     if u[1] > u[0]:

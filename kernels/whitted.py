@@ -28,8 +28,9 @@ from wrt.kernels.materials import MOST_PASSED, leaves_of, make_bsdf_at, next_lea
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import Sampler
-from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, LIGHT_RECTANGLE, LIGHT_TRIANGLE, SceneData
+from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, LIGHT_RECTANGLE, LIGHT_TRIANGLE, BodyStack, SceneData
 from wrt.kernels.shadow import make_visibility
+from wrt.kernels.skin import no_skin
 from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
 from wrt.kernels.triangles import leave_surface
 from wrt.kernels.warps import lattice_point
@@ -116,8 +117,8 @@ def make_direct_light(features: Features) -> wp.Function:
                         shadow.direction = light.wi
                         shadow.time = time
                         result.rays = result.rays + 1
-                        seen = visibility(scene, shadow, light.distance, light.point)
-                        result.radiance = result.radiance + arriving * seen
+                        seen = visibility(scene, shadow, light.distance, light.point, BodyStack(), no_skin())
+                        result.radiance = result.radiance + wp.cw_mul(arriving, seen)
         return result
 
     return direct_light

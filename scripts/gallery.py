@@ -153,6 +153,34 @@ def tiles() -> tuple[Tile, ...]:
             wrt.Principled(base_color=(0.45, 0.85, 0.8), transmission=1.0, roughness=0.3),
             samples=3,
         ),
+        # Filled with something
+        Tile(
+            "coloured-glass",
+            "with a medium inside",
+            wrt.Dielectric(interior=wrt.Medium.from_color((0.75, 0.2, 0.05), distance=1.0)),
+            samples=3,
+        ),
+        Tile("cloud", "with a cloud inside", wrt.Null(interior=wrt.Medium.from_albedo(0.98, 2.5, g=0.4)), samples=3),
+        Tile(
+            "wax",
+            "with wax inside, no surface",
+            wrt.Null(interior=wrt.Medium.from_subsurface((0.9, 0.75, 0.45), (0.2, 0.12, 0.05))),
+            samples=3,
+        ),
+        Tile(
+            "jade",
+            "with jade inside, alpha 0.2",
+            wrt.RoughDielectric(
+                ior=1.6, alpha=0.2, interior=wrt.Medium.from_subsurface((0.35, 0.8, 0.5), (0.06, 0.12, 0.08))
+            ),
+            samples=3,
+        ),
+        Tile(
+            "milk",
+            "with milk inside",
+            wrt.Dielectric(1.35, interior=wrt.Medium.from_subsurface((0.95, 0.93, 0.88), (0.08, 0.05, 0.03), g=0.7)),
+            samples=3,
+        ),
         # Layered and composite
         Tile(
             "car-paint",

@@ -16,6 +16,7 @@ import wrt.kernels
 from wrt.device import initialize_warp
 from wrt.kernels.albedo import make_missing_kernel
 from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
+from wrt.kernels.bodies import make_count_crossings
 from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.coat import make_coat_kernel
 from wrt.kernels.features import Features
@@ -29,7 +30,9 @@ ARCHITECTURES = (75, 90)
 """Turing, the oldest that Warp supports, and Hopper."""
 
 TABLE_KERNELS = (make_coat_kernel, make_missing_kernel, make_missing_dielectric_kernel)
-FACTORIES = {("wrt.kernels.render", "make_render_kernel")} | {(f.__module__, f.__name__) for f in TABLE_KERNELS}
+FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.bodies", "make_count_crossings")} | {
+    (f.__module__, f.__name__) for f in TABLE_KERNELS
+}
 """Functions that make kernels; each is called below."""
 
 FEATURES = [
@@ -52,6 +55,15 @@ FEATURES = [
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(Features(("conductor", "dielectric"), True, "image", True, True, integrator=name) for name in INTEGRATORS),
     Features(("dielectric", "diffuse"), True, "image", True, True, clamped=True, regularized=True, layers=True),
+    Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
+    Features(
+        ("dielectric", "null", "principled:transmission", "rough_dielectric:ggx:smith"),
+        False,
+        "none",
+        media="scattering",
+        nested=True,
+        instances="deforming",
+    ),
     # Each distribution of normals, and each masking with one of them.
     *(
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")
@@ -100,6 +112,11 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
 def test_render_kernels_compile(features: Features, architecture: int, tmp_path: Path) -> None:
     compile_for_cuda(make_render_kernel(features).module, architecture, tmp_path)
+
+
+@pytest.mark.parametrize("instances", ["none", "still", "deforming"])
+def test_kernels_that_look_around_compile(instances: str, tmp_path: Path) -> None:
+    compile_for_cuda(make_count_crossings(instances).module, ARCHITECTURES[0], tmp_path)
 
 
 @pytest.mark.parametrize("make_kernel", TABLE_KERNELS, ids=lambda make_kernel: make_kernel.__name__)

@@ -25,6 +25,7 @@ from wrt.formats.images import load_environment
 from wrt.formats.scene_toml import load_scene
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS
+from wrt.medium import MEDIA
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -106,7 +107,7 @@ def test_the_scene_file_renders(tmp_path: Path) -> None:
     complete, *parts = blocks(SCENE_FORMAT, "toml")
     write_files(tmp_path)
     (tmp_path / "room.toml").write_text(complete)
-    assert set(tomllib.loads(complete)) == set(scene_toml._SECTIONS)
+    assert set(tomllib.loads(complete)) == set(scene_toml._SECTIONS) - {"medium"}
     image = wrt.render(tmp_path / "room.toml", width=24, height=16, spp=4)
     assert np.isfinite(image).all()
     assert (image.max(axis=2) > 0.0).mean() > 0.9
@@ -184,6 +185,7 @@ TABLES: dict[str, Callable[..., Any]] = {
     "[environment] spherical-harmonics": wrt.SphericalHarmonicsEnvironment,
     "[environment] sun-sky": wrt.SunSkyEnvironment,
     **{f"[[lights]] {kind}": cls for kind, cls in LIGHTS.items()},
+    **{f"[media.NAME] {kind}": maker for kind, maker in MEDIA.items()},
     **{f"[materials.NAME] {kind}": cls for kind, cls in MATERIALS.items()},
     "[[shapes]] quad": wrt.quad,
     "[[shapes]] box": wrt.box,
@@ -231,7 +233,12 @@ def value_of(text: str) -> Any:
 
 def test_every_kind_of_table_is_documented_and_no_other() -> None:
     assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS, COMMON_OF_CAMERAS, TEXTURES}
-    kinds = {"[environment]": scene_toml._ENVIRONMENTS, "[[lights]]": LIGHTS, "[materials.NAME]": MATERIALS}
+    kinds = {
+        "[environment]": scene_toml._ENVIRONMENTS,
+        "[[lights]]": LIGHTS,
+        "[media.NAME]": MEDIA,
+        "[materials.NAME]": MATERIALS,
+    }
     for section, known in kinds.items():
         assert {f"{section} {kind}" for kind in known} == {name for name in TABLES if name.startswith(f"{section} ")}
     with pytest.raises(wrt.InputError) as caught:

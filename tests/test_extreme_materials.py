@@ -110,6 +110,7 @@ def composites() -> Iterator[Material]:
     yield wrt.Mix(wrt.Mirror(WHITE), rough, weight=0.5)
     yield wrt.TwoSided(sharp, wrt.Mirror(WHITE, opacity=0.0))
     yield wrt.TwoSided(wrt.Diffuse(BLACK), wrt.Diffuse(WHITE))
+    yield wrt.Null()
     for material in (wrt.Diffuse(WHITE), sharp, rough):
         for opacity in ENDS:
             yield dataclasses.replace(material, opacity=opacity)

@@ -16,7 +16,7 @@ import pytest
 import wrt
 from wrt.fingerprint import scene_fingerprint
 
-PARTS = {"geometry", "materials", "emission", "lights", "environment", "camera"}
+PARTS = {"geometry", "materials", "emission", "lights", "environment", "camera", "medium"}
 
 
 def triangle(**changes: object) -> wrt.Mesh:
@@ -97,6 +97,8 @@ CHANGES: dict[str, tuple[Callable[[wrt.Scene], None], str]] = {
     "camera's motion": (with_field("camera", camera(motion=wrt.Motion.translation((1, 0, 0)))), "camera"),
     "camera's kind": (with_field("camera", wrt.FisheyeCamera((0.0, 1.0, 5.0), fov_degrees=40.0)), "camera"),
     "field of view": (with_field("camera", camera(fov_degrees=41.5)), "camera"),
+    "fog": (with_field("medium", wrt.Medium(0.1)), "medium"),
+    "an interior": (with_shape(1, material=wrt.Dielectric(interior=wrt.Medium(0.1))), "materials"),
 }
 
 

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         Material,
         Mirror,
         Mix,
+        Null,
         OrenNayar,
         Plastic,
         Principled,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
         TwoSided,
         register_material,
     )
+    from wrt.medium import Medium
     from wrt.mesh import Mesh
     from wrt.motion import Motion
     from wrt.renderer import Progress, Renderer
@@ -77,11 +79,13 @@ _EXPORTS = {
     "InputError": "wrt.errors",
     "Intersector": "wrt.intersector",
     "Material": "wrt.materials",
+    "Medium": "wrt.medium",
     "Mesh": "wrt.mesh",
     "Mirror": "wrt.materials",
     "Mix": "wrt.materials",
     "Motion": "wrt.motion",
     "NormalMap": "wrt.textures",
+    "Null": "wrt.materials",
     "OrenNayar": "wrt.materials",
     "OrthographicCamera": "wrt.camera",
     "PanoramaCamera": "wrt.camera",
@@ -135,11 +139,13 @@ __all__ = [
     "InputError",
     "Intersector",
     "Material",
+    "Medium",
     "Mesh",
     "Mirror",
     "Mix",
     "Motion",
     "NormalMap",
+    "Null",
     "OrenNayar",
     "OrthographicCamera",
     "PanoramaCamera",

@@ -31,6 +31,7 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
         "lights": _digest(scene.lights),
         "environment": _digest(scene.environment),
         "camera": _digest(scene.camera),
+        "medium": _digest(scene.medium),
     }
 
 

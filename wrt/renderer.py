@@ -36,6 +36,7 @@ SETTINGS_OF_PICTURE = (
     "width",
     "height",
     "max_depth",
+    "max_scatterings",
     "filter",
     "sampler",
     "crop",
@@ -107,6 +108,7 @@ class Renderer:
         layers: Sequence[str] | None = None,
         clamp_indirect: float | None = None,
         regularization: float | None = None,
+        max_scatterings: int | None = None,
     ) -> None:
         """Build a scene for a device and compile its kernel.
 
@@ -131,6 +133,7 @@ class Renderer:
             layers: names of `wrt.layers.LAYERS` to render beside the light, for `layers`.
             clamp_indirect: of integrator "path", biased: most indirect radiance that a path brings.
             regularization: of integrator "path", biased: roughness that surfaces gain along a path.
+            max_scatterings: of integrator "volpath".
 
         Raises:
             InputError: on values that cannot be used, an empty scene, or a device that is not there.
@@ -148,6 +151,7 @@ class Renderer:
             "layers": layers,
             "clamp_indirect": clamp_indirect,
             "regularization": regularization,
+            "max_scatterings": max_scatterings,
         }
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{k: v for k, v in given.items() if v is not None}
@@ -380,4 +384,5 @@ def _has_light(scene: Scene) -> bool:
         any(shape.emits for shape in scene.shapes)
         or bool(scene.lights)
         or environment_kind(resolve_environment(scene.environment)[0]) != "none"
+        or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
     )

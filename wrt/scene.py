@@ -15,7 +15,9 @@ from wrt.errors import InputError
 from wrt.layers import layer_names
 from wrt.lights import LIGHTS, Light
 from wrt.materials import Diffuse, Material
+from wrt.materials.body import bodies_of
 from wrt.materials.material import color_source
+from wrt.medium import Medium
 from wrt.mesh import Mesh
 from wrt.motion import Motion, check_affine
 from wrt.textures import ColorSource, shines
@@ -27,7 +29,7 @@ FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 """Where random numbers come from; docs/sampling.md compares them."""
 
-INTEGRATORS = ("path", "direct", "whitted", "ao", "aov")
+INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
 """What a picture shows, by name; docs/integrators.md says what each computes."""
 
 
@@ -138,7 +140,8 @@ class RenderSettings:
         exposure: stops (factors of two) applied when a picture is written as PNG.
         crop: the part of the picture that is rendered, in its pixels: first column, first row, and the column and row
             after the last; None is all of it. A part has the very pixels that the whole has there.
-        integrator: one of INTEGRATORS; None is "path".
+        max_scatterings: most scattering events inside media in a path; max_depth counts surfaces alone.
+        integrator: one of INTEGRATORS; None is "volpath" where media scatter, else "path".
         min_attenuation: integrator "whitted" follows no ray that counts for less than this share.
         ao_distance: how far integrator "ao" looks for what blocks the sky, metres; None is without limit.
         layers: names of `wrt.layers.LAYERS` to render beside the light.
@@ -157,6 +160,7 @@ class RenderSettings:
     exposure: float = 0.0
     crop: tuple[int, int, int, int] | None = None
     integrator: str | None = None
+    max_scatterings: int = 4096
     min_attenuation: float = 0.005
     ao_distance: float | None = None
     layers: tuple[str, ...] = ()
@@ -168,6 +172,7 @@ class RenderSettings:
         self.height = integer(self.height, "height", minimum=1, maximum=65536)
         self.spp = integer(self.spp, "spp", minimum=1, maximum=2**31 - 1)
         self.max_depth = integer(self.max_depth, "max_depth", minimum=1, maximum=65536)
+        self.max_scatterings = integer(self.max_scatterings, "max_scatterings", minimum=0, maximum=65535)
         if self.filter not in FILTERS:
             raise InputError(f"filter must be one of {', '.join(FILTERS)}, not {self.filter!r}")
         if self.sampler not in SAMPLERS:
@@ -222,6 +227,7 @@ class Scene:
         environment: what rays that hit nothing see; None is black.
         camera: where the picture is taken from; None lets the renderer frame the shapes.
         settings: how the scene asks to be rendered.
+        medium: what fills all space outside of bodies; None is clear.
     """
 
     shapes: list[Shape] = field(default_factory=list)
@@ -229,6 +235,11 @@ class Scene:
     environment: Environment | None = None
     camera: Camera | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
+    medium: Medium | None = None
+
+    def __post_init__(self) -> None:
+        if self.medium is not None and not isinstance(self.medium, Medium):
+            raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
 
     def add(
         self,
@@ -297,6 +308,12 @@ class Scene:
             raise InputError(f"a light must be one of {names}, not {type(light).__name__}")
         self.lights.append(light)
         return light
+
+    @property
+    def media(self) -> list[Medium]:
+        """What fills the scene and its bodies."""
+        insides = [body.interior for shape in self.shapes for body in bodies_of(shape.material)]
+        return [medium for medium in (self.medium, *insides) if medium is not None]
 
     @property
     def bounds(self) -> NDArray[np.float64]:

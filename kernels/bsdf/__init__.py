@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf import conductor, dielectric, diffuse, glossy, mirror, oren_nayar, plastic, thin_dielectric
+from wrt.kernels.bsdf import conductor, dielectric, diffuse, glossy, mirror, null, oren_nayar, plastic, thin_dielectric
 from wrt.kernels.bsdf.principled import make_principled
 from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
 from wrt.kernels.bsdf.rough_conductor import make_rough_conductor
@@ -26,6 +26,7 @@ FAMILIES: dict[str, Callable[..., Model]] = {
     "rough_conductor": make_rough_conductor,
     "dielectric": lambda: dielectric.MODEL,
     "glossy": lambda: glossy.MODEL,
+    "null": lambda: null.MODEL,
     "oren_nayar": lambda: oren_nayar.MODEL,
     "plastic": lambda: plastic.MODEL,
     "principled": make_principled,

@@ -62,4 +62,6 @@ def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
     return lobes
 
 
-MODEL = Model(zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular)
+MODEL = Model(
+    zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular, index_slot=int(IOR)
+)

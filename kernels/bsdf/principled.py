@@ -34,6 +34,7 @@ from wrt.kernels.bsdf.facets import mirrored
 from wrt.kernels.bsdf.layering import Layer, Response, add_coat, add_sheen, facet_response
 from wrt.kernels.bsdf.principled_base import (
     FEATURE_ROWS,
+    IOR,
     Base,
     average_schlick,
     make_base_of,
@@ -249,4 +250,6 @@ def make_principled(*features: str) -> Model:
                     s.eta = seen_index(bsdf)
         return s
 
-    return Model(evaluate, pdf, sample, slots=len(rows), transmits=transmits, widens=True)
+    return Model(
+        evaluate, pdf, sample, slots=len(rows), transmits=transmits, widens=True, index_slot=int(IOR) if body else -1
+    )

@@ -70,6 +70,9 @@ class Model(NamedTuple):
         matt: whether nothing in it goes mainly in the mirror direction: normal maps may then be steeper.
         widens: whether it adds `Bsdf.normal_variance` to its roughness; only then normal maps may be filtered.
         specular: (bsdf, wo) -> SpecularLobes, the single directions for ray trees; None where it has none.
+        straight: (bsdf, wo) -> vec3, the share of light that comes straight through from −wo, for models that let
+            none through in any other way, and `sample` as delta; None for all others. Shadow rays then pass.
+        index_slot: which value is the refractive index inside over outside, for bodies within one another; −1: none.
     """
 
     evaluate: wp.Function
@@ -81,6 +84,8 @@ class Model(NamedTuple):
     matt: bool = False
     widens: bool = False
     specular: wp.Function | None = None
+    straight: wp.Function | None = None
+    index_slot: int = -1
 
 
 @wp.func

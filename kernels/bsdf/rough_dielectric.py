@@ -154,7 +154,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
             suffix, make_alpha_of(distribution), evaluate_single, pdf_single, direction_single
         )
     sample = _or_straight_on(suffix, make_sample(f"rough_dielectric_facets_{suffix}", evaluate, pdf, direction))
-    return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=distribution in WIDENED)
+    return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=distribution in WIDENED, index_slot=int(IOR))
 
 
 def _or_straight_on(suffix: str, sample_facets: wp.Function) -> wp.Function:

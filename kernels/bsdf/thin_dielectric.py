@@ -51,4 +51,12 @@ def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
     return lobes
 
 
-MODEL = Model(zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular)
+@wp.func
+def straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
+    """Return the share of light that goes straight on."""
+    return bsdf.slots[TRANSMITTANCE] * (1.0 - pane_reflectance(wo[2], bsdf.slots[IOR][0]))
+
+
+MODEL = Model(
+    zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular, straight=straight
+)

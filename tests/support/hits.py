@@ -13,7 +13,7 @@ from wrt.build.materials import describe_materials
 from wrt.device import Device
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.features import Features
-from wrt.kernels.materials import PASSED_THROUGH, choose_material, make_bsdf_at, transmittance_of
+from wrt.kernels.materials import PASSED_THROUGH, choose_material, make_bsdf_at, make_share_passed
 from wrt.kernels.scene_data import SceneData
 from wrt.kernels.surface import Surface
 
@@ -37,6 +37,10 @@ def surface_of(point: Point) -> Surface:
     return surface
 
 
+# Of opacity alone, whatever the models.
+share_passed = make_share_passed(Features((), False, "none"))
+
+
 @wp.kernel(enable_backward=False)
 def choose_kernel(
     scene: SceneData,
@@ -48,7 +52,7 @@ def choose_kernel(
     i = wp.tid()
     surface = surface_of(point)
     chosen_out[i] = choose_material(scene, 0, surface, u[i])
-    passed_out[i] = transmittance_of(scene, 0, surface)
+    passed_out[i] = share_passed(scene, 0, surface, wp.vec3(0.0, 0.0, 1.0))[0]
 
 
 @functools.cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,13 +29,17 @@ WHOLE_TREE_ATTENUATION = 1e-6
 
 
 def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
-    """Return the integrator's name, by default "path".
+    """Return the integrator's name, by default "volpath" where media scatter, else "path".
 
     Raises:
         InputError: for a ray tree without limits.
     """
-    del scene
-    name = settings.integrator or "path"
+    scatters = any(medium.scatters for medium in scene.media)
+    name = settings.integrator or ("volpath" if scatters else "path")
+    if name in ("path", "direct") and scatters:
+        warnings.warn(f"integrator {name!r} lets media only absorb and emit; 'volpath' has them scatter", stacklevel=4)
+    elif name == "whitted" and any(not medium.is_clear for medium in scene.media):
+        warnings.warn("integrator 'whitted' leaves out what is inside of bodies", stacklevel=4)
     endless = settings.max_depth > DEEPEST_WHOLE_TREE and settings.min_attenuation < WHOLE_TREE_ATTENUATION
     if name == "whitted" and endless:
         raise InputError(
@@ -49,11 +54,14 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     """Return what the kernel of a scene with `features` contains: less where the integrator does not ask for it."""
     if settings.layers:
         features = dataclasses.replace(features, layers=True)
+    if integrator in ("path", "direct") and features.media == "scattering":
+        features = dataclasses.replace(features, media="absorbing")
     if integrator == "direct":
         return features
-    if integrator == "path":
+    if integrator in ("path", "volpath"):
         clamped, regularized = settings.clamp_indirect is not None, settings.regularization > 0.0
         return dataclasses.replace(features, clamped=clamped, regularized=regularized)
+    features = dataclasses.replace(features, media="none", nested=False)
     if integrator in WITHOUT_LIGHT and "albedo" not in settings.layers:
         features = dataclasses.replace(features, models=())
     if integrator in WITHOUT_LIGHT:
@@ -70,6 +78,7 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
 
     path = PathSettings()
     path.max_depth = min(settings.max_depth, DIRECT_DEPTH) if integrator == "direct" else settings.max_depth
+    path.max_scatterings = settings.max_scatterings
     path.min_attenuation = settings.min_attenuation
     path.ambient = wp.vec3(*mean_radiance(scene))
     path.ao_distance = INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.build.bodies import describe_bodies, set_camera_bodies
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
 from wrt.build.geometry import upload_triangles
@@ -64,6 +65,8 @@ def build_scene(
     textured = materials.textured or materials.tangents or texture_coordinates
     first_triangles = _upload_geometry(data, layout, device, textured=textured)
     materials.upload(data, device)
+    bodies = describe_bodies(scene)
+    bodies.upload(data, device)
 
     environment, sky_lights = resolve_environment(scene.environment)
     data.environment, flux = upload_environment(environment, device.name)
@@ -90,6 +93,7 @@ def build_scene(
         if row["emission_slot"] < 0:
             row["emission"] = shape.emission
     shapes["two_sided"] = [shape.two_sided_emission for shape in scene.shapes]
+    shapes["body"] = bodies.of_shapes
     data.shapes = wp.array(shapes, dtype=ShapeRecord, device=device.name)
 
     features = Features(
@@ -101,7 +105,11 @@ def build_scene(
         light_shapes=len(lights.shapes) > 0,
         instances=layout.kind,
         light_tree=light_tree,
+        media=bodies.kind,
+        nested=bodies.nested,
     )
+    if features.bodies:
+        set_camera_bodies(data, bodies, scene, features.instances, device)
     return BuiltScene(data, features)
 
 

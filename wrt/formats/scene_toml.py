@@ -23,9 +23,11 @@ from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
 from wrt.formats.scene_places import read_deformation, read_places
+from wrt.formats.toml_values import Table, choice, numbers_of, points_of, table_of, text_of
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
+from wrt.medium import MEDIA, Medium
 from wrt.mesh import Mesh
 from wrt.motion import Motion, rotation_matrix
 from wrt.normals import CREASE_DEGREES
@@ -33,15 +35,13 @@ from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import Vec3, boolean, integer, number, vector
 
-Table = dict[str, Any]
-
 _ENVIRONMENTS: dict[str, type[Any] | None] = {
     "constant": ConstantEnvironment,
     "image": None,  # has a file in place of its pixels
     "spherical-harmonics": SphericalHarmonicsEnvironment,
     "sun-sky": SunSkyEnvironment,
 }
-_SECTIONS = ("settings", "camera", "environment", "lights", "materials", "shapes")
+_SECTIONS = ("settings", "camera", "environment", "lights", "media", "medium", "materials", "shapes")
 _TRANSFORM_KEYS = ("scale", "rotate", "translate")
 _PLACE_KEYS = ("motion", "instances", "deformation")
 _SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", *_TRANSFORM_KEYS, *_PLACE_KEYS)
@@ -90,6 +90,7 @@ class _Reader:
         self.triangles = triangles
         self.triangles_used = False
         self.place: list[str] = []
+        self.media: dict[str, Medium] = {}
         self.pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
         self.textures: dict[tuple[Path, bool, str], ImageTexture] = {}
 
@@ -119,6 +120,11 @@ class _Reader:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
         self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, LIGHTS), light)))
+        with self.at("media"):
+            self.read_media(table_of(tree.get("media", {})))
+        if "medium" in tree:
+            with self.at("medium"):
+                scene.medium = self.medium(tree["medium"])
         with self.at("materials"):
             materials = self.all_materials(table_of(tree.get("materials", {})))
         self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape, materials)))
@@ -207,6 +213,17 @@ class _Reader:
             file = self.beside(table["file"])
             return load_environment(file, scale=scale, rotation_degrees=rotation, rotation_axis=axis)
 
+    def read_media(self, tables: Table) -> None:
+        for name, table in tables.items():
+            with self.at(name):
+                self.media[name] = self.build(choice(table_of(table), MEDIA, default="coefficients"), table)
+
+    def medium(self, name: Any) -> Medium:
+        """Return a medium by its name."""
+        if text_of(name) not in self.media:
+            raise InputError(f"there is no [media.{name}]{did_you_mean(name, self.media)}")
+        return self.media[name]
+
     def all_materials(self, tables: Table) -> dict[str, Material]:
         """Return all materials by name; a material may name others as its parts, in any order."""
         made: dict[str, Material] = {}
@@ -247,6 +264,9 @@ class _Reader:
             if kind is Material or kind == Material | None:
                 with self.at(key):
                     table[key] = part(value)
+            elif kind == Medium | None:
+                with self.at(key):
+                    table[key] = self.medium(value)
             elif ImageTexture in typing.get_args(kind):
                 with self.at(key):
                     table[key] = self.color_source(value, names=str in typing.get_args(kind))
@@ -395,42 +415,3 @@ class _Reader:
 
 class _Placed(InputError):
     """An InputError that already says where it happened."""
-
-
-def choice(table: Table, choices: dict[str, Any], *, default: str | None = None) -> Any:
-    """Return what the table's `type` stands for."""
-    names = ", ".join(repr(name) for name in choices)
-    kind = table.get("type", default)
-    if kind is None:
-        raise InputError(f"the key 'type' is missing; it is one of {names}")
-    if not isinstance(kind, str) or kind not in choices:
-        raise InputError(f"type must be one of {names}, not {kind!r}{did_you_mean(kind, choices)}")
-    return choices[kind]
-
-
-def table_of(value: Any) -> Table:
-    """Return the value if it is a table."""
-    if not isinstance(value, dict):
-        raise InputError(f"must be a table, not {value!r}")
-    return value
-
-
-def text_of(value: Any) -> str:
-    """Return the value if it is text that is not empty."""
-    if not isinstance(value, str) or not value:
-        raise InputError(f"must be a text, not {value!r}")
-    return value
-
-
-def numbers_of(value: Any, name: str) -> list[float]:
-    """Return the numbers of an array."""
-    if not isinstance(value, list):
-        raise InputError(f"{name} must be an array of numbers, not {value!r}")
-    return [number(item, f"{name}[{i}]") for i, item in enumerate(value)]
-
-
-def points_of(value: Any, name: str) -> NDArray[np.float64]:
-    """Return (N, 3) points from an array of arrays."""
-    if not isinstance(value, list):
-        raise InputError(f"{name} must be an array of points, not {value!r}")
-    return np.array([vector(point, f"{name}[{i}]") for i, point in enumerate(value)]).reshape(-1, 3)

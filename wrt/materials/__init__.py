@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
+from wrt.materials.body import Null
 from wrt.materials.composite import Emissive, Mix, TwoSided
 from wrt.materials.dielectrics import Dielectric, RoughDielectric, ThinDielectric
 from wrt.materials.diffuse import Diffuse, OrenNayar
@@ -29,6 +30,7 @@ MATERIALS: dict[str, type[Material]] = {
         Dielectric,
         RoughDielectric,
         ThinDielectric,
+        Null,
         Plastic,
         RoughPlastic,
         Principled,
@@ -83,6 +85,7 @@ __all__ = [
     "Material",
     "Mirror",
     "Mix",
+    "Null",
     "OrenNayar",
     "Plastic",
     "Principled",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.materials.body import Body
 from wrt.materials.material import Material, color_source
 from wrt.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.presets import dielectric_ior
@@ -82,7 +83,17 @@ class _Boundary(Material):
 
 
 @dataclass(frozen=True)
-class Dielectric(_Boundary):
+class _BodyBoundary(_Boundary, Body):
+    """The boundary of a body, not of a pane."""
+
+    @property
+    def interior_ior(self) -> float:
+        """Refractive index inside."""
+        return float(self.ior)
+
+
+@dataclass(frozen=True)
+class Dielectric(_BodyBoundary):
     """A perfectly smooth boundary of a transparent body: exact Fresnel reflection and refraction.
 
     Triangles wind counter-clockwise seen from outside the body; outside is `exterior_ior`.
@@ -92,6 +103,8 @@ class Dielectric(_Boundary):
         exterior_ior: likewise outside; 1 is vacuum, and air to three digits.
         specular_reflectance: what reflected light is multiplied by; 1 in nature.
         specular_transmittance: what refracted light is multiplied by; 1 in nature.
+        interior: what fills the body; None, in scene files left out, is clear; else there the name of a medium.
+        priority: where bodies overlap, the one of the highest priority is there, and the others are not.
     """
 
     type_name: ClassVar[str] = "dielectric"
@@ -114,7 +127,7 @@ class ThinDielectric(_Boundary):
 
 
 @dataclass(frozen=True)
-class RoughDielectric(_Boundary):
+class RoughDielectric(_BodyBoundary):
     """A rough boundary of a transparent body, such as ground glass: facets too small to see reflect and refract.
 
     The model of Walter, Marschner, Li and Torrance (2007). Triangles wind counter-clockwise seen from outside the
@@ -130,6 +143,8 @@ class RoughDielectric(_Boundary):
             Otherwise it is lost, as in most renderers, and rough glass is too dark.
         specular_reflectance: what reflected light is multiplied by; 1 in nature.
         specular_transmittance: what refracted light is multiplied by; 1 in nature.
+        interior: what fills the body; None, in scene files left out, is clear; else there the name of a medium.
+        priority: where bodies overlap, the one of the highest priority is there, and the others are not.
     """
 
     alpha: ColorSource = 0.1

@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.materials.material import Material, color_source, value_source
+from wrt.materials.body import Body
+from wrt.materials.material import color_source, value_source
 from wrt.materials.microfacet import LEAST_ALPHA
 from wrt.presets import dielectric_ior
 from wrt.textures import ColorSource, ImageTexture, VertexColor
@@ -21,7 +22,7 @@ _SHARES = ("metallic", "roughness", "specular", "transmission", "coat", "coat_ro
 
 
 @dataclass(frozen=True)
-class Principled(Material):
+class Principled(Body):
     """A material by few numbers that are easy to choose: the metalness workflow, as glTF 2.0 files mean it.
 
     Metal and dielectric (plastic, paint, wood, stone, glass) are mixed by `metallic`; on them may lie sheen, and on
@@ -49,6 +50,8 @@ class Principled(Material):
         emission: radiance that the surface gives off, W·sr⁻¹·m⁻².
         multiple_bounces: whether light that facets block bounces on (Kulla and Conty 2017), which makes rough metals
             brighter and more saturated. Otherwise it is lost, as in most programs that show glTF.
+        interior: what fills the body, where `transmission` lets light in; in scene files the name of a medium.
+        priority: where bodies overlap, the one of the highest priority is there, and the others are not.
     """
 
     base_color: ColorSource = 0.8
@@ -86,8 +89,20 @@ class Principled(Material):
             boolean(getattr(self, name), name)
         if self.ior == 0.0 and self.transmission != 0.0 and not self.thin_walled:
             raise InputError("ior 0 stands for infinite, which lets no light through; set transmission to 0, or an ior")
+        if self.interior is not None and not self.is_body:
+            raise InputError("an interior needs a transmission above 0, and no thin_walled: light must get inside")
         if self.multiple_bounces:
             _ = self.table_key
+
+    @property
+    def is_body(self) -> bool:
+        """Whether light gets inside."""
+        return self.transmission != 0.0 and not self.thin_walled
+
+    @property
+    def interior_ior(self) -> float:
+        """Refractive index inside."""
+        return float(self.ior)
 
     @property
     def features(self) -> tuple[str, ...]:

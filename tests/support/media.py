@@ -1,0 +1,48 @@
+"""Scenes with media whose light is known, all with the same kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import wrt
+
+FAR = 1000.0
+"""Where things stand that are there only for their materials."""
+
+
+def stage(
+    *, sky: float | tuple[float, float, float] = 0.0, medium: wrt.Medium | None = None, **camera: object
+) -> wrt.Scene:
+    """Return a scene with a camera at z = 3 that looks along −z, and specks of all materials out of sight."""
+    view = {"origin": (0.0, 0.0, 3.0), "target": (0.0, 0.0, 0.0), "fov_degrees": 1e-5} | camera
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(**view), medium=medium)  # type: ignore[arg-type]
+    scene.environment = wrt.ConstantEnvironment(sky)
+    for i, material in enumerate((wrt.Diffuse(), wrt.Dielectric(), wrt.ThinDielectric(), wrt.Null())):
+        scene.add(wrt.box((FAR, i, 0.0), (FAR + 0.5, i + 0.5, 0.5)), material=material)
+    return scene
+
+
+def render(
+    scene: wrt.Scene, device: str, *, size: tuple[int, int] = (2, 2), spp: int = 1, seed: int = 0, **options: object
+) -> wrt.Renderer:
+    """Return a renderer that has rendered so many samples."""
+    renderer = wrt.Renderer(
+        scene,
+        width=size[0],
+        height=size[1],
+        filter="box",
+        seed=seed,
+        device=device,
+        **options,  # type: ignore[arg-type]
+    )
+    for _ in renderer.passes(spp=spp):
+        pass
+    return renderer
+
+
+def mean_and_error(renderer: wrt.Renderer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean of all pixels, and its standard error, per channel."""
+    image = renderer.image().astype(np.float64)
+    pixels = image.shape[0] * image.shape[1]
+    return image.mean(axis=(0, 1)), np.sqrt(renderer.variance().sum(axis=(0, 1))) / pixels

@@ -1,0 +1,184 @@
+"""Bodies within one another, overlapping and touching: by priority, refracted by what really is on both sides."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.testing import assert_allclose
+from support.media import mean_and_error, render, stage
+
+import wrt
+from wrt.build.scene_data import build_scene
+from wrt.device import Device
+from wrt.materials.body import Body
+
+AIR, GLASS, WATER, ICE = 1.0, 1.5, 1.33, 1.31
+TINTS = {"glass": (0.3, 0.5, 0.9), "water": (1.0, 0.4, 0.2), "ice": (0.1, 0.2, 2.0)}
+
+
+def glass(**options: object) -> wrt.Dielectric:
+    return wrt.Dielectric(GLASS, interior=wrt.Medium(TINTS["glass"]), priority=3, **options)  # type: ignore[arg-type]
+
+
+def ice() -> wrt.Dielectric:
+    return wrt.Dielectric(ICE, interior=wrt.Medium(TINTS["ice"]), priority=2)
+
+
+def water() -> wrt.Dielectric:
+    return wrt.Dielectric(WATER, interior=wrt.Medium(TINTS["water"]), priority=1)
+
+
+def layer(top: float, bottom: float, size: float = 60.0) -> wrt.Mesh:
+    return wrt.box((-size, -size, bottom), (size, size, top))
+
+
+# How far the water reaches into the glass above it and into the ice: not at all, so that faces coincide, by a little
+# less than rays keep from surfaces, by as much, and by more.
+OVERLAPS = [0.0, 1e-6, 1e-5, 1e-3]
+
+
+@pytest.mark.parametrize("overlap", OVERLAPS)
+@pytest.mark.parametrize("degrees", [0.0, 70.0])
+def test_refraction_through_layers(degrees: float, overlap: float, device: str, report: Report) -> None:
+    """Air, glass, water, ice, and a glowing floor: by Snell's law, the formula of layers, and Beer's law in each.
+
+    Most of the light that is seen came straight up. Its radiance is that of the floor times n² of air over n² of ice,
+    times what each boundary lets through and each layer leaves; light that was reflected twice is held back by a tint
+    of what boundaries reflect, 0.
+    """
+    a = math.radians(degrees)
+    scene = stage(origin=(3.0 * math.sin(a), 0.0, 3.0 * math.cos(a)), fov_degrees=1e-4)
+    layers = [("glass", GLASS, 0.0, 0.2), ("water", WATER, 0.2, 0.5), ("ice", ICE, 0.5, 0.9)]
+    for (name, ior, top, bottom), priority in zip(layers, (3, 1, 2), strict=True):
+        grow = overlap if name == "water" else 0.0
+        body = wrt.Dielectric(ior, interior=wrt.Medium(TINTS[name]), priority=priority, specular_reflectance=0.0)
+        scene.add(layer(-top + grow, -bottom - grow), material=body, name=name)
+    # The ground, a little above the lower face of the ice.
+    glow = wrt.quad((-60, -60, -0.899), (120, 0, 0), (0, 120, 0))
+    scene.add(glow, material=wrt.Diffuse(0.0), emission=(1.0, 2.0, 3.0))
+    renderer = render(scene, device, size=(32, 32), spp=256)
+    mean, error = mean_and_error(renderer)
+
+    def seen(indices: tuple[float, ...]) -> np.ndarray:
+        result = np.array([1.0, 2.0, 3.0]) / indices[-1] ** 2
+        sin_air = math.sin(a)
+        for n1, n2 in itertools.pairwise(indices):
+            c1, c2 = (math.sqrt(1.0 - (sin_air / n) ** 2) for n in (n1, n2))
+            r_s, r_p = (n1 * c1 - n2 * c2) / (n1 * c1 + n2 * c2), (n2 * c1 - n1 * c2) / (n2 * c1 + n1 * c2)
+            result = result * (1.0 - 0.5 * (r_s**2 + r_p**2))
+        for (name, _, top, bottom), n in zip(layers, indices[1:], strict=True):
+            thickness = min(bottom, 0.899) - top
+            result = result * np.exp(-np.array(TINTS[name]) * thickness / math.sqrt(1.0 - (sin_air / n) ** 2))
+        return result
+
+    expected = seen((AIR, GLASS, WATER, ICE))
+    report(f"overlap {overlap:g}, {degrees:g}°", str(mean.round(5)), str(expected.round(5)))
+    tolerance = 3.5 * error + expected * (3e-5 + 2.0 * overlap)
+    assert (np.abs(mean - expected) < tolerance).all()
+    assert (np.abs(mean - seen((AIR, GLASS, AIR, ICE))) > tolerance).all()
+
+
+@pytest.mark.parametrize("overlap", [*OVERLAPS, -1e-2])
+def test_no_seam_between_water_and_glass(overlap: float, device: str, report: Report) -> None:
+    """Along a row of pixels across a ball of water in a hollow of glass no line is darker or brighter.
+
+    All have one index and one medium here, so the picture must be that of a plain block, but for overlooked or doubled
+    boundaries.
+    """
+    medium = wrt.Medium((0.5, 1.0, 2.0))
+    outer = wrt.Dielectric(1.5, interior=medium, priority=2)
+    scene = stage(sky=1.0, fov_degrees=30.0)
+    scene.add(layer(0.5, -0.5, 4.0), material=outer, name="glass")
+    hollow = wrt.sphere((0.0, 0.0, 0.0), 0.4, subdivisions=3)
+    inside_out = wrt.Mesh(hollow.vertices, hollow.faces[:, ::-1])
+    scene.add(inside_out, material=outer, name="hollow")
+    ball = wrt.Mesh((hollow.vertices * (1.0 + overlap / 0.4)).astype(np.float32), hollow.faces)
+    scene.add(ball, material=wrt.Dielectric(1.5, interior=medium, priority=1), name="water")
+    plain = stage(sky=1.0, fov_degrees=30.0)
+    plain.add(layer(0.5, -0.5, 4.0), material=outer)
+    options = {"size": (192, 3), "spp": 256, "seed": 3}
+    a, b = (render(s, device, **options) for s in (scene, plain))  # type: ignore[arg-type]
+    difference = np.abs(a.image() - b.image()) / np.maximum(np.sqrt(a.variance() + b.variance()), 1e-5)
+    report(f"overlap {overlap:g}: worst pixel, standard errors", float(difference.max()))
+    # A gap of a centimetre is seen.
+    assert (difference.max() < 5.0) == (overlap >= 0.0)
+
+
+def nested_balls(overlap: float) -> wrt.Scene:
+    """Return glass with water in its hollow and ice in the water, all without absorption, under an even sky."""
+    scene = stage(sky=1.0, origin=(1.8, 1.3, 3.0), fov_degrees=30.0)
+    for material in (
+        wrt.Dielectric(GLASS, priority=3),
+        wrt.Dielectric(WATER, priority=1),
+        wrt.Dielectric(ICE, priority=2),
+    ):
+        size = {GLASS: 0.7, WATER: 0.5 + overlap, ICE: 0.3}[float(material.ior)]
+        scene.add(wrt.box((-size, -0.8 * size, -0.9 * size), (size, 0.8 * size, 0.9 * size)), material=material)
+        if material.ior == GLASS:
+            hollow = wrt.box((-0.5, -0.4, -0.45), (0.5, 0.4, 0.45))
+            scene.add(wrt.Mesh(hollow.vertices, hollow.faces[:, ::-1]), material=material)
+    return scene
+
+
+@pytest.mark.parametrize("overlap", [0.0, 1e-3])
+def test_nested_bodies_in_a_furnace_cannot_be_seen(overlap: float, device: str, report: Report) -> None:
+    mean, error = mean_and_error(render(nested_balls(overlap), device, size=(32, 32), spp=256, max_depth=1000))
+    report("mean radiance", float(mean[0]), 1.0)
+    assert abs(mean[0] - 1.0) < 3.0 * max(error[0], 1e-6)
+
+
+def test_the_camera_under_water(device: str) -> None:
+    """A camera in water, in which ice floats, sees the ice's boundary by the ratio of both indices, and the water's
+    medium before it."""
+    scene = stage(sky=0.0, origin=(0.0, 0.0, 3.0), fov_degrees=1e-4)
+    scene.add(layer(5.0, -5.0), material=water())
+    scene.add(layer(1.0, -1.0), material=ice())
+    glow = wrt.quad((-9, -9, 0), (18, 0, 0), (0, 18, 0))
+    scene.add(glow, material=wrt.Diffuse(0.0), emission=1.0)
+    mean, error = mean_and_error(render(scene, device, size=(32, 32), spp=64, max_depth=2))
+    r = ((WATER - ICE) / (WATER + ICE)) ** 2
+    expected = (1.0 - r) * (WATER / ICE) ** 2 * np.exp(-2.0 * np.array(TINTS["water"]) - np.array(TINTS["ice"]))
+    assert (np.abs(mean - expected) < 3.5 * error + 3e-5 * expected).all()
+
+
+@pytest.mark.parametrize(
+    ("height", "expected"), [(0.0, ["ice", "water"]), (0.7, ["water"]), (1.5, []), (-0.7, ["water"])]
+)
+def test_bodies_around_the_camera(height: float, expected: list[str], device: str) -> None:
+    """Outermost first; the surface of a body that is not closed decides by most directions."""
+    scene = stage(origin=(0.01, 0.02, height), target=(5.0, 0.0, 0.0))
+    names = {}
+    for name, material, half in (("water", water(), 1.0), ("ice", ice(), 0.5)):
+        names[name] = material
+        box = layer(half, -half, 4.0 * half)
+        # Without its bottom and one side.
+        scene.add(wrt.Mesh(box.vertices, box.faces[:-3] if name == "water" else box.faces), material=material)
+    data = build_scene(scene, Device(device)).data
+    # Bodies are numbered as their materials come.
+    order = list(dict.fromkeys(shape.material for shape in scene.shapes if isinstance(shape.material, Body)))
+    found = [order[int(number) - 1] for number in data.inside_at_camera if number]
+    assert found == [names[name] for name in reversed(expected)]
+
+
+def test_more_bodies_than_there_is_room_for(device: str) -> None:
+    """Twelve boxes around one another: nothing breaks, and eight of them are known at once."""
+    scene = stage(sky=1.0)
+    for i in range(12):
+        material = wrt.Null(interior=wrt.Medium(0.1 * (i + 1)), priority=1)
+        scene.add(layer(1.2 - 0.1 * i, -1.2 + 0.1 * i, 5.0), material=material)
+    image = render(scene, device).image()
+    within = [0.1 * min(i + 1, 8) for i in range(12)]
+    length = sum(2.0 * 0.1 * a for a in within[:-1]) + 2.0 * 0.1 * within[-1]
+    assert_allclose(image, np.full_like(image, math.exp(-length)), rtol=1e-4)
+
+
+def test_tables_of_one_index_are_refused() -> None:
+    scene = stage(sky=1.0)
+    rough = wrt.RoughDielectric(multiple_bounces=True, priority=1)
+    scene.add(layer(1.0, -1.0), material=rough, name="ground glass")
+    with pytest.raises(wrt.InputError, match="ground glass: multiple_bounces knows one index outside"):
+        wrt.Renderer(scene, width=2, height=2)
