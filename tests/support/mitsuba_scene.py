@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
+from wrt.lights import Light
 from wrt.materials import Material
 from wrt.scene import Shape
 from wrt.textures import ColorSource
@@ -191,7 +192,7 @@ def _shape(shape: Shape, path: Path) -> dict[str, Any]:
         "bsdf": _bsdf(shape.material),
     }
     if shape.emits:
-        result["emitter"] = {"type": "area", "radiance": _rgb(shape.emission)}
+        result["emitter"] = {"type": "area", "radiance": _color(shape.emission)}
     return result
 
 
@@ -213,7 +214,7 @@ def _write_ply(mesh: wrt.Mesh, path: Path) -> None:
 def _color(value: ColorSource) -> dict[str, Any]:
     mi = load_mitsuba()
     if isinstance(value, wrt.ImageTexture):
-        pixels = value.pixels
+        pixels = value.pixels * np.float32(value.factor)
         if value.channel is not None:
             pixels = np.repeat(pixels[..., ["rgb".index(value.channel)]], 3, axis=2)
         return {
@@ -322,10 +323,55 @@ def _microfacets(material: wrt.RoughConductor | wrt.RoughDielectric | wrt.RoughP
     return result
 
 
-def _light(light: wrt.PointLight | wrt.DirectionalLight) -> dict[str, Any]:
+def _light(light: Light) -> dict[str, Any]:
     if isinstance(light, wrt.PointLight):
         return {"type": "point", "position": list(light.position), "intensity": _rgb(light.intensity)}
+    if isinstance(light, wrt.SpotLight):
+        return _spot(light)
+    if isinstance(light, (wrt.RectangleLight, wrt.DiskLight, wrt.SphereLight)):
+        black = {"type": "diffuse", "reflectance": _rgb(0.0)}
+        return {**_form(light), "bsdf": black, "emitter": {"type": "area", "radiance": _rgb(light.radiance)}}
+    if light.angle_degrees > 0.0:
+        raise NotImplementedError("Mitsuba's directional light has no diameter")
     return {"type": "directional", "direction": list(light.direction), "irradiance": _rgb(light.irradiance)}
+
+
+def _spot(light: wrt.SpotLight) -> dict[str, Any]:
+    mi = load_mitsuba()
+    if light.falloff != "linear":
+        raise NotImplementedError("Mitsuba's spots fade linearly with the angle")
+    position, direction = np.array(light.position), np.array(light.direction)
+    up = np.eye(3)[np.abs(direction).argmin()]
+    return {
+        "type": "spot",
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=position.tolist(), target=(position + direction).tolist(), up=up.tolist()
+        ),
+        "intensity": _rgb(light.intensity),
+        "beam_width": light.inner_degrees,
+        "cutoff_angle": light.outer_degrees,
+    }
+
+
+def _form(light: wrt.RectangleLight | wrt.DiskLight | wrt.SphereLight) -> dict[str, Any]:
+    """Return the shape of a light; Mitsuba's rectangle is [-1, 1]², its disk has radius 1, both face +z."""
+    mi = load_mitsuba()
+    if isinstance(light, wrt.SphereLight):
+        return {"type": "sphere", "center": list(light.center), "radius": light.radius}
+    if light.two_sided:
+        raise NotImplementedError("Mitsuba's area lights have one side")
+    matrix = np.eye(4)
+    if isinstance(light, wrt.RectangleLight):
+        u, v = 0.5 * np.array(light.edge_u), 0.5 * np.array(light.edge_v)
+        normal, middle = np.cross(u, v), np.array(light.origin) + u + v
+        matrix[:3] = np.stack([u, v, normal / np.linalg.norm(normal), middle], axis=1)
+        return {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix)}
+    normal = np.array(light.normal)
+    u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    u /= np.linalg.norm(u)
+    axes = [light.radius * u, light.radius * np.cross(normal, u), normal, np.array(light.center)]
+    matrix[:3] = np.stack(axes, axis=1)
+    return {"type": "disk", "to_world": mi.ScalarTransform4f(matrix)}
 
 
 def _environment(environment: wrt.ConstantEnvironment | wrt.ImageEnvironment) -> dict[str, Any]:
@@ -338,9 +384,12 @@ def _environment(environment: wrt.ConstantEnvironment | wrt.ImageEnvironment) ->
     pixels = np.empty((2 * height + 1, *rows.shape[1:]))
     pixels[1::2] = rows[1:-1]
     pixels[0::2] = 0.5 * (rows[:-1] + rows[1:])
+    axis = np.array(environment.rotation_axis)
     return {
         "type": "envmap",
         "bitmap": mi.Bitmap(pixels.astype(np.float32)),
         "scale": environment.scale,
-        "to_world": mi.ScalarTransform4f().rotate([0, 1, 0], 180.0 + environment.rotation_degrees),
+        "to_world": mi.ScalarTransform4f()
+        .rotate((axis / np.linalg.norm(axis)).tolist(), environment.rotation_degrees)
+        .rotate([0, 1, 0], 180.0),
     }
