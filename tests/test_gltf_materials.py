@@ -165,7 +165,12 @@ def test_a_volume_is_a_body_and_no_sheet(tmp_path):
         "KHR_materials_transmission": {"transmissionFactor": 1.0},
         "KHR_materials_volume": {"thicknessFactor": 0.1},
     }
-    assert not made(tmp_path, {"extensions": extensions}).thin_walled
+    material = made(tmp_path, {"extensions": extensions})
+    assert (material.thin_walled, material.interior) == (False, None)
+    extensions["KHR_materials_volume"] |= {"attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1.0]}
+    interior = made(tmp_path, {"extensions": extensions}).interior
+    # After half a metre that colour is left.
+    np.testing.assert_allclose(np.exp(-0.5 * np.array(interior.absorption)), [0.25, 0.5, 1.0], rtol=1e-6)
 
 
 def test_specular_glossiness_is_a_dielectric_with_a_tint(tmp_path):

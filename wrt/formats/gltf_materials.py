@@ -7,6 +7,7 @@ the occlusion texture, which says what a path tracer finds out by itself, and th
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,11 @@ from numpy.typing import NDArray
 from wrt.formats.gltf_images import GltfImages, Tree, placement_of
 from wrt.formats.parts import warn
 from wrt.materials import Material, Principled
+from wrt.medium import Medium
 from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+
+_LEAST_LEFT = 1e-6
+"""Share of light for which 0 is taken: no medium absorbs everything."""
 
 _NOT_SUPPORTED = {
     "KHR_materials_iridescence": "iridescence",
@@ -162,7 +167,10 @@ def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
     if found := extensions.get("KHR_materials_transmission", {}):
         share = found.get("transmissionFactor", 0.0)
         values["transmission"] = read.number(found.get("transmissionTexture"), "r", share)
-        values["thin_walled"] = extensions.get("KHR_materials_volume", {}).get("thicknessFactor", 0.0) == 0.0
+        volume = extensions.get("KHR_materials_volume", {})
+        values["thin_walled"] = volume.get("thicknessFactor", 0.0) == 0.0
+        if not values["thin_walled"] and share > 0.0:
+            values["interior"] = _interior(volume)
     if found := extensions.get("KHR_materials_clearcoat", {}):
         values["coat"] = read.number(found.get("clearcoatTexture"), "r", found.get("clearcoatFactor", 0.0))
         values["coat_roughness"] = read.number(
@@ -183,6 +191,15 @@ def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
         values["anisotropy"] = strength if texture is None else texture
         values["anisotropy_rotation"] = found.get("anisotropyRotation", 0.0)
     return values
+
+
+def _interior(volume: Tree) -> Medium | None:
+    """Return what a body is filled with; its thickness is that of the mesh."""
+    distance = float(volume.get("attenuationDistance", math.inf))
+    color = np.clip(np.asarray(volume.get("attenuationColor", (1.0, 1.0, 1.0)), np.float64), _LEAST_LEFT, 1.0)
+    if not math.isfinite(distance) or (color == 1.0).all():
+        return None
+    return Medium.from_color(tuple(color.tolist()), distance)
 
 
 def _specular_glossiness(gloss: Tree, read: _Reader) -> dict[str, Any]:
