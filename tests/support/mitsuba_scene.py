@@ -23,6 +23,7 @@ What cannot be bridged:
   picture of a mixture, direct light only, is not the mean of its pictures of the two parts.
 - A pane that is not opaque counts as a segment of the path in Mitsuba, and is opaque to its shadow rays: paths must be
   long, and light from points or directions does not come through. It does not dim a surface's own emission.
+- Segments of paths in media: Mitsuba counts scattering events and `null` boundaries among them. Paths must be long.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from numpy.typing import NDArray
 import wrt
 from wrt.lights import Light
 from wrt.materials import Material
+from wrt.materials.body import Body
 from wrt.scene import Shape
 from wrt.textures import ColorSource
 
@@ -108,11 +110,16 @@ def to_mitsuba(
         max_depth: most segments in a path.
         rr_depth: segments after which Russian roulette may end a path.
     """
+    integrator = "volpathmis" if scene.media else "path"
     result: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": rr_depth},
+        "integrator": {"type": integrator, "max_depth": max_depth, "rr_depth": rr_depth},
         "sensor": _sensor(scene.camera, width, height),
     }
+    if scene.medium is not None:
+        # By reference: what has the same medium on both sides must not be told two.
+        result = {"fog": {**_medium(scene.medium), "id": "fog"}, **result}
+        result["sensor"]["medium"] = {"type": "ref", "id": "fog"}
     groups: dict[tuple[int, int], str] = {}
     for i, shape in enumerate(scene.shapes):
         place = shape.transform
@@ -121,6 +128,11 @@ def to_mitsuba(
         file = Path(folder) / f"shape_{i}.ply"
         if place is None or shape.emits:
             result[f"shape_{i}"] = _shape(dataclasses.replace(shape, mesh=shape.mesh_at(0.0)), file)
+            interior = getattr(shape.material, "interior", None)
+            if interior is not None:
+                result[f"shape_{i}"]["interior"] = _medium(interior)
+            if scene.medium is not None and isinstance(shape.material, Body):
+                result[f"shape_{i}"]["exterior"] = {"type": "ref", "id": "fog"}
             continue
         key = (id(shape.mesh), id(shape.material))
         if key not in groups:
@@ -196,6 +208,17 @@ def _shape(shape: Shape, path: Path) -> dict[str, Any]:
     return result
 
 
+def _medium(medium: wrt.Medium) -> dict[str, Any]:
+    if any(medium.emission):
+        raise NotImplementedError("Mitsuba's homogeneous media do not emit")
+    pairs = zip(medium.scattering, medium.extinction, strict=True)
+    albedo = [s / t if t > 0.0 else 0.0 for s, t in pairs]
+    phase = {"type": "hg", "g": medium.g} if medium.g else {"type": "isotropic"}
+    most = max(medium.extinction)  # colours end at 1
+    density = {"sigma_t": _rgb([t / most for t in medium.extinction]), "scale": most}
+    return {"type": "homogeneous", "albedo": _rgb(albedo), **density, "phase": phase}
+
+
 def _write_ply(mesh: wrt.Mesh, path: Path) -> None:
     groups = (("x y z", mesh.vertices), ("nx ny nz", mesh.normals), ("u v", mesh.uvs), ("r g b", mesh.colors))
     names = [name for group, array in groups if array is not None for name in group.split()]
@@ -245,6 +268,8 @@ def _bsdf(material: Material) -> dict[str, Any]:
         return {"type": "blendbsdf", "weight": _number(material.weight), **parts}
     if isinstance(material, wrt.TwoSided):
         return {"type": "twosided", "bsdf_0": _bsdf(material.front)["bsdf"], "bsdf_1": _bsdf(material.back)["bsdf"]}
+    if isinstance(material, wrt.Null):
+        return {"type": "null"}
     if isinstance(material, (wrt.Dielectric, wrt.ThinDielectric, wrt.RoughDielectric)):
         return _boundary(material)
     inner = _reflector(material)
