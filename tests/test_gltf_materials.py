@@ -173,6 +173,19 @@ def test_a_volume_is_a_body_and_no_sheet(tmp_path):
     np.testing.assert_allclose(np.exp(-0.5 * np.array(interior.absorption)), [0.25, 0.5, 1.0], rtol=1e-6)
 
 
+def test_emission_with_a_texture_and_without_light(tmp_path):
+    emission = made(tmp_path, {"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": {"index": 0}}).emission
+    np.testing.assert_allclose(emission.pixels, linear_from_srgb(PIXELS[:, :, :3]), atol=1e-6)
+    assert emission.factor == (1.0, 0.5, 0.0)
+    described = {
+        "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1.0]},
+        "extensions": {"KHR_materials_unlit": {}},
+    }
+    shape = loaded(tmp_path, described)
+    assert shape.material == wrt.Emissive((0.5, 0.25, 0.125))
+    assert shape.emission == (0.5, 0.25, 0.125)
+
+
 def test_specular_glossiness_is_a_dielectric_with_a_tint(tmp_path):
     gloss = {
         "diffuseFactor": [0.2, 0.4, 0.6, 0.5],

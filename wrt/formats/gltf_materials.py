@@ -1,8 +1,9 @@
 """Materials of glTF files as wrt's.
 
 Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and the extensions KHR_materials_anisotropy,
-_clearcoat, _emissive_strength, _ior, _pbrSpecularGlossiness, _sheen, _specular, _transmission and _volume. Left aside:
-the occlusion texture, which says what a path tracer finds out by itself, and that one-sided surfaces have no back.
+_clearcoat, _emissive_strength, _ior, _pbrSpecularGlossiness, _sheen, _specular, _transmission, _unlit and _volume. Left
+aside: the occlusion texture, which says what a path tracer finds out by itself, and that one-sided surfaces have no
+back.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from wrt.formats.gltf_images import GltfImages, Tree, placement_of
 from wrt.formats.parts import warn
-from wrt.materials import Material, Principled
+from wrt.materials import Emissive, Material, Principled
 from wrt.medium import Medium
 from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 
@@ -79,6 +80,11 @@ class GltfMaterials:
                 warn(f"{self._path}: {words} of {name} is left out")
         read = _Reader(self._images, laid, placed)
         values: dict[str, Any] = {"opacity": self._opacity(described, read)}
+        if "KHR_materials_unlit" in extensions:
+            # It looks the same under any light if it gives off what it is to show, and reflects nothing.
+            pbr = described.get("pbrMetallicRoughness", {})
+            radiance = read.color(pbr.get("baseColorTexture"), self.base_factor(number), colored)
+            return Emissive(radiance, opacity=values["opacity"])
         gloss = extensions.get("KHR_materials_pbrSpecularGlossiness")
         if gloss is not None:
             values |= _specular_glossiness(gloss, read)
