@@ -1,12 +1,14 @@
-"""Measure wrt: `rays` beside Embree and Warp's own mesh query, `threads` for the renderer's scaling, `compile`.
+"""Measure wrt: `rays` beside Embree and Warp's mesh query, `threads` for the renderer's scaling, `compile`, `lights`.
 
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N] [--json FILE]
     python scripts/benchmark.py threads [--scene NAME] [--spp N] [--repeats N] [--json FILE]
     python scripts/benchmark.py compile [--kernels TEXT ...] [--json FILE]
+    python scripts/benchmark.py lights [--lights N ...] [--seconds S] [--json FILE]
 
 Rays and threads: everything is warmed up first; what competes is measured in turn, A B A B, and reported as medians
 and as the ratio of medians. Machines are noisy: ratios are worth more than times. Compile: seconds of CPU that each
-kernel costs where Warp's cache is empty, each in a process and a cache of its own.
+kernel costs where Warp's cache is empty, each in a process and a cache of its own. Lights: the error after
+equal seconds of CPU, where lights are chosen by power and where by the tree.
 """
 
 from __future__ import annotations
@@ -306,6 +308,59 @@ def benchmark_compile(options: argparse.Namespace) -> dict[str, Any]:
     return {"benchmark": "compile", "rows": rows}
 
 
+def lit_picture(scene: wrt.Scene, spp: int, **options: Any) -> tuple[np.ndarray, float]:
+    """Return a picture without the lights that are seen themselves, and the seconds of CPU it took.
+
+    Two pictures of equal samples see the same lights, bit for bit; one that stops there shows nothing else.
+    """
+    renderer = wrt.Renderer(scene, sampler="independent", threads=1, **options)
+    seconds = time.process_time()
+    for _ in renderer.passes(spp=spp):
+        pass
+    seconds = time.process_time() - seconds
+    seen = wrt.Renderer(scene, sampler="independent", max_depth=1, **options)
+    for _ in seen.passes(spp=spp):
+        pass
+    return renderer.image().astype(np.float64) - seen.image(), seconds
+
+
+def benchmark_lights(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the error of pictures of a city at night at equal time, by how lights are chosen."""
+    from night_city import night_city
+
+    rows = []
+    print("| lights | samples/s, power | tree | RMSE, power | tree | ratio | relative error, power | tree | ratio |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for lights in options.lights:
+        scene = night_city(lights)
+        size = {"width": options.width, "height": options.width * 9 // 16}
+        pixels = size["width"] * size["height"]
+        reference, _ = lit_picture(scene, options.reference, light_choice="tree", seed=1, **size)
+        mean = float(reference.mean())
+        row: dict[str, Any] = {"lights": lights}
+        for choice in ("power", "tree"):
+            _, seconds = lit_picture(scene, 4, light_choice=choice, **size)
+            spp = max(4, round(4.0 * options.seconds / seconds))
+            picture, seconds = lit_picture(scene, spp, light_choice=choice, **size)
+            # Brought to equal time. The reference's own error counts against the tree more than against power.
+            squares = (picture - reference) ** 2 * seconds / options.seconds
+            row[choice] = {
+                "samples_per_second": spp * pixels / seconds,
+                "rmse": float(np.sqrt(squares.mean())) / mean,
+                "relative": float(np.sqrt(np.mean(squares / (reference**2 + (0.1 * mean) ** 2)))),
+            }
+        power, tree = row["power"], row["tree"]
+        ratios = {key: power[key] / tree[key] for key in ("rmse", "relative")}
+        print(
+            f"| {lights:,} | {power['samples_per_second'] / 1e6:.2f} M | {tree['samples_per_second'] / 1e6:.2f} M "
+            f"| {power['rmse']:.3f} | {tree['rmse']:.3f} | {ratios['rmse']:.1f} "
+            f"| {power['relative']:.3f} | {tree['relative']:.3f} | {ratios['relative']:.1f} |",
+            flush=True,
+        )
+        rows.append(row | {"ratios": ratios})
+    return {"benchmark": "lights", "seconds": options.seconds, "rows": rows}
+
+
 def main() -> None:
     """Read the command line, measure, print, and save."""
     from wrt.device import available_threads
@@ -324,13 +379,23 @@ def main() -> None:
         command.add_argument("--repeats", type=int, default=5)
     compiling = commands.add_parser("compile")
     compiling.add_argument("--kernels", nargs="+", help="only those whose names contain one of these texts")
-    for command in (rays, threads, compiling):
+    lit = commands.add_parser("lights")
+    lit.add_argument("--lights", type=int, nargs="+", default=[10, 1000, 10_000, 100_000])
+    lit.add_argument("--seconds", type=float, default=20.0, help="of CPU for each picture (default %(default)s)")
+    lit.add_argument("--width", type=int, default=160)
+    lit.add_argument("--reference", type=int, default=2048, help="samples per pixel of what is compared with")
+    for command in (rays, threads, compiling, lit):
         command.add_argument("--json", type=Path)
     options = parser.parse_args()
-    benchmarks = {"rays": benchmark_rays, "threads": benchmark_threads, "compile": benchmark_compile}
+    benchmarks = {
+        "rays": benchmark_rays,
+        "threads": benchmark_threads,
+        "compile": benchmark_compile,
+        "lights": benchmark_lights,
+    }
     result = benchmarks[options.command](options)
     result |= {"machine": platform.processor() or platform.machine()}
-    if options.command != "compile":
+    if options.command in ("rays", "threads"):
         result["threads"] = options.threads
     result |= {"wrt": wrt.__version__, "python": sys.version.split()[0]}
     if options.json:

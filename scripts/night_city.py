@@ -12,7 +12,7 @@ import wrt
 
 Array = NDArray[np.float64]
 
-BLOCKS = 14
+BLOCKS = 48
 """Buildings in each direction."""
 
 PITCH = 22.0
@@ -23,7 +23,7 @@ FLOOR = 3.1
 WINDOW = 2.1
 """Height of a floor and distance of windows, metres."""
 
-POWER = 1.5e5
+POWER = 1.5e6
 """Of all lights together, so that the picture is as bright with few as with many; W per channel, roughly."""
 
 PALETTE = {
@@ -54,7 +54,7 @@ def night_city(lights: int, seed: int = 0) -> wrt.Scene:
     """Return the city with about `lights` emissive triangles (10 to 100,000), always with the same power in all.
 
     A lamp has two triangles, a window of two panes four, a bulb eight. Lamps come first; of what is left, bulbs get
-    four tenths and windows the rest.
+    seven tenths and windows the rest.
     """
     rng = np.random.default_rng(seed)
     low = PITCH * (np.stack(np.meshgrid(np.arange(BLOCKS), np.arange(BLOCKS), indexing="ij"), axis=2) - BLOCKS / 2)
@@ -65,7 +65,6 @@ def night_city(lights: int, seed: int = 0) -> wrt.Scene:
     scene = wrt.Scene()
     scene.settings.max_depth = 6
     scene.settings.width, scene.settings.height = 960, 540
-    scene.settings.exposure = 0.0
     x = 0.5 * BLOCKS * PITCH
     scene.add(
         wrt.quad((-x, 0.0, x), (2.0 * x, 0.0, 0.0), (0.0, 0.0, -2.0 * x)),
@@ -84,7 +83,7 @@ def night_city(lights: int, seed: int = 0) -> wrt.Scene:
 
     lamps = lamp_quads()[rng.permutation(len(lamp_quads()))][: max(1, lights // 2)]
     rest = max(0, lights - 2 * len(lamps))
-    bulbs = bulb_triangles(int(0.4 * rest) // 8, rng)
+    bulbs = bulb_triangles(int(0.7 * rest) // 8, rng)
     panes = window_quads(low, sides, heights, rng)[: (rest - 8 * len(bulbs)) // 4].reshape(-1, 4, 3)
     parts: dict[str, Array] = {"lamp": quad_triangles(lamps)}
     for name, group in zip(("warm", "tungsten", "cold"), np.array_split(panes, 3), strict=True):
@@ -144,10 +143,9 @@ def bulb_triangles(count: int, rng: np.random.Generator) -> Array:
     along = np.arange(-0.5 * BLOCKS * PITCH + 6.0, 0.5 * BLOCKS * PITCH, 3.4)
     street = PITCH * (np.arange(BLOCKS) - 0.5 * BLOCKS)
     s, a, k = (g.ravel() for g in np.meshgrid(street, along, np.arange(len(across)), indexing="ij"))
-    # The middle street first, from the camera on: garlands are hung where they are seen.
-    order = np.argsort(np.abs(s) * 1e6 - a + 1e-3 * k, kind="stable")
-    center = np.stack([s + across[k], 7.6 - sag[k] + 0.3 * np.sin(a), a], axis=1)[order][:count]
-    rng.shuffle(center)
+    center = np.stack([s + across[k], 7.6 - sag[k] + 0.3 * np.sin(a), a], axis=1)
+    garlands = center.reshape(-1, len(across), 3)
+    center = garlands[rng.permutation(len(garlands))].reshape(-1, 3)[:count]
     corners = 0.045 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
     return center[:, None, None] + corners[faces]

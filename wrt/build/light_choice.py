@@ -14,7 +14,7 @@ from wrt.device import Device
 LIGHT_CHOICES = ("auto", "power", "tree")
 """By power alone, the same everywhere; by a tree over the lights; or whichever is better for as many as there are."""
 
-FEW_LIGHTS = 8
+FEW_LIGHTS = 4
 """Up to as many lights that are somewhere are chosen by power where nothing else is asked for: the walk down the tree
 costs more than it saves (docs/performance.md)."""
 
