@@ -7,9 +7,6 @@ additions run from the digits that weigh most to those that weigh least, as Owen
 
 import warp as wp
 
-vec2u = wp.types.vector(length=2, dtype=wp.uint32)
-vec4u = wp.types.vector(length=4, dtype=wp.uint32)
-
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
@@ -61,14 +58,52 @@ def shuffle(index: wp.uint32, seed: wp.uint32) -> wp.uint32:
 
 
 @wp.func
-def sobol_point(index: wp.uint32, seed_x: wp.uint32, seed_y: wp.uint32) -> vec2u:
+def sobol_point(index: wp.uint32, seed_x: wp.uint32, seed_y: wp.uint32) -> wp.vec2ui:
     """Return a point of the (0, 2)-sequence of Sobol (1967), Owen-scrambled.
 
     Any 2^m points from a multiple of 2^m on have exactly one in each of the 2^m rectangles of one shape that tile the
     square, whatever the shape.
     """
     x = reverse_bits(scramble(index, seed_x))
-    return vec2u(x, reverse_bits(scramble(second_dimension(index), seed_y)))
+    return wp.vec2ui(x, reverse_bits(scramble(second_dimension(index), seed_y)))
+
+
+# Of Sobol's dimensions 2 to 4, counted from 0, by Joe and Kuo (2008): the coefficients of the primitive polynomial
+# between its first and its last, and the first direction numbers, as many as its degree.
+_POLYNOMIALS = ((1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)))
+
+
+def _columns(coefficients: int, first: tuple[int, ...]) -> list[int]:
+    """Return the 32 columns of a generator matrix, each a reversed fraction (Bratley and Fox 1988, eq. 2.2)."""
+    degree = len(first)
+    numbers = list(first)
+    for k in range(degree, 32):
+        number = numbers[k - degree] ^ (numbers[k - degree] << degree)
+        for j in range(1, degree):
+            number ^= (coefficients >> (degree - 1 - j) & 1) * (numbers[k - j] << j)
+        numbers.append(number)
+    # Number k has k + 1 digits, the last in bit 0.
+    return [int(f"{number:0{k + 1}b}"[::-1], 2) for k, number in enumerate(numbers)]
+
+
+_SUM_COLUMNS = """
+    const unsigned columns[3][32] = {COLUMNS};
+    unsigned digits = 0;
+    for (unsigned rest = index; rest; rest &= rest - 1) {
+#if defined(__CUDA_ARCH__)
+        digits ^= columns[dimension - 2][__ffs(rest) - 1];
+#else
+        digits ^= columns[dimension - 2][__builtin_ctz(rest)];
+#endif
+    }
+    return digits;
+""".replace("COLUMNS", ", ".join("{" + ", ".join(f"{c}u" for c in _columns(*p)) + "}" for p in _POLYNOMIALS))
+
+
+@wp.func_native(_SUM_COLUMNS)
+def further_dimension(index: wp.uint32, dimension: int) -> wp.uint32:
+    """Return the reversed coordinate 2, 3 or 4 of a Sobol point; a step for each bit that the index has set."""
+    ...
 
 
 @wp.func
@@ -98,8 +133,8 @@ def morton_code(x: wp.uint32, y: wp.uint32) -> wp.uint32:
 
 
 @wp.func
-def jittered_point(index: wp.uint32, seed: wp.uint32, jitter_x: wp.uint32, jitter_y: wp.uint32) -> vec2u:
-    """Return a point in a quarter of a quarter ... of the square, taken in random order at each level.
+def jittered_point(index: wp.uint32, seed: wp.uint32, jitter_x: wp.uint32, jitter_y: wp.uint32) -> wp.vec2ui:
+    """Return a point in a quarter of a quarter ... of the square, taken in an order that is scrambled at each level.
 
     The scrambled van der Corput number of the index, read as a Morton code. So the first 4^k points lie one in each
     cell of a grid of 2^k x 2^k. Sixteen levels; `jitter` fills the bits below.
@@ -108,14 +143,4 @@ def jittered_point(index: wp.uint32, seed: wp.uint32, jitter_x: wp.uint32, jitte
     low = wp.uint32(16)
     x = (gather_bits(code) << low) | (jitter_x >> low)
     y = (gather_bits(code >> wp.uint32(1)) << low) | (jitter_y >> low)
-    return vec2u(x, y)
-
-
-@wp.func
-def pixel_shift(code: wp.uint32, seed_order: wp.uint32, seed_x: wp.uint32, seed_y: wp.uint32) -> vec2u:
-    """Return by how much the pixel with this Morton code moves a point that all pixels share.
-
-    The shifts of neighbours are points of one (0, 2)-sequence in Morton order, shuffled at each level, so that
-    those of every aligned square of 2^m x 2^m pixels fill the unit square evenly (Ahmed and Wonka 2020).
-    """
-    return sobol_point(shuffle(code, seed_order), seed_x, seed_y)
+    return wp.vec2ui(x, y)

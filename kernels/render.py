@@ -11,7 +11,7 @@ from wrt.kernels.filters import filter_offset
 from wrt.kernels.integrators import make_trace
 from wrt.kernels.layers import LayerData, make_add_layers
 from wrt.kernels.path import PathResult, PathSettings
-from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_4d
+from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_camera
 from wrt.kernels.scene_data import SceneData
 
 
@@ -21,7 +21,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     trace = make_trace(features)
     add_layers = make_add_layers(features)
     has_layers = features.layers
-    sample_4d = make_sample_4d(features.sampler)
+    sample_camera = make_sample_camera(features.sampler)
     pixel_name = make_pixel_name(features.sampler)
 
     # Named, not "unique": the name alone must keep variants apart, whatever Warp's hash sees.
@@ -51,14 +51,14 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         sampler.pixel = pixel_name(x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
-            u = sample_4d(sampler, BLOCK_FILM_AND_LENS)
+            u = sample_camera(sampler, BLOCK_FILM_AND_LENS)
             position = wp.vec2(
                 float(x) + 0.5 + filter_offset(filter_table, u[0]),
                 float(y) + 0.5 + filter_offset(filter_table, u[1]),
             )
             time = camera.shutter_open
             if camera.shutter_close > camera.shutter_open:
-                time = shutter_time(camera, sample_4d(sampler, BLOCK_TIME)[0])
+                time = shutter_time(camera, sample_camera(sampler, BLOCK_TIME)[0])
             seen = camera_ray(camera, position, wp.vec2(u[2], u[3]), time)
             result = PathResult()
             if seen.visible:

@@ -8,7 +8,15 @@ import functools
 
 import warp as wp
 
-from wrt.kernels.low_discrepancy import jittered_point, morton_code, pixel_shift, shuffle, sobol_point, vec2u, vec4u
+from wrt.kernels.low_discrepancy import (
+    further_dimension,
+    jittered_point,
+    morton_code,
+    reverse_bits,
+    scramble,
+    shuffle,
+    sobol_point,
+)
 
 # Dimensions come in blocks of four numbers. The camera takes the first blocks; every path
 # vertex then takes BLOCKS_PER_VERTEX more.
@@ -42,7 +50,7 @@ def unit_float(bits: wp.uint32) -> float:
 
 
 @wp.func
-def hash_4d(a: wp.uint32, b: wp.uint32, c: wp.uint32, d: wp.uint32) -> vec4u:
+def hash_4d(a: wp.uint32, b: wp.uint32, c: wp.uint32, d: wp.uint32) -> wp.vec4ui:
     """Return four numbers that depend on four: the hash pcg4d of Jarzynski and Olano (2020)."""
     m = wp.uint32(1664525)
     n = wp.uint32(1013904223)
@@ -62,28 +70,26 @@ def hash_4d(a: wp.uint32, b: wp.uint32, c: wp.uint32, d: wp.uint32) -> vec4u:
     y += z * x
     z += x * y
     w += y * z
-    return vec4u(x, y, z, w)
+    return wp.vec4ui(x, y, z, w)
 
 
 @wp.func
-def _unit_floats(a: vec2u, b: vec2u) -> wp.vec4:
-    return wp.vec4(unit_float(a[0]), unit_float(a[1]), unit_float(b[0]), unit_float(b[1]))
+def _unit_floats(bits: wp.vec4ui) -> wp.vec4:
+    return wp.vec4(unit_float(bits[0]), unit_float(bits[1]), unit_float(bits[2]), unit_float(bits[3]))
 
 
 @wp.func
 def _independent(sampler: Sampler, block: wp.uint32) -> wp.vec4:
-    bits = hash_4d(sampler.pixel, sampler.index, block, sampler.seed)
-    return _unit_floats(vec2u(bits[0], bits[1]), vec2u(bits[2], bits[3]))
+    return _unit_floats(hash_4d(sampler.pixel, sampler.index, block, sampler.seed))
 
 
 @wp.func
 def _stratified(sampler: Sampler, block: wp.uint32) -> wp.vec4:
     seeds = hash_4d(sampler.pixel, _NO_INDEX, block, sampler.seed)
     jitter = hash_4d(sampler.pixel, sampler.index, block, sampler.seed)
-    return _unit_floats(
-        jittered_point(sampler.index, seeds[0], jitter[0], jitter[1]),
-        jittered_point(sampler.index, seeds[1], jitter[2], jitter[3]),
-    )
+    a = jittered_point(shuffle(sampler.index, seeds[0]), seeds[1], jitter[0], jitter[1])
+    b = jittered_point(shuffle(sampler.index, seeds[2]), seeds[3], jitter[2], jitter[3])
+    return _unit_floats(wp.vec4ui(a[0], a[1], b[0], b[1]))
 
 
 @wp.func
@@ -93,24 +99,51 @@ def swap_halves(bits: wp.uint32) -> wp.uint32:
 
 
 @wp.func
-def _sobol(sampler: Sampler, block: wp.uint32) -> wp.vec4:
-    seeds = hash_4d(sampler.pixel, _NO_INDEX, block, sampler.seed)
-    a = sobol_point(shuffle(sampler.index, seeds[0]), seeds[1], seeds[2])
+def _camera_point(index: wp.uint32, block: wp.uint32, seeds: wp.vec4ui) -> wp.vec4ui:
+    # All that the camera draws is one point of five dimensions. Other pairs are shuffled, so this needs not be.
+    if block == BLOCK_TIME:
+        time = scramble(further_dimension(index, 4), seeds[0])
+        return wp.vec4ui(reverse_bits(time), seeds[1], seeds[2], seeds[3])
+    film = sobol_point(index, seeds[0], seeds[1])
+    lens_x = scramble(further_dimension(index, 2), seeds[2])
+    lens_y = scramble(further_dimension(index, 3), seeds[3])
+    return wp.vec4ui(film[0], film[1], reverse_bits(lens_x), reverse_bits(lens_y))
+
+
+@wp.func
+def _two_pairs(index: wp.uint32, seeds: wp.vec4ui) -> wp.vec4ui:
+    a = sobol_point(shuffle(index, seeds[0]), seeds[1], seeds[2])
     # Six seeds out of four: the first 16 digits take theirs from the lower half of a seed.
-    b = sobol_point(shuffle(sampler.index, seeds[3]), swap_halves(seeds[1]), swap_halves(seeds[2]))
-    return _unit_floats(a, b)
+    b = sobol_point(shuffle(index, seeds[3]), swap_halves(seeds[1]), swap_halves(seeds[2]))
+    return wp.vec4ui(a[0], a[1], b[0], b[1])
+
+
+@wp.func
+def _sobol(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    return _unit_floats(_two_pairs(sampler.index, hash_4d(sampler.pixel, _NO_INDEX, block, sampler.seed)))
+
+
+@wp.func
+def _sobol_camera(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    return _unit_floats(_camera_point(sampler.index, block, hash_4d(sampler.pixel, _NO_INDEX, block, sampler.seed)))
+
+
+@wp.func
+def _pixel_shift(sampler: Sampler, block: wp.uint32) -> wp.vec4ui:
+    # Points in Morton order: of any aligned square of 2^m x 2^m pixels they fill the square evenly, for every m.
+    return _two_pairs(sampler.pixel, hash_4d(wp.uint32(1), _NO_INDEX, block, sampler.seed))
 
 
 @wp.func
 def _blue_noise(sampler: Sampler, block: wp.uint32) -> wp.vec4:
-    shared = hash_4d(wp.uint32(0), _NO_INDEX, block, sampler.seed)
-    more = hash_4d(wp.uint32(1), _NO_INDEX, block, sampler.seed)
-    own = hash_4d(wp.uint32(2), _NO_INDEX, block, sampler.seed)
-    a = sobol_point(shuffle(sampler.index, shared[0]), shared[1], shared[2])
-    a += pixel_shift(sampler.pixel, own[0], own[1], own[2])
-    b = sobol_point(shuffle(sampler.index, more[0]), more[1], more[2])
-    b += pixel_shift(sampler.pixel, own[3], shared[3], more[3])
-    return _unit_floats(a, b)
+    shared = _two_pairs(sampler.index, hash_4d(wp.uint32(0), _NO_INDEX, block, sampler.seed))
+    return _unit_floats(shared + _pixel_shift(sampler, block))
+
+
+@wp.func
+def _blue_noise_camera(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    shared = _camera_point(sampler.index, block, hash_4d(wp.uint32(0), _NO_INDEX, block, sampler.seed))
+    return _unit_floats(shared + _pixel_shift(sampler, block))
 
 
 @wp.func
@@ -124,6 +157,7 @@ def _pixel_in_morton_order(x: int, y: int, width: int) -> wp.uint32:
 
 
 _SAMPLERS = {"independent": _independent, "stratified": _stratified, "sobol": _sobol, "blue-noise": _blue_noise}
+_CAMERAS = {"sobol": _sobol_camera, "blue-noise": _blue_noise_camera}
 
 
 @functools.cache
@@ -134,6 +168,16 @@ def make_sample_4d(name: str) -> wp.Function:
     another. Pairs, blocks and pixels are independent of each other, but for the pixels of "blue-noise".
     """
     return _SAMPLERS[name]
+
+
+@functools.cache
+def make_sample_camera(name: str) -> wp.Function:
+    """Return the same for the blocks that the camera draws: film and lens, and the time.
+
+    Low-discrepancy samplers make one point of their five dimensions, for edges out of focus or in motion are edges
+    across several of them.
+    """
+    return _CAMERAS.get(name, _SAMPLERS[name])
 
 
 @functools.cache

@@ -297,7 +297,14 @@ def reference(name: str) -> Reference:
 def compare(scene: wrt.Scene, case: Case, expected: Reference, device: str, spp: int) -> ImageTest:
     width, height = case.size
     renderer = wrt.Renderer(
-        scene, width=width, height=height, device=device, seed=1, max_depth=case.max_depth, filter="box"
+        scene,
+        sampler="independent",
+        width=width,
+        height=height,
+        device=device,
+        seed=1,
+        max_depth=case.max_depth,
+        filter="box",
     )
     for _ in renderer.passes(spp=spp):
         pass

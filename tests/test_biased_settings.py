@@ -13,7 +13,7 @@ import wrt
 
 
 def render(scene: wrt.Scene, spp: int, **options: Any) -> wrt.Renderer:
-    renderer = wrt.Renderer(scene, **{"width": 24, "height": 24, "seed": 3, **options})
+    renderer = wrt.Renderer(scene, **{"sampler": "independent", "width": 24, "height": 24, "seed": 3, **options})
     for _ in renderer.passes(spp=spp):
         pass
     return renderer
@@ -124,7 +124,7 @@ def test_checkpoints_know_both(tmp_path: Path) -> None:
             pass
     np.testing.assert_array_equal(first.image(), second.image())
     with pytest.raises(wrt.InputError, match=r"clamp_indirect \(0.5 there, None here\), regularization \(0.25 there"):
-        wrt.Renderer(scene, width=24, height=24, seed=3).load_checkpoint(tmp_path / "a.ckpt")
+        wrt.Renderer(scene, sampler="independent", width=24, height=24, seed=3).load_checkpoint(tmp_path / "a.ckpt")
 
 
 @pytest.mark.parametrize("wrong", [{"clamp_indirect": 0.0}, {"regularization": 1.5}, {"regularization": -0.1}])

@@ -253,7 +253,7 @@ def test_all_differing_parts_are_named(tmp_path: Path) -> None:
         ("seed", 0, 1),
         ("max_depth", 3, 4),
         ("filter", "blackman-harris", "box"),
-        ("sampler", "independent", "stratified"),
+        ("sampler", "sobol", "stratified"),
         ("strategy", "mis", "bsdf"),
         ("crop", None, [1, 0, 6, 3]),
     ],

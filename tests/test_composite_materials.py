@@ -237,7 +237,7 @@ def test_values_and_densities_are_those_of_mitsuba(name: str, front: bool, devic
 
 
 def render(scene: wrt.Scene, device: str, spp: int = 64, size: int = 16, **options: object) -> wrt.Renderer:
-    renderer = wrt.Renderer(scene, width=size, height=size, device=device, seed=5, **options)  # type: ignore[arg-type]
+    renderer = wrt.Renderer(scene, sampler="independent", width=size, height=size, device=device, seed=5, **options)  # type: ignore[arg-type]
     for _ in renderer.passes(spp=spp):
         pass
     return renderer

@@ -15,7 +15,9 @@ import wrt
 def estimates(scene: wrt.Scene, device: str, spp: dict[str, int], **options: object) -> dict:
     result = {}
     for seed, (strategy, count) in enumerate(spp.items()):
-        renderer = wrt.Renderer(scene, seed=seed + 10, strategy=strategy, device=device, **options)
+        renderer = wrt.Renderer(
+            scene, sampler="independent", seed=seed + 10, strategy=strategy, device=device, **options
+        )
         for _ in renderer.passes(spp=count):
             pass
         result[strategy] = renderer.image(), renderer.variance()

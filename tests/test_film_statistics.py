@@ -27,7 +27,9 @@ def scene() -> wrt.Scene:
 def rendered(seed: int, spp: int, device: str) -> tuple[np.ndarray, np.ndarray, float | None]:
     """Return the green channel of mean and variance, and the noise last reported."""
     width, height = SIZE
-    renderer = wrt.Renderer(scene(), width=width, height=height, seed=seed, max_depth=4, filter="box", device=device)
+    renderer = wrt.Renderer(
+        scene(), sampler="independent", width=width, height=height, seed=seed, max_depth=4, filter="box", device=device
+    )
     noise = None
     for progress in renderer.passes(spp=spp):
         noise = progress.noise
@@ -81,7 +83,9 @@ def test_scores_between_seeds_are_unit_normal(device: str, report: Report) -> No
 
 def test_noise_is_the_relative_mean_standard_error(device: str) -> None:
     width, height = SIZE
-    renderer = wrt.Renderer(scene(), width=width, height=height, seed=5, max_depth=4, device=device)
+    renderer = wrt.Renderer(
+        scene(), sampler="independent", width=width, height=height, seed=5, max_depth=4, device=device
+    )
     for progress in renderer.passes(spp=8):
         noise = progress.noise
     expected = np.sqrt(renderer.variance()).mean() / renderer.image().astype(np.float64).mean()

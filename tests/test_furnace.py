@@ -31,7 +31,14 @@ def flat_ball() -> wrt.Mesh:
 @pytest.mark.parametrize("albedo", [0.5, 0.8])
 def test_radiance_of_a_furnace(albedo: float, strategy: str, device: str, report: Report) -> None:
     renderer = wrt.Renderer(
-        furnace(albedo), width=32, height=32, seed=1, max_depth=1000, strategy=strategy, device=device
+        furnace(albedo),
+        sampler="independent",
+        width=32,
+        height=32,
+        seed=1,
+        max_depth=1000,
+        strategy=strategy,
+        device=device,
     )
     for _ in renderer.passes(spp=512):
         pass
@@ -63,7 +70,7 @@ def test_a_glass_block_in_a_furnace_cannot_be_seen(device: str, report: Report) 
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera(origin=(1.8, 1.3, 3.0), fov_degrees=30)
     scene.add(wrt.box((-0.7, -0.5, -0.6), (0.7, 0.5, 0.6)), material=wrt.Dielectric(ior=1.5))
-    renderer = wrt.Renderer(scene, width=32, height=32, max_depth=1000, device=device)
+    renderer = wrt.Renderer(scene, sampler="independent", width=32, height=32, max_depth=1000, device=device)
     for _ in renderer.passes(spp=256):
         pass
     image, variance = renderer.image()[..., 0], renderer.variance()[..., 0]

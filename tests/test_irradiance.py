@@ -30,7 +30,17 @@ def floor_scene(eye: float = 50.0) -> wrt.Scene:
 
 def irradiance(scene: wrt.Scene, device: str, spp: int, **options: object) -> tuple[NDArray, NDArray, NDArray]:
     """Return where the pixel centres meet the floor, the irradiance there and the variance of that."""
-    renderer = wrt.Renderer(scene, width=SIZE, height=SIZE, max_depth=2, device=device, filter="box", seed=3, **options)
+    renderer = wrt.Renderer(
+        scene,
+        sampler="independent",
+        width=SIZE,
+        height=SIZE,
+        max_depth=2,
+        device=device,
+        filter="box",
+        seed=3,
+        **options,
+    )
     for _ in renderer.passes(spp=spp):
         pass
     x, z = np.meshgrid(POINTS, POINTS)

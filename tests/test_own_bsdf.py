@@ -130,7 +130,7 @@ def test_it_is_a_material_like_any_other(tmp_path: Path, device: str) -> None:
     )
     scene = wrt.load(tmp_path / "scene.toml")
     assert isinstance(scene.shapes[0].material.first, example().Lunar)  # type: ignore[attr-defined]
-    renderer = wrt.Renderer(scene, width=16, height=16, device=device)
+    renderer = wrt.Renderer(scene, sampler="independent", width=16, height=16, device=device)
     for _ in renderer.passes(spp=1024):
         pass
     error = np.sqrt(renderer.variance()[..., 0].sum()) / 256

@@ -275,7 +275,7 @@ def test_a_rough_glass_ball_in_a_furnace(multiple: bool, device: str, report: Re
     ball = wrt.sphere(subdivisions=3)
     # Without interpolated normals, below whose horizon a little light is always lost.
     scene.add(wrt.Mesh(ball.vertices, ball.faces), material=glass(0.5, multiple_bounces=multiple))
-    renderer = wrt.Renderer(scene, width=24, height=24, seed=2, max_depth=1000, device=device)
+    renderer = wrt.Renderer(scene, sampler="independent", width=24, height=24, seed=2, max_depth=1000, device=device)
     for _ in renderer.passes(spp=256):
         pass
     image, variance = renderer.image()[..., 0].astype(np.float64), renderer.variance()[..., 0]
@@ -304,7 +304,9 @@ def test_a_lamp_seen_through_ground_glass(device: str, report: Report) -> None:
     value, _, _ = Case(material).evaluate(np.array([0.0, 0.0, 1.0]), places / length[:, None], device)
     expected = float((value[:, 0] * solid_angle).sum())
     for strategy in ("mis", "light", "bsdf"):
-        renderer = wrt.Renderer(scene, width=8, height=8, seed=3, strategy=strategy, max_depth=2, device=device)
+        renderer = wrt.Renderer(
+            scene, sampler="independent", width=8, height=8, seed=3, strategy=strategy, max_depth=2, device=device
+        )
         for _ in renderer.passes(spp=1024):
             pass
         mean = float(renderer.image()[..., 0].astype(np.float64).mean())

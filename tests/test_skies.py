@@ -105,7 +105,9 @@ def test_irradiance_of_harmonics(strategy: str, device: str, report: Report) -> 
     scene = wrt.Scene(environment=wrt.SphericalHarmonicsEnvironment(coefficients))
     scene.camera = wrt.PerspectiveCamera((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), fov_degrees=10.0)
     scene.add(wrt.quad((-8.0, 0.0, 8.0), (16.0, 0.0, 0.0), (0.0, 0.0, -16.0)), material=wrt.Diffuse(0.5))
-    renderer = wrt.Renderer(scene, width=16, height=16, max_depth=2, device=device, strategy=strategy)
+    renderer = wrt.Renderer(
+        scene, sampler="independent", width=16, height=16, max_depth=2, device=device, strategy=strategy
+    )
     for _ in renderer.passes(spp=512):
         pass
     bands = np.repeat([math.pi, 2.0 * math.pi / 3.0, math.pi / 4.0], [1, 3, 5])[:, None]

@@ -67,7 +67,7 @@ class Progress:
         paths_per_second: camera paths a second since `Renderer.passes` was called.
         rays_per_second: rays of every kind a second, likewise.
         noise: mean standard error of the pixels over their mean radiance, or None
-            while pixels have only one sample.
+            while pixels have only one sample. Too high, but for the sampler "independent": see `Renderer.variance`.
     """
 
     pass_index: int
@@ -311,7 +311,11 @@ class Renderer:
         return self.film.mean()
 
     def variance(self) -> NDArray[np.float64]:
-        """Return (H, W, 3) float64 variance of the estimate; NaN below two samples."""
+        """Return (H, W, 3) float64 variance of the estimate; NaN below two samples.
+
+        It is that of so many independent samples. Other samplers spread a pixel's samples more evenly than chance
+        does, so with them it is too high: an upper bound on average. Where it must be right, choose "independent".
+        """
         return self.film.variance()
 
     def layers(self) -> dict[str, NDArray[Any]]:

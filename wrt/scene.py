@@ -156,7 +156,7 @@ class RenderSettings:
     spp: int = 64
     max_depth: int = 64
     filter: str = "blackman-harris"
-    sampler: str = "independent"
+    sampler: str = "sobol"
     exposure: float = 0.0
     crop: tuple[int, int, int, int] | None = None
     integrator: str | None = None

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.device import initialize_warp
-from wrt.kernels.sampler import Sampler, make_sample_4d
+from wrt.kernels.sampler import BLOCK_TIME, Sampler, make_sample_4d, make_sample_camera
 
 
 def map_function(function: wp.Function, *inputs: ArrayLike, device: str) -> NDArray[Any]:
@@ -46,8 +46,9 @@ def uniforms(n: int, width: int, seed: int) -> NDArray[np.float32]:
 
 @functools.cache
 def make_draw_kernel(name: str) -> wp.Kernel:
-    """Return the kernel that draws numbers of a sampler."""
+    """Return the kernel that draws numbers of a sampler, the camera's blocks as the camera does."""
     sample_4d = make_sample_4d(name)
+    sample_camera = make_sample_camera(name)
 
     @wp.kernel(enable_backward=False, module=f"test_draw.{name.replace('-', '_')}")
     def draw_kernel(
@@ -62,7 +63,10 @@ def make_draw_kernel(name: str) -> wp.Kernel:
         sampler.seed = seed[i]
         sampler.pixel = pixel[i]
         sampler.index = index[i]
-        numbers_out[i] = sample_4d(sampler, block[i])
+        if block[i] <= BLOCK_TIME:
+            numbers_out[i] = sample_camera(sampler, block[i])
+        else:
+            numbers_out[i] = sample_4d(sampler, block[i])
 
     return draw_kernel
 

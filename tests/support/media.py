@@ -26,9 +26,10 @@ def stage(
 def render(
     scene: wrt.Scene, device: str, *, size: tuple[int, int] = (2, 2), spp: int = 1, seed: int = 0, **options: object
 ) -> wrt.Renderer:
-    """Return a renderer that has rendered so many samples."""
+    """Return a renderer that has rendered so many samples, independent ones so that its variance is known."""
     renderer = wrt.Renderer(
         scene,
+        sampler="independent",
         width=size[0],
         height=size[1],
         filter="box",
