@@ -15,6 +15,7 @@ import wrt
 from wrt.build.materials import describe_materials
 from wrt.camera import CAMERAS
 from wrt.materials import MATERIALS
+from wrt.scene import INTEGRATORS
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +115,19 @@ def test_sheet_has_a_place_for_every_tile(gallery: ModuleType) -> None:
     levels = {int(picture[0, 0, 0]) for picture in pictures.values()}
     flat = {int(v) for v in levels if (sheet == v).all(axis=2).sum() >= 64 * 64}
     assert flat == levels
+
+
+# --- Integrators -----------------------------------------------------------------------------------
+
+
+def test_integrators_and_layers_are_shown() -> None:
+    integrators = script("integrators")
+    text = (ROOT / "docs" / "integrators.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"\(pictures/([\w-]+)\.jpg\)", text)) == sorted([*integrators.PICTURES, "layers"])
+    assert {given["integrator"] for given in integrators.PICTURES.values()} <= set(INTEGRATORS) - {"aov"}
+    scene = integrators.make_scene()
+    assert not any(shape.transform for shape in scene.shapes)
+    assert len({id(shape.material) for shape in scene.shapes}) < len(scene.shapes)
 
 
 # --- Plots -----------------------------------------------------------------------------------------

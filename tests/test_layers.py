@@ -266,6 +266,21 @@ def render_with(scene: wrt.Scene, camera: Any, device: str) -> dict[str, Array]:
     return render(scene, device=device).layers()
 
 
+def test_a_moving_shape_moves_on_the_film(device: str) -> None:
+    """A pane that goes 0.3 m to the right and 0.1 m up while the shutter is open, before a wall that stands still."""
+    camera = wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=3.0, shutter_close=1.0)
+    scene = wrt.Scene(camera=camera)
+    scene.add(wrt.quad((-9.0, -9.0, -1.0), (18.0, 0.0, 0.0), (0.0, 18.0, 0.0)))
+    pane = wrt.quad((-0.6, -0.5, 0.3), (1.2, 0.0, 0.4), (0.0, 1.0, 0.0))
+    scene.shapes.append(wrt.Shape(pane, transform=wrt.Motion.translation((0.3, 0.1, 0.0))))
+    layers = render(scene, device=device).layers()
+    met = layers["object"] == 2
+    assert 0.05 < met.mean() < 0.5
+    np.testing.assert_array_equal(layers["motion"][~met], 0.0)
+    expected = np.tile(np.array([0.3, -0.1]) * 24.0 / 3.0, (int(met.sum()), 1))
+    np.testing.assert_allclose(layers["motion"][met], expected, rtol=1e-5)
+
+
 # --- The picture is the same -----------------------------------------------------------------------
 
 
