@@ -5,6 +5,7 @@ distance limit and 1 elsewhere (Zhukov, Iones and Kronin 1998, "An ambient light
 their falloff; Landis 2002). Directions are drawn by the cosine, so each sample is 0 or 1.
 """
 
+import dataclasses
 import functools
 
 import warp as wp
@@ -28,7 +29,8 @@ def make_trace_occlusion(features: Features) -> wp.Function:
     """Return the device function that asks one direction at the first surface; white where the ray meets none."""
     sample_4d = make_sample_4d(features.sampler)
     first_surface = make_first_surface(features)
-    visibility = make_visibility(features)
+    # Panes hide the sky as everything does, whatever else the kernel knows of their glass.
+    visibility = make_visibility(dataclasses.replace(features, models=()))
 
     @wp.func
     def trace_occlusion(

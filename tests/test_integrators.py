@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Report
+from conftest import ROOT, Report
 from support.statistics import t_test_mean
 
 import wrt
@@ -157,3 +157,19 @@ def test_rays_that_meet_nothing_are_white(device: str) -> None:
     scene = corner(1.0)
     scene.camera = wrt.PerspectiveCamera((1.0, 1.0, 0.0), (2.0, 2.0, 0.0), fov_degrees=1.0)
     assert mean_of(scene, device)[0] == 1.0
+
+
+def test_a_pane_hides_the_sky_with_and_without_layers(device: str) -> None:
+    """What else is asked for changes nothing: a wall of glass hides half as one of plaster does."""
+    scene = corner(1.0)
+    scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, wrt.ThinDielectric())
+    plain = rendered(scene, 64, width=8, height=8, integrator="ao", device=device)
+    layered = rendered(scene, 64, width=8, height=8, integrator="ao", layers=("albedo",), device=device)
+    np.testing.assert_array_equal(plain.image(), layered.image())
+    assert plain.image().mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_the_docs_name_every_integrator() -> None:
+    text = (ROOT / "docs" / "integrators.md").read_text(encoding="utf-8")
+    for name in INTEGRATORS:
+        assert f"| `{name}` |" in text
