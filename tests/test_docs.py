@@ -19,7 +19,7 @@ from conftest import ROOT
 import wrt
 from wrt.camera import CAMERAS
 from wrt.cli import EXAMPLES, _join_axis, _parser
-from wrt.environment import ConstantEnvironment
+from wrt.environment import ENVIRONMENTS, ConstantEnvironment
 from wrt.formats import scene_toml
 from wrt.formats.images import load_environment
 from wrt.formats.scene_toml import load_scene
@@ -234,7 +234,7 @@ def value_of(text: str) -> Any:
 def test_every_kind_of_table_is_documented_and_no_other() -> None:
     assert set(documented()) == {*TABLES, COMMON, COMMON_OF_MATERIALS, COMMON_OF_CAMERAS, TEXTURES}
     kinds = {
-        "[environment]": scene_toml._ENVIRONMENTS,
+        "[environment]": ENVIRONMENTS,
         "[[lights]]": LIGHTS,
         "[media.NAME]": MEDIA,
         "[materials.NAME]": MATERIALS,

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from wrt.errors import InputError
     from wrt.formats.images import load_image, save_image
     from wrt.formats.meshes import load_mesh
+    from wrt.formats.scene_writer import save_scene
     from wrt.intersector import Hits, Intersector
     from wrt.lights import DirectionalLight, DiskLight, PointLight, RectangleLight, SphereLight, SpotLight
     from wrt.materials import (
@@ -118,6 +119,7 @@ _EXPORTS = {
     "register_material": "wrt.materials",
     "render": "wrt.api",
     "save_image": "wrt.formats.images",
+    "save_scene": "wrt.formats.scene_writer",
     "sphere": "wrt.shapes",
 }
 
@@ -179,6 +181,7 @@ __all__ = [
     "register_material",
     "render",
     "save_image",
+    "save_scene",
     "sphere",
 ]
 

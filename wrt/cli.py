@@ -1,4 +1,4 @@
-"""The command line: ``wrt render``, ``wrt info``, ``wrt scenes`` and ``wrt materials``.
+"""The command line: ``wrt render``, ``wrt info``, ``wrt convert``, ``wrt scenes`` and ``wrt materials``.
 
 Exit status: 0 when done; 1 when a file could not be written or memory ran out; 2 when something
 given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended a render. What goes wrong is said in
@@ -138,6 +138,17 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("source", metavar="SCENE", help="as for wrt render")
     info.set_defaults(run=_info)
 
+    convert = commands.add_parser(
+        "convert",
+        help="write any scene or mesh as a scene file",
+        description="Write any scene or mesh as a scene file, with its arrays beside it. It renders to the same bits.",
+        allow_abbrev=False,
+    )
+    convert.add_argument("source", metavar="SCENE", help="as for wrt render")
+    convert.add_argument("output", metavar="OUT.toml", help="the scene file; its arrays go to OUT_files")
+    convert.add_argument("--up", choices=AXES, help="as for wrt render")
+    convert.set_defaults(run=_convert)
+
     render = commands.add_parser(
         "render",
         help="render a scene or a mesh to a picture",
@@ -258,6 +269,15 @@ def _info(options: argparse.Namespace) -> int:
         # Of a mesh file, what is in it, and not the studio around it.
         alone = Path(options.source).suffix.lower() in MESH_SUFFIXES
         print(scene_text(load_file(options.source) if alone else load(options.source)))
+    return 0
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from wrt.api import load
+    from wrt.formats.scene_writer import save_scene
+
+    with _short_warnings(lambda line: print(line, file=sys.stderr)):
+        save_scene(options.output, load(options.source, up=options.up))
     return 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -214,3 +214,12 @@ def image_directions(height: int, width: int) -> NDArray[np.float64]:
     azimuth = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
     sine = np.sin(polar)
     return np.stack(np.broadcast_arrays(sine * np.sin(azimuth), np.cos(polar), -sine * np.cos(azimuth)), axis=-1)
+
+
+ENVIRONMENTS: dict[str, type[Any]] = {
+    "constant": ConstantEnvironment,
+    "image": ImageEnvironment,
+    "spherical-harmonics": SphericalHarmonicsEnvironment,
+    "sun-sky": SunSkyEnvironment,
+}
+"""Environments by their `type` in scene files."""

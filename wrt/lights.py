@@ -249,6 +249,8 @@ def _unit(value: Any, name: str) -> Vec3:
     length = math.hypot(x, y, z)
     if length == 0.0:
         raise InputError(f"{name} must not be zero")
+    if abs(length - 1.0) < 1e-15:
+        return x, y, z  # what was divided once stays as it is: a light that is read again is the same to the bit
     return x / length, y / length, z / length
 
 

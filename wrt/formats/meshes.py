@@ -1,7 +1,7 @@
 """Mesh files and trimesh objects as wrt's shapes.
 
-OBJ, PLY, STL, OFF, glTF and GLB, all loaded by trimesh. No axis is turned and no unit scaled: formats do not agree on
-either, and most do not say.
+OBJ, PLY, STL, OFF, glTF and GLB, all loaded by trimesh, and arrays. No axis is turned and no unit scaled: formats do
+not agree on either, and most do not say.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import PathLike, first_line, require_file
+from wrt.formats.arrays import read_mesh_arrays
 from wrt.formats.gltf import read_gltf
 from wrt.formats.obj import read_obj
 from wrt.formats.parts import DEFAULT_REFLECTANCE, Contents, InputWarning, Part, merge, placed, to_shapes, warn
@@ -82,7 +83,10 @@ _READERS: dict[str, Callable[[Path, bytes], Contents]] = {
     ".glb": read_gltf,
 }
 
-MESH_SUFFIXES = tuple(_READERS)
+ARRAYS_SUFFIX = ".npz"
+"""Of meshes as arrays, which nothing is done to."""
+
+MESH_SUFFIXES = (*_READERS, ARRAYS_SUFFIX)
 """Names of mesh files end in one of these, in small or capital letters."""
 
 
@@ -129,6 +133,8 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
     file = Path(path)
     reader = _READERS.get(file.suffix.lower())
     require_file(file)
+    if file.suffix.lower() == ARRAYS_SUFFIX:
+        return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
     if reader is None:
         raise InputError(f"{file}: not a mesh format that is known; the name must end in {', '.join(MESH_SUFFIXES)}")
     try:

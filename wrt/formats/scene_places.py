@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wrt.deformation import Deformation
 from wrt.errors import InputError
 from wrt.files import first_line, require_file
+from wrt.formats.arrays import read_arrays
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
 from wrt.mesh import Mesh
@@ -79,6 +80,10 @@ def read_deformation(
         given = table["deformation"]
         if not isinstance(given, dict):
             raise InputError(f"must be a table, not {given!r}")
+        if "file" in given:
+            reader.check_keys(given, ["file"])
+            with reader.at("file"):
+                return _deformation(reader.beside(given["file"]))
         reader.check_keys(given, ["files", "times"], ["files", "times"])
         files, times = given["files"], given["times"]
         if not isinstance(files, list) or not isinstance(times, list) or len(files) != len(times):
@@ -97,3 +102,11 @@ def read_deformation(
         if mesh.normals is not None and all(key.normals is not None for key in keys):
             normals = np.stack([key.normals for key in keys if key.normals is not None])
         return Deformation(times, np.stack([key.vertices for key in keys]), normals)  # type: ignore[arg-type]
+
+
+def _deformation(file: Path) -> Deformation:
+    arrays = read_arrays(file, required=("times", "vertices"), optional=("normals",))
+    try:
+        return Deformation(**arrays)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wrt import shapes
 from wrt.camera import CAMERAS, Camera
-from wrt.environment import ConstantEnvironment, SphericalHarmonicsEnvironment, SunSkyEnvironment
+from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, require_file
 from wrt.formats.images import load_environment, load_image
@@ -35,12 +35,6 @@ from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import Vec3, boolean, integer, number, vector
 
-_ENVIRONMENTS: dict[str, type[Any] | None] = {
-    "constant": ConstantEnvironment,
-    "image": None,  # has a file in place of its pixels
-    "spherical-harmonics": SphericalHarmonicsEnvironment,
-    "sun-sky": SunSkyEnvironment,
-}
 _SECTIONS = ("settings", "camera", "environment", "lights", "media", "medium", "materials", "shapes")
 _TRANSFORM_KEYS = ("scale", "rotate", "translate")
 _PLACE_KEYS = ("motion", "instances", "deformation")
@@ -93,6 +87,7 @@ class _Reader:
         self.media: dict[str, Medium] = {}
         self.pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
         self.textures: dict[tuple[Path, bool, str], ImageTexture] = {}
+        self.mesh_files: dict[tuple[Path, bool], list[Shape]] = {}
 
     @contextmanager
     def at(self, key: str) -> Iterator[None]:
@@ -192,8 +187,12 @@ class _Reader:
         matrices: list[NDArray[np.float64]] = []
 
         def add(key: Table) -> None:
-            self.check_keys(key, ["time", *_TRANSFORM_KEYS], ["time"])
+            self.check_keys(key, ["time", "matrix", *_TRANSFORM_KEYS], ["time"])
             times.append(number(key["time"], "time"))
+            if "matrix" in key:
+                self.check_keys(key, ["time", "matrix"])
+                matrices.append(_affine(key["matrix"]))
+                return
             matrix = self.transform(key)
             matrices.append(np.eye(4) if matrix is None else matrix)
             matrices[-1][:3, 3] += pivot - matrices[-1][:3, :3] @ pivot
@@ -202,8 +201,8 @@ class _Reader:
         return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
 
     def environment(self, table: Table) -> Any:
-        cls = choice(table, _ENVIRONMENTS)
-        if cls is not None:
+        cls = choice(table, ENVIRONMENTS)
+        if cls is not ImageEnvironment:
             return self.build(cls, table)
         self.check_keys(table, ["type", "file", "scale", "rotation_degrees", "rotation_axis"], ["file"])
         scale = number(table.get("scale", 1.0), "scale", minimum=0.0)
@@ -379,12 +378,17 @@ class _Reader:
         return merge(made, "polygons")
 
     def mesh_file(self, file: Any, smooth: Any = True) -> list[Shape]:
+        """Return the shapes of a mesh file; those of one that several shapes name share its memory."""
         boolean(smooth, "smooth")
         with self.at("file"):
-            loaded = load_shapes(self.beside(file), smooth_degrees=CREASE_DEGREES if smooth else None)
-        if smooth:
-            return loaded
-        return [replace(shape, mesh=replace(shape.mesh, normals=None)) for shape in loaded]
+            key = self.beside(file), smooth
+        if key not in self.mesh_files:
+            with self.at("file"):
+                loaded = load_shapes(key[0], smooth_degrees=CREASE_DEGREES if smooth else None)
+            if not smooth:
+                loaded = [replace(shape, mesh=replace(shape.mesh, normals=None)) for shape in loaded]
+            self.mesh_files[key] = loaded
+        return self.mesh_files[key]
 
     def many_triangles(self, triangles: Any) -> Mesh:
         from wrt.meshes.many_triangles import terrain
@@ -411,6 +415,19 @@ class _Reader:
                 matrix[:3, :3] = rotation_matrix(turn["axis"], turn["degrees"]) @ matrix[:3, :3]
         matrix[:3, 3] = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
         return matrix
+
+
+def _affine(rows: Any) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix whose first three rows are given."""
+    matrix = np.eye(4)
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise InputError("matrix must be three rows of four numbers")
+    for i, row in enumerate(rows):
+        values = numbers_of(row, f"matrix[{i}]")
+        if len(values) != 4:
+            raise InputError("matrix must be three rows of four numbers")
+        matrix[i] = values
+    return matrix
 
 
 class _Placed(InputError):

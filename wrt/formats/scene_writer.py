@@ -1,0 +1,235 @@
+"""Scenes as scene files: what any reader has found, written so that reading it again gives the same scene to the bit.
+
+Tables mirror the dataclasses, as `scene_toml.py` reads them, and leave out what is the default. Arrays (meshes, images,
+places, deformations) go beside the file as NumPy files, since no other format keeps them as they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.camera import CAMERAS
+from wrt.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.errors import InputError
+from wrt.files import PathLike, require_place, write_whole
+from wrt.lights import LIGHTS
+from wrt.materials import MATERIALS, Material
+from wrt.medium import Medium
+from wrt.mesh import Mesh
+from wrt.motion import Motion
+from wrt.scene import Scene, Shape
+from wrt.textures import ImageTexture, NormalMap, VertexColor
+
+Table = dict[str, Any]
+
+
+def save_scene(path: PathLike, scene: Scene) -> None:
+    """Write a scene file, and beside it a folder of the arrays that it names.
+
+    The folder is called like the file, with `_files` in place of the suffix. Files are written whole or not at all, the
+    scene file last.
+
+    Args:
+        path: ends in .toml.
+        scene: what to write.
+
+    Raises:
+        InputError: where it cannot be written, or holds what scene files cannot say: materials of one's own.
+    """
+    import tomli_w
+
+    file = Path(path)
+    if file.suffix.lower() != ".toml":
+        raise InputError(f"{file}: the name of a scene file must end in .toml")
+    require_place(file)
+    writer = _Writer(file.with_name(f"{file.stem}_files"))
+    text = tomli_w.dumps(writer.scene(scene))
+    write_whole(file, lambda temporary: _write_text(temporary, text))
+
+
+class _Writer:
+    """Turns objects into tables; what several things share is written once."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.names: dict[int, str] = {}
+        self.kept: list[Any] = []  # objects by whose id there is a name
+        self.materials: Table = {}
+        self.media: Table = {}
+
+    def scene(self, scene: Scene) -> Table:
+        tree: Table = {"settings": self.fields(scene.settings)}
+        if scene.camera is not None:
+            tree["camera"] = {"type": _type_of(scene.camera, CAMERAS), **self.fields(scene.camera)}
+        if scene.environment is not None:
+            tree["environment"] = self.environment(scene.environment)
+        if scene.lights:
+            tree["lights"] = [{"type": _type_of(light, LIGHTS), **self.fields(light)} for light in scene.lights]
+        shapes = [self.shapes(list(group)) for _, group in itertools.groupby(scene.shapes, _Alike)]
+        if scene.medium is not None:
+            tree["medium"] = self.medium(scene.medium)
+        if self.media:
+            tree["media"] = self.media
+        if self.materials:
+            tree["materials"] = self.materials
+        tree["shapes"] = shapes
+        return tree
+
+    def fields(self, thing: Any, *, without: tuple[str, ...] = ()) -> Table:
+        """Return what in a dataclass is not its default."""
+        table = {}
+        for field in dataclasses.fields(thing):
+            value = getattr(thing, field.name)
+            if value is None or field.name in without or _is_default(value, field):
+                continue
+            table[field.name] = self.value(value)
+        return table
+
+    def value(self, value: Any) -> Any:
+        """Return what TOML has for a value."""
+        if isinstance(value, ImageTexture):
+            laid = self.fields(value, without=("pixels", "name"))
+            return {"texture": self.array("image", value.pixels, value.pixels), **laid}
+        if isinstance(value, NormalMap):
+            pixels: Any = value.pixels  # of an ImageTexture, if it was one
+            return {"texture": self.array("normals", pixels, pixels), **self.fields(value, without=("pixels", "name"))}
+        if isinstance(value, VertexColor):
+            return {"vertex_colors": True, **self.fields(value)}
+        if isinstance(value, Medium):
+            return self.medium(value)
+        if isinstance(value, Motion):
+            return self.motion(value)
+        if isinstance(value, Material):
+            return self.material(value)
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        if isinstance(value, (list, tuple)):
+            return [self.value(item) for item in value]
+        if isinstance(value, np.generic):
+            return value.item()
+        return value
+
+    def environment(self, environment: Any) -> Table:
+        if isinstance(environment, ImageEnvironment):
+            file = self.array("environment", environment.pixels, environment.pixels)
+            return {"type": "image", "file": file, **self.fields(environment, without=("pixels", "name"))}
+        return {"type": _type_of(environment, ENVIRONMENTS), **self.fields(environment)}
+
+    def medium(self, medium: Medium) -> str:
+        return self.named(medium, "medium", self.media, lambda: self.fields(medium))
+
+    def material(self, material: Material) -> str:
+        if type(material) not in MATERIALS.values() or type(material).__module__.split(".")[0] != "wrt":
+            raise InputError(f"{type(material).__name__}: a scene file cannot hold materials of one's own")
+        return self.named(
+            material, "material", self.materials, lambda: {"type": material.type_name, **self.fields(material)}
+        )
+
+    def named(self, thing: Any, kind: str, tables: Table, make: Any) -> str:
+        """Return the name of the table for a thing; a new one is made."""
+        if id(thing) not in self.names:
+            self.kept.append(thing)
+            table = make()  # parts come before what is made of them
+            self.names[id(thing)] = f"{kind}-{len(tables)}"
+            tables[self.names[id(thing)]] = table
+        return self.names[id(thing)]
+
+    def motion(self, motion: Motion) -> Table:
+        keys = [
+            {"time": time, "matrix": matrix[:3].tolist()}
+            for time, matrix in zip(motion.times.tolist(), motion.transforms, strict=True)
+        ]
+        return {"center": list(motion.center), "keys": keys}
+
+    def shapes(self, shapes: list[Shape]) -> Table:
+        """Return one table for shapes that differ in their place alone."""
+        shape = shapes[0]
+        table: Table = {"type": "mesh", "name": shape.name, "file": self.mesh(shape.mesh)}
+        table["material"] = self.material(shape.material)
+        if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
+            table["emission"] = self.value(shape.emission)
+        if shape.two_sided_emission:
+            table["two_sided_emission"] = True
+        if isinstance(shape.transform, Motion):
+            table["motion"] = self.motion(shape.transform)
+        elif shape.transform is not None:
+            places = np.stack([np.asarray(each.transform) for each in shapes])
+            table["instances"] = self.array("places", shape, places)
+        if shape.deformation is not None:
+            arrays: dict[str, NDArray[Any]] = {
+                "times": shape.deformation.times,
+                "vertices": shape.deformation.vertices,
+            }
+            if shape.deformation.normals is not None:
+                arrays["normals"] = shape.deformation.normals
+            table["deformation"] = {"file": self.arrays("deformation", shape.deformation, arrays)}
+        return table
+
+    def mesh(self, mesh: Mesh) -> str:
+        names = ("vertices", "faces", "normals", "uvs", "colors")
+        arrays = {name: getattr(mesh, name) for name in names if getattr(mesh, name) is not None}
+        return self.arrays("mesh", mesh, arrays)
+
+    def array(self, kind: str, owner: Any, array: NDArray[Any]) -> str:
+        """Write an array once for its owner; return the file's name relative to the scene file."""
+        return self.written(kind, owner, ".npy", lambda handle: np.save(handle, array))
+
+    def arrays(self, kind: str, owner: Any, arrays: dict[str, NDArray[Any]]) -> str:
+        return self.written(kind, owner, ".npz", lambda handle: np.savez(handle, **arrays))  # type: ignore[arg-type]
+
+    def written(self, kind: str, owner: Any, suffix: str, save: Any) -> str:
+        if id(owner) not in self.names:
+            try:
+                self.folder.mkdir(exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{self.folder}: cannot be made: {error.strerror}") from None
+            self.kept.append(owner)
+            name = f"{kind}-{sum(1 for each in self.names.values() if each.startswith(kind + '-'))}{suffix}"
+            self.names[id(owner)] = name
+
+            def write(temporary: Path) -> None:
+                with temporary.open("xb") as handle:
+                    save(handle)
+
+            write_whole(self.folder / name, write)
+        return f"{self.folder.name}/{self.names[id(owner)]}"
+
+
+def _write_text(file: Path, text: str) -> None:
+    file.write_text(text, encoding="utf-8")
+
+
+class _Alike:
+    """Compares equal for shapes that stand still in some place and differ in nothing else."""
+
+    def __init__(self, shape: Shape) -> None:
+        self.shape = shape
+
+    def __eq__(self, other: object) -> bool:
+        a, b = self.shape, other.shape if isinstance(other, _Alike) else None
+        if b is None or a.transform is None or b.transform is None:
+            return False
+        if isinstance(a.transform, Motion) or isinstance(b.transform, Motion):
+            return False
+        same = all(getattr(a, name) is getattr(b, name) for name in ("mesh", "material", "deformation"))
+        return same and a.name == b.name and (a.two_sided_emission, a.emission) == (b.two_sided_emission, b.emission)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _is_default(value: Any, field: dataclasses.Field[Any]) -> bool:
+    if field.default is dataclasses.MISSING or not isinstance(value, (bool, int, float, str, tuple)):
+        return False
+    return bool(value == field.default or (isinstance(value, tuple) and value == (field.default,) * len(value) != ()))
+
+
+def _type_of(thing: Any, kinds: dict[str, Any]) -> str:
+    """Return the name in scene files of a thing's class."""
+    (name,) = [name for name, kind in kinds.items() if kind is type(thing)]
+    return name
