@@ -32,17 +32,27 @@ class Bvh:
 # The loop is C++: written in Python with the two tests as intrinsics it reaches 80 to 85 % of this
 # (Warp clears the stack for each ray and copies it about). It comes in two pieces, which
 # kernels for many rays and for instances use as well.
-#
+
+# What the slab test needs of a ray. Finite where a coordinate of the direction is 0: a ray in the plane of a box side
+# would give 0 times infinity. Such a ray meets the boxes on both sides of the plane, hence the larger error.
+#   in:  d, o: NUMBER, a coordinate of the direction and of the origin
+#   out: inverse_d, shift, error: NUMBER
+RAY_SLAB = """
+    const NUMBER least = 1e-20f, inverse_d = 1.0f / ((SIZE(d) >= least) ? d : ((d < 0.0f) ? -least : least));
+    const NUMBER shift = o * inverse_d;
+    const NUMBER error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= least) ? (NUMBER)0.0f : (NUMBER)1e9f);
+"""
+
 #   in:  origin, direction: three floats
 #   out: what BOX_TEST and TRIANGLE_TEST of `kernels/simd.py` need of a ray; runs, whether it can hit anything
-RAY_SETUP = """
-    // Finite where a coordinate of the direction is 0: a ray in the plane of a box side would give 0 times
-    // infinity. Such a ray meets the boxes on both sides of the plane, hence the larger error.
+RAY_SETUP = (
+    """
 #if VECTOR_CODE
     {
         const f4 d = {direction[0], direction[1], direction[2], 1.0f}, o = {origin[0], origin[1], origin[2], 0.0f};
-        const f4 least = 1e-20f, inverse_d = 1.0f / ((SIZE(d) >= least) ? d : ((d < 0.0f) ? -least : least));
-        const f4 shift = o * inverse_d, error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= least) ? (f4)0.0f : (f4)1e9f);
+"""
+    + RAY_SLAB.replace("NUMBER", "f4")
+    + """
         const i4 backwards = inverse_d < 0.0f, rows = {0, 8, 16, 0};
         *(f4*)inverse = inverse_d;
         *(f4*)near_shift = shift + error;
@@ -54,10 +64,11 @@ RAY_SETUP = """
 #else
     flip = 7;
     for (int k = 0; k < 3; ++k) {
-        const float d = direction[k];
-        inverse[k] = 1.0f / (fabsf(d) >= 1e-20f ? d : (d < 0.0f ? -1e-20f : 1e-20f));
-        const float shift = origin[k] * inverse[k];
-        const float error = fabsf(shift) * 2.4e-7f + (fabsf(d) >= 1e-20f ? 0.0f : 1e9f);
+        const float d = direction[k], o = origin[k];
+"""
+    + RAY_SLAB.replace("NUMBER", "float")
+    + """
+        inverse[k] = inverse_d;
         near_shift[k] = shift + error;
         far_shift[k] = shift - error;
         flip ^= inverse[k] < 0.0f ? 1 << k : 0;
@@ -77,6 +88,7 @@ RAY_SETUP = """
     const float length = dx + dy + dz;
     const bool runs = length + 0.0f * (length + near_shift[0] + near_shift[1] + near_shift[2]) > 0.0f;
 """
+)
 
 
 NODE_IN_PLACE = """

@@ -10,7 +10,7 @@ Intel MIC Architecture", 2012). A kernel for the CPU: on CUDA it follows its ray
 
 import warp as wp
 
-from wrt.kernels.bvh import FOLLOW_RAY, Bvh, native_code
+from wrt.kernels.bvh import FOLLOW_RAY, RAY_SLAB, Bvh, native_code
 from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
 from wrt.kernels.simd import WOOP_DISTANCE, WOOP_EDGES, WOOP_ERROR
 
@@ -75,10 +75,11 @@ _PACKET = (
         load_vectors(origin, (const float*)(batch.origins.data + first));
         load_vectors(direction, (const float*)(batch.directions.data + first));
         for (int k = 0; k < 3; ++k) {
-            const f8 d = direction[k];
-            inverse[k] = 1.0f / ((SIZE(d) >= 1e-20f) ? d : ((d < 0.0f) ? (f8)-1e-20f : (f8)1e-20f));
-            const f8 shift = origin[k] * inverse[k];
-            const f8 error = SIZE(shift) * 2.4e-7f + ((SIZE(d) >= 1e-20f) ? (f8)0.0f : (f8)1e9f);
+            const f8 d = direction[k], o = origin[k];
+"""
+        + RAY_SLAB.replace("NUMBER", "f8")
+        + """
+            inverse[k] = inverse_d;
             near_shift[k] = shift + error;
             far_shift[k] = shift - error;
             const unsigned backwards = RAY_MASK(inverse[k] < 0.0f);

@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT
 
 import wrt
+from wrt.build.layout import lay_out
 from wrt.build.materials import describe_materials
 from wrt.camera import CAMERAS
 from wrt.materials import MATERIALS
@@ -39,6 +40,14 @@ def with_parts(material: wrt.Material) -> Iterator[wrt.Material]:
     yield material
     for part in material.parts:
         yield from with_parts(part)
+
+
+def test_pictures_of_motion() -> None:
+    motion = script("motion")
+    shown = re.findall(r"\(pictures/(motion-[\w-]+)\.jpg\)", (ROOT / "docs" / "motion.md").read_text(encoding="utf-8"))
+    assert sorted(shown) == sorted(motion.PICTURES)
+    kinds = [lay_out(make()).kind for make, _, _ in motion.PICTURES.values()]
+    assert kinds == ["still", "deforming"]
 
 
 def test_every_camera_has_its_pictures_in_the_docs() -> None:
