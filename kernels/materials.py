@@ -205,16 +205,17 @@ def has_panes(names: tuple[str, ...]) -> bool:
 
 
 @functools.cache
-def make_share_passed(features: Features) -> wp.Function:
+def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Function:
     """Return the device function (scene, material, surface, wo) -> vec3: the share of light that goes straight through.
 
-    The mean of what `choose_material` passes and of what panes do. `wo`, in the surface's frame, is where it goes.
+    The mean of what `choose_material` passes and, unless `holes_only`, of what panes do. `wo`, in the surface's frame,
+    is where it goes.
     """
-    panes = has_panes(features.models)
+    panes = has_panes(features.models) and not holes_only
     bsdf_at = make_bsdf_at(features)
     straight = make_straight(features.models)
 
-    @wp.func(name=f"share_passed_{identifier(features.models)}")
+    @wp.func(name=f"share_{'not_there' if holes_only else 'passed'}_{identifier(features.models)}")
     def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
         leaves = leaves_of(material)
         through = wp.vec3(0.0)

@@ -37,18 +37,30 @@ def make_visibility(features: Features) -> wp.Function:
     nested = features.nested
     light_shapes = features.light_shapes
     share_passed = make_share_passed(features)
+    # A pane that shines does so with all its surface, whatever it lets through.
+    share_not_there = make_share_passed(features, holes_only=True)
     extinction_of = make_extinction(features.media)
 
-    @wp.func(name=f"passed_at_{features.name}")
-    def passed_at(scene: SceneData, hit: Hit, surface: Surface, direction: wp.vec3) -> wp.vec3:
-        material = scene.shapes[surface.shape].material
+    @wp.func(name=f"surface_seen_{features.name}")
+    def surface_seen(scene: SceneData, hit: Hit, surface: Surface, direction: wp.vec3) -> Surface:
         if wp.static(textured or tangents):
             surface = add_texture_coordinates(scene, hit, surface)
         if wp.static(tangents):
             surface = align_tangents(scene, hit, surface)
+            material = scene.shapes[surface.shape].material
             if scene.materials[material].kind == MATERIAL_MODEL:
                 surface = apply_normal_map(scene, material, hit, surface, direction, 0.0)
-        return share_passed(scene, material, surface, to_local(surface.frame, -direction))
+        return surface
+
+    @wp.func(name=f"passed_at_{features.name}")
+    def passed_at(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> wp.vec3:
+        surface = surface_seen(scene, hit, at, direction)
+        return share_passed(scene, scene.shapes[surface.shape].material, surface, to_local(surface.frame, -direction))
+
+    @wp.func(name=f"not_there_at_{features.name}")
+    def not_there_at(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> wp.vec3:
+        surface = surface_seen(scene, hit, at, direction)
+        return share_not_there(scene, scene.shapes[surface.shape].material, surface, direction)
 
     @wp.func(name=f"visibility_{features.name}")
     def through(
@@ -56,7 +68,7 @@ def make_visibility(features: Features) -> wp.Function:
     ) -> wp.vec3:
         share = wp.vec3(1.0)
         if light_point.triangle >= 0:
-            share -= passed_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
+            share -= not_there_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
         if wp.static(light_shapes):
             if light_shape_blocks(scene, ray, distance, light_point):
                 return wp.vec3(0.0)
