@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,19 @@ from wrt.presentation import SETTINGS, present
 from wrt.scene import Scene, Shape
 
 
-def load(source: Any, *, triangles: int | None = None, up: str | None = None) -> Scene:
+def load(
+    source: Any,
+    *,
+    triangles: int | None = None,
+    up: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    strict: bool = False,
+    allow_outside: bool = False,
+) -> Scene:
     """Return the scene that `source` stands for.
 
     Args:
-        source: the name of a built-in scene, the path of a scene file (.toml) or of a mesh (OBJ,
+        source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
             PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
             Meshes are put into a studio (see `wrt.presentation`), unless their file has lights of its own; a
             camera of its own is kept.
@@ -30,28 +40,61 @@ def load(source: Any, *, triangles: int | None = None, up: str | None = None) ->
             for files that do not say, the one of y and z on which the mesh stands (see
             `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean
             that, and y for the others.
+        parameters: for Mitsuba's scenes, what `$name` stands for in them.
+        strict: whether what would be left out with a warning is an error instead.
+        allow_outside: whether a Mitsuba scene may name files outside its own folder.
 
     Raises:
         InputError: where the source cannot be used, naming it and the cause.
     """
     if isinstance(source, Scene):
         return source
+    xml = {"parameters": parameters, "allow_outside": allow_outside}
+    if not strict:
+        return _load(source, triangles, up, xml)
+    from wrt.formats.parts import InputWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", InputWarning)
+        try:
+            return _load(source, triangles, up, xml)
+        except InputWarning as warning:
+            raise InputError(str(warning)) from None
+
+
+def _load(source: Any, triangles: int | None, up: str | None, xml: dict[str, Any]) -> Scene:
+    """Return the scene that `source` stands for; `xml` are options of Mitsuba's scene files."""
+    if isinstance(source, (str, os.PathLike)):
+        return _load_path(source, triangles, up, xml)
+    _refuse(xml, type(source).__name__)
     if isinstance(source, Mesh):
         return _present([Shape(source, name=source.name)], up or "y")
-    if isinstance(source, (str, os.PathLike)):
-        return _load_path(source, triangles, up)
     from wrt.formats.meshes import from_trimesh
 
     return _present(from_trimesh(source), up or "y")
 
 
-def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | None) -> Scene:
+def _refuse(xml: dict[str, Any], source: object) -> None:
+    """Raise an InputError where options of Mitsuba's scene files are given for something else."""
+    given = [name for name, value in xml.items() if value]
+    if given:
+        raise InputError(f"{source}: {given[0]} goes with a Mitsuba scene (.xml), and with nothing else")
+
+
+def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | None, xml: dict[str, Any]) -> Scene:
     from wrt import meshes
 
     path = Path(source)
     builtin = isinstance(source, str) and source in meshes.scene_names() and not path.is_file()
     if builtin:
         path = meshes.scene_path(str(source))
+    if path.suffix.lower() == ".xml":
+        if up is not None or triangles is not None:
+            raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba's scenes")
+        from wrt.formats.mitsuba.scene import load_mitsuba
+
+        return load_mitsuba(path, **xml)
+    _refuse(xml, source)
     if path.suffix.lower() == ".toml":
         if up is not None:
             raise InputError(f"{source}: an up axis goes with a mesh, not with a scene")

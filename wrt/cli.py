@@ -15,6 +15,7 @@ import time
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from wrt._version import __version__
+from wrt.arguments import crop, definition, finite, positive, size, whole
 from wrt.errors import InputError
 
 if TYPE_CHECKING:
@@ -164,80 +165,48 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_render_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("input", metavar="INPUT", help="a built-in scene (see 'wrt scenes'), a scene file (.toml) or a mesh file")
+    add(
+        "input",
+        metavar="INPUT",
+        help="a built-in scene (see 'wrt scenes'), a scene file (.toml, or Mitsuba .xml) or a mesh file",
+    )
     add("-o", "--output", metavar="OUT", help="the picture: .png, .exr or .npy (default: INPUT's name with .png, here)")
-    add("--spp", metavar="N", type=_whole(1), help="samples per pixel in all (default: the scene's own)")
-    add("--time", metavar="SECONDS", type=_positive, help="render for so long; alone, without limit of samples")
-    add("--size", metavar="WxH", type=_size, help="pixels, such as 640x480 (default: the scene's own)")
-    add("--crop", metavar="X0,Y0,X1,Y1", type=_crop, help="render this part alone: pixels from X0, Y0 up to X1, Y1")
+    add("--spp", metavar="N", type=whole(1), help="samples per pixel in all (default: the scene's own)")
+    add("--time", metavar="SECONDS", type=positive, help="render for so long; alone, without limit of samples")
+    add("--size", metavar="WxH", type=size, help="pixels, such as 640x480 (default: the scene's own)")
+    add("--crop", metavar="X0,Y0,X1,Y1", type=crop, help="render this part alone: pixels from X0, Y0 up to X1, Y1")
     add("--device", metavar="NAME", default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
-    add("--threads", metavar="N", type=_whole(1), help="CPU threads (default: every core)")
-    add("--seed", metavar="N", type=_whole(0), default=0, help="another seed, another noise (default: 0)")
-    add("--max-depth", metavar="N", type=_whole(1), help="most segments in a path (default: the scene's own)")
+    add("--threads", metavar="N", type=whole(1), help="CPU threads (default: every core)")
+    add("--seed", metavar="N", type=whole(0), default=0, help="another seed, another noise (default: 0)")
+    add("--max-depth", metavar="N", type=whole(1), help="most segments in a path (default: the scene's own)")
     add("--sampler", metavar="NAME", help="independent, stratified, sobol or blue-noise (default: the scene's own)")
     add("--integrator", metavar="NAME", help="path, direct, whitted, ao or aov (default: the scene's own)")
     add("--layers", metavar="NAMES", help="write these too, to .exr: albedo,normal,depth and others (see the docs)")
-    add("--clamp-indirect", metavar="RADIANCE", type=_positive, help="most indirect light of one path; biased")
-    add("--regularization", metavar="ALPHA", type=_finite, help="roughness that surfaces gain along a path; biased")
-    add("--exposure", metavar="STOPS", type=_finite, help="factors of two by which a PNG is brightened")
+    add("--clamp-indirect", metavar="RADIANCE", type=positive, help="most indirect light of one path; biased")
+    add("--regularization", metavar="ALPHA", type=finite, help="roughness that surfaces gain along a path; biased")
+    add("--exposure", metavar="STOPS", type=finite, help="factors of two by which a PNG is brightened")
     add("--checkpoint", metavar="FILE", help="save the render there, to go on with later")
     add("--resume", action="store_true", help="go on from the checkpoint if there is one")
     add(
         "--save-every",
         metavar="SECONDS",
-        type=_positive,
+        type=positive,
         help=f"save checkpoint and picture this often (default: {SAVE_EVERY_SECONDS:.0f}, with --checkpoint)",
     )
     add("--quiet", action="store_true", help="no progress and no summary; errors and warnings only")
     add("--json", action="store_true", help="print a summary as JSON, the last line on standard output")
-    add("--triangles", metavar="N", type=_whole(1), help="triangles of a scene with a procedural mesh")
+    add("--triangles", metavar="N", type=whole(1), help="triangles of a scene with a procedural mesh")
+    add(
+        "-D",
+        "--define",
+        metavar="NAME=VALUE",
+        action="append",
+        type=definition,
+        help="what $NAME is in a Mitsuba scene",
+    )
+    add("--allow-outside", action="store_true", help="let a Mitsuba scene name files outside its own folder")
+    add("--strict", action="store_true", help="refuse a file of which something would be left out")
     add("--up", metavar="AXIS", choices=AXES, help="which axis of a mesh points up: x, y, z, -x, -y or -z")
-
-
-def _whole(minimum: int) -> Callable[[str], int]:
-    def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"must be a whole number, not {text!r}") from None
-        if value < minimum:
-            raise argparse.ArgumentTypeError(f"must be at least {minimum}, not {value}")
-        return value
-
-    return convert
-
-
-def _finite(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number, not {text!r}") from None
-    if value != value or abs(value) == float("inf"):
-        raise argparse.ArgumentTypeError(f"must be finite, not {text}")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"must be greater than 0, not {text}")
-    return value
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, cross, height = text.lower().partition("x")
-    if not cross:
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 640x480, not {text!r}")
-    whole = _whole(1)
-    return whole(width), whole(height)
-
-
-def _crop(text: str) -> tuple[int, ...]:
-    numbers = text.split(",")
-    if len(numbers) != 4:
-        raise argparse.ArgumentTypeError(f"must be X0,Y0,X1,Y1, such as 0,0,320,240, not {text!r}")
-    whole = _whole(0)
-    return tuple(whole(number) for number in numbers)
 
 
 def _scenes(options: argparse.Namespace) -> int:
@@ -305,7 +274,14 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         from wrt.api import load
         from wrt.output import check_layers, save_render
 
-        scene = load(options.input, triangles=options.triangles, up=options.up)
+        scene = load(
+            options.input,
+            triangles=options.triangles,
+            up=options.up,
+            parameters=dict(options.define or ()),
+            strict=options.strict,
+            allow_outside=options.allow_outside,
+        )
         if options.exposure is not None:
             scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
         renderer = _make_renderer(options, scene, checkpoint, bar)

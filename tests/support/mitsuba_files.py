@@ -1,0 +1,135 @@
+"""Scene files of Mitsuba, rendered by Mitsuba itself and by wrt; and the images and meshes that they name."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+import wrt
+from support.mitsuba_scene import Reference, load_mitsuba
+from support.statistics import ImageTest, image_z_test
+
+SCENES = Path(__file__).resolve().parent.parent / "scenes" / "mitsuba"
+
+
+def write_files(folder: Path) -> None:
+    """Copy all scenes into a folder, and make the images and meshes that they name beside them."""
+    for file in SCENES.glob("*.xml"):
+        shutil.copy(file, folder)
+    random = np.random.default_rng(12)
+    sky = random.random((8, 16, 3)).astype(np.float32)
+    sky[1:3, 5:8] = (12.0, 9.0, 6.0)
+    wrt.save_image(folder / "sky.exr", sky)
+    _write_png(folder / "colors.png", random.integers(30, 250, (6, 8, 3)))
+    _write_png(folder / "numbers.png", np.repeat(random.integers(40, 230, (4, 4, 1)), 3, axis=2))
+    normals = 0.35 * (random.random((8, 8, 3)) - 0.5) + (0.0, 0.0, 1.0)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    _write_png(folder / "normals.png", np.rint(127.5 * (normals + 1.0)))
+    bumps = 0.5 + 0.5 * np.sin(2.0 * np.pi * np.arange(64) / 64.0)
+    _write_png(folder / "bumps.png", np.rint(255.0 * np.repeat((bumps[:, None] * bumps)[..., None], 3, axis=2)))
+    (folder / "house.obj").write_text(HOUSE)
+    (folder / "tent.ply").write_text(TENT)
+
+
+def _write_png(path: Path, codes: np.ndarray) -> None:
+    from PIL import Image
+
+    Image.fromarray(codes.astype(np.uint8)).save(path)
+
+
+HOUSE = """\
+mtllib none.mtl
+v -1 0 1
+v 1 0 1
+v 1 1 1
+v -1 1 1
+v -1 0 -1
+v 1 0 -1
+v 1 1 -1
+v -1 1 -1
+v 0 2 1
+v 0 2 -1
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+vt 0.5 1.5
+usemtl brick
+f 1/1 2/2 3/3 4/4
+f 2/1 6/2 7/3 3/4
+f 6/1 5/2 8/3 7/4
+f 5/1 1/2 4/3 8/4
+f 4/1 3/2 9/5
+f 7/1 8/2 10/5
+f 3/1 7/2 10/3 9/4
+f 8/1 4/2 9/3 10/4
+"""
+"""Walls and a roof, without normals: sides share their corners."""
+
+TENT = """\
+ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property float u
+property float v
+property float r
+property float g
+property float b
+element face 2
+property list uchar int vertex_indices
+end_header
+-1 0 1 0 0 0.9 0.2 0.1
+1 0 1 1 0 0.1 0.8 0.2
+1 1.5 0 1 1 0.2 0.3 0.9
+-1 1.5 0 0 1 0.8 0.8 0.1
+3 0 1 2
+3 0 2 3
+"""
+"""A slanted square with texture coordinates and colours."""
+
+
+def render_by_mitsuba(path: Path, *, spp: int, runs: int = 16, seed: int = 1) -> Reference:
+    """Return what Mitsuba makes of a scene file, by several runs with their own random numbers."""
+    mi = load_mitsuba()
+    scene = mi.load_file(str(path))
+    images = np.stack(
+        [
+            np.array(mi.render(scene, spp=max(1, spp // runs), seed=1_000_003 * (seed + run)), dtype=np.float64)[
+                ..., :3
+            ]
+            for run in range(runs)
+        ]
+    )
+    return Reference(images.mean(axis=0), images.var(axis=0, ddof=1) / runs, runs)
+
+
+OUT_OF_SIGHT = (
+    wrt.Diffuse(0.5),
+    wrt.Conductor(),
+    wrt.RoughConductor(masking="smith-separable"),
+    wrt.Dielectric(),
+    wrt.TwoSided(),
+)
+
+
+def compare(path: Path, expected: Reference, *, spp: int) -> ImageTest:
+    """Return how wrt's picture of a scene file compares with Mitsuba's."""
+    scene = wrt.load(path)
+    scene.settings = dataclasses.replace(scene.settings, sampler="independent")
+    renderer = wrt.Renderer(scene, seed=1)
+    for _ in renderer.passes(spp=spp):
+        pass
+    return image_z_test(
+        renderer.image(),
+        renderer.variance(),
+        expected.mean,
+        expected.variance,
+        n_a=renderer.spp,
+        n_b=expected.runs,
+    )

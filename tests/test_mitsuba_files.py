@@ -1,0 +1,94 @@
+"""Scene files of Mitsuba look as Mitsuba renders them: the same XML, by both, compared by `image_z_test`."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from conftest import Report
+
+pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+
+from support.mitsuba_files import compare, render_by_mitsuba, write_files
+from support.mitsuba_scene import Reference
+from support.statistics import ImageTest, sidak
+
+pytestmark = pytest.mark.slow
+
+
+class Case(NamedTuple):
+    """What a scene is of, by the words of docs/mitsuba.md, and a change of its file that must be seen.
+
+    Attributes:
+        covers: the plugins and parameters that it exercises.
+        change: a text in the file, and another in its place, for a wrong partner.
+        spp: samples per pixel of each of both renderers.
+        alone: whether pixels are independent: filters that reach beyond a pixel tie neighbours in Mitsuba, so that
+            sums over pixels cannot be judged.
+    """
+
+    covers: str
+    change: tuple[str, str] | None = None
+    spp: int = 512
+    alone: bool = True
+
+
+CASES = {
+    "transforms": Case(
+        "scale, rotate, translate, matrix, lookat, default, include, alias, ref; cube, rectangle; diffuse, twosided",
+        ('value="25"', 'value="28"'),
+    ),
+    "curved": Case("sphere, cylinder, disk; conductor by eta and k, and none", ('value="0.4"/>', 'value="0.38"/>')),
+    "lens": Case("thinlens: fov_axis, aperture_radius, focus_distance", ('"3"/>', '"3.2"/>'), 1024),
+    "orthographic": Case("orthographic; a shape without bsdf", ('x="1.1" y="1.1"', 'x="1.13" y="1.13"')),
+    "shifted": Case("perspective: fov_axis diagonal, principal_point_offset, crop", ('value="0.1"', 'value="0.09"')),
+    "filter-tent": Case("focal_length, tent", ('"tent"', '"box"'), 1024, alone=False),
+    "filter-gaussian": Case("gaussian", ('"gaussian"', '"box"'), 1024, alone=False),
+    "lights": Case("point, spot, directional", ('"24"', '"26"')),
+    "constant": Case("constant", ('"0.5, 0.6, 0.7"', '"0.52, 0.6, 0.7"')),
+    "envmap": Case("envmap: scale, to_world", ('angle="37"', 'angle="35"')),
+    "glowing": Case("area on sphere, disk, cube; flip_normals; null", ('"0.5, 1, 3"', '"0.53, 1, 3"')),
+}
+SIGNIFICANCE = sidak(0.01, len(CASES))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    result = tmp_path_factory.mktemp("scenes")
+    write_files(result)
+    return result
+
+
+@functools.cache
+def reference(path: Path, spp: int) -> Reference:
+    return render_by_mitsuba(path, spp=spp)
+
+
+def agrees(case: Case, result: ImageTest) -> bool:
+    if case.alone:
+        return result.agrees(significance=SIGNIFICANCE)
+    return result.pass_fraction >= 0.995 and result.p_min > SIGNIFICANCE
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_file_looks_as_in_mitsuba(name: str, folder: Path, report: Report) -> None:
+    case, path = CASES[name], folder / f"{name}.xml"
+    result = compare(path, reference(path, case.spp), spp=case.spp)
+    report("mean against Mitsuba, per cent", f"{100.0 * result.relative_difference[1]:+.3f}", 0, p=result.mean_p)
+    report("share of pixels that pass", result.pass_fraction, ">= 0.995", p=result.p_min)
+    assert agrees(case, result), result.message
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.change])
+def test_a_changed_file_is_seen(name: str, folder: Path, report: Report) -> None:
+    case, path = CASES[name], folder / f"{name}.xml"
+    text = path.read_text()
+    assert case.change is not None
+    assert case.change[0] in text
+    changed = folder / f"{name}-changed.xml"
+    changed.write_text(text.replace(*case.change))
+    result = compare(changed, reference(path, case.spp), spp=case.spp)
+    report(" for ".join(reversed(case.change)), result.message)
+    assert not agrees(case, result), result.message

@@ -1,0 +1,269 @@
+"""XML as Mitsuba has it: elements that know their line, parameters, included files, and objects by their ids.
+
+Read by expat without a document type, so that no entity can be declared or fetched.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from wrt.errors import InputError, did_you_mean
+from wrt.files import first_line, require_file
+from wrt.formats.parts import warn
+
+MOST_INCLUDES = 1000
+"""Files that a scene may include, each counted as often as it is."""
+
+MOST_LEVELS = 64
+"""How deep elements may lie within one another."""
+
+_PARAMETER = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
+_CAPITAL = re.compile(r"(?<=[a-z0-9])([A-Z])")
+
+
+@dataclass(eq=False)
+class Element:
+    """An element, what it holds, and where it stands."""
+
+    tag: str
+    attributes: dict[str, str]
+    file: Path
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The name of the property that it sets, empty where it has none."""
+        return self.attributes.get("name", "")
+
+    @property
+    def label(self) -> str:
+        """What it is called in messages."""
+        words = [self.tag, *(repr(self.attributes[key]) for key in ("type", "name") if self.attributes.get(key))]
+        return " ".join(words)
+
+    def error(self, text: str) -> InputError:
+        """Return an error that names file and line."""
+        return InputError(f"{self.file}: line {self.line}: {text}")
+
+    def get(self, key: str) -> str:
+        """Return an attribute.
+
+        Raises:
+            InputError: where it is missing.
+        """
+        if key not in self.attributes:
+            raise self.error(f"{self.label} has no attribute {key!r}")
+        return self.attributes[key]
+
+
+class Document:
+    """A scene file and all that it includes, with parameters put in.
+
+    Attributes:
+        path: the scene file.
+        root: its `scene` element; what was included takes the place of each `include`.
+        ids: elements by id, aliases among them.
+    """
+
+    def __init__(self, path: Path, parameters: Mapping[str, Any], *, allow_outside: bool) -> None:
+        """Read a scene file.
+
+        Args:
+            path: the file.
+            parameters: what `$name` stands for, in place of the file's own defaults.
+            allow_outside: whether it may name files outside its own folder.
+
+        Raises:
+            InputError: naming file and line, where anything is not XML or not as Mitsuba has it.
+        """
+        self.path = path
+        self.ids: dict[str, Element] = {}
+        self._parameters = {str(name): str(value) for name, value in parameters.items()}
+        self._given = set(self._parameters)
+        self._used: set[str] = set()
+        self._allow_outside = allow_outside
+        self._home = path.resolve().parent
+        self._folders = [path.parent]
+        self._included = 0
+        self._warned: set[str] = set()
+        self.root = self._read(path, ())
+        if self.root.tag != "scene":
+            raise self.root.error(f"not a Mitsuba scene: its outermost element is {self.root.tag!r}, not 'scene'")
+        for name in sorted(self._given - self._used):
+            hint = did_you_mean(name, self._parameters.keys() - self._given)
+            raise InputError(f"{path}: the parameter {name!r} is not in the scene{hint}")
+
+    def warn(self, where: Element, text: str) -> None:
+        """Warn, once, of something that is left out."""
+        message = f"{where.file}: line {where.line}: {text}"
+        if message not in self._warned:
+            self._warned.add(message)
+            warn(message)
+
+    def find(self, element: Element) -> Element:
+        """Return what a `ref` refers to.
+
+        Raises:
+            InputError: where there is nothing of that id.
+        """
+        name = element.get("id")
+        if name not in self.ids:
+            raise element.error(f"there is nothing with the id {name!r}{did_you_mean(name, self.ids)}")
+        return self.ids[name]
+
+    def file(self, where: Element, name: str) -> Path:
+        """Return the path of a file that the scene names.
+
+        It is looked for beside the scene, then in the folders of its `path` elements, then beside the file that
+        names it.
+
+        Raises:
+            InputError: where it is not there, or outside the scene's folder without leave.
+        """
+        plain = name.strip().replace("\\", "/")
+        candidates = [folder / plain for folder in (*self._folders, where.file.parent)]
+        found = next((each for each in candidates if each.is_file()), candidates[0])
+        self._check_inside(where, found, name)
+        try:
+            require_file(found)
+        except InputError as error:
+            raise where.error(str(error)) from None
+        return found
+
+    def _check_inside(self, where: Element, path: Path, name: str) -> None:
+        if not self._allow_outside and not path.resolve().is_relative_to(self._home):
+            raise where.error(
+                f"{name!r} is outside the scene's folder; allow it by --allow-outside, or allow_outside=True"
+            )
+
+    def _read(self, path: Path, opened: tuple[Path, ...]) -> Element:
+        """Return the outermost element of a file; `opened` are the files that it is included from."""
+        root = parse(path)
+        old = _major_version(root) < 2
+        self._expand(root, (*opened, path.resolve()), old, 0)
+        return root
+
+    def _expand(self, element: Element, opened: tuple[Path, ...], old: bool, level: int) -> None:
+        """Put in parameters and included files, and note ids, from the outside in and in the order of the file."""
+        if level > MOST_LEVELS:
+            raise element.error(f"elements lie more than {MOST_LEVELS} deep within one another")
+        for key, value in element.attributes.items():
+            element.attributes[key] = self._substituted(element, value)
+        if old:
+            element.tag = element.tag.lower()
+            if "name" in element.attributes:
+                element.attributes["name"] = _CAPITAL.sub(lambda match: f"_{match[1]}", element.name).lower()
+        if "id" in element.attributes and element.tag not in ("ref", "alias"):
+            self._note(element, element.attributes["id"], element)
+        kept: list[Element] = []
+        for child in element.children:
+            if child.tag == "default":
+                self._set_default(child)
+                continue
+            self._expand(child, opened, old, level + 1)
+            if child.tag == "include":
+                kept += self._include(child, opened)
+            elif child.tag == "alias":
+                self._note(child, child.get("as"), self.find(child))
+            elif child.tag == "path":
+                self._add_folder(child)
+            else:
+                kept.append(child)
+        element.children = kept
+
+    def _substituted(self, element: Element, text: str) -> str:
+        def value(match: re.Match[str]) -> str:
+            name = match[1] or match[2]
+            if name not in self._parameters:
+                hint = did_you_mean(name, self._parameters)
+                raise element.error(f"the parameter ${name} has no value{hint}; give one by -D {name}=VALUE")
+            self._used.add(name)
+            return self._parameters[name]
+
+        return _PARAMETER.sub(value, text)
+
+    def _set_default(self, element: Element) -> None:
+        name = element.get("name")
+        self._parameters.setdefault(name, self._substituted(element, element.get("value")))
+        self._used.add(name)
+
+    def _note(self, where: Element, name: str, element: Element) -> None:
+        other = self.ids.setdefault(name, element)
+        if other is not element:
+            raise where.error(f"the id {name!r} is used twice, first at line {other.line} of {other.file}")
+
+    def _include(self, element: Element, opened: tuple[Path, ...]) -> list[Element]:
+        """Return what an included file holds."""
+        path = self.file(element, element.get("filename"))
+        if path.resolve() in opened:
+            raise element.error(f"{element.get('filename')!r} includes itself")
+        self._included += 1
+        if self._included > MOST_INCLUDES:
+            raise element.error(f"more than {MOST_INCLUDES} files are included")
+        root = self._read(path, opened)
+        return root.children if root.tag == "scene" else [root]
+
+    def _add_folder(self, element: Element) -> None:
+        folder = self._folders[0] / element.get("value")
+        if not folder.is_dir():
+            raise element.error(f"{element.get('value')!r} is no folder")
+        self._check_inside(element, folder, element.get("value"))
+        self._folders.append(folder)
+
+
+def parse(path: Path) -> Element:
+    """Return the outermost element of an XML file.
+
+    Raises:
+        InputError: where it is not well-formed XML, or has a document type.
+    """
+    require_file(path)
+    parser = expat.ParserCreate()
+    open_elements: list[Element] = []
+    roots: list[Element] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, path, parser.CurrentLineNumber)
+        (open_elements[-1].children if open_elements else roots).append(element)
+        open_elements.append(element)
+
+    def end(_: str) -> None:
+        open_elements.pop()
+
+    def text(data: str) -> None:
+        if data.strip():
+            shown = " ".join(data.split())[:40]
+            raise InputError(f"{path}: line {parser.CurrentLineNumber}: text outside of elements: {shown!r}")
+
+    def refuse(*_: Any) -> None:
+        raise InputError(
+            f"{path}: line {parser.CurrentLineNumber}: document types and entities are not supported; remove <!DOCTYPE"
+        )
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.ExternalEntityRefHandler = refuse  # type: ignore[assignment]
+    try:
+        parser.Parse(path.read_bytes(), True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise InputError(f"{path}: line {error.lineno}: not well-formed XML: {reason}") from None
+    except (OSError, ValueError, LookupError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    return roots[0]
+
+
+def _major_version(root: Element) -> int:
+    """Return the number before the first dot of a scene's version; 3 where it says none."""
+    text = root.attributes.get("version", "3").split(".")[0]
+    if not text.isdigit():
+        raise root.error(f"version must be a number such as 3.0.0, not {root.attributes['version']!r}")
+    return int(text)

@@ -1,0 +1,67 @@
+"""Refractive indices by the names that Mitsuba's scenes use."""
+
+from __future__ import annotations
+
+from wrt.errors import InputError, did_you_mean
+from wrt.formats.mitsuba.plugin import Plugin
+from wrt.formats.mitsuba.transforms import numbers_of
+from wrt.presets import metal_ior
+
+NAMED = {
+    "vacuum": 1.0,
+    "helium": 1.000036,
+    "hydrogen": 1.000132,
+    "air": 1.000277,
+    "carbon dioxide": 1.00045,
+    "water": 1.3330,
+    "acetone": 1.36,
+    "ethanol": 1.361,
+    "carbon tetrachloride": 1.461,
+    "glycerol": 1.4729,
+    "benzene": 1.501,
+    "silicone oil": 1.52045,
+    "bromine": 1.661,
+    "water ice": 1.31,
+    "fused quartz": 1.458,
+    "pyrex": 1.470,
+    "acrylic glass": 1.49,
+    "polypropylene": 1.49,
+    "bk7": 1.5046,
+    "sodium chloride": 1.544,
+    "amber": 1.55,
+    "pet": 1.5750,
+    "diamond": 2.419,
+}
+"""Indices of Mitsuba's names, so that its scenes mean the same: at 589.3 nm, gases at 0 °C and 1 atm, liquids at
+20 °C."""
+
+
+def refractive_index(plugin: Plugin, name: str, default: float | str) -> float:
+    """Return an index, given as a number or as a name.
+
+    Raises:
+        InputError: where it is not above 0 or the name is not known.
+    """
+    element = plugin.value(name, "float", "string")
+    if element is None:
+        return NAMED[default] if isinstance(default, str) else default
+    text = element.get("value")
+    if element.tag == "string":
+        key = text.strip().lower()
+        if key not in NAMED:
+            raise element.error(f"{plugin.label}: {name}: {text!r} is not known{did_you_mean(key, NAMED)}")
+        return NAMED[key]
+    value = numbers_of(element, text, 1)[0]
+    if value <= 0.0:
+        raise element.error(f"{plugin.label}: {name!r} must be greater than 0, not {value:g}")
+    return value
+
+
+def symbol_of(name: str) -> str | None:
+    """Return what wrt calls a metal of Mitsuba's, such as "Ni_palik"; None where its index is not known."""
+    symbol = name.strip().partition("_")[0]
+    try:
+        metal_ior(symbol)
+    except InputError:
+        return None
+    return symbol

@@ -1,0 +1,224 @@
+"""Shapes: meshes of files, analytic ones as triangles, groups of them in several places."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.camera import PerspectiveCamera
+from wrt.errors import InputError
+from wrt.formats.mitsuba import surfaces
+from wrt.formats.mitsuba.bumps import Laid, laid_on, needs_laid
+from wrt.formats.mitsuba.materials import BLACK, UNKNOWN, Materials, Surface, clear, is_black
+from wrt.formats.mitsuba.meshes import read_mesh
+from wrt.formats.mitsuba.plugin import Plugin, positive
+from wrt.formats.mitsuba.surfaces import Detail, is_closed
+from wrt.formats.mitsuba.textures import Textures
+from wrt.lights import DiskLight, Light, RectangleLight, SphereLight
+from wrt.materials import Material
+from wrt.mesh import Mesh
+from wrt.scene import Shape
+from wrt.textures import ColorSource, shines
+from wrt.values import Vec3
+
+Matrix = NDArray[np.float64]
+
+MOST_EXACT_LIGHTS = 64
+"""Rays are held against each of them."""
+
+
+class Shapes:
+    """Turns `shape` plugins into wrt's shapes, and into lights where they only shine."""
+
+    def __init__(self, materials: Materials, textures: Textures, detail: Detail, *, exact_lights: bool = True) -> None:
+        """Start without any.
+
+        Args:
+            materials: of the scene.
+            textures: of the scene.
+            detail: how fine curved shapes must be.
+            exact_lights: whether black shapes that shine become lights of their own.
+        """
+        self.materials, self.textures, self.detail = materials, textures, detail
+        self.lights: list[Light] = []
+        self._exact_lights = exact_lights
+        self._groups: dict[int, list[Shape]] = {}
+
+    def shapes(self, plugin: Plugin) -> list[Shape]:
+        """Return what a shape is made of; none where it is a group by itself, or a light of its own.
+
+        Raises:
+            InputError: naming file and line, where something in it cannot be used.
+        """
+        if plugin.type == "shapegroup":
+            return []  # it is where its instances are
+        if plugin.type == "instance":
+            return list(self._instance(plugin))
+        if plugin.type == "merge":
+            found = [shape for inner in plugin.of_kind("shape") for shape in self.shapes(inner)]
+            plugin.finish()
+            return found
+        if plugin.type not in _MESHES and plugin.type not in ("obj", "ply"):
+            plugin.warn("this kind of shape is not known; left out")
+            return []
+        try:
+            made = self._shape(plugin)
+        except InputError as error:
+            raise plugin.placed(error) from None
+        plugin.finish()
+        return [] if made is None else [made]
+
+    def _instance(self, plugin: Plugin) -> Iterator[Shape]:
+        group = next((each for each in plugin.of_kind("shape") if each.type == "shapegroup"), None)
+        if group is None:
+            raise plugin.error("names no shapegroup")
+        key = id(group.element)
+        if key not in self._groups:
+            self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self.shapes(inner)]
+            group.finish()
+        matrix = plugin.transform()
+        plugin.finish()
+        for shape in self._groups[key]:
+            yield dataclasses.replace(shape, transform=matrix)
+
+    def _shape(self, plugin: Plugin) -> Shape | None:
+        emitter = plugin.only("emitter")
+        emission = self._emission(emitter)
+        bsdf = plugin.only("bsdf")
+        flat = BLACK if shines(emission) else UNKNOWN
+        if bsdf is not None:
+            flat = self.materials.surface(bsdf, Laid())
+        for medium in plugin.of_kind("medium"):
+            medium.warn("media are left out")
+        flip = plugin.boolean("flip_normals", False)
+        plugin.ignore("silhouette_sampling_weight")
+        if self._exact_lights and shines(emission) and isinstance(emission, tuple) and is_black(flat):
+            light = self._exact_light(plugin, emission, flip)
+            if light is not None:
+                self.lights.append(light)
+                return None
+        if flat.nothing and not shines(emission):
+            plugin.transform()
+            plugin.ignore("filename", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
+            return None
+        mesh = self._mesh(plugin, shines(emission))
+        if flip:
+            normals = None if mesh.normals is None else -mesh.normals
+            mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
+        surface = Surface(clear()) if flat.nothing else flat
+        if bsdf is not None and needs_laid(bsdf):
+            surface = self.materials.surface(bsdf, laid_on(mesh))
+        name = plugin.element.attributes.get("id") or plugin.type
+        return Shape(mesh, self._seen(surface, mesh), emission, name=name)
+
+    def _seen(self, surface: Surface, mesh: Mesh) -> Material:
+        """Return a material that is black from behind where Mitsuba's is, unless nobody can get there to see it."""
+        if not surface.one_sided or (self._outside(mesh) and is_closed(mesh)):
+            return surface.material
+        return surface.both_sides
+
+    def _outside(self, mesh: Mesh) -> bool:
+        """Return whether the camera surely is outside of a mesh, and rays start nowhere else."""
+        camera = self.detail.camera
+        if not isinstance(camera, PerspectiveCamera):
+            return False
+        low, high = mesh.bounds
+        reach = camera.aperture_radius
+        origin = np.array(camera.origin)
+        return bool(((origin < low - reach) | (origin > high + reach)).any())
+
+    def _emission(self, emitter: Plugin | None) -> ColorSource:
+        if emitter is None:
+            return (0.0, 0.0, 0.0)
+        if emitter.type != "area":
+            emitter.warn("only area lights can be on a shape; left out")
+            return (0.0, 0.0, 0.0)
+        radiance = self.textures.color(emitter, "radiance", 1.0, shines=True, most=math.inf)
+        emitter.ignore("sampling_weight")
+        emitter.finish()
+        return (radiance,) * 3 if isinstance(radiance, float) else radiance
+
+    def _mesh(self, plugin: Plugin, shining: bool) -> Mesh:
+        if plugin.type in ("obj", "ply"):
+            return read_mesh(plugin)
+        matrix = plugin.transform()
+        if plugin.type in ("sphere", "cylinder"):
+            matrix = matrix @ _own_transform(plugin)
+        if plugin.type in ("rectangle", "cube"):
+            mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
+            return mesh.transformed(matrix)
+        center, radius = _ball_around(plugin.type, matrix)
+        segments, coarse = self.detail.segments(center, radius, shines=shining)
+        if coarse:
+            plugin.warn(f"is made of no more than {segments} segments around, which may show from this near")
+        return _MESHES[plugin.type](segments).transformed(matrix)
+
+    def _exact_light(self, plugin: Plugin, radiance: Vec3, flip: bool) -> Light | None:
+        """Return a light that is this very shape; None where there is none."""
+        if len(self.lights) >= MOST_EXACT_LIGHTS or plugin.type not in ("sphere", "disk", "rectangle"):
+            return None
+        matrix = plugin.transform()
+        if plugin.type == "sphere":
+            matrix = matrix @ _own_transform(plugin)
+        x, y, _, center = matrix[:3].T
+        sizes = np.linalg.norm(matrix[:3, :3], axis=0)
+        straight = abs(x @ y) < 1e-5 * sizes[0] * sizes[1]
+        normal = np.cross(x, y) * np.sign(np.linalg.det(matrix[:3, :3])) * (-1.0 if flip else 1.0)
+        round_ = straight and math.isclose(sizes[0], sizes[1], rel_tol=1e-5)
+        if plugin.type == "rectangle" and straight:
+            u, v = (x, y) if np.cross(x, y) @ normal > 0.0 else (y, x)
+            return RectangleLight(_vec(center - x - y), _vec(2.0 * u), _vec(2.0 * v), radiance)
+        if plugin.type == "disk" and round_:
+            return DiskLight(_vec(center), _vec(normal), float(sizes[0]), radiance)
+        ball = round_ and np.allclose(matrix[:3, :3].T @ matrix[:3, :3], sizes[0] ** 2 * np.eye(3), rtol=1e-4)
+        if plugin.type == "sphere" and ball and not flip:
+            return SphereLight(_vec(center), float(sizes[0]), radiance)
+        return None
+
+
+_MESHES: dict[str, Callable[..., Mesh]] = {
+    "rectangle": surfaces.rectangle,
+    "cube": surfaces.cube,
+    "sphere": surfaces.sphere,
+    "disk": surfaces.disk,
+    "cylinder": surfaces.cylinder,
+}
+
+
+def _vec(value: NDArray[np.float64]) -> Vec3:
+    x, y, z = (float(each) for each in value)
+    return x, y, z
+
+
+def _own_transform(plugin: Plugin) -> Matrix:
+    """Return what makes of a unit shape the one that `center`, or `p0` and `p1`, and `radius` describe."""
+    radius = positive(plugin, "radius", 1.0)
+    result = np.diag([radius, radius, radius, 1.0])
+    if plugin.type == "sphere":
+        result[:3, 3] = plugin.point("center", (0.0, 0.0, 0.0))
+        return result
+    start, end = (np.array(plugin.point(name, value)) for name, value in (("p0", (0, 0, 0)), ("p1", (0, 0, 1))))
+    along = end - start
+    length = float(np.linalg.norm(along))
+    if length == 0.0:
+        raise plugin.error("'p0' and 'p1' must differ")
+    # Duff et al. 2017, "Building an Orthonormal Basis, Revisited": where u begins.
+    x, y, z = along / length
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    result[:3, 0] = radius * np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
+    result[:3, 1] = radius * np.array([b, sign + y * y * a, -y])
+    result[:3, 2], result[:3, 3] = along, start
+    return result
+
+
+def _ball_around(kind: str, matrix: Matrix) -> tuple[NDArray[np.float64], float]:
+    """Return the centre of a unit shape, moved, and the largest radius of its circles."""
+    middle = (0.0, 0.0, 0.5, 1.0) if kind == "cylinder" else (0.0, 0.0, 0.0, 1.0)
+    axes = matrix[:3, :2] if kind != "sphere" else matrix[:3, :3]
+    return matrix[:3] @ np.array(middle), float(np.linalg.svd(axes, compute_uv=False)[0])

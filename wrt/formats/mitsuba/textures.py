@@ -1,0 +1,165 @@
+"""Values that vary over a surface: images, checkerboards and vertex colours.
+
+Mitsuba's first row of an image is at v = 0, wrt's at v = 1. Texture coordinates stay as they are, and images are turned
+upside down, so that transforms of coordinates and directions along v mean the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.formats.images import load_image
+from wrt.formats.mitsuba.plugin import Plugin
+from wrt.formats.mitsuba.spectra import COLOR_TAGS, color_of
+from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.values import Vec3
+
+_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+"""Of linear Rec. 709 (ITU-R BT.709): what a colour is where a number is wanted."""
+
+
+class Textures:
+    """The textures of a scene: the same object for the same element, the pixels of a file once."""
+
+    def __init__(self) -> None:
+        self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
+        self._made: dict[tuple[int, str], ColorSource] = {}
+
+    def color(
+        self, plugin: Plugin, name: str, default: float | Vec3, *, shines: bool = False, most: float = 1.0
+    ) -> ColorSource:
+        """Return a colour that may vary.
+
+        Args:
+            plugin: what has it.
+            name: of the parameter.
+            default: where it is not given.
+            shines: whether it is light.
+            most: larger constants are clipped to it, with a warning.
+        """
+        texture = plugin.named(name)
+        if texture is not None:
+            return self._texture(texture, "color")
+        element = plugin.value(name, *COLOR_TAGS)
+        if element is None:
+            return default
+        color = color_of(element, plugin.document, shines=shines)
+        if min(color) < 0.0:
+            raise element.error(f"{plugin.label}: {name!r} must not be negative")
+        if max(color) > most:
+            # Spectra that are 1 everywhere may come out a rounding above it.
+            if max(color) > 1.001 * most:
+                plugin.document.warn(element, f"{plugin.label}: {name!r} is clipped to {most:g}")
+            red, green, blue = (min(x, most) for x in color)
+            return red, green, blue
+        return color
+
+    def constant(self, plugin: Plugin, name: str, default: float | Vec3, *, shines: bool = False) -> Vec3:
+        """Return a colour that cannot vary: of a texture its mean, with a warning."""
+        color = self.color(plugin, name, default, shines=shines, most=math.inf)
+        if isinstance(color, (ImageTexture, VertexColor)):
+            plugin.warn(f"{name!r} cannot vary here; its mean is used")
+            mean = color.pixels.mean(axis=(0, 1)) * color.factor if isinstance(color, ImageTexture) else (0.5,) * 3
+            return float(mean[0]), float(mean[1]), float(mean[2])
+        red, green, blue = (float(x) for x in np.broadcast_to(np.asarray(color, np.float64), 3))
+        return red, green, blue
+
+    def number(
+        self, plugin: Plugin, name: str, default: float, *, least: float = 0.0, most: float = 1.0
+    ) -> ColorSource:
+        """Return a number that may vary, a constant clipped to a range with a warning; of a colour its luminance."""
+        texture = plugin.named(name)
+        if texture is not None:
+            return self._texture(texture, "number")
+        element = plugin.value(name, *COLOR_TAGS)
+        if element is None:
+            return default
+        value = float(np.dot(color_of(element, plugin.document, shines=False), _LUMINANCE / _LUMINANCE.sum()))
+        if not least <= value <= most:
+            plugin.document.warn(element, f"{plugin.label}: {name!r} is clipped to {least:g} up to {most:g}")
+        return min(max(value, least), most)
+
+    def data(self, texture: Plugin) -> ImageTexture | None:
+        """Return an image that holds heights or normals, None where it is none that can be taken."""
+        made = self._texture(texture, "data")
+        return made if isinstance(made, ImageTexture) else None
+
+    def _texture(self, texture: Plugin, use: str) -> ColorSource:
+        """Return a texture as a "color", as a "number", its luminance, or as "data", its linear pixels."""
+        key = (id(texture.element), use)
+        if key not in self._made:
+            made = self._make(texture)
+            if use == "number" and isinstance(made, ImageTexture):
+                grey = made.pixels @ (_LUMINANCE / _LUMINANCE.sum()).astype(np.float32)
+                made = dataclasses.replace(made, pixels=np.repeat(grey[..., None], 3, axis=2))
+            self._made[key] = made
+        return self._made[key]
+
+    def _make(self, texture: Plugin) -> ColorSource:
+        made: ColorSource
+        if texture.type == "bitmap":
+            made = self._bitmap(texture)
+        elif texture.type == "checkerboard":
+            made = self._checkerboard(texture)
+        elif texture.type == "mesh_attribute" and texture.text("name", "") == "vertex_color":
+            made = VertexColor(texture.number("scale", 1.0))
+        else:
+            name = f" of {texture.text('name', '')!r}" if texture.type == "mesh_attribute" else ""
+            texture.warn(f"this kind of texture{name} is not known; 0.5 stands in for it")
+            return (0.5, 0.5, 0.5)
+        texture.finish()
+        return made
+
+    def _bitmap(self, texture: Plugin) -> ImageTexture:
+        file = texture.file()
+        # Mitsuba 0.x said gamma 1 for what is raw now.
+        raw = texture.boolean("raw", texture.number("gamma", 0.0) == 1.0)
+        texture.ignore("format", "accel")
+        if (file, raw) not in self._pixels:
+            try:
+                pixels = load_image(file, linear=raw)
+            except InputError as error:
+                raise texture.error(str(error)) from None
+            if not np.isfinite(pixels).all() or (pixels < 0.0).any():
+                texture.warn(f"{file.name} has values below 0 or not finite; they are 0")
+                pixels = np.maximum(np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
+            self._pixels[file, raw] = np.ascontiguousarray(pixels[::-1])
+        wrap = texture.choice("wrap_mode", "repeat", "repeat", "mirror", "clamp")
+        kind = texture.choice("filter_type", "bilinear", "bilinear", "nearest")
+        return _laid(texture, ImageTexture(self._pixels[file, raw], file.name, wrap=wrap, filter=kind))
+
+    def _checkerboard(self, texture: Plugin) -> ImageTexture:
+        """Return a board as an image of four texels: exactly what it is."""
+        first, second = (self.constant(texture, name, value) for name, value in (("color0", 0.4), ("color1", 0.2)))
+        pixels = np.array([[second, first], [first, second]], np.float32)
+        return _laid(texture, ImageTexture(pixels, "checkerboard", filter="nearest"))
+
+
+def _laid(texture: Plugin, image: ImageTexture) -> ImageTexture:
+    """Return an image with the scale, turn and shift of a texture's `to_uv`."""
+    matrix = texture.transform("to_uv")[:2]
+    # Mitsuba 0.x had four numbers for it.
+    scale = np.array([texture.number(name, 1.0) for name in ("uscale", "vscale")])
+    shift = np.array([texture.number(name, 0.0) for name in ("uoffset", "voffset")])
+    linear, offset = matrix[:, :2] * scale, matrix[:, 3] + shift
+    if np.allclose(linear, np.eye(2)) and not offset.any():
+        return image
+    along_u = float(np.linalg.norm(linear[:, 0]))
+    if along_u == 0.0:
+        raise texture.error("'to_uv' must not flatten u")
+    c, s = linear[:, 0] / along_u
+    along_v, slant = float(c * linear[1, 1] - s * linear[0, 1]), float(c * linear[0, 1] + s * linear[1, 1])
+    if abs(slant) > 1e-4 * abs(along_v):
+        texture.warn("'to_uv' slants, which is left out")
+    return dataclasses.replace(
+        image,
+        scale=(along_u, along_v),
+        rotation_degrees=math.degrees(math.atan2(s, c)),
+        offset=(float(offset[0]), float(offset[1])),
+    )
