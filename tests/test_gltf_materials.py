@@ -249,7 +249,7 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
     )
     good = tree["images"][0]["uri"]
     for uri, message in (
-        ("missing.png", r"missing\.png', which it refers to, cannot be read: No such file"),
+        ("missing.png", r"missing\.png', which it refers to: no such file"),
         (good[:60], "image 0 left out: it cannot be decoded|a data URI in it is damaged"),
         (data_uri(b"no image"), "image 0 left out: it cannot be decoded"),
     ):

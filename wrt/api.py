@@ -106,9 +106,17 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
     if not path.suffix and not path.exists():
         names = ", ".join(meshes.scene_names())
         raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
+    from wrt.files import naming
     from wrt.formats.meshes import load_file
 
     scene = load_file(path)
+    with naming(path):
+        return _shown(source, scene, up)
+
+
+def _shown(source: str | os.PathLike[str], scene: Scene, up: str | None) -> Scene:
+    """Return what a mesh file holds as it is shown: lit as it says itself, or in a studio."""
+    path = Path(source)
     suffix = path.suffix.lower()
     if up is None and suffix in (".obj", ".ply", ".stl", ".off"):
         from wrt.orientation import guess_up
@@ -123,7 +131,7 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
 
 
 def _present(shapes: list[Shape], up: str, camera: Camera | None = None) -> Scene:
-    scene = present(shapes, up=up)
+    scene = present(shapes, up=up, rescale=camera is None)
     scene.camera = camera or scene.camera
     return scene
 

@@ -6,7 +6,6 @@ The file is an uncompressed NumPy archive (.npz layout) of the film's arrays and
 from __future__ import annotations
 
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import PathLike, first_line, require_place, write_whole
+from wrt.files import PathLike, first_line, read_file, require_place, write_whole
+from wrt.formats.npy import read_archive
 
 FORMAT = 1
 _HEADER = "header"
-# What reading an archive raises when bytes of it are wrong: NumPy's and zipfile's own, and those of
-# encryption (RuntimeError) and compression (NotImplementedError, one of them) that are not there.
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, TypeError, RuntimeError, AttributeError)
 
 
 def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
@@ -50,10 +47,9 @@ def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[A
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint file")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            header = json.loads(str(archive[_HEADER]))
-            arrays = {name: archive[name] for name in archive.files if name != _HEADER}
-    except _DAMAGE as error:
+        arrays = read_archive(read_file(path))
+        header = json.loads(str(arrays.pop(_HEADER)))
+    except (KeyError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a wrt checkpoint, or damaged ({first_line(error)})") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise InputError(f"{path}: written in another checkpoint format than this version of wrt reads")

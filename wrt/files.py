@@ -4,29 +4,69 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Callable
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
-from wrt.errors import InputError
+from wrt.errors import InputError, one_line
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
 
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that may be read and holds something."""
+    _read(path, 1)
+
+
+def read_file(path: Path) -> bytes:
+    """Return all that is in a file.
+
+    Pipes and devices are none: some never end, and others are waited for without end.
+
+    Raises:
+        InputError: where it is no file, is empty, or may not be read.
+    """
+    return _read(path, -1)
+
+
+def _read(path: Path, count: int) -> bytes:
     try:
-        if path.is_dir():
-            raise InputError(f"{path}: is a directory, not a file")
-        with path.open("rb") as file:
-            if not file.read(1):
-                raise InputError(f"{path}: the file is empty")
+        # Opening a pipe that nobody writes to would wait for somebody.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            found = os.fstat(handle)
+            if stat.S_ISDIR(found.st_mode):
+                raise InputError(f"{path}: is a directory, not a file")
+            if not stat.S_ISREG(found.st_mode):
+                raise InputError(f"{path}: is a pipe or a device, not a file")
+            # Of files that the system makes up the size is 0, and reading them may wait.
+            size = found.st_size if count < 0 else min(count, found.st_size)
+            with open(handle, "rb", closefd=False) as file:
+                data = file.read(size)
+        finally:
+            os.close(handle)
     except InputError:
         raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    if not data:
+        raise InputError(f"{path}: the file is empty")
+    return data
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Within the context, have every InputError say which file it is about."""
+    try:
+        yield
+    except InputError as error:
+        if one_line(str(path)) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from None
 
 
 def require_place(path: Path) -> None:
@@ -60,6 +100,11 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         raise InputError(f"{path}: cannot be written: {first_line(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def why_not(path: Path, error: InputError) -> str:
+    """Return what `read_file` says, without the path."""
+    return str(error).removeprefix(f"{one_line(str(path))}: ")
 
 
 def first_line(error: BaseException) -> str:

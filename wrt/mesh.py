@@ -88,14 +88,15 @@ class Mesh:
         determinant = float(np.linalg.det(linear))
         if determinant == 0.0:
             raise InputError(f"{self.name}: the transform is not invertible")
-        vertices = self.vertices.astype(np.float64) @ linear.T + offset
+        with np.errstate(all="ignore"):  # told below, where it is not finite
+            vertices = (self.vertices.astype(np.float64) @ linear.T + offset).astype(np.float32)
         normals = self.normals
         if normals is not None:
             moved = normals.astype(np.float64) @ np.linalg.inv(linear)
             length = np.linalg.norm(moved, axis=1, keepdims=True)
             normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
         faces = self.faces if determinant > 0.0 else self.faces[:, ::-1]
-        return Mesh(vertices.astype(np.float32), faces, normals, self.uvs, self.colors, self.name)
+        return Mesh(vertices, faces, normals, self.uvs, self.colors, self.name)
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""

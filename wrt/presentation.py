@@ -32,12 +32,18 @@ _UP_ROTATIONS = {
 }
 
 
-def present(shapes: list[Shape], *, up: str = "y") -> Scene:
+_SIZES = 2.0**-4, 2.0**16
+"""Metres across that a studio is for: beyond, steps off surfaces and squares of distances lose their digits."""
+
+
+def present(shapes: list[Shape], *, up: str = "y", rescale: bool = True) -> Scene:
     """Return a studio scene around `shapes`: standing on a sweep, lit softly from the upper left.
 
     Args:
         shapes: what to show; left where they are but for the turn that brings `up` to +y.
         up: the axis of the shapes' own coordinates that points up: x, y, z, -x, -y or -z.
+        rescale: whether shapes in unusual units, less than 6 cm or more than 65 km across, are brought to about a
+            metre, by a power of two.
 
     Raises:
         InputError: on an unknown axis or no shapes.
@@ -56,6 +62,11 @@ def present(shapes: list[Shape], *, up: str = "y") -> Scene:
     size = float(np.linalg.norm(high - low))
     if size == 0.0:
         raise InputError("there is nothing to show: all vertices are in one place")
+    if rescale and not _SIZES[0] <= size <= _SIZES[1]:
+        factor = 2.0 ** -round(math.log2(size))
+        scene.shapes = [shape.moved(np.diag([factor, factor, factor, 1.0])) for shape in scene.shapes]
+        low, high = scene.bounds
+        size = float(np.linalg.norm(high - low))
     floor = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
     center = 0.5 * (low + high)
 

@@ -9,6 +9,9 @@ from wrt.errors import InputError
 from wrt.mesh import Mesh
 from wrt.values import Vec3, integer, number, vector
 
+MAX_SUBDIVISIONS = 9
+"""Of a sphere: 5 million triangles, a six-hundredth of the radius across."""
+
 
 def quad(origin: Vec3, edge_u: Vec3, edge_v: Vec3) -> Mesh:
     """Return the parallelogram origin + u·edge_u + v·edge_v, u and v in [0, 1].
@@ -57,8 +60,9 @@ def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions:
     """
     c = np.array(vector(center, "center"))
     radius = number(radius, "radius", above=0.0)
+    count = integer(subdivisions, "subdivisions", minimum=0, maximum=MAX_SUBDIVISIONS)
     points, faces = _icosahedron()
-    for _ in range(integer(subdivisions, "subdivisions", minimum=0, maximum=10)):
+    for _ in range(count):
         points, faces = _split_in_four(points, faces)
     return Mesh(c + radius * points, faces, normals=points.astype(np.float32), name="sphere")
 
@@ -81,8 +85,8 @@ def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
 
 def _split_in_four(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    unique, index = np.unique(edges, axis=0, return_inverse=True)
-    middle = points[unique].sum(axis=1)
+    unique, index = np.unique(edges[:, 0] * len(points) + edges[:, 1], return_inverse=True)
+    middle = points[unique // len(points)] + points[unique % len(points)]
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     ab, bc, ca = (index.reshape(3, -1) + len(points)).reshape(3, -1)
     a, b, c = faces.T

@@ -42,6 +42,8 @@ def read_gltf(path: Path, data: bytes) -> Contents:
         tree = json.loads(text)
         if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
             raise InputError(f"{path}: not a glTF file: it names no asset")
+        if len(children := _children(tree)) != len(set(children)):  # the ways to a node may be more than can be gone
+            raise InputError("nodes share a child; each may have one parent at most")
         _add_scene(tree)
         # What hangs on the nodes is taken from a copy: trimesh must not see it.
         nodes = {**tree, "nodes": [dict(node) for node in tree.get("nodes", [])]}
@@ -54,8 +56,8 @@ def read_gltf(path: Path, data: bytes) -> Contents:
             text = head + len(text).to_bytes(4, "little") + data[16:20] + text + rest
         parts = _parts(path, load(path, text, "glb" if binary else "gltf"), materials)
         return Contents(parts, lights_of(nodes), cameras_of(nodes))
-    except InputError as error:
-        raise InputError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from None
+    except InputError:
+        raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         # The tree is whatever the file says; a key or type that is not as specified ends up here.
         reason = f"{type(error).__name__}: {first_line(error)}"
@@ -66,9 +68,14 @@ def _add_scene(tree: Tree) -> None:
     """Add a scene of all nodes to a file without scenes, of which trimesh shows nothing."""
     if not tree.get("scenes"):
         nodes = tree.get("nodes", [])
-        children = {child for node in nodes for child in node.get("children", [])}
+        children = set(_children(tree))
         tree["scenes"] = [{"nodes": [k for k in range(len(nodes)) if k not in children]}]
         tree.pop("scene", None)
+
+
+def _children(tree: Tree) -> list[int]:
+    """Return the children of all nodes."""
+    return [child for node in tree.get("nodes", []) for child in node.get("children", [])]
 
 
 def _prepare(path: Path, tree: Tree) -> list[Tree]:
@@ -130,7 +137,8 @@ def _parts(path: Path, loaded: Tree, materials: GltfMaterials) -> list[Part]:
     for edge in loaded["graph"]:  # parents come before children
         if edge["frame_to"] in world:
             raise InputError(f"{path}: the nodes form a circle, or share a child")
-        world[edge["frame_to"]] = matrix = world[edge["frame_from"]] @ edge["matrix"]
+        with np.errstate(all="ignore"):  # a node scaled to infinity is told by its vertices
+            world[edge["frame_to"]] = matrix = world[edge["frame_from"]] @ edge["matrix"]
         if edge.get("geometry") is not None:
             places.setdefault(edge["geometry"], []).append(matrix)
     made = {name: _part(path, str(name), loaded["geometry"][name], materials) for name in places}

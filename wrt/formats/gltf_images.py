@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import first_line
-from wrt.formats.images import pixels_of
+from wrt.files import first_line, read_file, why_not
+from wrt.formats.images import open_image, pixels_of
 from wrt.formats.parts import warn
 from wrt.textures import ImageTexture
 
@@ -123,18 +123,17 @@ class GltfImages:
         return source
 
     def _decoded(self, number: int) -> Image | None:
-        from PIL import Image
-
         if number not in self._images:
             self._images[number] = None
             try:
-                image = Image.open(io.BytesIO(self._bytes(self._tree["images"][number])))
-                image.load()
-                self._images[number] = image
+                data = self._bytes(self._tree["images"][number])
             except InputError as error:
                 warn(f"{error}; it is left out")
-            except Image.DecompressionBombError:
-                self._left_out(number, "it is too large")
+                return None
+            try:
+                image = open_image(io.BytesIO(data))
+                image.load()
+                self._images[number] = image
             except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
                 self._left_out(number, first_line(error))
         return self._images[number]
@@ -160,11 +159,9 @@ class GltfImages:
                 raise InputError(f"{self._path}: a data URI in it is damaged: {error}") from None
         file = self._path.parent / unquote(uri)
         try:
-            return file.read_bytes()
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"{self._path}: {str(file)!r}, which it refers to, cannot be read: {first_line(error)}"
-            ) from None
+            return read_file(file)
+        except InputError as error:
+            raise InputError(f"{self._path}: {str(file)!r}, which it refers to: {why_not(file, error)}") from None
 
 
 def placement_of(info: Tree) -> Tree:

@@ -87,7 +87,8 @@ def nodes_of(tree: Tree) -> Iterator[tuple[Tree, Matrix]]:
         node, parent, level = waiting.pop()
         if level > _DEEPEST:
             raise InputError("the nodes form a circle, or lie more than 256 deep")
-        world = parent @ _local(node)
+        with np.errstate(all="ignore"):  # what comes of numbers that are none is told where it is used
+            world = parent @ _local(node)
         yield node, world
         waiting += [(nodes[child], world, level + 1) for child in reversed(node.get("children", []))]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.environment import ImageEnvironment
 from wrt.errors import InputError
-from wrt.files import PathLike, first_line, require_file, require_place, write_whole
+from wrt.files import PathLike, first_line, naming, read_file, require_file, require_place, write_whole
+from wrt.formats.npy import read_array
 from wrt.layers import channel_names
 from wrt.values import Vec3
 
@@ -21,6 +23,15 @@ if TYPE_CHECKING:
 
 OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
 """What `save_image` writes."""
+
+
+MAX_PIXELS = 2**27
+"""Of an image that is read: 16384x8192, for instance. In memory each takes 12 bytes."""
+
+_PIXELS_PER_BYTE = 2**16
+"""More than OpenEXR, Radiance and these can gain by compression: where the header says more, it is wrong."""
+
+_BOUNDED = ("PNG", "JPEG", "BMP", "GIF")
 
 
 def srgb_from_linear(values: ArrayLike) -> NDArray[np.float64]:
@@ -57,7 +68,8 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     suffix = file.suffix.lower()
     reader = {".exr": _read_float, ".hdr": _read_float, ".rgbe": _read_float, ".npy": _read_npy}.get(suffix)
     try:
-        pixels = _read_pillow(file, linear) if reader is None else reader(file)
+        with naming(file):
+            pixels = _read_pillow(file, linear) if reader is None else reader(file)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - decoders fail on damaged files in ways they do not list
@@ -82,14 +94,54 @@ def load_environment(
         InputError: when the file cannot be read, or holds negative values or values not finite.
     """
     pixels = load_image(path)
-    try:
+    with naming(Path(path)):
         return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+
+
+def require_pixels(width: int, height: int) -> None:
+    """Raise InputError where an image is too large to be decoded: few bytes may stand for very many pixels."""
+    if width * height > MAX_PIXELS:
+        raise InputError(f"the image is too large: {width}x{height}; it may have {MAX_PIXELS} pixels at most")
+
+
+def open_image(file: Path | io.BytesIO) -> Image:
+    """Return a Pillow image, not decoded yet, of a size that may be.
+
+    Raises:
+        InputError: where it is too large, or no image.
+        Exception: of any kind where the file is damaged.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            # Large pictures are normal here.
+            warnings.simplefilter("ignore")
+            image = Image.open(file)
+    except Image.DecompressionBombError:
+        raise InputError(f"the image is too large; it may have {MAX_PIXELS} pixels at most") from None
+    except UnidentifiedImageError:
+        raise InputError("not an image of a known format") from None
+    size = file.stat().st_size if isinstance(file, Path) else len(file.getbuffer())
+    try:
+        require_pixels(*image.size)
+        if image.format in _BOUNDED and image.width * image.height > _PIXELS_PER_BYTE * size:
+            raise InputError(f"the file is too short for {image.width}x{image.height} pixels; it is truncated")
+    except InputError:
+        image.close()
+        raise
+    return image
 
 
 def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32]:
     """Return a Pillow image as (H, W, 3) float32, linear Rec. 709; see `load_image`."""
+    require_pixels(*image.size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what decoders say about odd files is for those who made them
+        return _pixels_of(image, linear=linear)
+
+
+def _pixels_of(image: Image, *, linear: bool | None) -> NDArray[np.float32]:
     if image.mode == "F":
         values = np.asarray(image, np.float32)
         return np.ascontiguousarray(np.repeat(values[:, :, None], 3, axis=2))
@@ -107,19 +159,8 @@ def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32
 
 
 def _read_pillow(path: Path, linear: bool | None) -> NDArray[np.float32]:
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with warnings.catch_warnings():
-            # Large pictures are normal here; Pillow still refuses absurd ones.
-            warnings.simplefilter("ignore")
-            with Image.open(path) as image:
-                return pixels_of(image, linear=linear)
-    except Image.DecompressionBombError:
-        most = 2 * (Image.MAX_IMAGE_PIXELS or 0)
-        raise InputError(f"{path}: the image is too large; it may have {most} pixels at most") from None
-    except UnidentifiedImageError:
-        raise InputError(f"{path}: not an image of a known format") from None
+    with open_image(path) as image:
+        return pixels_of(image, linear=linear)
 
 
 def _read_float(path: Path) -> NDArray[np.float32]:
@@ -130,7 +171,12 @@ def _read_float(path: Path) -> NDArray[np.float32]:
     if source is None:
         raise InputError(f"{path}: cannot be read as an image: {_complaint(path, OpenImageIO.geterror())}")
     try:
-        names = list(source.spec().channelnames)
+        spec = source.spec()
+        names = list(spec.channelnames)
+        require_pixels(spec.width, spec.height * spec.depth)
+        if spec.width * spec.height * len(names) > _PIXELS_PER_BYTE * path.stat().st_size:
+            raise InputError(f"{path}: the file is too short for {spec.width}x{spec.height} pixels; it is truncated")
+        require_pixels(spec.width, spec.height * -(-len(names) // 16))
         pixels = source.read_image("float")
         if pixels is None:
             raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")
@@ -143,15 +189,17 @@ def _read_float(path: Path) -> NDArray[np.float32]:
 
 
 def _complaint(path: Path, text: str) -> str:
-    """Return OpenImageIO's words in one line and without the path, which the message has already."""
-    return " ".join(text.replace(f" ({path})", "").split())
+    """Return OpenImageIO's words without the path, which the message has already."""
+    return " ".join(text.replace(f" ({path})", "").split()) or "damaged"
 
 
 def _read_npy(path: Path) -> NDArray[np.float32]:
-    pixels = np.load(path, allow_pickle=False)
-    if not isinstance(pixels, np.ndarray) or pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise InputError(f"{path}: the array must be (H, W, 3), not {getattr(pixels, 'shape', 'an archive')}")
-    return np.ascontiguousarray(pixels, np.float32)
+    pixels = read_array(read_file(path))
+    if pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise InputError(f"the array must be (H, W, 3), not {pixels.shape}")
+    require_pixels(pixels.shape[1], pixels.shape[0])
+    with np.errstate(all="ignore"):
+        return np.ascontiguousarray(pixels, np.float32)
 
 
 def check_output(path: PathLike) -> Path:

@@ -15,11 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import PathLike, first_line, require_file
+from wrt.files import PathLike, naming, read_file, require_file
 from wrt.formats.arrays import read_mesh_arrays
 from wrt.formats.gltf import read_gltf
 from wrt.formats.obj import read_obj
-from wrt.formats.parts import DEFAULT_REFLECTANCE, Contents, InputWarning, Part, merge, placed, to_shapes, warn
+from wrt.formats.parts import (
+    DEFAULT_REFLECTANCE,
+    Contents,
+    InputWarning,
+    Part,
+    merge,
+    placed,
+    positions_of,
+    to_shapes,
+    warn,
+)
 from wrt.formats.ply import read_ply
 from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
 from wrt.mesh import Mesh
@@ -56,7 +66,8 @@ def _read_stl(path: Path, data: bytes) -> list[Part]:
         name = fields.get("metadata", {}).get("name") or path.stem
         part = part_of(path, str(name), fields)
         if part is not None:
-            same = same_positions(np.asarray(part.vertices, np.float32))
+            positions = positions_of(path, part.vertices, part.faces, "a corner of triangle {} (counted from 0)", 3)
+            same = same_positions(positions)
             _, first = np.unique(same, return_index=True)
             parts.append(Part(part.name, part.vertices[first], same[part.faces]))
     return parts
@@ -137,14 +148,10 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
         return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
     if reader is None:
         raise InputError(f"{file}: not a mesh format that is known; the name must end in {', '.join(MESH_SUFFIXES)}")
-    try:
-        contents = reader(file, file.read_bytes())
+    with naming(file):
+        contents = reader(file, read_file(file))
         shapes = to_shapes(str(file), contents.parts, smooth_degrees)
-    except InputError:
-        raise
-    except (OSError, MemoryError) as error:
-        raise InputError(f"{file}: cannot be read: {first_line(error)}") from None
-    return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)
+        return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line
-from wrt.formats.images import pixels_of
+from wrt.formats.images import open_image, pixels_of
 from wrt.formats.parts import DEFAULT_REFLECTANCE, warn
 from wrt.formats.trimesh_files import Beside
 from wrt.materials import Diffuse, Material, Principled
@@ -70,7 +70,7 @@ class MtlMaterials:
         illumination = said.number("illum", -1.0)
         if illumination in _GLASSES and isinstance(opacity, float) and opacity < 1.0 and said.number("ni", 1.0) > 1.0:
             transmission, opacity = 1.0 - opacity, 1.0
-            base = said.color("tf") or base
+            base = said.color("tf", maximum=1.0) or base
         emission = self._emission(said, laid)
         common: dict[str, Any] = {"opacity": opacity, "normal_map": self._normal_map(said, laid)}
         physical = any(key in said.words for key in ("pr", "pm", "pc", "ps", "map_pr", "map_pm"))
@@ -162,8 +162,9 @@ class MtlMaterials:
                 wrap = _placement(options).get("wrap", "repeat")
                 if not key.endswith("bump") or _holds_normals(pixels):
                     return NormalMap(np.minimum(pixels, np.float32(1.0)), name=file, wrap=wrap)
-                height = float(options.get("-bm", ["1"])[0])
-                return NormalMap(_normals_of_heights(pixels[:, :, 0], height), name=file, wrap=wrap)
+                height = options.get("-bm", ["1"])[0]
+                scale = float(height) if _is_number(height) else 1.0
+                return NormalMap(_normals_of_heights(pixels[:, :, 0], scale), name=file, wrap=wrap)
         return None
 
     def _share(self, said: _Statements, key: str, laid: bool, default: float) -> ColorSource:
@@ -188,15 +189,15 @@ class MtlMaterials:
 
     def _image(self, file: str, kind: str) -> NDArray[np.float32] | None:
         """Return an image beside the OBJ as "color", "data" or "alpha"; None, with a warning, if it cannot be read."""
-        from PIL import Image
-
         if (file, kind) not in self._pixels:
             self._pixels[file, kind] = None
             try:
                 data = self._beside.get(file)
-                image = Image.open(io.BytesIO(data if isinstance(data, bytes) else data.encode()))
             except InputError as error:
                 warn(f"{error}; it is left out")
+                return None
+            try:
+                image = open_image(io.BytesIO(data if isinstance(data, bytes) else data.encode()))
             except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
                 warn(f"{self._path}: texture {file} left out: {first_line(error)}")
             else:
@@ -261,11 +262,11 @@ def _options(words: list[str]) -> tuple[dict[str, list[str]], str]:
 
 
 def _is_number(word: str) -> bool:
+    """Whether it is one that a texture can be laid or a relief be made with."""
     try:
-        float(word)
+        return abs(float(word)) < 1e6
     except ValueError:
         return False
-    return True
 
 
 def _placement(options: dict[str, list[str]]) -> dict[str, Any]:

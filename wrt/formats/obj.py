@@ -13,6 +13,8 @@ from wrt.formats.mtl import MtlMaterials
 from wrt.formats.parts import Part, warn
 from wrt.formats.trimesh_files import as_text, is_stand_in, load, part_of
 
+_INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
+
 
 def read_obj(path: Path, data: bytes) -> list[Part]:
     """Return a part for each material and kind of face, in the order of the file.
@@ -30,6 +32,7 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         part = part_of(path, name, fields)
         if part is None:
             continue
+        part.counted = "a vertex"  # trimesh has renumbered them
         statements = getattr(described, "kwargs", {})
         image = getattr(described, "image", None)
         image = None if is_stand_in(image) else image
@@ -88,7 +91,7 @@ def _absolute(path: Path, number: int, corner: str, counts: dict[str, int]) -> s
     """Return a face corner whose indices count from the beginning."""
     indices = []
     for word, (key, count) in zip(corner.split("/"), counts.items(), strict=False):
-        index = int(word) if word.lstrip("+-").isdigit() else None
+        index = int(word) if _INTEGER.fullmatch(word) else None
         absolute = index if index is None or index > 0 else index + count + 1
         if absolute is not None and (index == 0 or absolute < 1):
             raise InputError(

@@ -11,16 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.camera import Camera
-from wrt.errors import InputError
+from wrt.errors import InputError, one_line
 from wrt.lights import Light
 from wrt.materials import Diffuse, Material
 from wrt.mesh import Mesh
 from wrt.normals import with_normals
 from wrt.scene import Shape
 from wrt.textures import ColorSource, ImageTexture, VertexColor
+from wrt.values import array
 
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
 """Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
+
+SMALLEST, LARGEST = 1e-11, 1e12
+"""Metres across that a mesh may have, and from the origin: beyond, products of coordinates leave single precision."""
+
+FARTHEST = 20_000.0
+"""Times its size that a mesh may be from the origin before its corners visibly snap to a grid."""
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
@@ -32,7 +39,7 @@ class InputWarning(UserWarning):
 
 def warn(message: str) -> None:
     """Warn with an InputWarning; the line that it points to is never of interest."""
-    warnings.warn(message, InputWarning, stacklevel=3)
+    warnings.warn(one_line(message), InputWarning, stacklevel=3)
 
 
 @dataclass
@@ -49,6 +56,7 @@ class Part:
         face_colors: (M, 3) or None, like `colors`.
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
         material: all that the file says, where it says more than a reflectance; it fits `uvs` and `colors`.
+        counted: what messages call a vertex, where its number is put in; loaders of some formats renumber them.
         places: (4, 4) matrices of where it stands, if in several places; else it lies in world space.
     """
 
@@ -62,6 +70,7 @@ class Part:
     reflectance: ColorSource | None = None
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
+    counted: str = "vertex {} (counted from 0)"
 
 
 @dataclass
@@ -88,12 +97,18 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
         crease_degrees: see `wrt.normals.with_normals`; None leaves meshes without normals flat.
 
     Raises:
-        InputError: on vertices that are not finite, faces that name none, or nothing left.
+        InputError: on vertices that are not finite, faces that name none, sizes that single precision cannot hold, or
+            nothing left.
     """
+    total = sum(len(part.faces) for part in parts)
     repaired = [_repaired(path, part) for part in parts if len(part.faces)]
+    dropped = total - sum(len(part.faces) for part in repaired)
     repaired = [part for part in repaired if len(part.faces)]
     if not repaired:
         raise InputError(f"{path}: no triangles in it; there is nothing to render")
+    if dropped:
+        warn(f"{path}: {dropped} of {total} triangles are left out: they have corners at one place, and so no area")
+    _check_size(path, repaired)
     meshes = [_mesh(path, part) for part in repaired]
     if crease_degrees is not None:
         meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
@@ -151,6 +166,14 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
 
 
+def rows_of(path: str | Path, value: Any, what: str, width: int) -> NDArray[Any]:
+    """Return `value` as (N, width) numbers, or raise InputError: loaders hand on lists of lists of any length."""
+    rows = array(value, f"{path}: {what}")
+    if rows.ndim != 2 or rows.shape[1] != width or rows.dtype.kind not in "fiu":
+        raise InputError(f"{path}: its {what} are not {width} numbers each")
+    return rows
+
+
 def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
     """Raise an InputError where a face names a vertex that is not one of `count`."""
     if faces.min() < 0 or faces.max() >= count:
@@ -158,29 +181,67 @@ def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
         raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
 
 
-def _checked_positions(path: str, vertices: FloatArray, used: NDArray[np.bool_]) -> NDArray[np.float32]:
+def positions_of(
+    path: str | Path, vertices: FloatArray, faces: IntArray, who: str = "vertex {}", per: int = 1
+) -> NDArray[np.float32]:
     """Return positions as float32.
 
+    Args:
+        path: the file, for messages.
+        vertices: (N, 3) positions.
+        faces: what uses them: those not used may be anywhere.
+        who: what a message calls one; its number is put in.
+        per: vertices to each number.
+
     Raises:
-        InputError: where one of the used is not finite; by value, as loaders renumber vertices.
+        InputError: where one that is used is not finite.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         result = np.asarray(vertices).astype(np.float32)
-    bad = np.flatnonzero(used & ~np.isfinite(result).all(axis=1))
+    bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
     if len(bad):
-        values = " ".join(f"{x:g}" for x in np.asarray(vertices)[bad[0]])
-        raise InputError(f"{path}: a vertex is at {values}; positions must be finite and at most 3.4e38")
+        for index in bad[np.isin(bad, faces)][:1]:
+            values = " ".join(f"{x:g}" for x in np.asarray(vertices)[index])
+            name = who.format(index // per)
+            raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
     return result
+
+
+def _check_size(path: str, parts: list[Part]) -> None:
+    """Raise InputError where parts together are too large or too small for rays, and warn where they are far off."""
+    with np.errstate(all="ignore"):
+        corners = np.concatenate([_box_corners(part) for part in parts])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        size, reach = float(np.linalg.norm(high - low)), float(np.abs(corners).max())
+    if not reach <= LARGEST:
+        raise InputError(f"{path}: its vertices reach to {reach:g}, beyond the {LARGEST:g} of rays; scale it down")
+    if size < SMALLEST:
+        what = f"it is {size:g} across" if size else "all vertices are in one place"
+        raise InputError(f"{path}: {what}; rays need a size of {SMALLEST:g} at least; scale it up")
+    if reach > FARTHEST * size:
+        step = reach * 2.0**-24 / size
+        warn(
+            f"{path}: it is {size:g} across and up to {reach:g} from the origin, where numbers in single precision are "
+            f"{100.0 * step:.2g} % of its size apart; move it to the origin"
+        )
+
+
+def _box_corners(part: Part) -> NDArray[np.float64]:
+    """Return (P, 3) corners of the box around the vertices that faces use, in all places where the part stands."""
+    used = np.asarray(part.vertices)[part.faces.reshape(-1)].astype(np.float64)
+    box = np.stack([used.min(axis=0), used.max(axis=0)])
+    corners = np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.concatenate([corners @ m[:3, :3].T + m[:3, 3] for m in part.places] or [corners])
 
 
 def _repaired(path: str, part: Part) -> Part:
     """Return a part of used, finite vertices and faces that have three different corners."""
     faces = np.asarray(part.faces).astype(np.int64)
-    count = len(part.vertices)
+    count = len(rows_of(path, part.vertices, "vertices", 3))
     checked_faces(path, faces, count)
     used = np.zeros(count, bool)
     used[faces] = True
-    vertices = _checked_positions(path, part.vertices, used)
+    vertices = positions_of(path, part.vertices, faces, part.counted)
     colors, face_colors, uvs = part.colors, part.face_colors, part.uvs
     if colors is not None and not np.isfinite(np.asarray(colors)[used]).all():
         warn(f"{path}: vertex colours are left out, as some are not finite")

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 _Int = NDArray[np.int64]
 
+_PATIENCE = 200_000_000
+"""Steps, a few seconds, for all concave polygons of a call. One that crosses itself may take a number of steps that is
+cubic in its corners."""
+
 
 def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _Int) -> tuple[_Int, _Int]:
     """Cut polygons into triangles; concave ones too, if they are flat and do not cross themselves.
@@ -16,7 +20,8 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
     Args:
         positions: (N, 3) vertices.
         corners: (C,) vertex indices of all polygons, one after the other, each within N.
-        counts: (P,) corners of each polygon; those with fewer than three give no triangle.
+        counts: (P,) corners of each polygon; those with fewer than three give no triangle. Concave ones of many
+            thousands of corners may come out as fans.
 
     Returns:
         (T, 3) indices into `corners`, and (T,) the polygon of each triangle, in order.
@@ -26,6 +31,7 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
         return starts[:, None] + np.arange(3), np.arange(len(counts))
     pieces = [np.zeros((0, 3), np.int64)]
     owners = [np.zeros(0, np.int64)]
+    patience = _PATIENCE
     with np.errstate(all="ignore"):  # positions are judged later, by the caller
         for size in np.unique(counts[counts >= 3]):
             owner = np.flatnonzero(counts == size)
@@ -36,7 +42,7 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
             if size > 3:
                 points = positions[corners[index]].astype(np.float64)
                 for polygon in np.flatnonzero(~_convex(points)):
-                    triangles[polygon] = _clip_ears(points[polygon])
+                    triangles[polygon], patience = _clip_ears(points[polygon], patience)
             pieces.append((starts[owner][:, None, None] + triangles).reshape(-1, 3))
             owners.append(np.repeat(owner, size - 2))
     all_owners = np.concatenate(owners)
@@ -57,12 +63,12 @@ def _convex(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     return convex
 
 
-def _clip_ears(points: NDArray[np.float64]) -> _Int:
-    """Return (n - 2, 3) triangles of one (n, 3) polygon by ear clipping (Meisters 1975).
+def _clip_ears(points: NDArray[np.float64], patience: int) -> tuple[_Int, int]:
+    """Return (n - 2, 3) triangles of one (n, 3) polygon by ear clipping (Meisters 1975), and what patience is left.
 
     Works in the plane of the polygon's area vector (Newell's normal). A corner is cut off where
     it turns outwards and no other corner lies in its triangle; if none qualifies, as in a polygon
-    that crosses itself, the first corner goes, so it always ends.
+    that crosses itself, any corner goes. Where patience ends the rest becomes a fan.
     """
     normal = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
     axis = int(np.argmax(np.abs(normal)))
@@ -70,30 +76,32 @@ def _clip_ears(points: NDArray[np.float64]) -> _Int:
     # Dropping y leaves (x, z), which is left-handed seen from +y.
     turn = (1.0 if normal[axis] >= 0.0 else -1.0) * (-1.0 if axis == 1 else 1.0)
     left = list(range(len(points)))
+    x, y = (np.ascontiguousarray(flat[:, k]) * side for k, side in enumerate((turn, 1.0)))
     triangles = []
-
-    def area(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> Any:
-        u, v = b - a, c - a
-        return turn * (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-
-    while len(left) > 3:
-        cut = 0
-        for k in range(len(left)):
-            i, j, m = left[k - 1], left[k], left[(k + 1) % len(left)]
-            a, b, c = flat[i], flat[j], flat[m]
-            if area(a, b, c) <= 0.0:
+    cut = 0
+    while len(left) > 3 and patience > 0:
+        first = cut % len(left)
+        for k in (*range(first, len(left)), *range(first)):
+            patience -= 400  # trying a corner costs about as much as so many numbers
+            corners = [(float(x[n]), float(y[n])) for n in (k - 1, k, (k + 1) % len(left))]
+            (ax, ay), (bx, by), (cx, cy) = corners
+            if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0.0:
                 continue
-            others = flat[[x for x in left if x not in (i, j, m)]]
-            inside = (area(a, b, others) >= 0) & (area(b, c, others) >= 0) & (area(c, a, others) >= 0)
-            # A corner at the same place as one of the triangle's is a keyhole, not an obstacle.
-            inside &= ~((others == a) | (others == b) | (others == c)).all(axis=1)
-            if not inside.any():
+            patience -= 2000 + len(left)
+            inside = (bx - ax) * (y - ay) >= (by - ay) * (x - ax)
+            inside &= (cx - bx) * (y - by) >= (cy - by) * (x - bx)
+            inside &= (ax - cx) * (y - cy) >= (ay - cy) * (x - cx)
+            # A corner at the same place as one of the triangle's is a keyhole, not an obstacle, if not that very one.
+            if all((x[n], y[n]) in corners for n in np.flatnonzero(inside)):
                 cut = k
                 break
+        else:
+            cut = first
         triangles.append((left[cut - 1], left[cut], left[(cut + 1) % len(left)]))
         del left[cut]
-    triangles.append((left[0], left[1], left[2]))
-    return np.array(triangles, np.int64)
+        x, y = np.delete(x, cut), np.delete(y, cut)
+    triangles += zip(left[:1] * (len(left) - 2), left[1:], left[2:], strict=False)
+    return np.array(triangles, np.int64), patience
 
 
 def split_strips(strip: _Int) -> _Int:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from wrt.deformation import Deformation
 from wrt.errors import InputError
-from wrt.files import first_line, require_file
+from wrt.files import naming, read_file
 from wrt.formats.arrays import read_arrays
 from wrt.formats.meshes import load_shapes
+from wrt.formats.npy import read_array
 from wrt.formats.parts import merge
 from wrt.mesh import Mesh
 from wrt.motion import Motion
+from wrt.values import array
 
 if TYPE_CHECKING:
     from wrt.formats.scene_toml import _Reader
@@ -59,12 +61,8 @@ def _motion(reader: _Reader, table: dict[str, Any]) -> Motion | None:
 
 
 def _matrices(file: Path) -> NDArray[np.float64]:
-    require_file(file)
-    try:
-        with file.open("rb") as handle:
-            matrices = np.asarray(np.load(handle, allow_pickle=False), np.float64)
-    except (OSError, ValueError, EOFError, TypeError) as error:
-        raise InputError(f"{file}: not a NumPy file of numbers ({first_line(error)})") from None
+    with naming(file):
+        matrices = array(read_array(read_file(file)), "matrices", np.float64)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) == 0:
         raise InputError(f"{file}: must be (N, 4, 4) matrices, not an array of {matrices.shape}")
     return matrices

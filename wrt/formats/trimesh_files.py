@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import first_line
-from wrt.formats.images import linear_from_srgb, pixels_of
-from wrt.formats.parts import FloatArray, Part, checked_faces, warn
+from wrt.files import first_line, read_file, why_not
+from wrt.formats.images import linear_from_srgb, open_image, pixels_of
+from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
 from wrt.formats.polygons import triangulate
 from wrt.textures import ColorSource, ImageTexture
+from wrt.values import array
 
 Fields = dict[str, Any]
 """What a trimesh loader returns for one mesh: arguments of trimesh.Trimesh."""
@@ -36,10 +37,12 @@ _MAP_OPTIONS = re.compile(r"^\s*(?:-[a-z]+\s+(?:(?:on|off|[-+]?[.\d][-+.\de]*)\s
 class Beside:
     """Gives trimesh the files that a file refers to, and remembers which were not there."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, images: bool = True) -> None:
+        """Take the path of the file, and whether what it refers to are images; else they may be anything."""
         self.path = path
         self.file_name = path.name
         self.missing: list[str] = []
+        self._images = images
 
     def get(self, name: str) -> bytes | str:
         """Return a file's bytes, or the text of a material file.
@@ -51,15 +54,26 @@ class Beside:
         plain = _MAP_OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
         files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
         for file in files:
-            with contextlib.suppress(OSError, ValueError):
-                data = file.read_bytes()
-                return as_text(data) if file.suffix.lower() == ".mtl" else data
+            with contextlib.suppress(InputError):
+                data = read_file(file)
+                return as_text(data) if file.suffix.lower() == ".mtl" else self._not_too_large(file, data)
         try:
-            return files[-1].read_bytes()
-        except (OSError, ValueError) as error:
-            what = str(files[-1])
-            self.missing.append(f"{self.path}: {what!r}, which it refers to, cannot be read: {first_line(error)}")
+            return self._not_too_large(files[-1], read_file(files[-1]))
+        except InputError as error:
+            self.missing.append(f"{self.path}: {str(files[-1])!r}, which it refers to: {why_not(files[-1], error)}")
             raise InputError(self.missing[-1]) from None
+
+    def _not_too_large(self, file: Path, data: bytes) -> bytes:
+        """Return the data, which trimesh decodes if they are an image, whatever its size."""
+        if not self._images:
+            return data
+        try:
+            open_image(io.BytesIO(data)).close()
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        except Exception:  # noqa: BLE001 - a damaged one, which is told where it is decoded
+            pass
+        return data
 
     __getitem__ = get
 
@@ -96,7 +110,7 @@ def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
     """
     from trimesh.exchange.load import mesh_loaders
 
-    beside = Beside(path)
+    beside = Beside(path, images=kind != "gltf")
     file = io.StringIO(data) if isinstance(data, str) else io.BytesIO(data)
     with quiet():
         try:
@@ -127,10 +141,10 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
     Raises:
         InputError: where faces name vertices that are not there.
     """
-    faces = np.asarray(fields.get("faces", ()), np.int64)
+    faces = array(() if fields.get("faces") is None else fields["faces"], f"{path}: faces", np.int64)
     if faces.ndim != 2 or faces.shape[1] < 3 or not len(faces):
         return None
-    vertices = np.asarray(fields["vertices"])
+    vertices = rows_of(path, fields.get("vertices", ()), "vertices", 3)
     count, size = faces.shape
     checked_faces(path, faces, len(vertices))
     owner = np.arange(count)
@@ -155,7 +169,11 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
 
 def _matching(array: Any, count: int) -> NDArray[Any] | None:
     """Return an array that has a row for each vertex or face; trimesh leaves some behind that have not."""
-    return np.asarray(array) if np.ndim(array) == 2 and len(array) == count else None
+    try:
+        rows = np.asarray(array)
+    except ValueError:  # of different lengths
+        return None
+    return rows if rows.ndim == 2 and len(rows) == count and rows.dtype.kind in "fiu" else None
 
 
 def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
@@ -165,7 +183,8 @@ def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
         values /= np.iinfo(colors.dtype).max
     elif (values[np.isfinite(values)] > 1.0).any():
         values /= 255.0
-    return values if linear else linear_from_srgb(values)
+    with np.errstate(all="ignore"):  # what is no colour is left out later, with a warning
+        return values if linear else linear_from_srgb(values)
 
 
 def reflectance(
@@ -204,4 +223,4 @@ def is_stand_in(image: Any) -> bool:
     """Whether the image is the patch of grey that trimesh makes where there are coordinates but no image."""
     from trimesh.visual.material import color_image
 
-    return image is not None and np.array_equal(np.asarray(image), np.asarray(color_image()))
+    return image is not None and image.format is None and np.array_equal(np.asarray(image), np.asarray(color_image()))

@@ -13,7 +13,7 @@ from typing import Any
 from xml.parsers import expat
 
 from wrt.errors import InputError, did_you_mean
-from wrt.files import first_line, require_file
+from wrt.files import first_line, read_file, require_file
 from wrt.formats.parts import warn
 
 MOST_INCLUDES = 1000
@@ -223,7 +223,7 @@ def parse(path: Path) -> Element:
     Raises:
         InputError: where it is not well-formed XML, or has a document type.
     """
-    require_file(path)
+    data = read_file(path)
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
@@ -250,7 +250,7 @@ def parse(path: Path) -> Element:
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
     parser.ExternalEntityRefHandler = refuse  # type: ignore[assignment]
     try:
-        parser.Parse(path.read_bytes(), True)
+        parser.Parse(data, True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise InputError(f"{path}: line {error.lineno}: not well-formed XML: {reason}") from None

@@ -1,0 +1,373 @@
+#!/usr/bin/env python3
+"""Feed damaged files to everything in wrt that reads files, and see that none of them kills it.
+
+Each input is made from tests/corpus by scripts/fuzz_mutations.py and read in a process of its own
+kind, whose memory and time are limited. What may come of it: it is read, perhaps with warnings
+meant for people (InputWarning), or it is refused by an InputError of one line that names a file.
+All else is a failure and is kept: another exception or warning, a message of several lines, output
+from below, a signal, more memory or time than any small file needs.
+
+    scripts/fuzz.py --inputs 20000 --jobs 2
+    scripts/fuzz.py --kinds glb,toml --seconds 60 --seed 7
+    scripts/fuzz.py --replay tests/corpus/failures/*
+
+The same seed makes the same inputs, whatever the number of jobs. Exit status 1 if anything failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import contextlib
+import importlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from fuzz_mutations import mutate
+
+ROOT = Path(__file__).resolve().parent.parent
+CORPUS = ROOT / "tests" / "corpus"
+SECONDS, MEGABYTES = 10.0, 2048
+"""Limits of one input: seconds of CPU, and address space beyond what the process had before it."""
+
+READERS = "fuzz:readers"
+"""Where the function is that names what reads a kind."""
+
+WALL_FACTOR = 6
+"""Times the CPU limit that an input may take by the clock, where others use the machine as well: it may be asleep."""
+
+_MEMORY = re.compile(r"memory|allocat|bad_alloc", re.IGNORECASE)
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+_LONGEST = 1000
+
+Reader = Callable[[Path], object]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an input: "fine", "refused" or "failed", and why."""
+
+    verdict: str
+    reason: str = ""
+
+
+class Corpus:
+    """The files to damage, by kind, which is their suffix."""
+
+    def __init__(self, folder: Path = CORPUS) -> None:
+        """Read the folder's `seeds` and `failures`."""
+        self.seeds = folder / "seeds"
+        self.files: dict[str, list[bytes]] = {}
+        # Of what is damaged already little is read: whole files get more turns.
+        for file in [*sorted(self.seeds.iterdir()) * 3, *sorted((folder / "failures").glob("*"))]:
+            self.files.setdefault(file.suffix[1:], []).append(file.read_bytes())
+
+    def input(self, seed: int, number: int, kinds: Sequence[str]) -> tuple[str, bytes]:
+        """Return the kind and content of an input."""
+        rng = Random(f"{seed}:{number}")
+        kind = kinds[number % len(kinds)]
+        return kind, mutate(rng, kind, rng.choice(self.files[kind]), self.files[kind])
+
+
+# What reads the files -----------------------------------------------------------------------------
+
+
+def readers(kind: str) -> list[Reader]:
+    """Return what reads files of a kind."""
+    import wrt
+    from wrt.checkpoint import read_checkpoint
+    from wrt.describe_scene import scene_text
+    from wrt.formats.images import load_environment, load_image
+
+    def loaded(path: Path) -> None:
+        scene_text(wrt.load(path))
+
+    def with_material(path: Path) -> None:
+        loaded(_beside(path, ".obj", f"mtllib {path.name}\n{_TRIANGLES}"))
+
+    def as_textures(path: Path) -> None:
+        maps = "".join(f"map_{key} {path.name}\n" for key in ("Kd", "Ks", "d", "Bump", "Pr"))
+        _beside(path, ".mtl", f"newmtl wood\nKs 1 1 1\nPr 0.5\n{maps}")
+        with_material(path.with_suffix(".mtl"))
+
+    if kind == "mtl":
+        return [with_material]
+    if kind == "ckpt":
+        return [read_checkpoint]
+    if kind in ("png", "jpg", "bmp", "exr", "hdr", "npy"):
+        return [load_image, lambda path: load_image(path, linear=True), load_environment, as_textures]
+    return [loaded]
+
+
+_TRIANGLES = """\
+v 0 0 0
+v 1 0 0
+v 0 1 0
+vt 0 0
+vt 1 0
+vt 0 1
+usemtl wood
+f 1/1 2/2 3/3
+usemtl glass
+f 1/1 2/2 3/3
+usemtl lamp
+f 1/1 2/2 3/3
+"""
+
+
+def _beside(path: Path, suffix: str, text: str) -> Path:
+    file = path.with_suffix(suffix)
+    file.write_text(text)
+    return file
+
+
+# One process that reads ---------------------------------------------------------------------------
+
+
+def judge(read: Reader, path: Path, allowed: tuple[type[Exception], type[Warning]]) -> Outcome:
+    """Return what comes of reading a file; `allowed` are what may be raised and what may be warned of."""
+    verdict, words = "fine", []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            read(path)
+        except allowed[0] as error:
+            verdict, words = "refused", [("the message", str(error))]
+        except Exception as error:  # noqa: BLE001 - this is what is looked for
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}:{place.lineno}"
+            return Outcome("failed", f"{type(error).__name__} at {where}: {_short(str(error))}")
+    for warning in caught:
+        if not issubclass(warning.category, allowed[1]):
+            where = f"{Path(warning.filename).name}:{warning.lineno}"
+            return Outcome("failed", f"{warning.category.__name__} at {where}: {_short(str(warning.message))}")
+        words.append(("a warning", str(warning.message)))
+    for what, text in words:
+        if _CONTROL.search(text) or len(text) > _LONGEST:
+            return Outcome("failed", f"{what} is not one short line of plain text: {_short(text)}")
+        if path.stem not in text:
+            return Outcome("failed", f"{what} does not name the file: {_short(text)}")
+        if _MEMORY.search(text):
+            return Outcome("failed", f"memory is allocated before the size is checked: {_short(text)}")
+    return Outcome(verdict, words[0][1] if words else "")
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) < 200 else f"{text[:150]}...")[1:-1]
+
+
+def work(pipe: Any, make_readers: str, seeds: Path, folder: Path, seconds: float, megabytes: int) -> None:
+    """Read what comes through the pipe and send back what came of it; the body of a process.
+
+    Args:
+        pipe: gives (kind, data), takes outcomes; None ends it.
+        make_readers: "module:function", which returns the readers of a kind.
+        seeds: the corpus, copied into `folder`, since files name one another.
+        folder: a new folder to work in.
+        seconds: see SECONDS.
+        megabytes: see MEGABYTES.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.path[:0] = [str(ROOT), str(ROOT / "scripts"), str(ROOT / "tests")]
+    module, _, name = make_readers.partition(":")
+    find = getattr(importlib.import_module(module), name)
+    from wrt.errors import InputError
+    from wrt.formats.parts import InputWarning
+
+    shutil.copytree(seeds, folder, dirs_exist_ok=True)
+    for file in sorted(seeds.iterdir()) if name == "readers" and module == "fuzz" else ():
+        for read in find(file.suffix[1:]):  # imports what is slow to import
+            judge(read, shutil.copy(file, folder / f"input{file.suffix}"), (InputError, InputWarning))
+    noise = (folder / "noise").open("w+b")
+    os.dup2(noise.fileno(), 1)
+    os.dup2(noise.fileno(), 2)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + megabytes * 2**20, resource.RLIM_INFINITY))
+    pipe.send(None)
+    while (task := pipe.recv()) is not None:
+        kind, data = task
+        path = folder / f"input.{kind}"
+        path.write_bytes(data)
+        result = Outcome("fine")
+        for read in find(kind):
+            spent = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+            resource.setrlimit(resource.RLIMIT_CPU, (int(spent + seconds) + 1, resource.RLIM_INFINITY))
+            outcome = judge(read, path, (InputError, InputWarning))
+            if noise.seek(0, 2):
+                noise.seek(0)
+                outcome = Outcome("failed", f"output from below: {_short(noise.read().decode(errors='replace'))}")
+                noise.truncate(0)
+                noise.seek(0)
+            if result.verdict == "fine" or outcome.verdict == "failed":
+                result = outcome
+            if result.verdict == "failed":
+                break
+        pipe.send(result)
+
+
+class Worker:
+    """A process that reads, and is started again when an input has killed it."""
+
+    def __init__(
+        self, make_readers: str, seeds: Path, seconds: float, megabytes: int, wall_factor: float = WALL_FACTOR
+    ) -> None:
+        """Start it."""
+        self._options = (make_readers, seeds)
+        self._limits = (seconds, megabytes)
+        self._wall = seconds * wall_factor
+        self._folder = Path(tempfile.mkdtemp(prefix="wrt-fuzz-"))
+        self.task: tuple[int, str, bytes] | None = None
+        self._start()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, other = context.Pipe()
+        arguments = (other, *self._options, self._folder, *self._limits)
+        self._process = context.Process(target=work, args=arguments, daemon=True)
+        self._process.start()
+        other.close()
+        self.pipe.recv()  # it is ready
+
+    def give(self, number: int, kind: str, data: bytes) -> None:
+        """Have it read an input."""
+        self.task = number, kind, data
+        self.deadline = time.monotonic() + self._wall
+        self.pipe.send((kind, data))
+
+    def wait(self) -> Outcome:
+        """Return what came of it, once something has."""
+        self.pipe.poll(max(self.deadline - time.monotonic(), 0.0) + 0.01)
+        return self.take()
+
+    def take(self) -> Outcome:
+        """Return what came of it; call when `pipe` is ready or `deadline` has passed."""
+        hung = Outcome("failed", f"hang: more than {self._limits[0]:g} s")
+        self.task = None
+        if time.monotonic() > self.deadline and not self.pipe.poll():
+            self._process.kill()
+            self._process.join()
+            self._start()
+            return hung
+        try:
+            result: Outcome = self.pipe.recv()
+        except EOFError:
+            self._process.join()
+            code = self._process.exitcode or 0
+            self._start()
+            if code == -signal.SIGXCPU:
+                return hung
+            return Outcome("failed", f"crash: {signal.Signals(-code).name}" if code < 0 else f"exit status {code}")
+        return result
+
+    def close(self) -> None:
+        """End it."""
+        with contextlib.suppress(OSError):
+            self.pipe.send(None)
+        self._process.join(10)
+        if self._process.is_alive():
+            self._process.kill()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def run(
+    inputs: Iterator[tuple[int, str, bytes]],
+    *,
+    jobs: int = 1,
+    make_readers: str | None = None,
+    seeds: Path = CORPUS / "seeds",
+    seconds: float = SECONDS,
+    megabytes: int = MEGABYTES,
+    wall_factor: float = WALL_FACTOR,
+) -> Iterator[tuple[int, str, bytes, Outcome]]:
+    """Yield each input (number, kind, content) with what came of it, in the order in which they end."""
+    limits = seconds, megabytes, wall_factor
+    workers = [Worker(make_readers or READERS, seeds, *limits) for _ in range(jobs)]
+    try:
+        for worker in workers:
+            if (task := next(inputs, None)) is not None:
+                worker.give(*task)
+        while busy := [worker for worker in workers if worker.task is not None]:
+            wait = max(min(worker.deadline for worker in busy) - time.monotonic(), 0.0) + 0.01
+            ready = multiprocessing.connection.wait([worker.pipe for worker in busy], wait)
+            for worker in busy:
+                if worker.pipe in ready or time.monotonic() > worker.deadline:
+                    assert worker.task is not None
+                    task = worker.task
+                    outcome = worker.take()
+                    if (following := next(inputs, None)) is not None:
+                        worker.give(*following)
+                    yield *task, outcome
+    finally:
+        for worker in workers:
+            worker.close()
+
+
+# The command --------------------------------------------------------------------------------------
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run and return the exit status."""
+    parser = argparse.ArgumentParser(description="Feed damaged files to wrt and see that none of them kills it.")
+    parser.add_argument("--inputs", type=int, default=20000, help="how many (default: 20000)")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
+    parser.add_argument("--seed", type=int, default=0, help="other seeds make other inputs (default: 0)")
+    parser.add_argument("--kinds", help="suffixes, such as obj,glb (default: all in the corpus)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="folder for what fails")
+    parser.add_argument("--replay", type=Path, nargs="+", help="read these files as they are instead")
+    options = parser.parse_args(argv)
+
+    corpus = Corpus()
+    kinds = options.kinds.split(",") if options.kinds else sorted(corpus.files)
+    end = time.monotonic() + options.seconds
+
+    def inputs() -> Iterator[tuple[int, str, bytes]]:
+        if options.replay:
+            for number, file in enumerate(options.replay):
+                yield number, file.suffix[1:], file.read_bytes()
+            return
+        for number in range(options.inputs):
+            if time.monotonic() < end:
+                yield number, *corpus.input(options.seed, number, kinds)
+
+    counts: dict[str, collections.Counter[str]] = {kind: collections.Counter() for kind in kinds}
+    reasons: collections.Counter[tuple[str, str]] = collections.Counter()
+    for number, kind, data, outcome in run(inputs(), jobs=options.jobs):
+        counts.setdefault(kind, collections.Counter())[outcome.verdict] += 1
+        if options.replay:
+            print(f"{options.replay[number]}: {outcome.verdict}: {outcome.reason}", flush=True)
+        elif outcome.verdict == "failed":
+            # One of a kind, near enough: numbers in the reason do not make another.
+            alike = kind, re.sub(r"\d+|0x\w+|'[^']*'", "N", outcome.reason)[:120]
+            reasons[alike] += 1
+            if reasons[alike] <= 3:
+                options.keep.mkdir(parents=True, exist_ok=True)
+                file = options.keep / f"{options.seed}-{number}.{kind}"
+                file.write_bytes(data)
+                print(f"{file}: {outcome.reason}", flush=True)
+    print(f"{'kind':<6}{'inputs':>8}{'fine':>8}{'refused':>9}{'failed':>8}")
+    for kind, count in counts.items():
+        print(f"{kind:<6}{count.total():>8}{count['fine']:>8}{count['refused']:>9}{count['failed']:>8}")
+    total = sum(counts.values(), collections.Counter[str]())
+    print(f"{'all':<6}{total.total():>8}{total['fine']:>8}{total['refused']:>9}{total['failed']:>8}")
+    return 1 if total["failed"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

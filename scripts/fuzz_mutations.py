@@ -1,0 +1,338 @@
+"""Ways to damage a file: bytes, numbers, words, lines, and the trees of JSON files and the chunks of PNG files.
+
+Everything random comes from one `random.Random`, so a number tells an input; Hypothesis hands one in as well.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import zlib
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import Any
+
+NUMBERS = (
+    *("0", "-0", "1", "-1", "2", "0.5", "-0.5", "3", "7", "1e-45", "1e-30", "1e-12", "1e12", "1e20", "1e38", "3.5e38"),
+    *(
+        "1e39",
+        "-1e39",
+        "1e308",
+        "1e400",
+        "nan",
+        "-nan",
+        "inf",
+        "-inf",
+        "+inf",
+        "255",
+        "256",
+        "65535",
+        "65536",
+        "100000",
+    ),
+    *("2147483647", "2147483648", "-2147483649", "4294967295", "4294967296", "1099511627776", "9223372036854775807"),
+    *(
+        "9223372036854775808",
+        "18446744073709551616",
+        "99999999999999999999999999",
+        "",
+        "x",
+        "0x10",
+        "1_000",
+        "1,5",
+        "1/0",
+    ),
+    *("٣", "½", "--1", "1e", ".", "1.2.3"),
+)
+"""What a number in text is replaced by."""
+
+TOML_VALUES = (
+    *(
+        "-1",
+        "0",
+        "1",
+        "1e400",
+        "inf",
+        "nan",
+        "-inf",
+        "1e30",
+        "1e-30",
+        "2147483648",
+        "10",
+        "9223372036854775808",
+        "true",
+    ),
+    *('""', '"x"', '"../../../../etc/passwd"', '"/dev/zero"', '"."', '"\\u0000"', "[]", "{}", "[[]]", "[1, 2]", "[{}]"),
+    *("[1, 2, 3]", "[1, 2, 3, 4]", '["a", "b", "c"]', "[nan, inf, 0]", "[1e39, 1e39, 1e39]", "1979-05-27", "{ a = 1 }"),
+    '{ texture = "colors.png" }',
+    '{ texture = "missing.png" }',
+    '"vertex-colors"',
+    "[" * 300 + "]" * 300,
+    "9" * 5000,
+)
+"""What a value of a scene file is replaced by."""
+
+JSON_VALUES = (
+    *(None, True, -1, 0, 1, 2, 0.5, 255, 5121, 5125, 5126, 65536, 2**31, 2**32, 2**40, 2**63, -(2**31), 10**400, 1e39),
+    *(float("nan"), float("inf"), "", "x", "SCALAR", "VEC2", "VEC3", "MAT4", "data:,", "data:;base64,AA", "/dev/zero"),
+    *(
+        "../../../../etc/passwd",
+        "colors.png",
+        "missing.png",
+        "scene.glb",
+        [],
+        {},
+        [[]],
+        [{}],
+        [0],
+        [0, 0],
+        [1e39, 0, 0],
+    ),
+    *([float("nan")] * 3, [0] * 16, [0] * 100),
+)
+"""What a value of a glTF file is replaced by."""
+
+_NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_WORD = re.compile(rb"[A-Za-z_][\w.-]*")
+_TOML_LINE = re.compile(rb"^(\s*)([\w-]+)(\s*=\s*)(.*)$", re.MULTILINE)
+_XML_TEXT = re.compile(rb'(?<=")[^"]*(?=")')
+_XML_TAG = re.compile(rb"<[^<>]*>")
+_XML_TAGS = (
+    b'<include filename="input.xml"/>',
+    b'<include filename="../../../../etc/passwd"/>',
+    b'<include filename="/dev/zero"/>',
+    b'<!DOCTYPE a [<!ENTITY b "bbbbbbbbbb"><!ENTITY c "&b;&b;&b;&b;">]>',
+    b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>',
+    b"&b;",
+    b"<![CDATA[",
+    b"<!--",
+    b'<default name="n" value="$n$n$n"/>',
+    b'<ref id="x"/>',
+    b"<x>" * 2000,
+)
+
+
+def mutate(rng: Random, kind: str, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Return a file with one to eight damages.
+
+    Args:
+        rng: where all choices come from.
+        kind: the file's suffix, without its dot.
+        data: the whole file.
+        others: files of the same kind, pieces of which may get into it.
+    """
+    ways = _WAYS.get(kind, _BINARY)
+    for _ in range(1 + int(min(rng.expovariate(0.7), 7.0))):
+        data = rng.choice(ways)(rng, data, others)[:_LARGEST]
+    return data
+
+
+_LARGEST = 1 << 18
+
+
+def _span(rng: Random, data: bytes) -> tuple[int, int]:
+    start = rng.randint(0, len(data))
+    return start, min(len(data), start + 2 ** rng.randint(0, 8))
+
+
+def _flip(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    changed = bytearray(data)
+    for _ in range(rng.randint(1, 8) if changed else 0):
+        changed[rng.randrange(len(changed))] ^= 1 << rng.randrange(8)
+    return bytes(changed)
+
+
+def _bytes(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    start, stop = _span(rng, data)
+    fill = rng.choice([b"\0", b"\xff", b"\x80", b"\n", b" ", b"\x7f", bytes([rng.randrange(256)])])
+    return data[:start] + fill * (stop - start) + data[stop:]
+
+
+def _delete(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    start, stop = _span(rng, data)
+    return data[:start] + data[stop:]
+
+
+def _duplicate(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    start, stop = _span(rng, data)
+    times = rng.choice([1, 1, 1, 2, 10, 1000])
+    return data[:stop] + data[start:stop] * times + data[stop:]
+
+
+def _truncate(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    return data[: rng.randint(0, len(data))]
+
+
+def _splice(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    other = rng.choice(others)
+    return data[: rng.randint(0, len(data))] + other[rng.randint(0, len(other)) :]
+
+
+def _insert(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    start, stop = _span(rng, other := rng.choice(others))
+    place = rng.randint(0, len(data))
+    return data[:place] + other[start:stop] + data[place:]
+
+
+def _packed(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Write a number of some width over what is there."""
+    form = rng.choice(["<H", ">H", "<I", ">I", "<q", ">q", "<f", ">f", "<d", ">d"])
+    if form[1] in "fd":
+        number: float = rng.choice([float("nan"), float("inf"), -1.0, 0.0, 1e38, 1e-45, -0.0])
+    else:
+        bits = 8 * struct.calcsize(form) - (form[1] == "q")
+        number = min(max(rng.choice([0, 1, 2, 3, 2**15, 2**24, 2**31, 2**40, 2**bits - 1, 2**bits]), 0), 2**bits - 1)
+    place = rng.randint(0, max(len(data) - struct.calcsize(form), 0))
+    return data[:place] + struct.pack(form, number) + data[place + struct.calcsize(form) :]
+
+
+def _number(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    return _replaced(rng, data, _NUMBER, lambda _: rng.choice(NUMBERS).encode())
+
+
+def _word(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    words = _WORD.findall(rng.choice(others)) or [b""]
+    return _replaced(rng, data, _WORD, lambda _: rng.choice(words))
+
+
+def _lines(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    lines = data.split(b"\n")
+    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
+    way = rng.randrange(4)
+    if way == 0:
+        del lines[i]
+    elif way == 1:
+        lines.insert(j, lines[i])
+    elif way == 2:
+        lines[i], lines[j] = lines[j], lines[i]
+    else:
+        lines[i] = lines[i][: rng.randint(0, len(lines[i]))]
+    return b"\n".join(lines)
+
+
+def _replaced(rng: Random, data: bytes, pattern: re.Pattern[bytes], make: Callable[[bytes], bytes]) -> bytes:
+    found = list(pattern.finditer(data))
+    if not found:
+        return data
+    match = rng.choice(found)
+    return data[: match.start()] + make(match.group()) + data[match.end() :]
+
+
+def _toml_value(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    found = list(_TOML_LINE.finditer(data))
+    if not found:
+        return data
+    match = rng.choice(found)
+    value = rng.choice(TOML_VALUES).encode()
+    if rng.random() < 0.2:  # the value of another key
+        value = rng.choice(found).group(4)
+    key = rng.choice(found).group(2) if rng.random() < 0.2 else match.group(2)
+    line = match.group(1) + key + match.group(3) + value
+    return data[: match.start()] + line + data[match.end() :]
+
+
+def _xml_text(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    words = [word for other in others for word in _XML_TEXT.findall(other)] + [n.encode() for n in NUMBERS]
+    return _replaced(rng, data, _XML_TEXT, lambda _: rng.choice(words))
+
+
+def _xml_tag(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    tags = _XML_TAG.findall(rng.choice(others)) + list(_XML_TAGS)
+    return _replaced(rng, data, _XML_TAG, lambda old: rng.choice([b"", old + old, old + rng.choice(tags)]))
+
+
+def _json(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Change the tree of a glTF file, or that in a GLB, whose lengths then fit again, or do not."""
+    binary = data[:4] == b"glTF"
+    size = int.from_bytes(data[12:16], "little")
+    text, rest = (data[20 : 20 + size], data[20 + size :]) if binary else (data, b"")
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        return data
+    _change(rng, tree)
+    text = json.dumps(tree).encode()
+    if not binary:
+        return text
+    text += b" " * (-len(text) % 4)
+    wrong = rng.choice([0, 0, 0, 0, 0, 0, 4, -4, 2**31])
+    chunk = struct.pack("<I", (len(text) + wrong) % 2**32) + data[16:20] + text + rest
+    return data[:8] + struct.pack("<I", 12 + len(chunk)) + chunk
+
+
+def _change(rng: Random, tree: Any) -> None:
+    """Replace, delete, copy or rename something in a tree of lists and dictionaries."""
+    places: list[tuple[Any, Any]] = []
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if not isinstance(node, (dict, list)):
+            continue
+        keys = list(node) if isinstance(node, dict) else list(range(len(node)))
+        places += [(node, key) for key in keys]
+        waiting += [node[key] for key in keys]
+    if not places:
+        return
+    node, key = rng.choice(places)
+    way = rng.randrange(6)
+    if way == 0:
+        del node[key]
+    elif way == 1:
+        other, other_key = rng.choice(places)
+        node[key] = json.loads(json.dumps(other[other_key]))
+    elif way == 2 and isinstance(node, dict):
+        node[str(rng.choice(places)[1])] = node.pop(key)
+    elif way == 3 and isinstance(node[key], list):
+        node[key] += node[key] * rng.choice([1, 10, 1000])
+    else:
+        node[key] = rng.choice(JSON_VALUES)
+
+
+def _png_chunk(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Change a chunk of a PNG and make its check sum fit."""
+    chunks, place = [], 8
+    while place + 12 <= len(data):
+        size = int.from_bytes(data[place : place + 4], "big")
+        chunks.append((data[place + 4 : place + 8], data[place + 8 : place + 8 + size]))
+        place += 12 + size
+    if not chunks:
+        return data
+    i = rng.randrange(len(chunks))
+    name, content = chunks[i]
+    chunks[i] = (name, rng.choice([_flip, _packed, _bytes, _truncate, _duplicate])(rng, content, others))
+    parts = [struct.pack(">I", len(c)) + n + c + struct.pack(">I", zlib.crc32(n + c)) for n, c in chunks]
+    return data[:8] + b"".join(parts)
+
+
+_BINARY = (_flip, _bytes, _delete, _duplicate, _truncate, _splice, _insert, _packed, _packed)
+_TEXT = (
+    _flip,
+    _bytes,
+    _delete,
+    _duplicate,
+    _truncate,
+    _splice,
+    _insert,
+    _number,
+    _number,
+    _number,
+    _word,
+    _lines,
+    _lines,
+)
+_MIXED = (*_BINARY, _number, _word, _lines)
+_WAYS = {
+    "obj": _TEXT,
+    "mtl": _TEXT,
+    "off": _TEXT,
+    "ply": _MIXED,
+    "stl": _MIXED,
+    "gltf": (*_TEXT, *(_json,) * 12),
+    "glb": (*_BINARY, *(_json,) * 10),
+    "toml": (*_TEXT, *(_toml_value,) * 12),
+    "xml": (*_TEXT, *(_xml_text, _xml_tag) * 5),
+    "png": (*_BINARY, *(_png_chunk,) * 5),
+    "hdr": _MIXED,
+    "npy": _MIXED,
+}

@@ -1,0 +1,54 @@
+"""Readers with faults, by which tests/test_fuzz.py sees that scripts/fuzz.py notices them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+import warnings
+from pathlib import Path
+
+from wrt.errors import InputError
+from wrt.formats.parts import warn
+
+
+def readers(kind: str) -> list:
+    return [read]
+
+
+def read(path: Path) -> None:
+    fault, name = path.read_bytes().decode(), str(path)
+    if fault == "raise":
+        raise KeyError(fault)
+    if fault == "recurse":
+        read(path)
+    if fault == "spin":
+        while True:
+            pass
+    if fault == "sleep":
+        time.sleep(1e6)
+    if fault == "warn":
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+    if fault == "allocate":
+        bytearray(2**40)
+    if fault == "fill":
+        pages = [bytearray(os.urandom(1)) * 2**24 for _ in range(1000)]
+        assert len(pages) == 1000
+    if fault == "refuse for memory":
+        raise InputError(f"{name}: Unable to allocate 8 TiB")
+    if fault == "print":
+        os.write(2, b"libfault: something is odd\n")
+    if fault == "crash":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if fault == "exit":
+        os._exit(3)
+    if fault == "refuse without a name":
+        raise InputError("something is wrong")
+    if fault == "refuse in two lines":
+        error = InputError()
+        error.args = (f"{name}: something\nis wrong",)
+        raise error
+    if fault == "refuse":
+        raise InputError(f"{name}: something is wrong")
+    if fault == "tell":
+        warn(f"{name}: something is left out")

@@ -1,0 +1,90 @@
+"""NumPy's array files, whose size is checked before memory is taken for it.
+
+Format: NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays", 2007.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+import warnings
+import zipfile
+import zlib
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.files import first_line
+
+# What reading an archive raises when bytes of it are wrong: zipfile's own, and those of encryption
+# (RuntimeError) and compression (NotImplementedError, one of them) that are not there.
+_DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    zipfile.BadZipFile,
+    TypeError,
+    RuntimeError,
+    zlib.error,
+    struct.error,
+)
+
+_SMALL, _GAIN = 2**30, 20
+"""Bytes that may come out of any archive, and how many times its size may come out of a larger one."""
+
+
+def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """Return arrays of an archive (.npz) by name.
+
+    Args:
+        data: the whole file.
+        names: those that are wanted, if they are there; None is all.
+
+    Raises:
+        InputError: where it is none, is damaged, or has far more in it than its size is.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            wanted = {name: entry for name, entry in entries.items() if names is None or name in names}
+            if sum(entry.file_size for entry in wanted.values()) > max(_SMALL, _GAIN * len(data)):
+                raise InputError("its content is many times larger than the file")
+            return {name: read_array(archive.read(entry)) for name, entry in wanted.items()}
+    except _DAMAGE as error:
+        raise InputError(first_line(error)) from None
+
+
+def read_array(data: bytes) -> NDArray[Any]:
+    """Return the array of numbers or text that is in an .npy file.
+
+    Args:
+        data: the whole file.
+
+    Raises:
+        InputError: where it is none, is not as long as it says, or holds Python objects.
+    """
+    file = io.BytesIO(data)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+            version = np.lib.format.read_magic(file)
+            if version not in readers:
+                raise InputError(f"an array in version {version[0]}.{version[1]} of the format, which is not supported")
+            shape, by_columns, dtype = readers[version](file)
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - the header is a piece of Python, which may be wrong in many ways
+        raise InputError(f"not an array as NumPy writes it: {first_line(error)}") from None
+    if dtype.kind not in "biufU":
+        raise InputError(f"an array must hold numbers, not {dtype}")
+    rest = data[file.tell() :]
+    size = math.prod(shape) * dtype.itemsize
+    if any(not 0 <= n < 2**40 for n in shape) or len(rest) != size:
+        raise InputError(f"an array of {shape} {dtype} takes {size} bytes, {len(rest)} are there")
+    return np.ndarray(shape, dtype, bytearray(rest), order="F" if by_columns else "C")
