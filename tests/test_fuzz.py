@@ -47,7 +47,7 @@ def test_planted_faults_are_noticed(fuzz):
     planted = "support.planted_readers:readers"
     outcomes = {
         data.decode(): outcome
-        for _, _, data, outcome in fuzz.run(inputs, make_readers=planted, seconds=1.0, megabytes=512, wall_factor=2)
+        for _, _, data, outcome in fuzz.run(inputs, make_readers=planted, seconds=1.0, megabytes=128, wall_factor=4)
     }
     for fault, reason in FAULTS.items():
         assert outcomes[fault].verdict == "failed", fault

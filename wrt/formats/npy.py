@@ -80,7 +80,7 @@ def read_array(data: bytes) -> NDArray[Any]:
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - the header is a piece of Python, which may be wrong in many ways
-        raise InputError(f"not an array as NumPy writes it: {first_line(error)}") from None
+        raise InputError(f"not a NumPy file: {first_line(error)}") from None
     if dtype.kind not in "biufU":
         raise InputError(f"an array must hold numbers, not {dtype}")
     rest = data[file.tell() :]

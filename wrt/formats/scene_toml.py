@@ -23,7 +23,7 @@ from wrt.formats.images import load_environment, load_image
 from wrt.formats.meshes import load_shapes
 from wrt.formats.parts import merge
 from wrt.formats.scene_places import read_deformation, read_places
-from wrt.formats.toml_values import Table, choice, numbers_of, points_of, table_of, text_of
+from wrt.formats.toml_values import Table, check_triangles, choice, numbers_of, points_of, table_of, text_of
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
@@ -32,12 +32,8 @@ from wrt.mesh import Mesh
 from wrt.motion import Motion, rotation_matrix
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
-from wrt.shapes import MAX_SUBDIVISIONS
 from wrt.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import Vec3, boolean, integer, number, vector
-
-MAX_MADE_TRIANGLES = 30_000_000
-"""Of all spheres and procedural meshes of a scene file, a few gigabytes: a few words may stand for very many."""
 
 _SECTIONS = ("settings", "camera", "environment", "lights", "media", "medium", "materials", "shapes")
 _TRANSFORM_KEYS = ("scale", "rotate", "translate")
@@ -126,24 +122,11 @@ class _Reader:
                 scene.medium = self.medium(tree["medium"])
         with self.at("materials"):
             materials = self.all_materials(table_of(tree.get("materials", {})))
-        if self.triangles_planned(tree) > MAX_MADE_TRIANGLES:
-            raise InputError(f"spheres and procedural meshes have more than {MAX_MADE_TRIANGLES} triangles together")
+        check_triangles(tree.get("shapes"), self.triangles)
         self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape, materials)))
         if self.triangles is not None and not self.triangles_used:
             raise InputError("a number of triangles was given, but no shape is of type 'many-triangles'")
         return scene
-
-    def triangles_planned(self, tree: Table) -> int:
-        """Return about how many triangles the scene's spheres and procedural meshes will have, before they are made."""
-        tables = tree.get("shapes", [])
-        total = 0
-        for table in tables if isinstance(tables, list) else []:
-            match table:
-                case {"type": "sphere", "subdivisions": int(times)}:
-                    total += 20 * 4 ** min(max(times, 0), MAX_SUBDIVISIONS)
-                case {"type": "many-triangles", "triangles": int(count)}:
-                    total += count if self.triangles is None else self.triangles
-        return total
 
     def each(self, tree: Table, key: str, use: Callable[[Table], object]) -> None:
         """Call `use` with each table of an array of tables, the place set to it."""

@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
+from wrt.shapes import MAX_SUBDIVISIONS
 from wrt.values import number, vector
 
 Table = dict[str, Any]
+
+MAX_MADE_TRIANGLES = 30_000_000
+"""Of all spheres and procedural meshes of a scene file, a few gigabytes: a few words may stand for very many."""
 
 
 def choice(table: Table, choices: dict[str, Any], *, default: str | None = None) -> Any:
@@ -50,3 +54,21 @@ def points_of(value: Any, name: str) -> NDArray[np.float64]:
     if not isinstance(value, list):
         raise InputError(f"{name} must be an array of points, not {value!r}")
     return np.array([vector(point, f"{name}[{i}]") for i, point in enumerate(value)]).reshape(-1, 3)
+
+
+def check_triangles(tables: Any, procedural: int | None) -> None:
+    """Raise InputError where the spheres and procedural meshes of a scene would be too large together.
+
+    Args:
+        tables: the shapes.
+        procedural: triangles of each procedural mesh in place of its own number.
+    """
+    total = 0
+    for table in tables if isinstance(tables, list) else []:
+        match table:
+            case {"type": "sphere", "subdivisions": int(times)}:
+                total += 20 * 4 ** min(max(times, 0), MAX_SUBDIVISIONS)
+            case {"type": "many-triangles", "triangles": int(count)}:
+                total += count if procedural is None else procedural
+    if total > MAX_MADE_TRIANGLES:
+        raise InputError(f"spheres and procedural meshes have more than {MAX_MADE_TRIANGLES} triangles together")
