@@ -53,3 +53,17 @@ def film_noise(
                 error += wp.sqrt(variance)
     mean_out[row] = mean
     error_out[row] = error
+
+
+@wp.kernel(enable_backward=False)
+def film_mean(
+    first_thread: int,
+    total: wp.array(dtype=wp.vec3d),
+    count: wp.array(dtype=wp.int32),
+    mean_out: wp.array(dtype=wp.vec3),
+):
+    """Write the mean of each pixel's samples; black where there are none."""
+    pixel = first_thread + wp.tid()
+    n = wp.float64(wp.max(count[pixel], 1))
+    mean = total[pixel] / n
+    mean_out[pixel] = wp.vec3(float(mean[0]), float(mean[1]), float(mean[2]))

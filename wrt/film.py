@@ -43,6 +43,12 @@ class Film:
         own = {name: getattr(self.data, name).numpy().copy() for name in STATE_ARRAYS}
         return {**own, **self.layers.state()}
 
+    def clear(self) -> None:
+        """Start anew, with no samples."""
+        for name in (*STATE_ARRAYS, "rays"):
+            getattr(self.data, name).zero_()
+        self.layers.clear()
+
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""
         import warp as wp
@@ -73,6 +79,16 @@ class Film:
         n = np.maximum(self.data.count.numpy(), 1)[:, None]
         mean: NDArray[np.float32] = (self.data.total.numpy() / n).astype(np.float32)
         return mean.reshape(self.height, self.width, 3)
+
+    def device_mean(self) -> Any:
+        """Return (H, W) wp.array of vec3 on the device: what `mean` gives."""
+        import warp as wp
+
+        from wrt.kernels.film import film_mean
+
+        mean = wp.empty(self.pixels, dtype=wp.vec3, device=self.device.name)
+        self.device.launch(film_mean, self.pixels, [self.data.total, self.data.count, mean])
+        return mean.reshape((self.height, self.width))
 
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the mean; NaN below two samples."""

@@ -51,6 +51,13 @@ class FilmLayers:
             return {}
         return {_PREFIX + name: getattr(self.data, name).numpy().copy() for name in _ARRAYS}
 
+    def clear(self) -> None:
+        """Start anew, with no samples."""
+        if self.names:
+            for array in (self.data.sums, self.data.nearest, self.data.object_number):
+                array.zero_()
+            self.data.off_middle.fill_(float("inf"))
+
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""
         import warp as wp

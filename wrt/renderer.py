@@ -26,7 +26,7 @@ from wrt.files import PathLike
 from wrt.film import Film
 from wrt.fingerprint import scene_fingerprint
 from wrt.framing import frame_camera
-from wrt.scene import RenderSettings, Scene
+from wrt.scene import RenderSettings, Scene, Shape
 from wrt.values import integer, number
 
 STRATEGIES = ("mis", "light", "bsdf")
@@ -187,6 +187,7 @@ class Renderer:
         self.seconds_compile, self._kernel, self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
+        self._updated = False
 
     def _prepare(self) -> tuple[float, Any, list[Any]]:
         import warp as wp
@@ -310,6 +311,40 @@ class Renderer:
         """Return (H, W, 3) float32 linear radiance as estimated so far, of the part that is rendered."""
         return self.film.mean()
 
+    def device_image(self) -> Any:
+        """Return `image` where it is: a (H, W) wp.array of vec3 on the renderer's device.
+
+        Other frameworks take it without a copy, by DLPack: `torch.from_dlpack(image)`, `jax.dlpack.from_dlpack(image)`.
+        """
+        return self.film.device_mean()
+
+    def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
+        """Move a shape's vertices and start the picture anew: the next frame of a simulation.
+
+        The ray tree follows, which takes a fraction of the time that building one does, and suits the places that
+        it was built for. Nothing else of the scene changes.
+
+        Args:
+            shape: one of the scene's shapes, or its number; it must not give off light, nor the scene have shapes
+                that move during a picture or are in several places.
+            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device, which never leaves it; metres, in world
+                space, as many as the shape's mesh has.
+            normals: likewise, shading normals. By default those of a mesh that has some are computed anew.
+
+        Raises:
+            InputError: where the shape cannot be updated, on arrays of other sizes, or values that are not finite.
+        """
+        if isinstance(shape, Shape):
+            numbers = [i for i, each in enumerate(self.scene.shapes) if each is shape]
+            if not numbers:
+                raise InputError(f"{shape.name}: not one of the scene's shapes")
+            number = numbers[0]
+        else:
+            number = integer(shape, "shape", minimum=0, maximum=len(self.scene.shapes) - 1)
+        self._built.world.update(number, self.scene.shapes[number], vertices, normals)
+        self._updated = True
+        self.film.clear()
+
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the estimate; NaN below two samples.
 
@@ -329,8 +364,10 @@ class Renderer:
         """Write all that is needed to go on later, atomically.
 
         Raises:
-            InputError: where it cannot be written.
+            InputError: where it cannot be written, or vertices were updated, of which a checkpoint knows nothing.
         """
+        if self._updated:
+            raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
         write_checkpoint(path, self._identity(), self.film.state())
 
     @classmethod

@@ -112,7 +112,12 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
 
 
 def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
-    """Return `value` as an array, or raise InputError naming `name` where it is ragged or holds other things."""
+    """Return `value` as an array, or raise InputError naming `name` where it is ragged or holds other things.
+
+    Arrays of Warp and of torch that lie on a GPU come from there.
+    """
+    if not isinstance(value, np.ndarray) and callable(to_numpy := getattr(value, "numpy", None)):
+        value = to_numpy()
     try:
         return np.asarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):

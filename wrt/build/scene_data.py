@@ -17,6 +17,7 @@ from wrt.build.light_choice import upload_light_choice
 from wrt.build.lights import light_table
 from wrt.build.materials import describe_materials
 from wrt.build.placed import place
+from wrt.build.world import WorldMeshes
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
@@ -30,10 +31,12 @@ class BuiltScene:
     Attributes:
         data: the SceneData struct that kernels take.
         features: what the scene uses, to choose the kernel by.
+        world: the meshes in the world's own tree, whose vertices may change between pictures.
     """
 
     data: Any
     features: Any
+    world: WorldMeshes
 
 
 def build_scene(
@@ -63,7 +66,7 @@ def build_scene(
     )
     data = SceneData()
     textured = materials.textured or materials.tangents or texture_coordinates
-    first_triangles = _upload_geometry(data, layout, device, textured=textured)
+    first_triangles, world = _upload_geometry(data, layout, device, textured=textured)
     materials.upload(data, device)
     bodies = describe_bodies(scene)
     bodies.upload(data, device)
@@ -110,10 +113,12 @@ def build_scene(
     )
     if features.bodies:
         set_camera_bodies(data, bodies, scene, features.instances, device)
-    return BuiltScene(data, features)
+    return BuiltScene(data, features, world)
 
 
-def _upload_geometry(data: Any, layout: Layout, device: Device, *, textured: bool) -> NDArray[np.int64]:
+def _upload_geometry(
+    data: Any, layout: Layout, device: Device, *, textured: bool
+) -> tuple[NDArray[np.int64], WorldMeshes]:
     """Upload all meshes, those in the world first, and their trees; return the first triangle of each shape."""
     import warp as wp
 
@@ -155,4 +160,5 @@ def _upload_geometry(data: Any, layout: Layout, device: Device, *, textured: boo
     of_shapes[layout.world_shapes] = first_triangles[: len(world)]
     for instance in layout.instances:
         of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
-    return of_shapes
+    first = dict(zip(layout.world_shapes, first_vertices[: len(world)].tolist(), strict=True))
+    return of_shapes, WorldMeshes(device, data, tree, first, alone=not layout.instances)

@@ -1,0 +1,128 @@
+"""Frames of a simulation: vertices that move between pictures, on the device they are on."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import warp as wp
+from support.kernels import upload
+
+import wrt
+from wrt.normals import vertex_normals, with_normals
+
+RNG = np.random.default_rng(2)
+
+
+def hilly(height: float, *, smooth: bool) -> wrt.Mesh:
+    """Return a sheet of 20 x 20 vertices with hills."""
+    x, z = np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-1, 1, 20), indexing="ij")
+    y = height * np.sin(4 * x) * np.cos(3 * z)
+    i = np.arange(19)[:, None] * 20 + np.arange(19)
+    faces = np.concatenate([np.stack([i, i + 1, i + 21], -1), np.stack([i, i + 21, i + 20], -1)]).reshape(-1, 3)
+    mesh = wrt.Mesh(np.stack([x, y, z], -1).reshape(-1, 3), faces)
+    return dataclasses.replace(mesh, normals=vertex_normals(mesh)) if smooth else mesh
+
+
+def scene_of(mesh: wrt.Mesh) -> wrt.Scene:
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 3), (0, 0, 0)), environment=wrt.ConstantEnvironment(0.3))
+    scene.add(wrt.box((-0.3, 0.3, -0.3), (0.3, 0.8, 0.3)), name="block")
+    scene.add(mesh, material=wrt.RoughConductor(0.2), name="sheet")
+    scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=5.0, name="lamp")
+    return scene
+
+
+def rendered(renderer: wrt.Renderer) -> np.ndarray:
+    for _ in renderer.passes(spp=4):
+        pass
+    return renderer.image()
+
+
+def renderer_of(mesh: wrt.Mesh, device: str) -> wrt.Renderer:
+    return wrt.Renderer(scene_of(mesh), width=48, height=36, device=device)
+
+
+@pytest.mark.parametrize("kind", ["numpy", "warp"])
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: str) -> None:
+    before, after = hilly(0.1, smooth=smooth), hilly(0.25, smooth=smooth)
+    renderer = renderer_of(before, device)
+    first = rendered(renderer)
+    vertices = after.vertices if kind == "numpy" else upload(after.vertices, wp.vec3, device)
+    renderer.update_vertices(1, vertices)
+    assert renderer.spp == 0
+    moved, expected = rendered(renderer), rendered(renderer_of(after, device))
+    assert np.abs(moved - first).max() > 0.1
+    # Normals are computed in float32 here, and in float64 there; a few paths go other ways.
+    same = np.isclose(moved, expected, rtol=1e-3, atol=1e-4).all(axis=2)
+    assert same.mean() > (0.99 if smooth else 0.999)
+    renderer.update_vertices(renderer.scene.shapes[1], before.vertices)
+    np.testing.assert_allclose(rendered(renderer).mean(), first.mean(), rtol=1e-4)
+
+
+def test_normals_follow_with_the_creases_that_there_were(device: str) -> None:
+    # A cube with creases: each corner is there three times, with a normal for each side.
+    cube = with_normals(wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), 30.0)
+    renderer = renderer_of(cube, device)
+    turned = cube.rotated((1, 2, 3), 50.0)
+    renderer.update_vertices(1, turned.vertices)
+    built = renderer._built
+    first = len(renderer.scene.shapes[0].mesh.vertices)
+    normals = built.data.normals.numpy()[first : first + len(cube.vertices)]
+    np.testing.assert_allclose(normals, turned.normals, atol=1e-5)
+
+
+def test_given_normals_are_taken(device: str) -> None:
+    mesh = hilly(0.1, smooth=True)
+    renderer = renderer_of(mesh, device)
+    renderer.update_vertices(1, mesh.vertices, normals=np.tile(np.float32([0, 1, 0]), (400, 1)))
+    flat = dataclasses.replace(mesh, normals=np.tile(np.float32([0, 1, 0]), (400, 1)))
+    np.testing.assert_array_equal(rendered(renderer), rendered(renderer_of(flat, device)))
+
+
+def test_the_picture_on_the_device_is_the_picture(device: str) -> None:
+    renderer = renderer_of(hilly(0.1, smooth=False), device)
+    image = rendered(renderer)
+    on_device = renderer.device_image()
+    assert on_device.device == wp.get_device(device)
+    np.testing.assert_array_equal(on_device.numpy(), image)
+    if device == "cpu":
+        # What torch.from_dlpack and jax.dlpack.from_dlpack do too.
+        np.testing.assert_array_equal(np.from_dlpack(on_device), image)
+
+
+def test_meshes_are_made_of_warp_arrays(device: str) -> None:
+    mesh = hilly(0.1, smooth=False)
+    made = wrt.Mesh(upload(mesh.vertices, wp.vec3, device), upload(mesh.faces, wp.vec3i, device))
+    np.testing.assert_array_equal(made.vertices, mesh.vertices)
+    np.testing.assert_array_equal(made.faces, mesh.faces)
+
+
+def test_mistakes_are_told_in_one_line(tmp_path) -> None:
+    mesh = hilly(0.1, smooth=False)
+    renderer = renderer_of(mesh, "cpu")
+    nan = mesh.vertices.copy()
+    nan[7, 1] = np.nan
+    for shape, vertices, message in (
+        (1, mesh.vertices[:-1], "sheet: vertices are 399, but the mesh has 400"),
+        (1, mesh.vertices[:, :2], r"sheet: vertices must be \(N, 3\), not \(400, 2\)"),
+        (1, nan, "sheet: vertex 7 is not finite"),
+        (1, "much", "sheet: vertices must be numbers"),
+        (1, wp.zeros(400, dtype=float, device="cpu"), "sheet: vertices must be a Warp array of vec3"),
+        (2, np.zeros((4, 3)), "lamp: vertices of what gives off light cannot be updated"),
+        (3, mesh.vertices, "shape must be between 0 and 2"),
+        (wrt.Shape(mesh, name="other"), mesh.vertices, "other: not one of the scene's shapes"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            renderer.update_vertices(shape, vertices)
+    renderer.save_checkpoint(tmp_path / "a.ckpt")
+    renderer.update_vertices(1, mesh.vertices)
+    with pytest.raises(wrt.InputError, match="no checkpoint of a picture whose vertices were updated"):
+        renderer.save_checkpoint(tmp_path / "b.ckpt")
+    scene = scene_of(mesh)
+    scene.add(mesh, transform=wrt.Motion.translation((0, 1, 0)), name="moving")
+    scene.camera = dataclasses.replace(scene.camera, shutter_close=1.0)
+    moving = wrt.Renderer(scene, width=8, height=8)
+    with pytest.raises(wrt.InputError, match="can be updated in scenes without instances"):
+        moving.update_vertices(1, mesh.vertices)
