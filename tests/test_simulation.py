@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import warp as wp
+from conftest import ROOT
 from support.kernels import upload
 
 import wrt
@@ -126,3 +130,13 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
     moving = wrt.Renderer(scene, width=8, height=8)
     with pytest.raises(wrt.InputError, match="can be updated in scenes without instances"):
         moving.update_vertices(1, mesh.vertices)
+
+
+def test_the_example_renders_a_falling_cloth(tmp_path) -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "cloth.py"), str(tmp_path), "--frames", "12", "--spp", "2"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    subprocess.run([*command, "--size", "48x36"], check=True, env=environment, capture_output=True, timeout=300)
+    first, last = (wrt.load_image(tmp_path / f"cloth-{frame:03d}.png") for frame in (0, 11))
+    # The cloth is red, and has come down.
+    heights = [np.nonzero(image[:, :, 0] > 2.0 * image[:, :, 1] + 0.02)[0].mean() for image in (first, last)]
+    assert heights[1] > heights[0] + 2.0
