@@ -35,6 +35,8 @@ class Case(NamedTuple):
     alone: bool = True
 
 
+FLAT = '<boolean name="face_normals" value="true"/>'
+
 CASES = {
     "transforms": Case(
         "scale, rotate, translate, matrix, lookat, default, include, alias, ref; cube, rectangle; diffuse, twosided",
@@ -50,6 +52,31 @@ CASES = {
     "constant": Case("constant", ('"0.5, 0.6, 0.7"', '"0.52, 0.6, 0.7"')),
     "envmap": Case("envmap: scale, to_world", ('angle="37"', 'angle="35"')),
     "glowing": Case("area on sphere, disk, cube; flip_normals; null", ('"0.5, 1, 3"', '"0.53, 1, 3"')),
+    "metals": Case(
+        "roughconductor: distribution, alpha, alpha_u, alpha_v, sample_visible, specular_reflectance; conductor: "
+        "specular_reflectance",
+        ('"alpha" value="0.3"', '"alpha" value="0.36"'),
+    ),
+    "glass": Case("dielectric, roughdielectric; indices by name", ('"diamond"', '"bk7"')),
+    "pane": Case("thindielectric: specular_transmittance", ('"0.9, 0.7, 0.8"', '"0.9, 0.75, 0.8"')),
+    "plastics": Case("plastic: nonlinear, int_ior; roughplastic", ('"true"', '"false"')),
+    "principled": Case("principled: base_color, metallic, roughness", ('"0.4"', '"0.5"')),
+    "mixtures": Case("blendbsdf, mask, bitmap where a number is wanted", ('"0.3"', '"0.35"')),
+    "textures": Case(
+        "bitmap: raw, wrap_mode, filter_type, to_uv; checkerboard; area: texture", ('x="5" y="3"', 'x="5" y="3.3"')
+    ),
+    "meshes": Case(
+        "obj, ply: face_normals, flip_tex_coords, flip_normals, mirrored; mesh_attribute",
+        ('"flip_tex_coords" value="true"', '"flip_tex_coords" value="false"'),
+    ),
+    "smooth": Case("obj without normals", ('"ball.obj"/>', '"ball.obj"/>' + FLAT)),
+    "instances": Case("shapegroup, instance", ('x="1" y="1.6"', 'x="1" y="1.7"')),
+    "normals": Case("normalmap", ('"flip_tex_coords" value="true"', '"flip_tex_coords" value="false"')),
+    "bumps": Case("bumpmap: scale", ('"0.15"', '"0.13"')),
+    "sides": Case("twosided of two; one side of diffuse", ('"0.8, 0.2, 0.1"', '"0.1, 0.4, 0.8"')),
+    "direct": Case("direct; fov_axis smaller", ('"direct"', '"path"')),
+    "media": Case("volpath, homogeneous, hg, null around a medium", ('"g" value="0.5"', '"g" value="0.2"'), 1024),
+    "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
 SIGNIFICANCE = sidak(0.01, len(CASES))
 

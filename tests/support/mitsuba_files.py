@@ -31,6 +31,9 @@ def write_files(folder: Path) -> None:
     bumps = 0.5 + 0.5 * np.sin(2.0 * np.pi * np.arange(64) / 64.0)
     _write_png(folder / "bumps.png", np.rint(255.0 * np.repeat((bumps[:, None] * bumps)[..., None], 3, axis=2)))
     (folder / "house.obj").write_text(HOUSE)
+    ball = wrt.sphere(subdivisions=3)
+    lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
+    (folder / "ball.obj").write_text("\n".join(lines))
     (folder / "tent.ply").write_text(TENT)
 
 
@@ -67,7 +70,7 @@ f 7/1 8/2 10/5
 f 3/1 7/2 10/3 9/4
 f 8/1 4/2 9/3 10/4
 """
-"""Walls and a roof, without normals: sides share their corners."""
+"""Walls and a roof, without normals: sides share their corners, but not their texture coordinates."""
 
 TENT = """\
 ply
@@ -107,15 +110,6 @@ def render_by_mitsuba(path: Path, *, spp: int, runs: int = 16, seed: int = 1) ->
         ]
     )
     return Reference(images.mean(axis=0), images.var(axis=0, ddof=1) / runs, runs)
-
-
-OUT_OF_SIGHT = (
-    wrt.Diffuse(0.5),
-    wrt.Conductor(),
-    wrt.RoughConductor(masking="smith-separable"),
-    wrt.Dielectric(),
-    wrt.TwoSided(),
-)
 
 
 def compare(path: Path, expected: Reference, *, spp: int) -> ImageTest:

@@ -12,10 +12,12 @@ from wrt.formats.mitsuba.cameras import camera_of, settings_of, warn_of_clipping
 from wrt.formats.mitsuba.document import Document
 from wrt.formats.mitsuba.lights import Emitters
 from wrt.formats.mitsuba.materials import Materials
+from wrt.formats.mitsuba.media import medium_of
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.shapes import Shapes
 from wrt.formats.mitsuba.surfaces import Detail
 from wrt.formats.mitsuba.textures import Textures
+from wrt.medium import Medium
 from wrt.scene import Scene
 
 
@@ -54,11 +56,18 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None,
         shapes = Shapes(Materials(textures), textures, detail, exact_lights=False)
         made = [made for shape in kinds["shape"] for made in shapes.shapes(shape)]
     scene = Scene(made, [*emitters.lights, *shapes.lights], emitters.environment, camera, settings)
+    scene.medium = _around(sensor, textures, shapes)
     if sensor is not None:
         warn_of_clipping(sensor, scene)
     if not scene.shapes:
         raise InputError(f"{path}: no shapes in it that are known; there is nothing to render")
     return scene
+
+
+def _around(sensor: Plugin | None, textures: Textures, shapes: Shapes) -> Medium | None:
+    """Return what fills the space around everything: the medium of the sensor, or else that of shapes' exteriors."""
+    own = None if sensor is None else sensor.only("medium")
+    return shapes.around if own is None else medium_of(own, textures)
 
 
 def _objects(document: Document) -> list[Plugin]:

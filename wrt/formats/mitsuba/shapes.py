@@ -14,12 +14,14 @@ from wrt.errors import InputError
 from wrt.formats.mitsuba import surfaces
 from wrt.formats.mitsuba.bumps import Laid, laid_on, needs_laid
 from wrt.formats.mitsuba.materials import BLACK, UNKNOWN, Materials, Surface, clear, is_black
+from wrt.formats.mitsuba.media import boundary_of_nothing, filled, medium_of
 from wrt.formats.mitsuba.meshes import read_mesh
 from wrt.formats.mitsuba.plugin import Plugin, positive
 from wrt.formats.mitsuba.surfaces import Detail, is_closed
 from wrt.formats.mitsuba.textures import Textures
 from wrt.lights import DiskLight, Light, RectangleLight, SphereLight
 from wrt.materials import Material
+from wrt.medium import Medium
 from wrt.mesh import Mesh
 from wrt.scene import Shape
 from wrt.textures import ColorSource, shines
@@ -45,6 +47,7 @@ class Shapes:
         """
         self.materials, self.textures, self.detail = materials, textures, detail
         self.lights: list[Light] = []
+        self.around: Medium | None = None
         self._exact_lights = exact_lights
         self._groups: dict[int, list[Shape]] = {}
 
@@ -92,8 +95,8 @@ class Shapes:
         flat = BLACK if shines(emission) else UNKNOWN
         if bsdf is not None:
             flat = self.materials.surface(bsdf, Laid())
-        for medium in plugin.of_kind("medium"):
-            medium.warn("media are left out")
+        inside, outside = (self._medium(plugin.named(name)) for name in ("interior", "exterior"))
+        self.around = self.around or outside
         flip = plugin.boolean("flip_normals", False)
         plugin.ignore("silhouette_sampling_weight")
         if self._exact_lights and shines(emission) and isinstance(emission, tuple) and is_black(flat):
@@ -101,7 +104,7 @@ class Shapes:
             if light is not None:
                 self.lights.append(light)
                 return None
-        if flat.nothing and not shines(emission):
+        if flat.nothing and not shines(emission) and inside is None:
             plugin.transform()
             plugin.ignore("filename", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
             return None
@@ -109,7 +112,11 @@ class Shapes:
         if flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
-        surface = Surface(clear()) if flat.nothing else flat
+        surface = flat
+        if flat.nothing:
+            surface = Surface(clear() if shines(emission) or inside is None else boundary_of_nothing(inside))
+        elif inside is not None:
+            surface = dataclasses.replace(flat, material=filled(plugin, flat.material, inside))
         if bsdf is not None and needs_laid(bsdf):
             surface = self.materials.surface(bsdf, laid_on(mesh))
         name = plugin.element.attributes.get("id") or plugin.type
@@ -130,6 +137,9 @@ class Shapes:
         reach = camera.aperture_radius
         origin = np.array(camera.origin)
         return bool(((origin < low - reach) | (origin > high + reach)).any())
+
+    def _medium(self, plugin: Plugin | None) -> Medium | None:
+        return None if plugin is None or plugin.kind != "medium" else medium_of(plugin, self.textures)
 
     def _emission(self, emitter: Plugin | None) -> ColorSource:
         if emitter is None:

@@ -51,7 +51,7 @@ class Detail:
         inside = 0.5 * self.tolerance(center, radius) / radius
         wanted = math.pi / math.acos(1.0 - min(inside, 1.0)) if inside > 1e-12 else math.inf
         most = MOST_SHINING if shines else MOST_SEGMENTS
-        return (most, True) if wanted > most else (max(LEAST_SEGMENTS, math.ceil(wanted)), False)
+        return (most, True) if wanted > most else (max(LEAST_SEGMENTS, 4 * math.ceil(0.25 * wanted)), False)
 
 
 def rectangle() -> Mesh:
@@ -85,8 +85,8 @@ def _outwards(mesh: Mesh) -> Mesh:
 
 def disk(segments: int) -> Mesh:
     """Return the unit disk that faces z: u is the distance from its middle, v the angle from x over a whole turn."""
-    angles = 2.0 * math.pi * np.arange(segments + 1) / segments
-    rim = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
+    around = _circle(segments)
+    rim = np.concatenate([around, np.zeros((segments + 1, 1))], axis=1)
     turns = np.arange(segments + 1) / segments
     middle = np.stack([np.zeros(segments), turns[:-1] + 0.5 / segments], axis=-1)
     index = np.arange(segments)
@@ -104,7 +104,7 @@ def sphere(segments: int) -> Mesh:
     u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(rows + 1) / rows)
     sine = np.sin(math.pi * v)
     sine[0] = sine[-1] = 0.0
-    points = np.stack([sine * np.cos(2 * math.pi * u), sine * np.sin(2 * math.pi * u), np.cos(math.pi * v)], axis=-1)
+    points = np.concatenate([sine[..., None] * _circle(segments), np.cos(math.pi * v)[..., None]], axis=-1)
     # A triangle that ends in a pole has there the turn of its own middle.
     u[0] += 0.5 / segments
     u[-1] += 0.5 / segments
@@ -118,11 +118,17 @@ def sphere(segments: int) -> Mesh:
 def cylinder(segments: int) -> Mesh:
     """Return the open cylinder of radius 1 about z from 0 to 1, which faces outwards: u is the turn from x, v is z."""
     u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(2.0))
-    normals = np.stack([np.cos(2 * math.pi * u), np.sin(2 * math.pi * u), np.zeros_like(u)], axis=-1)
+    normals = np.concatenate([np.stack([_circle(segments)] * 2), np.zeros((2, segments + 1, 1))], axis=-1)
     points = normals.copy()
     points[..., 2] = v
     faces = _grid(1, segments, downwards=False)
     return _curved(points.reshape(-1, 3), normals.reshape(-1, 3), faces, u, v, "cylinder")
+
+
+def _circle(segments: int) -> Matrix:
+    """Return (segments + 1, 2) points of the unit circle from x on; the last is the first, to the bit."""
+    angles = 2.0 * math.pi * (np.arange(segments + 1) % segments) / segments
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 def _grid(rows: int, columns: int, *, downwards: bool) -> NDArray[np.int64]:

@@ -1,0 +1,351 @@
+"""What the reader of Mitsuba's scene files takes, warns of and refuses."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, Report
+from support.mitsuba_files import SCENES, write_files
+
+import wrt
+from wrt.formats.parts import InputWarning
+
+BALL = '<shape type="sphere"/>'
+
+
+def written(folder: Path, body: str, name: str = "scene.xml", version: str = "3.0.0") -> Path:
+    path = folder / name
+    path.write_text(f'<scene version="{version}">\n{body}\n</scene>\n')
+    return path
+
+
+def loaded(folder: Path, body: str, **options: object) -> wrt.Scene:
+    return wrt.load(written(folder, body), **options)
+
+
+def material(folder: Path, bsdf: str) -> wrt.Material:
+    """The material of a ball, which is closed and so needs no black back."""
+    camera = '<sensor type="perspective"><transform name="to_world"><translate z="-5"/></transform></sensor>'
+    return loaded(folder, f'{camera}<shape type="sphere">{bsdf}</shape>').shapes[0].material
+
+
+# --- What is taken --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.xml")))
+def test_scenes_of_the_tests_are_read_without_a_warning(name: str, tmp_path: Path) -> None:
+    write_files(tmp_path)
+    if name not in ("view", "lamp"):  # which have nothing to see
+        assert wrt.load(tmp_path / f"{name}.xml", strict=True).shapes
+
+
+def test_settings(tmp_path: Path) -> None:
+    settings = loaded(
+        tmp_path,
+        """<integrator type="path">
+            <integer name="max_depth" value="7"/><integer name="rr_depth" value="3"/>
+        </integrator>
+        <sensor type="perspective">
+            <film type="hdrfilm"><integer name="width" value="320"/><integer name="height" value="200"/>
+                <rfilter type="tent"/></film>
+            <sampler type="ldsampler"><integer name="sample_count" value="16"/></sampler>
+        </sensor>"""
+        + BALL,
+    ).settings
+    assert (settings.width, settings.height, settings.spp) == (320, 200, 16)
+    assert (settings.max_depth, settings.filter, settings.sampler) == (7, "tent", "sobol")
+
+
+@pytest.mark.parametrize(
+    ("axis", "degrees"),
+    [
+        ("x", 2 * np.degrees(np.arctan(np.tan(np.radians(20.0)) / 1.6))),
+        ("y", 40.0),
+        ("smaller", 40.0),
+        ("larger", 2 * np.degrees(np.arctan(np.tan(np.radians(20.0)) / 1.6))),
+        ("diagonal", 2 * np.degrees(np.arctan(np.tan(np.radians(20.0)) / np.hypot(1.6, 1.0)))),
+    ],
+)
+def test_field_of_view(axis: str, degrees: float, tmp_path: Path) -> None:
+    camera = loaded(
+        tmp_path,
+        f"""<sensor type="perspective"><float name="fov" value="40"/><string name="fov_axis" value="{axis}"/>
+        <film type="hdrfilm"><integer name="width" value="320"/><integer name="height" value="200"/></film></sensor>"""
+        + BALL,
+    ).camera
+    assert isinstance(camera, wrt.PerspectiveCamera)
+    assert camera.fov_degrees == pytest.approx(degrees)
+
+
+def test_depth_is_a_layer(tmp_path: Path) -> None:
+    settings = loaded(tmp_path, '<integrator type="depth"/>' + BALL).settings
+    assert (settings.integrator, settings.layers) == ("aov", ("depth",))
+    names = '<string name="aovs" value="a:albedo,n:sh_normal"/>'
+    aovs = f'<integrator type="aov">{names}<integrator type="path"/></integrator>'
+    assert loaded(tmp_path, aovs + BALL).settings.layers == ("albedo", "normal")
+
+
+def test_metals_by_name(tmp_path: Path) -> None:
+    gold = material(tmp_path, '<bsdf type="conductor"><string name="material" value="Au"/></bsdf>')
+    assert gold == wrt.Conductor(metal="gold")
+    with pytest.warns(InputWarning, match="'Ir' is not known; aluminium stands in"):
+        other = material(tmp_path, '<bsdf type="conductor"><string name="material" value="Ir"/></bsdf>')
+    assert other == wrt.Conductor(metal="aluminium")
+
+
+def test_defaults_are_mitsuba_s(tmp_path: Path) -> None:
+    glass = material(tmp_path, '<bsdf type="roughdielectric"/>')
+    assert glass == wrt.RoughDielectric(1.5046, 1.000277, 0.1, "beckmann", "walter")
+    coat = material(tmp_path, '<bsdf type="roughplastic"/>')
+    assert coat == wrt.RoughPlastic(0.5, 1.49, 1.000277, 0.1, "beckmann", "walter", multiple_bounces=False)
+
+
+def test_parameters(tmp_path: Path) -> None:
+    body = '<default name="r" value="0.2"/><shape type="sphere"><float name="radius" value="$r"/></shape>'
+    assert loaded(tmp_path, body).bounds[1, 0] == pytest.approx(0.2)
+    assert loaded(tmp_path, body, parameters={"r": 3}).bounds[1, 0] == pytest.approx(3.0)
+    with pytest.raises(wrt.InputError, match="the parameter 's' is not in the scene"):
+        loaded(tmp_path, body, parameters={"s": 3})
+    with pytest.raises(wrt.InputError, match=r"line 2: the parameter \$s has no value"):
+        loaded(tmp_path, body.replace("$r", "${s}"))
+
+
+def test_command_line(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        """<default name="size" value="64"/><sensor type="perspective">
+        <transform name="to_world"><translate z="-4"/></transform><film type="hdrfilm">
+        <integer name="width" value="$size"/><integer name="height" value="$size"/></film></sensor>
+        <shape type="sphere"><emitter type="area"/></shape><shape type="heightfield"/>""",
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "wrt",
+        "render",
+        str(path),
+        "-D",
+        "size=8",
+        "--spp",
+        "1",
+        "-o",
+        str(tmp_path / "a.npy"),
+    ]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert np.load(tmp_path / "a.npy").shape == (8, 8, 3)
+    assert done.stderr.count("warning") == 1
+    assert "line 5: shape 'heightfield': this kind of shape is not known; left out" in done.stderr
+    refused = subprocess.run([*command, "--strict"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert refused.returncode == 2
+    assert "heightfield" in refused.stderr
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder", "disk"])
+def test_outlines_are_off_by_less_than_half_a_pixel(kind: str, tmp_path: Path, report: Report) -> None:
+    body = f"""<sensor type="perspective"><float name="fov" value="30"/>
+        <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="4000"/><integer name="height" value="4000"/></film></sensor>
+        <shape type="{kind}"/>"""
+    mesh = loaded(tmp_path, body).shapes[0].mesh
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    points = corners if kind == "sphere" else corners[..., :2]
+    if kind == "sphere":
+        inside = 1.0 - np.linalg.norm(points.mean(axis=1), axis=-1)
+    else:
+        # Of a disk's triangle the edge on the rim is the outermost; a cylinder's have an upright one, on the circle.
+        edges = 1.0 - np.linalg.norm(0.5 * (points + np.roll(points, 1, axis=1)), axis=-1)
+        inside = edges.min(axis=1) if kind == "disk" else edges.max(axis=1)
+    pixel = 2.0 * np.tan(np.radians(15.0)) * 3.0 / 4000.0
+    report(f"{kind}: depth of faces, pixels", float(inside.max() / pixel), "< 0.5")
+    assert 0.1 < inside.max() / pixel < 0.5
+    assert np.allclose(np.linalg.norm(mesh.vertices[..., : 2 if kind != "sphere" else 3], axis=-1).max(), 1.0)
+
+
+def test_too_near_is_told(tmp_path: Path) -> None:
+    place = '<transform name="to_world"><translate z="-1.000001"/></transform>'
+    film = '<film type="hdrfilm"><integer name="width" value="4000"/><integer name="height" value="4000"/></film>'
+    near = f'<sensor type="perspective"><float name="near_clip" value="1e-7"/>{place}{film}</sensor>'
+    with pytest.warns(InputWarning, match="no more than 768 segments"):
+        loaded(tmp_path, near + BALL)
+
+
+def test_clipping_is_told_where_it_shows(tmp_path: Path) -> None:
+    place = '<transform name="to_world"><translate z="-5"/></transform>'
+    far = f'<sensor type="perspective"><float name="far_clip" value="{{}}"/>{place}</sensor>'
+    loaded(tmp_path, far.format(7.0) + BALL, strict=True)
+    with pytest.warns(InputWarning, match="near_clip"):
+        loaded(tmp_path, far.format(5.0) + BALL)
+
+
+# --- Colours --------------------------------------------------------------------------------------
+
+SPECTRA = [
+    '<spectrum name="{}" value="0.5"/>',
+    '<spectrum name="{}" value="400:0.1, 500:0.2, 600:0.8, 700:0.3"/>',
+    '<spectrum name="{}" value="380:0.9 480:0.7 520:0.2 780:0.1"/>',
+    '<spectrum name="{}" type="d65"/>',
+    '<rgb name="{}" value="0.2 0.4 0.6"/>',
+    '<float name="{}" value="0.3"/>',
+]
+
+
+@pytest.mark.parametrize("text", SPECTRA)
+def test_colours_are_mitsuba_s(text: str, tmp_path: Path, report: Report) -> None:
+    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+    from support.mitsuba_scene import load_mitsuba
+
+    mi = load_mitsuba()
+    scene = loaded(tmp_path, f'<emitter type="constant">{text.format("radiance")}</emitter>' + BALL)
+    si = mi.SurfaceInteraction3f()
+    si.wi = mi.Vector3f(0, 0, 1)
+    xml = '<{0} version="3.0.0" type="{1}">{2}</{0}>'
+    light = np.array(mi.load_string(xml.format("emitter", "constant", text.format("radiance"))).eval(si))
+    ours = np.array(scene.environment.radiance)
+    report("light", np.round(ours, 4).tolist(), np.round(light, 4).tolist())
+    assert ours == pytest.approx(light, rel=2e-3, abs=2e-3)
+    surface = mi.load_string(xml.format("bsdf", "diffuse", text.format("reflectance")))
+    reflected = np.pi * np.array(surface.eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
+    ours = np.array(material(tmp_path, f'<bsdf type="diffuse">{text.format("reflectance")}</bsdf>').reflectance)
+    report("reflectance", np.round(ours, 4).tolist(), np.round(reflected, 4).tolist())
+    assert ours == pytest.approx(reflected, rel=4e-3, abs=4e-3)
+
+
+def test_a_black_body_is_as_bright_as_its_temperature_says(tmp_path: Path) -> None:
+    """At 6504 K it is nearly D65; the Y of its colour, ∫ B y dλ / ∫ y dλ, is about Planck's B at 555 nm."""
+    spectrum = '<spectrum name="radiance" type="blackbody"><float name="temperature" value="6504"/></spectrum>'
+    body = f'<emitter type="constant">{spectrum}</emitter>'
+    radiance = np.array(loaded(tmp_path, body + BALL).environment.radiance)
+    assert radiance.max() / radiance.min() < 1.12
+    metres = 555e-9
+    planck = (
+        2e-9
+        * 6.62607015e-34
+        * 299792458.0**2
+        / metres**5
+        / np.expm1(6.62607015e-34 * 299792458.0 / (metres * 1.380649e-23 * 6504))
+    )
+    assert radiance @ (0.2126, 0.7152, 0.0722) == pytest.approx(planck, rel=0.02)
+
+
+# --- What is refused ------------------------------------------------------------------------------
+
+ERRORS = {
+    '<shape type="sphere">': r"not well-formed XML",
+    '<shape type="sphere"><ref id="paint"/></shape>': r"line 2: there is nothing with the id 'paint'",
+    '<shape type="obj"/>': r"line 2: shape 'obj': names no file",
+    '<shape type="obj"><string name="filename" value="no.obj"/></shape>': r"line 2: .*no\.obj: no such file",
+    '<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>': r"outside the scene's folder",
+    '<include filename="scene.xml"/>': r"line 2: 'scene.xml' includes itself",
+    '<include filename="../other.xml"/>': r"line 2: '../other.xml' is outside the scene's folder",
+    '<shape type="sphere"><float name="radius" value="big"/></shape>': r"line 2: float 'radius': not a number in 'big'",
+    '<shape type="sphere"><float name="radius" value="nan"/></shape>': r"numbers must be finite",
+    '<shape type="sphere"><float name="radius" value="-1"/></shape>': r"'radius' must be greater than 0",
+    '<shape type="sphere"><string name="radius" value="1"/></shape>': r"must be given by <float>, not by <string>",
+    '<shape type="sphere"><transform name="to_world"><spin/></transform></shape>': r"<spin> is no transform",
+    '<shape type="sphere"><transform name="to_world"><scale value="0"/></transform></shape>': r"can be inverted",
+    '<shape type="sphere"><transform name="to_world"><matrix value="1 2 3"/></transform></shape>': r"takes 9 or 16",
+    '<bsdf type="diffuse" id="a"/><bsdf type="diffuse" id="a"/>': r"the id 'a' is used twice",
+    '<shape type="sphere"><bsdf type="twosided"/></shape>': r"takes one bsdf or two, not 0",
+    '<shape type="sphere"><bsdf type="dielectric"><string name="int_ior" value="glas"/></bsdf></shape>': r"'glas' is",
+    '<shape type="sphere"><bsdf type="bumpmap" id="x"><ref id="x"/></bsdf></shape>': r"is made of itself",
+    '<shape type="sphere"><bdsf type="diffuse"/></shape>': r"<bdsf> is not known here \(did you mean 'bsdf'\?\)",
+    '<sensor type="perspective"><float name="fov" value="200"/></sensor><shape type="sphere"/>': r"'fov' must be",
+    '<emitter type="point"/>': r"no shapes in it",
+}
+
+
+@pytest.mark.parametrize("body", ERRORS)
+def test_bad_files_are_refused_in_one_line(body: str, tmp_path: Path) -> None:
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "other.xml").write_text('<scene version="3.0.0"/>')
+    path = written(tmp_path / "scene", body)
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.load(path)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert re.search(ERRORS[body], message), message
+
+
+def test_files_outside_may_be_allowed(tmp_path: Path) -> None:
+    (tmp_path / "scene").mkdir()
+    written(tmp_path, BALL, "other.xml")
+    path = written(tmp_path / "scene", '<include filename="../other.xml"/>')
+    assert wrt.load(path, allow_outside=True).shapes
+    (tmp_path / "scene" / "link.xml").symlink_to(tmp_path / "other.xml")
+    with pytest.raises(wrt.InputError, match="outside the scene's folder"):
+        loaded(tmp_path / "scene", '<include filename="link.xml"/>')
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<!DOCTYPE scene [<!ENTITY a "aaaa">]><scene version="3.0.0">&a;</scene>',
+        '<!DOCTYPE scene SYSTEM "http://localhost/x.dtd"><scene version="3.0.0"/>',
+        "",
+        "scene",
+        "<scene",
+        "<html/>",
+        '<scene version="3.0.0">' + "<shape>" * 200 + "</shape>" * 200 + "</scene>",
+    ],
+)
+def test_what_is_no_scene_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.xml"
+    path.write_text(text)
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.load(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_includes_that_multiply_are_refused(tmp_path: Path) -> None:
+    for i in range(12):
+        written(tmp_path, f'<include filename="{i + 1}.xml"/>' * 3, f"{i}.xml")
+    written(tmp_path, BALL, "12.xml")
+    with pytest.raises(wrt.InputError, match="more than 1000 files are included"):
+        wrt.load(tmp_path / "0.xml")
+
+
+@pytest.mark.parametrize(
+    "options", [{"parameters": {"a": 1}}, {"allow_outside": True}], ids=["parameters", "allow_outside"]
+)
+def test_options_of_xml_are_for_xml(options: dict[str, object]) -> None:
+    with pytest.raises(wrt.InputError, match="goes with a Mitsuba scene"):
+        wrt.load("cornell-box", **options)
+
+
+LEFT_OUT = {
+    '<shape type="sphere"><bsdf type="hair"/></shape>': "bsdf 'hair'",
+    '<shape type="sphere"><bsdf type="diffuse"><float name="reflectence" value="1"/></bsdf></shape>': "did you mean",
+    '<emitter type="projector"/><shape type="sphere"/>': "emitter 'projector'",
+    '<sensor type="fluencemeter"/><shape type="sphere"/>': "sensor 'fluencemeter'",
+    '<integrator type="ptracer"/><shape type="sphere"/>': "'path' stands in",
+    '<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator><shape type="sphere"/>': "hide",
+    '<sensor type="perspective"><film type="hdrfilm"><rfilter type="lanczos"/></film></sensor><shape type="sphere"/>': (
+        "'blackman-harris' stands in"
+    ),
+    '<shape type="sphere"><bsdf type="diffuse"><rgb name="reflectance" value="2"/></bsdf></shape>': "clipped to 1",
+    '<shape type="sphere"><bsdf type="principled"/></shape>': "principled material of glTF",
+    '<shape type="sphere"><bsdf type="diffuse"><texture type="noise" name="reflectance"/></bsdf></shape>': "'noise'",
+    '<emitter type="sunsky"/><shape type="sphere"/>': "Preetham",
+}
+
+
+@pytest.mark.parametrize("body", LEFT_OUT)
+def test_what_is_left_out_is_told(body: str, tmp_path: Path) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert loaded(tmp_path, body).shapes
+    messages = [str(each.message) for each in caught]
+    assert all(issubclass(each.category, InputWarning) for each in caught)
+    assert any(LEFT_OUT[body] in message for message in messages), messages
+    assert len(set(messages)) == len(messages)
+    assert all(": line " in message and "\n" not in message for message in messages)
+    with pytest.raises(wrt.InputError, match=re.escape(messages[0])):
+        loaded(tmp_path, body, strict=True)
