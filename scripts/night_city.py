@@ -13,7 +13,7 @@ import wrt
 Array = NDArray[np.float64]
 
 BLOCKS = 48
-"""Buildings in each direction."""
+"""Buildings in each direction, unless one asks for fewer."""
 
 PITCH = 22.0
 STREET = 9.0
@@ -50,14 +50,14 @@ RADIANCE = {
 """Of one light against another, before all are scaled to POWER."""
 
 
-def night_city(lights: int, seed: int = 0) -> wrt.Scene:
+def night_city(lights: int, *, blocks: int = BLOCKS, seed: int = 0) -> wrt.Scene:
     """Return the city with about `lights` emissive triangles (10 to 100,000), always with the same power in all.
 
-    A lamp has two triangles, a window of two panes four, a bulb eight. Lamps come first; of what is left, bulbs get
-    seven tenths and windows the rest.
+    There are `blocks` buildings in each direction. A lamp has two triangles, a window of two panes four, a bulb eight.
+    Lamps come first; of what is left, bulbs get seven tenths and windows the rest.
     """
     rng = np.random.default_rng(seed)
-    low = PITCH * (np.stack(np.meshgrid(np.arange(BLOCKS), np.arange(BLOCKS), indexing="ij"), axis=2) - BLOCKS / 2)
+    low = PITCH * (np.stack(np.meshgrid(np.arange(blocks), np.arange(blocks), indexing="ij"), axis=2) - blocks / 2)
     low = low.reshape(-1, 2) + 0.5 * STREET
     sides = np.full((len(low), 2), PITCH - STREET)
     center = low + 0.5 * sides
@@ -65,7 +65,7 @@ def night_city(lights: int, seed: int = 0) -> wrt.Scene:
     scene = wrt.Scene()
     scene.settings.max_depth = 6
     scene.settings.width, scene.settings.height = 960, 540
-    x = 0.5 * BLOCKS * PITCH
+    x = 0.5 * blocks * PITCH
     scene.add(
         wrt.quad((-x, 0.0, x), (2.0 * x, 0.0, 0.0), (0.0, 0.0, -2.0 * x)),
         material=wrt.RoughPlastic((0.06, 0.06, 0.065), alpha=0.18),
@@ -81,9 +81,10 @@ def night_city(lights: int, seed: int = 0) -> wrt.Scene:
         ]
         scene.add(joined(boxes), material=wrt.Diffuse(reflectance), name=f"houses {k}")
 
-    lamps = lamp_quads()[rng.permutation(len(lamp_quads()))][: max(1, lights // 2)]
+    lamps = lamp_quads(blocks)
+    lamps = lamps[rng.permutation(len(lamps))][: max(1, lights // 2)]
     rest = max(0, lights - 2 * len(lamps))
-    bulbs = bulb_triangles(int(0.7 * rest) // 8, rng)
+    bulbs = bulb_triangles(int(0.7 * rest) // 8, blocks, rng)
     panes = window_quads(low, sides, heights, rng)[: (rest - 8 * len(bulbs)) // 4].reshape(-1, 4, 3)
     parts: dict[str, Array] = {"lamp": quad_triangles(lamps)}
     for name, group in zip(("warm", "tungsten", "cold"), np.array_split(panes, 3), strict=True):
@@ -124,10 +125,10 @@ def rectangles(center: Array, u: Array, v: Array) -> Array:
     return np.stack([center - u - v, center + u - v, center + u + v, center - u + v], axis=1)
 
 
-def lamp_quads() -> Array:
+def lamp_quads(blocks: int) -> Array:
     """Return the lamps of all streets, which shine downwards from above the kerb."""
-    along = np.arange(-0.5 * BLOCKS * PITCH + 5.0, 0.5 * BLOCKS * PITCH, 11.0)
-    street = PITCH * (np.arange(BLOCKS) - 0.5 * BLOCKS)
+    along = np.arange(-0.5 * blocks * PITCH + 5.0, 0.5 * blocks * PITCH, 11.0)
+    street = PITCH * (np.arange(blocks) - 0.5 * blocks)
     s, a = (g.ravel() for g in np.meshgrid(street, along))
     side = np.where(np.arange(len(a)) % 2 == 0, 3.0, -3.0)
     one = np.stack([s + side, np.full_like(s, 6.0), a], axis=1)
@@ -136,12 +137,12 @@ def lamp_quads() -> Array:
     return rectangles(center, np.tile([0.22, 0.0, 0.0], (len(center), 1)), np.tile([0.0, 0.0, 0.22], (len(center), 1)))
 
 
-def bulb_triangles(count: int, rng: np.random.Generator) -> Array:
+def bulb_triangles(count: int, blocks: int, rng: np.random.Generator) -> Array:
     """Return (count, 8, 3, 3) octahedra that hang in garlands across the streets."""
     across = np.linspace(-0.5 * STREET, 0.5 * STREET, 18)[1:-1]
     sag = 1.2 * (1.0 - (2.0 * across / STREET) ** 2)
-    along = np.arange(-0.5 * BLOCKS * PITCH + 6.0, 0.5 * BLOCKS * PITCH, 3.4)
-    street = PITCH * (np.arange(BLOCKS) - 0.5 * BLOCKS)
+    along = np.arange(-0.5 * blocks * PITCH + 6.0, 0.5 * blocks * PITCH, 3.4)
+    street = PITCH * (np.arange(blocks) - 0.5 * blocks)
     s, a, k = (g.ravel() for g in np.meshgrid(street, along, np.arange(len(across)), indexing="ij"))
     center = np.stack([s + across[k], 7.6 - sag[k] + 0.3 * np.sin(a), a], axis=1)
     garlands = center.reshape(-1, len(across), 3)

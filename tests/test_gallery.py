@@ -1,15 +1,17 @@
-"""The gallery shows every material, all by one kernel; the plots draw what the models are known to do."""
+"""The docs show the gallery's pictures, all materials and cameras among them; plots draw what models are to do."""
 
 from __future__ import annotations
 
 import importlib
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from PIL import Image
 
 import wrt
 from wrt.build.layout import lay_out
@@ -20,8 +22,13 @@ from wrt.scene import INTEGRATORS
 
 
 @pytest.fixture(scope="module")
-def gallery() -> ModuleType:
-    return script("gallery")
+def materials() -> ModuleType:
+    return script("pictures.materials")
+
+
+@pytest.fixture(scope="module")
+def bodies() -> ModuleType:
+    return script("pictures.bodies")
 
 
 @pytest.fixture(scope="module")
@@ -42,44 +49,105 @@ def with_parts(material: wrt.Material) -> Iterator[wrt.Material]:
         yield from with_parts(part)
 
 
-def test_pictures_of_motion() -> None:
-    motion = script("motion")
-    shown = re.findall(r"\(pictures/(motion-[\w-]+)\.jpg\)", (ROOT / "docs" / "motion.md").read_text(encoding="utf-8"))
-    assert sorted(shown) == sorted(motion.PICTURES)
-    kinds = [lay_out(make()).kind for make, _, _ in motion.PICTURES.values()]
-    assert kinds == ["still", "deforming"]
+# --- All pictures ----------------------------------------------------------------------------------
+
+PICTURES = {name: drawing for group in script("pictures").GROUPS.values() for name, drawing in group.items()}
+QUICK = ("light-spots", "integrator-ao")
+"""Those whose kernels compile fast; the others are marked slow."""
 
 
-def test_every_camera_has_its_pictures_in_the_docs() -> None:
-    cameras = script("cameras")
-    shown = re.findall(r"\(pictures/(camera-[\w-]+)\.jpg\)", (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8"))
-    assert sorted(shown) == sorted(cameras.PICTURES)
-    assert {type(picture.camera) for picture in cameras.PICTURES.values()} == set(CAMERAS.values())
-    scenes = [cameras.make_scene(picture.camera) for picture in cameras.PICTURES.values()]
+def shown_in(page: Path) -> list[str]:
+    """Return the names of the JPEG pictures of a page, in their order."""
+    return re.findall(r"pictures/([\w-]+)\.jpg", page.read_text(encoding="utf-8"))
+
+
+def test_docs_show_what_the_gallery_makes() -> None:
+    shown = [name for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")] for name in shown_in(page)]
+    files = [path.stem for path in (ROOT / "docs" / "pictures").glob("*.jpg")]
+    assert sorted(shown) == sorted(files) == sorted(PICTURES)
+
+
+def test_a_name_is_a_group_a_picture_or_a_tile() -> None:
+    gallery = script("gallery")
+    assert list(gallery.drawings("all")) == list(PICTURES)
+    assert set(gallery.drawings("cameras")) == {name for name in PICTURES if name.startswith("camera-")}
+    assert gallery.drawings("light-spots") == {"light-spots": PICTURES["light-spots"]}
+    assert (
+        gallery.drawings("materials/gold")["materials-gold"].width
+        == gallery.drawings("materials/mix")["materials-mix"].width
+    )
+    for name in ("light", "materials/lead", "layers/depth"):
+        with pytest.raises(wrt.InputError, match=f"{name}: no such group or picture"):
+            gallery.drawings(name)
+
+
+def test_gallery_lists_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
+    assert script("gallery").main([]) == 0
+    listed = re.findall(r"^  ([\w-]+): .* spp$", capsys.readouterr().out, re.MULTILINE)
+    assert listed == list(PICTURES)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in ("city", "motion-forest") else name
+        for name in PICTURES
+        if name != "materials"
+    ],
+)
+def test_scenes_of_pictures_are_built(name: str) -> None:
+    drawing = PICTURES[name]
+    scene = getattr(drawing, "picture", drawing).make()
+    assert lay_out(scene).kind == {"motion-toys": "deforming", "layers": "moving", "motion-forest": "still"}.get(
+        name, "none"
+    )
+    assert describe_materials([shape.material for shape in scene.shapes]).models
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in PICTURES]
+)
+def test_pictures_render(name: str, tmp_path: Path) -> None:
+    """A sample per pixel, 16 pixels wide: not black, and brighter here than there."""
+    assert script("gallery").main([name, "--spp", "1", "--size", "16", "--out", str(tmp_path)]) == 0
+    with Image.open(tmp_path / f"{name}.jpg") as picture:
+        assert np.asarray(picture).std() > 2.0
+
+
+def test_every_camera_has_its_picture() -> None:
+    scenes = [PICTURES[name].make() for name in PICTURES if name.startswith("camera-")]
+    assert {type(scene.camera) for scene in scenes} == set(CAMERAS.values())
     assert len({describe_materials([shape.material for shape in scene.shapes]).models for scene in scenes}) == 1
 
 
-# --- Gallery ---------------------------------------------------------------------------------------
+def test_layers_move_and_integrators_do_not() -> None:
+    given = {name: PICTURES[name].given for name in PICTURES if name.startswith("integrator-")}
+    assert {options["integrator"] for options in given.values()} == set(INTEGRATORS) - {"aov", "volpath"}
+    assert not any(shape.transform for name in given for shape in PICTURES[name].make().shapes)
+    assert any(shape.transform for shape in PICTURES["layers"].picture.make().shapes)
 
 
-def test_every_material_has_a_tile(gallery: ModuleType) -> None:
+# --- Materials -------------------------------------------------------------------------------------
+
+
+def test_every_material_has_a_tile(materials: ModuleType) -> None:
     built_in = {name for name, cls in MATERIALS.items() if cls.__module__.startswith("wrt.")}
-    assert built_in == {tile.material.type_name for tile in gallery.tiles()}
+    assert built_in == {tile.material.type_name for tile in materials.tiles()}
 
 
-def test_tiles_can_be_told_apart(gallery: ModuleType) -> None:
-    names = [tile.name for tile in gallery.tiles()]
-    labels = [(tile.material.type_name, tile.caption) for tile in gallery.tiles()]
+def test_tiles_can_be_told_apart(materials: ModuleType) -> None:
+    names = [tile.name for tile in materials.tiles()]
+    labels = [(tile.material.type_name, tile.caption) for tile in materials.tiles()]
     assert len(set(names)) == len(names)
     assert len(set(labels)) == len(labels)
     assert all(caption.isascii() for _, caption in labels)
-    assert len(names) % gallery.COLUMNS == 0
+    assert len(names) % PICTURES["materials"].columns == 0
 
 
-def test_all_tiles_share_one_kernel_and_show_their_own_material(gallery: ModuleType) -> None:
+def test_all_tiles_share_one_kernel_and_show_their_own_material(materials: ModuleType) -> None:
     found = set()
-    for tile in gallery.tiles():
-        scene = gallery.make_scene(tile)
+    for tile in materials.tiles():
+        scene = materials.make_scene(tile)
         table = describe_materials([shape.material for shape in scene.shapes])
         found.add((table.models, table.textured, table.layered, table.tangents))
         (shown,) = (s for s in scene.shapes if s.mesh.bounds[1, 1] > 0.5 and s.material is tile.material)
@@ -88,15 +156,15 @@ def test_all_tiles_share_one_kernel_and_show_their_own_material(gallery: ModuleT
         assert high[1] > 1.0
         # What the others are on is under the floor.
         specks = [s for s in scene.shapes if s.mesh.bounds[1, 1] < -1.0]
-        assert len(specks) >= len(gallery.tiles()) - 1
+        assert len(specks) >= len(materials.tiles()) - 1
     (features,) = found
-    expected = {part.model for tile in gallery.tiles() for part in with_parts(tile.material) if not part.parts}
+    expected = {part.model for tile in materials.tiles() for part in with_parts(tile.material) if not part.parts}
     assert set(features[0]) == expected
 
 
-def test_ball_and_stone_are_closed_and_face_outwards(gallery: ModuleType) -> None:
+def test_ball_and_stone_are_closed_and_face_outwards(bodies: ModuleType) -> None:
     """The signed volume is that of the body, and each edge is run through once either way."""
-    for mesh, volume in ((gallery.ball(), 4.0 / 3.0 * np.pi), (gallery.brilliant(1.0), None)):
+    for mesh, volume in ((bodies.ball(), 4.0 / 3.0 * np.pi), (bodies.brilliant(1.0), None)):
         _, where = np.unique(np.round(mesh.vertices, 5), axis=0, return_inverse=True)
         faces = where.reshape(-1)[mesh.faces]
         edges = {(int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True)}
@@ -109,8 +177,8 @@ def test_ball_and_stone_are_closed_and_face_outwards(gallery: ModuleType) -> Non
         assert low < found < high
 
 
-def test_a_stone_is_convex(gallery: ModuleType) -> None:
-    stone = gallery.brilliant()
+def test_a_stone_is_convex(bodies: ModuleType) -> None:
+    stone = bodies.brilliant()
     corners = stone.vertices[stone.faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -118,25 +186,12 @@ def test_a_stone_is_convex(gallery: ModuleType) -> None:
     assert outside.max() < 1e-5
 
 
-def test_sheet_has_a_place_for_every_tile(gallery: ModuleType) -> None:
-    pictures = {tile.name: np.full((64, 64, 3), 40 + 7 * i, np.uint8) for i, tile in enumerate(gallery.tiles())}
-    sheet = np.asarray(gallery.contact_sheet(pictures))
-    levels = {int(picture[0, 0, 0]) for picture in pictures.values()}
-    flat = {int(v) for v in levels if (sheet == v).all(axis=2).sum() >= 64 * 64}
+def test_sheet_has_a_place_for_every_tile() -> None:
+    tiles = [(np.full((64, 64, 3), 40 + 7 * i, np.uint8), (f"tile {i}", "caption")) for i in range(13)]
+    sheet = np.asarray(script("pictures.picture").contact_sheet(tiles, 5))
+    levels = {int(pixels[0, 0, 0]) for pixels, _ in tiles}
+    flat = {v for v in levels if (sheet == v).all(axis=2).sum() >= 64 * 64}
     assert flat == levels
-
-
-# --- Integrators -----------------------------------------------------------------------------------
-
-
-def test_integrators_and_layers_are_shown() -> None:
-    integrators = script("integrators")
-    text = (ROOT / "docs" / "integrators.md").read_text(encoding="utf-8")
-    assert sorted(re.findall(r"\(pictures/([\w-]+)\.jpg\)", text)) == sorted([*integrators.PICTURES, "layers"])
-    assert {given["integrator"] for given in integrators.PICTURES.values()} <= set(INTEGRATORS) - {"aov"}
-    scene = integrators.make_scene()
-    assert not any(shape.transform for shape in scene.shapes)
-    assert len({id(shape.material) for shape in scene.shapes}) < len(scene.shapes)
 
 
 # --- Plots -----------------------------------------------------------------------------------------

@@ -1,29 +1,18 @@
-"""Render the pictures of docs/motion.md: a forest of instances, and things that move while the shutter is open.
-
-python scripts/motion.py [--spp N] [--scale X] [--only NAME ...] [--out FOLDER] [--device NAME] [--threads N]
-"""
+"""A forest of instances, and things that move while the shutter is open, for docs/motion.md."""
 
 from __future__ import annotations
-
-import argparse
-import sys
-import time
-from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.formats.images import quantize
 from wrt.formats.parts import merge
 
-DOCS_PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
-JPEG_QUALITY = 88
+from .picture import Picture
+
 TREES = 6000
 NEEDLES = 2500
 """Triangles of a tree are twice as many."""
-WIDTH, HEIGHT = 720, 405
 
 Array = NDArray[np.float64]
 
@@ -76,6 +65,7 @@ def forest() -> wrt.Scene:
     rng = np.random.default_rng(4)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 4.2, 11.0), (0.0, 1.8, -8.0), fov_degrees=38.0))
     scene.environment = wrt.SunSkyEnvironment(elevation_degrees=24.0, azimuth_degrees=-75.0, turbidity=3.5)
+    scene.settings.exposure = -4.2
     scene.add(ground(), material=wrt.Diffuse((0.10, 0.12, 0.045)))
     needles = wrt.Diffuse(wrt.VertexColor())
     kinds = [tree(k, color) for k, color in enumerate([(0.05, 0.11, 0.03), (0.035, 0.09, 0.045), (0.11, 0.13, 0.03)])]
@@ -103,6 +93,7 @@ def toys() -> wrt.Scene:
     """Return a pinwheel that turns, a ball that falls, and a soft one that hits the floor."""
     camera = wrt.PerspectiveCamera((0.0, 1.25, 5.4), (0.0, 0.85, 0.0), fov_degrees=32.0, shutter_close=1.0)
     scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment((0.32, 0.37, 0.45)))
+    scene.settings.exposure = 0.3
     scene.add(wrt.quad((-9, 0, 5), (18, 0, 0), (0, 0, -12)), material=wrt.Diffuse((0.42, 0.4, 0.38)), name="floor")
     lamp = wrt.quad((-3.0, 4.5, 0.5), (2.0, 0.0, 0.0), (0.0, 0.3, 2.0))
     scene.add(lamp, emission=14.0, name="lamp")
@@ -136,41 +127,7 @@ def _at(place: Array) -> Array:
     return m
 
 
-PICTURES: dict[str, tuple[Callable[[], wrt.Scene], float, float]] = {
-    "motion-forest": (forest, -4.2, 0.75),
-    "motion-toys": (toys, 0.3, 1.0),
+PICTURES = {
+    "motion-forest": Picture(forest, 720, 405, 144),
+    "motion-toys": Picture(toys, 720, 405, 192),
 }
-"""Scene, exposure, and what multiplies the samples."""
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    from PIL import Image
-
-    parser = argparse.ArgumentParser(description="Render the pictures of docs/motion.md.")
-    parser.add_argument("--spp", type=int, default=192, help="samples per pixel (default %(default)s)")
-    parser.add_argument("--scale", type=float, default=1.0, help="multiplies width and height (default %(default)s)")
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(PICTURES), help="these pictures")
-    parser.add_argument("--out", type=Path, default=DOCS_PICTURES, metavar="FOLDER", help="where the pictures go")
-    parser.add_argument("--device", default="cpu", help="cpu, cuda or cuda:N")
-    parser.add_argument("--threads", type=int, help="CPU threads; by default all cores")
-    options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.only or PICTURES:
-        make, exposure, samples = PICTURES[name]
-        started = time.perf_counter()
-        path = options.out / f"{name}.jpg"
-        size = {"width": round(WIDTH * options.scale), "height": round(HEIGHT * options.scale)}
-        spp = max(1, round(options.spp * samples))
-        try:
-            picture = wrt.render(make(), **size, spp=spp, device=options.device, threads=options.threads)
-        except wrt.InputError as error:
-            print(f"motion: error: {error}", file=sys.stderr)
-            return 2
-        Image.fromarray(quantize(2.0**exposure * picture)).save(path, quality=JPEG_QUALITY, optimize=True)
-        print(f"{path}: {path.stat().st_size / 1e3:,.0f} kB, {time.perf_counter() - started:.0f} s", flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

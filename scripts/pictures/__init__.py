@@ -1,0 +1,17 @@
+"""What `gallery.py` renders: a module for each page of the documentation that shows pictures."""
+
+from __future__ import annotations
+
+from . import cameras, city, integrators, lights, materials, media, motion
+from .picture import Drawing
+
+GROUPS: dict[str, dict[str, Drawing]] = {
+    "materials": materials.PICTURES,
+    "cameras": cameras.PICTURES,
+    "lights": lights.PICTURES,
+    "city": city.PICTURES,
+    "integrators": integrators.PICTURES,
+    "motion": motion.PICTURES,
+    "media": media.PICTURES,
+}
+"""By group, what makes each picture, by the name of its file."""

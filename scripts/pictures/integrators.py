@@ -1,0 +1,90 @@
+"""One scene as each integrator shows it, and its layers, for docs/integrators.md.
+
+Balls of glass and mirror float over a checkered floor, as in the picture by which ray trees became known.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import wrt
+from wrt.formats.images import quantize
+from wrt.layer_pictures import picture_of
+from wrt.layers import LAYERS
+
+from .bodies import checkered
+from .picture import How, Picture, contact_sheet
+
+
+def sky() -> wrt.ImageEnvironment:
+    """Return a blue that is paler towards the horizon, and a dim ground."""
+    height = np.cos(np.pi * (np.arange(64) + 0.5) / 64.0)[:, None]
+    up = np.clip(height, 0.0, 1.0) ** 0.6
+    row = np.where(height < 0.0, [0.12, 0.1, 0.08], [0.62, 0.72, 0.85] - up * np.array([0.5, 0.45, 0.25]))
+    return wrt.ImageEnvironment(np.repeat(row[:, None], 128, axis=1).astype(np.float32), name="sky")
+
+
+def make_scene(*, moving: bool = False) -> wrt.Scene:
+    """Return the scene, in which one ball may roll to the right while the shutter is open."""
+    camera = wrt.PerspectiveCamera(
+        (0.3, 1.25, 4.4), (0.0, 0.78, 0.0), fov_degrees=38.0, shutter_close=1.0 if moving else 0.0
+    )
+    scene = wrt.Scene(camera=camera, environment=sky())
+    light, dark = checkered(range(-9, 8), range(-14, 6))
+    scene.add(light, material=wrt.Diffuse((0.75, 0.62, 0.12)), name="light squares")
+    scene.add(dark, material=wrt.Diffuse((0.5, 0.06, 0.05)), name="dark squares")
+    scene.add(wrt.sphere((-0.35, 1.05, 0.9), 0.55, subdivisions=5), material=wrt.Dielectric(ior=1.45), name="glass")
+    scene.add(wrt.sphere((0.7, 0.72, -0.3), 0.6, subdivisions=5), material=wrt.Mirror(0.85), name="mirror")
+    blue = wrt.Diffuse((0.2, 0.35, 0.5))
+    scene.add(wrt.box((-1.75, 0.0, -1.6), (-1.0, 1.5, -0.85)), material=blue, name="block")
+    scene.add(wrt.sphere((-1.25, 0.22, 1.1), 0.22, subdivisions=5), material=blue, name="blue ball")
+    ball = wrt.sphere((1.35, 0.28, 1.0), 0.28, subdivisions=5)
+    rolls = wrt.Motion.translation((0.1, 0.0, 0.0)) if moving else None
+    scene.shapes.append(wrt.Shape(ball, wrt.Plastic((0.05, 0.3, 0.08)), name="ball", transform=rolls))
+    scene.add_light(wrt.PointLight((-2.5, 5.0, 3.5), intensity=62.0))
+    return scene
+
+
+@dataclass(frozen=True)
+class LayerSheet:
+    """All layers of one picture, each above its name."""
+
+    picture: Picture
+    columns: int = 5
+
+    @property
+    def about(self) -> str:
+        """Size and samples, in words."""
+        return f"{len(LAYERS)} layers, each {self.picture.about}"
+
+    def draw(self, name: str, how: How) -> Any:
+        """Return a Pillow image; `name` is what progress is reported by."""
+        layers = self.picture.rendered(name, how).layers()
+        tiles = [(quantize(picture_of(layer, values)), (layer,)) for layer, values in layers.items()]
+        return contact_sheet(tiles, self.columns)
+
+
+def shown_by(integrator: str, spp: int, **given: Any) -> Picture:
+    """Return the scene as an integrator shows it."""
+    return Picture(make_scene, 480, 288, spp, {"integrator": integrator, **given})
+
+
+PICTURES: dict[str, Picture | LayerSheet] = {
+    "integrator-whitted": shown_by("whitted", 32, max_depth=12),
+    "integrator-path": shown_by("path", 64, max_depth=32),
+    "integrator-direct": shown_by("direct", 64),
+    "integrator-ao": shown_by("ao", 128, ao_distance=2.0),
+    "layers": LayerSheet(
+        Picture(
+            functools.partial(make_scene, moving=True),
+            320,
+            192,
+            32,
+            {"integrator": "aov", "layers": tuple(LAYERS)},
+        )
+    ),
+}
