@@ -52,6 +52,9 @@ def with_parts(material: wrt.Material) -> Iterator[wrt.Material]:
 # --- All pictures ----------------------------------------------------------------------------------
 
 PICTURES = {name: drawing for group in script("pictures").GROUPS.values() for name, drawing in group.items()}
+OWN_SCRIPT = ("cloth",)
+"""Pictures of examples, whose scripts render them."""
+
 QUICK = ("light-spots", "integrator-ao")
 """Those whose kernels compile fast; the others are marked slow."""
 
@@ -64,7 +67,9 @@ def shown_in(page: Path) -> list[str]:
 def test_docs_show_what_the_gallery_makes() -> None:
     shown = [name for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")] for name in shown_in(page)]
     files = [path.stem for path in (ROOT / "docs" / "pictures").glob("*.jpg")]
-    assert sorted(shown) == sorted(files) == sorted(PICTURES)
+    assert sorted(shown) == sorted(files) == sorted([*PICTURES, *OWN_SCRIPT])
+    for name in OWN_SCRIPT:
+        assert f"{name}.jpg" in (ROOT / "scripts" / f"{name}.py").read_text(encoding="utf-8")
 
 
 def test_a_name_is_a_group_a_picture_or_a_tile() -> None:
