@@ -114,7 +114,10 @@ class Emitters:
         plugin.ignore(*("latitude", "longitude", "timezone", "year", "month", "day", "hour", "minute", "second"))
         to_sun = np.array(plugin.point("sun_direction", (0.0, -1.0, 1.0)))
         upright = _upright(axes, plugin)
-        direction = upright @ (to_sun if plugin.type != "sunsky" else axes @ to_sun)
+        direction = upright @ to_sun / max(float(np.linalg.norm(to_sun)), 1e-30)
+        if direction[1] < 0.01:
+            plugin.warn("a sun below the horizon is put just above it")
+            direction[1] = 0.01
         scale = 1.0 / LUMINOUS  # Mitsuba's radiance is a mean over wavelengths, wrt's the sum
         turbidity = min(max(plugin.number("turbidity", 3.0), 2.0), 10.0)
         sky, sun = plugin.number("sky_scale", 1.0), plugin.number("sun_scale", 1.0)

@@ -81,7 +81,10 @@ class Shapes:
             raise plugin.error("names no shapegroup")
         key = id(group.element)
         if key not in self._groups:
+            # Where its shapes will be, and how far from the camera, is not known yet.
+            detail, self.detail = self.detail, Detail(None, self.detail.height)
             self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self.shapes(inner)]
+            self.detail = detail
             group.finish()
         matrix = plugin.transform()
         plugin.finish()
