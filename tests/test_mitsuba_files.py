@@ -76,6 +76,7 @@ CASES = {
     "sides": Case("twosided of two; one side of diffuse", ('"0.8, 0.2, 0.1"', '"0.1, 0.4, 0.8"')),
     "direct": Case("direct; fov_axis smaller", ('"direct"', '"path"')),
     "media": Case("volpath, homogeneous, hg, null around a medium", ('"g" value="0.5"', '"g" value="0.2"'), 1024),
+    "fog": Case("the medium of a sensor, exterior", ('"0.15, 0.2, 0.25"', '"0.2, 0.2, 0.25"'), 1024),
     "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
 SIGNIFICANCE = sidak(0.01, len(CASES))

@@ -351,6 +351,21 @@ def test_includes_that_multiply_are_refused(tmp_path: Path) -> None:
         wrt.load(tmp_path / "0.xml")
 
 
+def test_references_that_multiply_take_no_time(tmp_path: Path) -> None:
+    nested = "".join(
+        f'<bsdf type="blendbsdf" id="b{i}"><ref id="b{i + 1}"/><ref id="b{i + 1}"/></bsdf>' for i in range(40)
+    )
+    body = nested + '<bsdf type="diffuse" id="b40"/><shape type="sphere"><ref id="b0"/></shape>'
+    with pytest.raises(wrt.InputError, match="nested more than 7 deep"):
+        loaded(tmp_path, body)
+    group = '<shape type="shapegroup" id="{0}"><shape type="instance"><ref id="{1}"/></shape></shape>'
+    body = (
+        group.format("a", "b") + group.format("b", "c") + '<shape type="shapegroup" id="c"><shape type="cube"/></shape>'
+    )
+    with pytest.raises(wrt.InputError, match="must not hold groups or instances"):
+        loaded(tmp_path, body + '<shape type="instance"><ref id="a"/></shape>')
+
+
 @pytest.mark.parametrize(
     "options", [{"parameters": {"a": 1}}, {"allow_outside": True}], ids=["parameters", "allow_outside"]
 )

@@ -55,11 +55,6 @@ def laid_on(mesh: Mesh) -> Laid:
     return Laid(share > 0.5, float(means[0]), float(means[1]), even and share in (0.0, 1.0))
 
 
-def needs_laid(plugin: Plugin) -> bool:
-    """Return whether a `bsdf` has a bump or a normal map anywhere in it."""
-    return plugin.type in ("bumpmap", "normalmap") or any(needs_laid(inner) for inner in plugin.of_kind("bsdf"))
-
-
 def bent(plugin: Plugin, material: Material, laid: Laid, textures: Textures) -> Material:
     """Return a material with the normals of a `normalmap` or a `bumpmap`; without them where they cannot be had."""
     texture = next(plugin.of_kind("texture"), None)

@@ -69,6 +69,7 @@ class Document:
         path: the scene file.
         root: its `scene` element; what was included takes the place of each `include`.
         ids: elements by id, aliases among them.
+        plugins: elements already taken apart (wrt.formats.mitsuba.plugin), by the elements' identity.
     """
 
     def __init__(self, path: Path, parameters: Mapping[str, Any], *, allow_outside: bool) -> None:
@@ -84,6 +85,7 @@ class Document:
         """
         self.path = path
         self.ids: dict[str, Element] = {}
+        self.plugins: dict[int, Any] = {}
         self._parameters = {str(name): str(value) for name, value in parameters.items()}
         self._given = set(self._parameters)
         self._used: set[str] = set()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.formats.mitsuba.bumps import Laid, bent, needs_laid
+from wrt.formats.mitsuba.bumps import Laid, bent
 from wrt.formats.mitsuba.indices import refractive_index, symbol_of
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.textures import Textures
@@ -76,7 +76,7 @@ class Materials:
         Raises:
             InputError: naming file and line, where something in it cannot be used.
         """
-        key = (id(plugin.element), laid if needs_laid(plugin) else None)
+        key = (id(plugin.element), laid if plugin.bends_normals else None)
         if key not in self._made:
             try:
                 self._made[key] = self._make(plugin, laid)

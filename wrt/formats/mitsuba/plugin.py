@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
-from wrt.formats.mitsuba.document import Document, Element
+from wrt.formats.mitsuba.document import MOST_LEVELS, Document, Element
 from wrt.formats.mitsuba.transforms import numbers_of, transform_of, vector_of
 from wrt.values import Vec3
 
@@ -35,6 +35,7 @@ class Plugin:
         type: what it is, such as "diffuse".
         element: where it stands.
         objects: the objects in it, each with the name it is given there, in the order of the file.
+        bends_normals: whether it is or has a bump or a normal map.
     """
 
     def __init__(self, element: Element, document: Document, opened: tuple[Element, ...] = ()) -> None:
@@ -53,13 +54,18 @@ class Plugin:
             if inner.tag in OBJECTS:
                 if inner in opened or inner is element:
                     raise child.error(f"{inner.label} is made of itself")
-                self.objects.append((child.name, Plugin(inner, document, (*opened, element))))
+                self.objects.append((child.name, plugin_of(inner, document, (*opened, element))))
             elif inner.tag in VALUES:
                 if child.name in self._values:
                     raise child.error(f"{self.label} has {child.name!r} twice")
                 self._values[child.name] = inner
             else:
                 raise child.error(f"<{inner.tag}> is not known here{did_you_mean(inner.tag, OBJECTS + VALUES)}")
+
+        # Told here, once, since an object may be in many others.
+        self.bends_normals: bool = self.type in ("bumpmap", "normalmap") or any(
+            x.bends_normals for _, x in self.objects
+        )
 
     @property
     def label(self) -> str:
@@ -190,6 +196,25 @@ class Plugin:
             if name not in self._read:
                 hint = did_you_mean(name, self._read - {name})
                 self.document.warn(element, f"{self.label}: {name!r} is not known{hint}; left out")
+
+
+def plugin_of(element: Element, document: Document, opened: tuple[Element, ...] = ()) -> Plugin:
+    """Return an element as an object, the same one wherever it is referred to from.
+
+    Args:
+        element: what is to be taken apart.
+        document: what it is in.
+        opened: the elements that it is being found in.
+
+    Raises:
+        InputError: where it lies within itself, too deep, or cannot be taken apart.
+    """
+    known: dict[int, Plugin] = document.plugins
+    if id(element) not in known:
+        if len(opened) > MOST_LEVELS:
+            raise element.error(f"objects are more than {MOST_LEVELS} deep within one another")
+        known[id(element)] = Plugin(element, document, opened)
+    return known[id(element)]
 
 
 def positive(plugin: Plugin, name: str, default: float) -> float:

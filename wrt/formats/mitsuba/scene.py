@@ -13,7 +13,7 @@ from wrt.formats.mitsuba.document import Document
 from wrt.formats.mitsuba.lights import Emitters
 from wrt.formats.mitsuba.materials import Materials
 from wrt.formats.mitsuba.media import medium_of
-from wrt.formats.mitsuba.plugin import Plugin
+from wrt.formats.mitsuba.plugin import Plugin, plugin_of
 from wrt.formats.mitsuba.shapes import Shapes
 from wrt.formats.mitsuba.surfaces import Detail
 from wrt.formats.mitsuba.textures import Textures
@@ -80,5 +80,5 @@ def _objects(document: Document) -> list[Plugin]:
         if inner.tag not in ("shape", "emitter", "sensor", "integrator", "film", "sampler"):
             document.warn(inner, f"<{inner.label}> is not known here; left out")
             continue
-        found.append(Plugin(inner, document))
+        found.append(plugin_of(inner, document))
     return found

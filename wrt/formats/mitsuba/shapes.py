@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wrt.camera import PerspectiveCamera
 from wrt.errors import InputError
 from wrt.formats.mitsuba import surfaces
-from wrt.formats.mitsuba.bumps import Laid, laid_on, needs_laid
+from wrt.formats.mitsuba.bumps import Laid, laid_on
 from wrt.formats.mitsuba.materials import BLACK, UNKNOWN, Materials, Surface, clear, is_black
 from wrt.formats.mitsuba.media import boundary_of_nothing, filled, medium_of
 from wrt.formats.mitsuba.meshes import read_mesh
@@ -62,6 +62,8 @@ class Shapes:
         if plugin.type == "instance":
             return list(self._instance(plugin))
         if plugin.type == "merge":
+            if any(inner.type == "merge" for inner in plugin.of_kind("shape")):
+                raise plugin.error("a merged shape must not hold merged shapes")
             found = [shape for inner in plugin.of_kind("shape") for shape in self.shapes(inner)]
             plugin.finish()
             return found
@@ -79,6 +81,8 @@ class Shapes:
         group = next((each for each in plugin.of_kind("shape") if each.type == "shapegroup"), None)
         if group is None:
             raise plugin.error("names no shapegroup")
+        if any(inner.type in ("instance", "shapegroup", "merge") for inner in group.of_kind("shape")):
+            raise group.error("a group must not hold groups or instances")
         key = id(group.element)
         if key not in self._groups:
             # Where its shapes will be, and how far from the camera, is not known yet.
@@ -120,7 +124,7 @@ class Shapes:
             surface = Surface(clear() if shines(emission) or inside is None else boundary_of_nothing(inside))
         elif inside is not None:
             surface = dataclasses.replace(flat, material=filled(plugin, flat.material, inside))
-        if bsdf is not None and needs_laid(bsdf):
+        if bsdf is not None and bsdf.bends_normals:
             surface = self.materials.surface(bsdf, laid_on(mesh))
         name = plugin.element.attributes.get("id") or plugin.type
         return Shape(mesh, self._seen(surface, mesh), emission, name=name)
