@@ -85,6 +85,8 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
     from wrt import meshes
 
     path = Path(source)
+    if not str(source):
+        raise InputError("the name of what is to be rendered is empty")
     builtin = isinstance(source, str) and source in meshes.scene_names() and not path.is_file()
     if builtin:
         path = meshes.scene_path(str(source))

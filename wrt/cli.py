@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from wrt._version import __version__
 from wrt.arguments import crop, definition, finite, positive, size, whole
-from wrt.errors import InputError
+from wrt.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -82,8 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _complain(kind: str, what: object) -> None:
-    text = " ".join(str(what).split("\n"))
-    print(f"wrt: {kind}: {text}", file=sys.stderr, flush=True)
+    print(f"wrt: {kind}: {one_line(str(what))}", file=sys.stderr, flush=True)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -333,7 +332,7 @@ def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
     checkpoint = Path(options.checkpoint)
     require_place(checkpoint)
     for other, what in ((output, "the picture"), (Path(options.input), "the input")):
-        if checkpoint.resolve() == other.resolve():
+        if os.path.realpath(checkpoint) == os.path.realpath(other):  # unlike `resolve`, it takes links in circles
             raise InputError(f"{checkpoint}: the checkpoint would overwrite {what}; name another file")
     return output, checkpoint
 
@@ -386,7 +385,7 @@ def _short_warnings(show_line: Callable[[str], None]) -> Iterator[None]:
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, UserWarning):
-            show_line("wrt: warning: " + " ".join(str(message).split("\n")))
+            show_line(f"wrt: warning: {one_line(str(message))}")
 
     with warnings.catch_warnings():
         warnings.showwarning = show
@@ -401,7 +400,7 @@ def _report(options: argparse.Namespace, renderer: Renderer, output: Path) -> No
     paths_per_second = renderer.paths / seconds if seconds > 0.0 else 0.0
     if not options.quiet:
         parts = [
-            str(output),
+            one_line(str(output)),
             f"{renderer.film.width}x{renderer.film.height}",
             f"{renderer.spp} spp",
             f"{seconds:.1f} s",

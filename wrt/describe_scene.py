@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from wrt.errors import one_line
 from wrt.materials import Material
 from wrt.mesh import Mesh
 from wrt.scene import Scene, Shape
@@ -153,7 +154,8 @@ def _table(title: str, heads: tuple[str, ...], rows: list[Row]) -> list[str]:
     """Return a titled table, nothing without rows; every column but the last is as wide as it must be."""
     if not rows:
         return []
-    shown = [(title, *heads[1:]), *rows[:MOST_ROWS]]
+    # Names come from files, and may hold what moves a terminal's cursor.
+    shown = [(title, *heads[1:]), *(tuple(one_line(cell) for cell in row) for row in rows[:MOST_ROWS])]
     widths = [max(len(row[k]) for row in shown) for k in range(len(heads))]
     lines = [""]
     for row in shown:

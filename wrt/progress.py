@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from wrt.errors import one_line
+
 if TYPE_CHECKING:
     from wrt.renderer import Progress
 
@@ -71,7 +73,7 @@ class ProgressBar:
             time_limit: seconds of rendering after which it ends, if any.
             wanted: False for no bar even on a terminal.
         """
-        self._label = label.replace("{", "{{").replace("}", "}}")
+        self._label = one_line(label).replace("{", "{{").replace("}", "}}")
         self._time_limit = time_limit
         self._bar: Any = None
         self._drawn = 0.0

@@ -5,6 +5,7 @@ Read by expat without a document type, so that no entity can be declared or fetc
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -90,7 +91,7 @@ class Document:
         self._given = set(self._parameters)
         self._used: set[str] = set()
         self._allow_outside = allow_outside
-        self._home = path.resolve().parent
+        self._home = _real(path).parent
         self._folders = [path.parent]
         self._included = 0
         self._warned: set[str] = set()
@@ -139,7 +140,7 @@ class Document:
         return found
 
     def _check_inside(self, where: Element, path: Path, name: str) -> None:
-        if not self._allow_outside and not path.resolve().is_relative_to(self._home):
+        if not self._allow_outside and not _real(path).is_relative_to(self._home):
             raise where.error(
                 f"{name!r} is outside the scene's folder; allow it by --allow-outside, or allow_outside=True"
             )
@@ -148,7 +149,7 @@ class Document:
         """Return the outermost element of a file; `opened` are the files that it is included from."""
         root = parse(path)
         old = _major_version(root) < 2
-        self._expand(root, (*opened, path.resolve()), old, 0)
+        self._expand(root, (*opened, _real(path)), old, 0)
         return root
 
     def _expand(self, element: Element, opened: tuple[Path, ...], old: bool, level: int) -> None:
@@ -203,7 +204,7 @@ class Document:
     def _include(self, element: Element, opened: tuple[Path, ...]) -> list[Element]:
         """Return what an included file holds."""
         path = self.file(element, element.get("filename"))
-        if path.resolve() in opened:
+        if _real(path) in opened:
             raise element.error(f"{element.get('filename')!r} includes itself")
         self._included += 1
         if self._included > MOST_INCLUDES:
@@ -261,6 +262,11 @@ def parse(path: Path) -> Element:
             raise
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
     return roots[0]
+
+
+def _real(path: Path) -> Path:
+    """Return a path without links; where they form a circle, what there is of it (`Path.resolve` would fail)."""
+    return Path(os.path.realpath(path))
 
 
 def _major_version(root: Element) -> int:
