@@ -101,7 +101,7 @@ def seen_by(camera: wrt.Camera, width: int, height: int, spp: int = 128) -> Pict
 
 
 PICTURES = {
-    "camera-bokeh": seen_by(wrt.PerspectiveCamera(**CLOSE, **LENS), 720, 405, 256),
+    "camera-bokeh": seen_by(wrt.PerspectiveCamera(**CLOSE, **LENS), 640, 360, 128),
     "camera-panorama": seen_by(wrt.PanoramaCamera(EYE, (EYE[0] + 0.35, EYE[1], EYE[2] - 1.0)), 720, 360),
     "camera-fisheye": seen_by(wrt.FisheyeCamera((0.0, 0.25, 1.3), (0.0, 1.1, 0.9), fov_degrees=180.0), 400, 400),
     "camera-orthographic": seen_by(wrt.OrthographicCamera((4.6, 6.4, 8.0), (0, 0.9, 0), view_height=10.5), 400, 400),
@@ -118,6 +118,6 @@ PICTURES = {
         ),
         400,
         400,
-        192,
+        128,
     ),
 }

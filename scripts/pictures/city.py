@@ -18,8 +18,8 @@ BLOCKS = 10
 def city() -> wrt.Scene:
     """Return a street between houses, under lamps, garlands of bulbs and windows."""
     scene = night_city(LIGHTS, blocks=BLOCKS)
-    scene.settings.exposure = -1.5
+    scene.settings.exposure = -1.8
     return scene
 
 
-PICTURES = {"city": Picture(city, spp=256)}
+PICTURES = {"city": Picture(city, spp=64)}

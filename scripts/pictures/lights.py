@@ -36,7 +36,7 @@ def spots() -> wrt.Scene:
         color = tuple(26.0 * c for c in color)
         cone = {"inner_degrees": 2.5, "outer_degrees": 9.0}
         scene.add_light(wrt.SpotLight((x, 1.3, 2.8), (0.0, 0.05, -4.2), color=color, falloff=falloff, **cone))
-    scene.environment = wrt.ConstantEnvironment(0.05)
+    scene.environment = wrt.ConstantEnvironment(0.14)
     return scene
 
 
@@ -68,7 +68,7 @@ def screen() -> wrt.Scene:
     image = wrt.ImageTexture(color_bars(), factor=1.6)
     pane = wrt.quad((-1.5, 1.0, -1.3), (3.0, 0.0, 0.0), (0.0, 1.05, 0.0))
     scene.add(pane, material=wrt.Diffuse(0.0), emission=image)
-    scene.environment = wrt.ConstantEnvironment(0.03)
+    scene.environment = wrt.ConstantEnvironment(0.09)
     return scene
 
 
@@ -85,8 +85,8 @@ def sky(elevation: float, turbidity: float, exposure: float) -> wrt.Scene:
 
 PICTURES = {
     "light-spots": Picture(spots),
-    "light-shapes": Picture(shapes, spp=256),
+    "light-shapes": Picture(shapes),
     "light-screen": Picture(screen),
     "light-sky-noon": Picture(functools.partial(sky, 48.0, 2.5, -5.4)),
-    "light-sky-evening": Picture(functools.partial(sky, 7.0, 3.0, -4.0)),
+    "light-sky-evening": Picture(functools.partial(sky, 7.0, 3.0, -4.9)),
 }

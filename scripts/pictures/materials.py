@@ -19,10 +19,10 @@ from .picture import Picture, Sheet
 
 Array = NDArray[np.float64]
 
-SIZE = 232
+SIZE = 200
 """Pixels of a tile, either way."""
 
-SPP = 96
+SPP = 64
 
 SQUARE = 0.5
 """Side of the cove's squares, metres; the ball has radius 1."""
@@ -134,29 +134,29 @@ def tiles() -> tuple[Tile, ...]:
             wrt.Principled(base_color=(0.25, 0.42, 0.75), metallic=1.0, roughness=0.3),
         ),
         # Clear
-        Tile("glass", "ior 1.5", wrt.Dielectric(), samples=3),
-        Tile("rough-glass", "ior 1.5, alpha 0.1", wrt.RoughDielectric(alpha=0.1), samples=3),
-        Tile("thin-glass", "ior 1.5, a bubble", wrt.ThinDielectric(), samples=3),
+        Tile("glass", "ior 1.5", wrt.Dielectric(), samples=2),
+        Tile("rough-glass", "ior 1.5, alpha 0.1", wrt.RoughDielectric(alpha=0.1), samples=2),
+        Tile("thin-glass", "ior 1.5, a bubble", wrt.ThinDielectric(), samples=2),
         Tile("diamond", "diamond", wrt.Dielectric("diamond"), cut=True),
         Tile(
             "frosted",
             "transmission 1, roughness 0.3",
             wrt.Principled(base_color=(0.45, 0.85, 0.8), transmission=1.0, roughness=0.3),
-            samples=3,
+            samples=2,
         ),
         # Filled with something
         Tile(
             "coloured-glass",
             "with a medium inside",
             wrt.Dielectric(interior=wrt.Medium.from_color((0.75, 0.2, 0.05), distance=1.0)),
-            samples=3,
+            samples=2,
         ),
-        Tile("cloud", "with a cloud inside", wrt.Null(interior=wrt.Medium.from_albedo(0.98, 2.5, g=0.4)), samples=3),
+        Tile("cloud", "with a cloud inside", wrt.Null(interior=wrt.Medium.from_albedo(0.98, 2.5, g=0.4)), samples=2),
         Tile(
             "wax",
             "with wax inside, no surface",
             wrt.Null(interior=wrt.Medium.from_subsurface((0.9, 0.75, 0.45), (0.2, 0.12, 0.05))),
-            samples=3,
+            samples=2,
         ),
         Tile(
             "jade",
@@ -164,13 +164,13 @@ def tiles() -> tuple[Tile, ...]:
             wrt.RoughDielectric(
                 ior=1.6, alpha=0.2, interior=wrt.Medium.from_subsurface((0.35, 0.8, 0.5), (0.06, 0.12, 0.08))
             ),
-            samples=3,
+            samples=2,
         ),
         Tile(
             "milk",
             "with milk inside",
             wrt.Dielectric(1.35, interior=wrt.Medium.from_subsurface((0.95, 0.93, 0.88), (0.08, 0.05, 0.03), g=0.7)),
-            samples=3,
+            samples=2,
         ),
         # Layered and composite
         Tile(
@@ -187,7 +187,7 @@ def tiles() -> tuple[Tile, ...]:
         ),
         Tile(
             "mix",
-            "gold and lacquer, weight an image",
+            "gold on lacquer, by an image",
             wrt.Mix(wrt.Plastic(0.015), wrt.RoughConductor(0.1, metal="gold"), weight=swirl()),
         ),
         Tile(

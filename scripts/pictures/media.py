@@ -140,8 +140,8 @@ def subsurface() -> wrt.Scene:
 
 
 PICTURES = {
-    "media-water-and-ice": Picture(water_and_ice, 400, 400, 512),
-    "media-coloured-glass": Picture(coloured_glass, spp=256),
-    "media-fog": Picture(fog, spp=256),
-    "media-subsurface": Picture(subsurface, spp=256),
+    "media-water-and-ice": Picture(water_and_ice, 400, 400, 192),
+    "media-coloured-glass": Picture(coloured_glass, spp=128),
+    "media-fog": Picture(fog, 400, 225, 384),
+    "media-subsurface": Picture(subsurface, spp=128),
 }

@@ -129,5 +129,5 @@ def _at(place: Array) -> Array:
 
 PICTURES = {
     "motion-forest": Picture(forest, 720, 405, 144),
-    "motion-toys": Picture(toys, 720, 405, 192),
+    "motion-toys": Picture(toys, 640, 360, 128),
 }

@@ -20,7 +20,7 @@ GAP = 10
 """Pixels between the pictures of a sheet, which are those of its rim too."""
 
 BACKGROUND = (30, 31, 33)
-LARGE, SMALL = (17, (240, 240, 240)), (14, (165, 168, 172))
+LARGE, SMALL = (16, (240, 240, 240)), (13, (165, 168, 172))
 """Height and colour of the first line below a picture, and of the second."""
 
 
