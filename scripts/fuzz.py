@@ -162,7 +162,7 @@ def judge(read: Reader, path: Path, allowed: tuple[type[Exception], type[Warning
     for what, text in words:
         if _CONTROL.search(text) or len(text) > _LONGEST:
             return Outcome("failed", f"{what} is not one short line of plain text: {_short(text)}")
-        if path.stem not in text:
+        if path.stem not in text and str(path.parent) not in text:  # or one that it names
             return Outcome("failed", f"{what} does not name the file: {_short(text)}")
         if _MEMORY.search(text):
             return Outcome("failed", f"memory is allocated before the size is checked: {_short(text)}")

@@ -83,6 +83,7 @@ def _refuse(xml: dict[str, Any], source: object) -> None:
 
 def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | None, xml: dict[str, Any]) -> Scene:
     from wrt import meshes
+    from wrt.files import naming
 
     path = Path(source)
     if not str(source):
@@ -95,7 +96,8 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
             raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba's scenes")
         from wrt.formats.mitsuba.scene import load_mitsuba
 
-        return load_mitsuba(path, **xml)
+        with naming(path):
+            return load_mitsuba(path, **xml)
     _refuse(xml, source)
     if path.suffix.lower() == ".toml":
         if up is not None:
@@ -108,7 +110,6 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
     if not path.suffix and not path.exists():
         names = ", ".join(meshes.scene_names())
         raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
-    from wrt.files import naming
     from wrt.formats.meshes import load_file
 
     scene = load_file(path)
