@@ -39,8 +39,7 @@ Spectrum = NDArray[np.float64]
 
 def emitted(spectrum: Spectrum) -> Vec3:
     """Return the colour of a spectrum that shines; what lies outside Rec. 709 is clipped at 0."""
-    with np.errstate(all="ignore"):  # a colour that is not finite is refused where it is used
-        return _color(spectrum @ _RESPONSE * 5.0 / LUMINOUS)
+    return _color(spectrum @ _RESPONSE * 5.0 / LUMINOUS)
 
 
 def reflected(spectrum: Spectrum) -> Vec3:

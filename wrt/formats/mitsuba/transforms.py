@@ -56,8 +56,7 @@ def transform_of(element: Element) -> Matrix:
         maker = _MAKERS.get(child.tag)
         if maker is None:
             raise child.error(f"<{child.tag}> is no transform; there are {', '.join(_MAKERS)}")
-        with np.errstate(all="ignore"):  # what comes of numbers out of range is refused below, or where it is used
-            result = maker(child) @ result
+        result = maker(child) @ result
     return result
 
 
