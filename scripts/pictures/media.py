@@ -84,10 +84,16 @@ def coloured_glass() -> wrt.Scene:
 def fog() -> wrt.Scene:
     """A hall full of haze, into which a low lamp shines through three windows."""
     camera = wrt.PerspectiveCamera((1.0, 1.35, 4.6), (-0.1, 1.25, -1.5), fov_degrees=44.0)
-    scene = wrt.Scene(camera=camera, medium=wrt.Medium.from_albedo((0.93, 0.94, 0.95), 0.14, g=0.5))
-    scene.settings.max_depth = 5
+    scene = wrt.Scene(camera=camera)
+    scene.settings.max_depth = 4
+    scene.settings.exposure = 0.4
     left, right, front, back, top = -2.6, 2.6, 5.5, -4.0, 3.4
-    stone = wrt.Diffuse((0.32, 0.3, 0.28))
+    # The lamp stands in clear air: near it, haze would shine without bound, and few paths would find that.
+    haze = wrt.Null(interior=wrt.Medium.from_albedo((0.93, 0.94, 0.95), 0.14, g=0.5))
+    scene.add(
+        wrt.box((left - 0.5, -0.5, back - 0.5), (right + 0.5, top + 0.5, front + 0.5)), material=haze, name="haze"
+    )
+    stone = wrt.Diffuse((0.24, 0.225, 0.21))
     scene.add(wrt.quad((left, 0, front), (right - left, 0, 0), (0, 0, back - front)), material=stone, name="floor")
     scene.add(wrt.quad((left, top, back), (right - left, 0, 0), (0, 0, front - back)), material=stone, name="ceiling")
     scene.add(wrt.quad((left, 0, back), (right - left, 0, 0), (0, top, 0)), material=stone, name="wall")
@@ -106,7 +112,7 @@ def fog() -> wrt.Scene:
     scene.add(ball, material=wrt.Diffuse((0.6, 0.12, 0.06)), name="ball")
     # Far away, so that nothing in the hall is much nearer to it than the rest.
     place, aim = np.array([-10.5, 7.0, -3.4]), np.array([0.2, 0.6, -1.6])
-    warm = (14000.0, 11500.0, 8100.0)
+    warm = (3300.0, 2700.0, 1900.0)
     scene.add_light(wrt.SpotLight(place, aim - place, intensity=warm, inner_degrees=13.0, outer_degrees=16.0))
     scene.environment = None
     return scene
@@ -142,6 +148,6 @@ def subsurface() -> wrt.Scene:
 PICTURES = {
     "media-water-and-ice": Picture(water_and_ice, 400, 400, 192),
     "media-coloured-glass": Picture(coloured_glass, spp=128),
-    "media-fog": Picture(fog, 400, 225, 384),
+    "media-fog": Picture(fog, 400, 225, 288),
     "media-subsurface": Picture(subsurface, spp=128),
 }
