@@ -145,7 +145,7 @@ done:;
 _FIND_LEAF = "const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);"
 FOLLOW_RAY = follow_ray(_FIND_LEAF + TRIANGLE_TEST)
 
-_TRAVERSE = (
+_ONE_RAY = (
     """
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
@@ -174,14 +174,16 @@ def native_code(code: str) -> str:
     return with_vectors(code.replace("BOX_PAD", "1.00002f"), LEAF_SIZE)
 
 
-@wp.func_native(native_code(_TRAVERSE.replace("FOLLOW_THE_RAY", FOLLOW_RAY)))
+_TRAVERSE = _ONE_RAY.replace("FOLLOW_THE_RAY", FOLLOW_RAY)
+
+
+@wp.func_native(native_code(_TRAVERSE))
 def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4: ...
 
 
 @wp.func_native(
     native_code(
-        "const bool any_hit = false;"
-        + _TRAVERSE.replace("FOLLOW_THE_RAY", follow_ray(_FIND_LEAF + TRIANGLE_TEST_AFTER))
+        "const bool any_hit = false;" + _ONE_RAY.replace("FOLLOW_THE_RAY", follow_ray(_FIND_LEAF + TRIANGLE_TEST_AFTER))
     )
 )
 def _traverse_after(

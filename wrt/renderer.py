@@ -19,6 +19,7 @@ from wrt.build.filters import filter_table
 from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.build.light_choice import LIGHT_CHOICES
 from wrt.build.scene_data import build_scene
+from wrt.camera import CAMERAS
 from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
 from wrt.device import Device
 from wrt.errors import InputError
@@ -172,6 +173,9 @@ class Renderer:
         if self.scene.camera is None:
             points = np.concatenate([shape.outline for shape in self.scene.shapes])
             self.scene.camera = frame_camera(points, self.width / self.height)
+        if not isinstance(self.scene.camera, tuple(CAMERAS.values())):
+            given_camera = type(self.scene.camera).__name__
+            raise InputError(f"the scene's camera must be one of wrt's cameras, not {given_camera}")
         if self.integrator not in WITHOUT_LIGHT and not _has_light(self.scene):
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
 

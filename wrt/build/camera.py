@@ -9,7 +9,6 @@ import numpy as np
 
 from wrt.build.motion import motion_records
 from wrt.camera import Camera, FisheyeCamera, LensCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
-from wrt.errors import InputError
 
 CropWindow = tuple[int, int, int, int]
 """First column, first row, column after the last and row after the last, pixels of the whole picture."""
@@ -65,10 +64,9 @@ def _kind_and_pixel(camera: Camera, width: int, height: int) -> tuple[int, tuple
     if isinstance(camera, PanoramaCamera):
         degrees = (camera.horizontal_degrees / width, camera.vertical_degrees / height)
         return kinds.PANORAMA, (math.radians(degrees[0]), math.radians(degrees[1]))
-    if isinstance(camera, FisheyeCamera):
-        pixel = math.radians(camera.fov_degrees) / min(width, height)
-        return kinds.FISHEYE, (pixel, pixel)
-    raise InputError(f"the scene's camera must be one of wrt's cameras, not {type(camera).__name__}")
+    assert isinstance(camera, FisheyeCamera)
+    pixel = math.radians(camera.fov_degrees) / min(width, height)
+    return kinds.FISHEYE, (pixel, pixel)
 
 
 def _set_lens(data: Any, camera: LensCamera) -> None:
