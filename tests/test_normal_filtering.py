@@ -91,9 +91,8 @@ def plane(material: wrt.Material, light: NDArray, camera: wrt.PerspectiveCamera)
 
 def picture(scene: wrt.Scene, device: str, spp: int, resolution: int, seed: int = 0) -> NDArray[np.float64]:
     """Return (H, W) the first channel of the light reflected once."""
-    renderer = wrt.Renderer(
-        scene, width=resolution, height=resolution, device=device, max_depth=2, filter="box", seed=seed
-    )
+    options = {"max_depth": 2, "filter": "box", "sampler": "independent"}  # noise is measured
+    renderer = wrt.Renderer(scene, width=resolution, height=resolution, device=device, seed=seed, **options)
     for _ in renderer.passes(spp=spp):
         pass
     return renderer.image()[..., 0].astype(np.float64)
