@@ -32,7 +32,7 @@ def read(path: Path) -> None:
     if fault == "allocate":
         bytearray(2**40)
     if fault == "fill":
-        pages = [bytearray(os.urandom(1)) * 2**24 for _ in range(1000)]
+        pages = [os.urandom(1) * 2**24 for _ in range(1000)]
         assert len(pages) == 1000
     if fault == "refuse for memory":
         raise InputError(f"{name}: Unable to allocate 8 TiB")
