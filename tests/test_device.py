@@ -86,6 +86,8 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
     """Slices that run end, no other starts, and none runs once the interrupt is with the caller."""
     device = Device("cpu", threads=2)
     started, ended = [], []
+    # A shell that started this in the background had it ignore interrupts.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def slow(kernel: wp.Kernel, dim: int, inputs: list, **_: object) -> None:
         started.append(inputs[0])
@@ -96,8 +98,11 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
         ended.append(inputs[0])
 
     monkeypatch.setattr(wp, "launch", slow)
-    with pytest.raises(KeyboardInterrupt):
-        device.launch(count, 10_000, [])
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            device.launch(count, 10_000, [])
+    finally:
+        signal.signal(signal.SIGINT, before)
     seen = len(started)
     assert sorted(ended) == sorted(started)
     # Some more may start before the main thread has its turn, on a busy machine.

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,9 @@ from wrt.values import integer
 SLICES_PER_THREAD = 16
 """Slices of a CPU launch per thread: enough that the last ones end together, few enough that the
 25 µs a launch costs stay under 0.1 % of a 0.3 s pass."""
+
+INTERRUPT_SECONDS = 0.1
+"""An interrupt during a launch is seen after this at the latest."""
 
 
 def available_threads() -> int:
@@ -170,10 +173,13 @@ class Device:
 
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt")
-        workers = [self._pool.submit(work) for _ in range(self.threads)]
+        workers = {self._pool.submit(work) for _ in range(self.threads)}
         try:
-            for worker in workers:
-                worker.result()
+            # Not without a timeout: such a wait cannot be interrupted on every system.
+            while workers:
+                ended, workers = wait(workers, timeout=INTERRUPT_SECONDS, return_when=FIRST_EXCEPTION)
+                for worker in ended:
+                    worker.result()
         finally:
             stop.set()
             wait(workers)

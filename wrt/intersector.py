@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrt.build.bvh import build_bvh, refit_bvh
-from wrt.build.geometry import upload_meshes
+from wrt.build.geometry import device_vectors, first_not_finite, upload_meshes
 from wrt.build.instances import PlacedTrees
 from wrt.device import Device
 from wrt.errors import InputError
@@ -150,14 +150,10 @@ class Intersector:
         """Return new vertices on the device, checked."""
         import warp as wp
 
-        from wrt.kernels.bvh_refit import find_not_finite
-
-        points = _vectors("vertices", vertices, self.device.name)
+        points = device_vectors("vertices", vertices, self.device.name)
         if len(points) != len(before):
             raise InputError(f"there are {len(points)} vertices, but the tree was built over {len(before)}")
-        found = wp.full(1, -1, dtype=int, device=self.device.name)
-        self.device.launch(find_not_finite, len(points), [points, found])
-        bad = int(found.numpy()[0])
+        bad = first_not_finite(points, self.device)
         if bad >= 0:
             raise InputError(f"vertex {bad} is not finite: {points[bad : bad + 1].numpy()[0]}")
         return points if isinstance(vertices, wp.array) else wp.clone(points)
@@ -214,7 +210,7 @@ class Intersector:
         import warp as wp
 
         arrays = [
-            _vectors(name, value, self.device.name)
+            device_vectors(name, value, self.device.name)
             for name, value in (("origins", origins), ("directions", directions))
         ]
         if len(arrays[0]) != len(arrays[1]):
@@ -267,20 +263,6 @@ class Intersector:
             near = (np.abs(o[i] - o[i + 1]) / extent).max(axis=1) < SPREAD
             near &= np.abs(a - b).max(axis=1) < SPREAD
         return bool(near.mean() > 0.8)
-
-
-def _vectors(name: str, value: Any, device: str) -> Any:
-    """Return an array of vec3 on the device; neither a Warp array there nor, on the CPU, a float32 one is copied."""
-    import warp as wp
-
-    if isinstance(value, wp.array):
-        if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != device:
-            raise InputError(f"{name} must be a one-dimensional Warp array of vec3 on {device}")
-        return value.contiguous()
-    array = np.ascontiguousarray(value, dtype=np.float32)
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"{name} must be (N, 3), not {array.shape}")
-    return wp.array(array, dtype=wp.vec3, device=device, copy=False)
 
 
 def _meshes(source: Any) -> list[Any]:

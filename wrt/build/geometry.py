@@ -1,4 +1,4 @@
-"""The triangles of several meshes as one."""
+"""The triangles of several meshes as one, and vectors that a person gives, on a device."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
 
@@ -47,3 +48,40 @@ def upload_triangles(
         points = np.concatenate([m.vertices for m in vertices])
         indices = np.concatenate([m.faces + start for m, start in zip(faces, first, strict=True)])
     return wp.array(points, dtype=wp.vec3, device=device), wp.array(indices.ravel(), dtype=int, device=device)
+
+
+def device_vectors(name: str, value: Any, device: str) -> Any:
+    """Return an array of vec3 on the device; neither a Warp array there nor, on the CPU, a float32 one is copied.
+
+    Args:
+        name: for messages.
+        value: (N, 3) NumPy array, or Warp array of vec3.
+        device: "cpu" or "cuda:N".
+
+    Raises:
+        InputError: on arrays of other shapes or kinds, or elsewhere.
+    """
+    import warp as wp
+
+    if isinstance(value, wp.array):
+        if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != device:
+            raise InputError(f"{name} must be a Warp array of vec3 on {device}, of one dimension")
+        return value.contiguous()
+    try:
+        rows = np.ascontiguousarray(value, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers") from None
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise InputError(f"{name} must be (N, 3), not {rows.shape}")
+    return wp.array(rows, dtype=wp.vec3, device=device, copy=False)
+
+
+def first_not_finite(points: Any, device: Device) -> int:
+    """Return the number of the first of device vectors that is not finite, −1 where all are."""
+    import warp as wp
+
+    from wrt.kernels.bvh_refit import find_not_finite
+
+    found = wp.full(1, -1, dtype=int, device=device.name)
+    device.launch(find_not_finite, len(points), [points, found])
+    return int(found.numpy()[0])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from wrt.build.bvh import BuiltBvh, refit_bvh
+from wrt.build.geometry import device_vectors, first_not_finite
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import Mesh
@@ -47,8 +48,6 @@ class WorldMeshes:
         """
         import warp as wp
 
-        from wrt.kernels.bvh_refit import find_not_finite
-
         if number not in self._first or self._tree is None or not self._alone:
             raise InputError(
                 f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
@@ -58,10 +57,9 @@ class WorldMeshes:
             raise InputError(f"{shape.name}: vertices of what gives off light cannot be updated; make a new Renderer")
         first, count = self._first[number], len(shape.mesh.vertices)
         points = self._given(f"{shape.name}: vertices", vertices, count)
-        bad = wp.full(1, -1, dtype=int, device=self._device.name)
-        self._device.launch(find_not_finite, count, [points, bad])
-        if int(bad.numpy()[0]) >= 0:
-            raise InputError(f"{shape.name}: vertex {int(bad.numpy()[0])} is not finite")
+        bad = first_not_finite(points, self._device)
+        if bad >= 0:
+            raise InputError(f"{shape.name}: vertex {bad} is not finite")
         wp.copy(self._data.points, points, dest_offset=first, count=count)
         if normals is not None:
             given = self._given(f"{shape.name}: normals", normals, count)
@@ -71,20 +69,7 @@ class WorldMeshes:
         refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
 
     def _given(self, name: str, values: Any, count: int) -> Any:
-        import warp as wp
-
-        if isinstance(values, wp.array):
-            array = values
-            if array.dtype != wp.vec3 or array.ndim != 1:
-                raise InputError(f"{name} must be a Warp array of vec3, not of {array.dtype.__name__}")
-        else:
-            try:
-                rows = np.ascontiguousarray(values, dtype=np.float32)
-            except (TypeError, ValueError):
-                raise InputError(f"{name} must be numbers") from None
-            if rows.ndim != 2 or rows.shape[1] != 3:
-                raise InputError(f"{name} must be (N, 3), not {rows.shape}")
-            array = wp.array(rows, dtype=wp.vec3, device=self._device.name)
+        array = device_vectors(name, values, self._device.name)
         if len(array) != count:
             raise InputError(f"{name} are {len(array)}, but the mesh has {count}")
         return array
