@@ -126,6 +126,11 @@ class Motion:
         center = np.linalg.solve(first, np.append(self.center, 1.0))[:3]
         return Motion(self.times, self.transforms @ first, tuple(center.tolist()))
 
+    @property
+    def is_rigid(self) -> bool:
+        """Whether all keys turn and move without stretching or mirroring."""
+        return np.allclose(self.parts.stretches, np.eye(3), atol=1e-9)
+
     @cached_property
     def parts(self) -> MotionParts:
         """The keys taken apart."""

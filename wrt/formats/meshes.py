@@ -7,7 +7,6 @@ not agree on either, and most do not say.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from wrt.formats.parts import (
     Contents,
     InputWarning,
     Part,
+    in_the_world,
     merge,
     placed,
     positions_of,
@@ -118,11 +118,7 @@ def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
 def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
     """Read a file as one shape for each of its parts, in world space; see `load_file`."""
-    shapes = load_file(path, smooth_degrees=smooth_degrees).shapes
-    return [
-        shape if shape.transform is None else replace(shape, mesh=shape.mesh_at(0.0), transform=None)
-        for shape in shapes
-    ]
+    return in_the_world(load_file(path, smooth_degrees=smooth_degrees).shapes)
 
 
 def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:

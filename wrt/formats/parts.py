@@ -124,6 +124,11 @@ def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:
     return moved(part, places[0]) if len(places) == 1 else replace(part, places=places)
 
 
+def in_the_world(shapes: list[Shape]) -> list[Shape]:
+    """Return shapes without transforms: copies of what stands in several places."""
+    return [s if s.transform is None else replace(s, mesh=s.mesh_at(0.0), transform=None) for s in shapes]
+
+
 def merge(meshes: list[Mesh], name: str) -> Mesh:
     """Return one mesh of all triangles in order.
 

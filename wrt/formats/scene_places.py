@@ -18,6 +18,7 @@ from wrt.formats.npy import read_array
 from wrt.formats.parts import merge
 from wrt.mesh import Mesh
 from wrt.motion import Motion
+from wrt.scene import Shape
 from wrt.values import array
 
 if TYPE_CHECKING:
@@ -66,6 +67,21 @@ def _matrices(file: Path) -> NDArray[np.float64]:
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) == 0:
         raise InputError(f"{file}: must be (N, 4, 4) matrices, not an array of {matrices.shape}")
     return matrices
+
+
+def after(place: Transform, first: Transform) -> Transform:
+    """Return the transform of what `first` puts where `place`, which is rigid if it is a motion, begins."""
+    if place is None or first is None:
+        return place if first is None else first
+    assert not isinstance(first, Motion)
+    return place.after(first) if isinstance(place, Motion) else place @ first
+
+
+def joined(shapes: list[Shape]) -> list[Shape]:
+    """Return as one the shapes that are to be of one material; what stands in several places stays as it is."""
+    loose = [shape.mesh for shape in shapes if shape.transform is None]
+    placed = [shape for shape in shapes if shape.transform is not None]
+    return [Shape(merge(loose, "mesh")), *placed] if len(loose) > 1 else shapes
 
 
 def read_deformation(

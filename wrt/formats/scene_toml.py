@@ -20,9 +20,9 @@ from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
 from wrt.formats.images import load_environment, load_image
-from wrt.formats.meshes import load_shapes
-from wrt.formats.parts import merge
-from wrt.formats.scene_places import read_deformation, read_places
+from wrt.formats.meshes import load_file
+from wrt.formats.parts import in_the_world, merge
+from wrt.formats.scene_places import after, joined, read_deformation, read_places
 from wrt.formats.toml_values import Table, check_triangles, choice, numbers_of, points_of, table_of, text_of
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
@@ -329,8 +329,11 @@ class _Reader:
                 if material is None:
                     name = table["material"]
                     raise InputError(f"there is no [materials.{name}]{did_you_mean(name, materials)}")
-        if material is not None and len(made) > 1:
-            made = [Shape(merge([shape.mesh for shape in made], "mesh"))]
+        places = read_places(self, table)
+        if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):
+            made = in_the_world(made)
+        if material is not None:
+            made = joined(made)
         name = None
         if "name" in table:
             with self.at("name"):
@@ -338,7 +341,6 @@ class _Reader:
         with self.at("emission"):
             emission = self.color_source(table.get("emission", 0.0), names=False)
         two_sided = boolean(table.get("two_sided_emission", False), "two_sided_emission")
-        places = read_places(self, table)
         if "deformation" in table and len(made) > 1:
             raise InputError("its file has several materials, but one mesh alone can be deformed; give a material")
 
@@ -347,9 +349,13 @@ class _Reader:
 
         result = []
         for shape in made:
-            mesh, changes = moved(shape.mesh), read_deformation(self, table, shape.mesh, moved)
+            changes = read_deformation(self, table, shape.mesh, moved)
             looks = (material or shape.material, emission, two_sided, name or shape.name)
-            result += [Shape(mesh, *looks, transform=place, deformation=changes) for place in places]
+            if shape.transform is None:
+                mesh, first = moved(shape.mesh), None
+            else:  # one of several places in its file, whose mesh is there once
+                mesh, first = shape.mesh, after(matrix, shape.transform)
+            result += [Shape(mesh, *looks, transform=after(place, first), deformation=changes) for place in places]
         return result
 
     def meshes(self, table: Table) -> list[Shape]:
@@ -385,9 +391,10 @@ class _Reader:
             key = self.beside(file), smooth
         if key not in self.mesh_files:
             with self.at("file"):
-                loaded = load_shapes(key[0], smooth_degrees=CREASE_DEGREES if smooth else None)
+                loaded = load_file(key[0], smooth_degrees=CREASE_DEGREES if smooth else None).shapes
             if not smooth:
-                loaded = [replace(shape, mesh=replace(shape.mesh, normals=None)) for shape in loaded]
+                flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
+                loaded = [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]
             self.mesh_files[key] = loaded
         return self.mesh_files[key]
 
