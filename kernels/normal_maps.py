@@ -29,7 +29,7 @@ class Slopes:
 @wp.func
 def slopes_at(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> Slopes:
     """Return the slopes at one point."""
-    n = image_color(scene.texels, image, uv)
+    n = image_color(scene, image, uv)
     slopes = Slopes()
     slopes.mean = wp.vec2(n[0] / n[2], n[1] / n[2])
     slopes.products = wp.vec3(
@@ -44,10 +44,10 @@ def slopes_of_level(scene: SceneData, normals: NormalMapRecord, level: int, uv: 
     if level < 0:
         return slopes_at(scene, scene.images[normals.image], uv)
     first = normals.first_level + 2 * level
-    mean = image_color(scene.texels, scene.images[first], uv)
+    mean = image_color(scene, scene.images[first], uv)
     slopes = Slopes()
     slopes.mean = wp.vec2(mean[0], mean[1])
-    slopes.products = image_color(scene.texels, scene.images[first + 1], uv)
+    slopes.products = image_color(scene, scene.images[first + 1], uv)
     return slopes
 
 

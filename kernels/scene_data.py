@@ -76,12 +76,15 @@ class ColorSlot:
 
 @wp.struct
 class ImageRecord:
-    """Where an image's texels lie in `texels`, and how texture coordinates find them.
+    """Where an image's texels lie, and how texture coordinates find them.
 
+    Without a palette they begin at `first` of `texels`, else of `texel_codes`: a code for each channel in the three
+    lowest bytes. Its value is in `palettes`, 256 for red, 256 for green and 256 for blue from `palette` on.
     (u, v, 1) times `to_u` and `to_v` are the coordinates in the image.
     """
 
     first: int
+    palette: int  # -1 without
     width: int
     height: int
     wrap_u: int
@@ -220,6 +223,8 @@ class SceneData:
     tables: wp.array(dtype=float)
     images: wp.array(dtype=ImageRecord)
     texels: wp.array(dtype=wp.vec3)
+    texel_codes: wp.array(dtype=wp.uint32)
+    palettes: wp.array(dtype=float)
     normal_maps: wp.array(dtype=NormalMapRecord)
     # What is inside: of bodies, where none is, and where the camera stands
     bodies: wp.array(dtype=BodyRecord)

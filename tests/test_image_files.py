@@ -12,16 +12,8 @@ import pytest
 from PIL import Image
 
 import wrt
-from wrt.formats.images import (
-    check_output,
-    linear_from_srgb,
-    load_environment,
-    load_image,
-    quantize,
-    save_image,
-    srgb_from_linear,
-    write_whole,
-)
+from wrt.formats.images import check_output, load_environment, load_image, quantize, save_image, write_whole
+from wrt.srgb import linear_from_srgb, srgb_from_linear
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
 

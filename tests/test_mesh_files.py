@@ -14,8 +14,8 @@ import pytest
 from support.meshes import SQUARE, area, area_vector, check_message, gltf_box, repeated_edges, triangles, volume, write
 
 import wrt
-from wrt.formats.images import linear_from_srgb
 from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_mesh, load_shapes
+from wrt.srgb import linear_from_srgb
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
 needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")

@@ -11,9 +11,10 @@ import pytest
 from support.meshes import SQUARE, area, area_vector, gltf_box, triangles, write
 
 import wrt
-from wrt.formats.images import linear_from_srgb, save_image
+from wrt.formats.images import save_image
 from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_file, load_mesh, load_shapes
 from wrt.formats.polygons import split_strips, triangulate
+from wrt.srgb import linear_from_srgb
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
 needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")

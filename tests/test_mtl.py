@@ -10,8 +10,8 @@ from PIL import Image
 from support.meshes import write
 
 import wrt
-from wrt.formats.images import linear_from_srgb
 from wrt.formats.meshes import InputWarning, load_shapes
+from wrt.srgb import linear_from_srgb
 
 CODES = np.random.default_rng(8).integers(0, 256, (4, 4, 4), dtype=np.uint8)
 OBJ = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"

@@ -29,11 +29,11 @@ from support.bsdfs import (
 from test_cli import ENVIRONMENT
 
 import wrt
-from wrt.formats.images import srgb_from_linear
 from wrt.kernels.bsdf import FAMILIES, register_model
 from wrt.kernels.bsdf.diffuse import MODEL as LAMBERT
 from wrt.kernels.bsdf.record import MAX_SLOTS
 from wrt.materials import MATERIALS
+from wrt.srgb import srgb_from_linear
 
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-bsdf.md").read_text("utf-8"), re.M | re.S)
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.formats.images import linear_from_srgb, save_image
+from wrt.formats.images import save_image
 from wrt.formats.scene_toml import load_scene
 from wrt.materials import MATERIALS
 from wrt.materials.composite import MAX_NESTING
+from wrt.srgb import linear_from_srgb
 
 FULL = """
 [settings]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.formats.images import linear_from_srgb
+from wrt.srgb import linear_from_srgb
 
 
 def picture_of(name: str, values: NDArray[Any]) -> NDArray[np.float32]:

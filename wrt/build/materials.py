@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.build.normal_maps import normals_of, slope_pyramid
 from wrt.build.tables import pack_tables
+from wrt.build.texels import Texels
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material, Mix, TwoSided
@@ -72,9 +73,12 @@ class MaterialTable:
         data.slots = wp.array(rows, dtype=ColorSlot, device=device.name)
         data.tables = wp.array(tables, dtype=float, device=device.name)
         if slots.images:
-            images, texels = slots.pack_images(ImageRecord.numpy_dtype())
+            texels = Texels(slots.pixels)
+            images = slots.image_table(texels, ImageRecord.numpy_dtype())
             data.images = wp.array(images, dtype=ImageRecord, device=device.name)
-            data.texels = wp.array(texels, dtype=wp.vec3, device=device.name)
+            data.texels = wp.array(texels.colors, dtype=wp.vec3, device=device.name)
+            data.texel_codes = wp.array(texels.codes, dtype=wp.uint32, device=device.name)
+            data.palettes = wp.array(np.ravel(texels.palettes), dtype=float, device=device.name)
         if slots.normal_maps:
             normal_maps = np.zeros(len(slots.normal_maps), NormalMapRecord.numpy_dtype())
             for i, normal_map in enumerate(slots.normal_maps):
@@ -199,16 +203,23 @@ class _Slots:
             self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2))
         return self._normal_map_numbers[key]
 
-    def pack_images(self, dtype: Any) -> tuple[NDArray[Any], NDArray[np.float32]]:
-        """Return the records of all images, and all texels, one picture after the other."""
-        sizes = [pixels.shape[0] * pixels.shape[1] for pixels in self.pixels]
-        if sum(sizes) >= 2**31:
-            raise InputError("the scene's textures have more than 2^31 texels")
-        begins = np.concatenate([[0], np.cumsum(sizes)])
+    def image_table(self, texels: Texels, dtype: Any) -> NDArray[Any]:
+        """Return the records of all images."""
         table = np.zeros(len(self.images), dtype)
         for record, (number, wrap_u, wrap_v, nearest, to_u, to_v) in zip(table, self.images, strict=True):
             height, width = self.pixels[number].shape[:2]
-            values = begins[number], width, height, wrap_u, wrap_v, nearest, to_u, to_v
+            first, palette = texels.places[number]
+            values = (
+                first,
+                3 * 256 * palette if palette >= 0 else -1,
+                width,
+                height,
+                wrap_u,
+                wrap_v,
+                nearest,
+                to_u,
+                to_v,
+            )
             for name, value in zip(dtype["names"], values, strict=True):
                 record[name] = value
-        return table, np.concatenate([pixels.reshape(-1, 3) for pixels in self.pixels])
+        return table

@@ -16,6 +16,7 @@ from wrt.errors import InputError
 from wrt.files import PathLike, first_line, naming, read_file, require_file, require_place, write_whole
 from wrt.formats.npy import read_array
 from wrt.layers import channel_names
+from wrt.srgb import linear_from_srgb, of_codes, srgb_from_linear
 from wrt.values import Vec3
 
 if TYPE_CHECKING:
@@ -32,21 +33,6 @@ _PIXELS_PER_BYTE = 2**16
 """More than OpenEXR, Radiance and these can gain by compression: where the header says more, it is wrong."""
 
 _BOUNDED = ("PNG", "JPEG", "BMP", "GIF")
-
-
-def srgb_from_linear(values: ArrayLike) -> NDArray[np.float64]:
-    """Encode linear values in [0, 1] by the sRGB curve (IEC 61966-2-1, section 5.2).
-
-    Negative values stay linear; nothing is clipped.
-    """
-    x = np.asarray(values, np.float64)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
-
-
-def linear_from_srgb(values: ArrayLike) -> NDArray[np.float64]:
-    """Decode sRGB values in [0, 1] to linear light (IEC 61966-2-1, section 5.3)."""
-    x = np.asarray(values, np.float64)
-    return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
@@ -152,9 +138,7 @@ def _pixels_of(image: Image, *, linear: bool | None) -> NDArray[np.float32]:
     if image.mode == "P" and "transparency" in image.info:
         image = image.convert("RGBA")
     codes = np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
-    table = np.arange(256) / 255.0
-    table = table if linear else linear_from_srgb(table)
-    pixels: NDArray[np.float32] = table.astype(np.float32)[codes]
+    pixels: NDArray[np.float32] = of_codes(linear=bool(linear))[codes]
     return pixels
 
 

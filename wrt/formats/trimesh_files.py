@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file, why_not
-from wrt.formats.images import linear_from_srgb, open_image, pixels_of
+from wrt.formats.images import open_image, pixels_of
 from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
 from wrt.formats.polygons import triangulate
+from wrt.srgb import linear_from_srgb
 from wrt.textures import ColorSource, ImageTexture
 from wrt.values import array
 

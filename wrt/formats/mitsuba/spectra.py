@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.files import read_file
-from wrt.formats.images import linear_from_srgb
 from wrt.formats.mitsuba.document import Document, Element
 from wrt.formats.mitsuba.observer import D65, OBSERVER, WAVELENGTHS
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.transforms import numbers_of
+from wrt.srgb import linear_from_srgb
 from wrt.values import Vec3
 
 COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody")
