@@ -150,10 +150,12 @@ def box_files(folder: Path) -> dict[str, Path]:
     text_v = "\n".join(" ".join(map(str, p)) for p in points.tolist()) + "\n"
     text_f = "\n".join("3 " + " ".join(map(str, f)) for f in faces.tolist()) + "\n"
     corners = points[faces]
-    records = b"".join(struct.pack("<12fH", 0, 0, 0, *t.reshape(-1).tolist(), 0) for t in corners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype("<f4")
+    rows = zip(normals.tolist(), corners.reshape(-1, 9).tolist(), strict=True)
+    records = b"".join(struct.pack("<12fH", *n, *t, 0) for n, t in rows)
     ascii_stl = "solid box\n"
-    for t in corners:
-        ascii_stl += " facet normal 0 0 0\n  outer loop\n"
+    for (x, y, z), t in zip(normals.tolist(), corners, strict=True):
+        ascii_stl += f" facet normal {x} {y} {z}\n  outer loop\n"
         ascii_stl += "".join(f"   vertex {x} {y} {z}\n" for x, y, z in t.tolist()) + "  endloop\n endfacet\n"
     head = "ply\nformat {} 1.0\ncomment a box\nelement vertex 8\nproperty float x\nproperty float y\n"
     head += "property float z\nelement face 12\nproperty list uchar int vertex_indices\nend_header\n"

@@ -23,6 +23,7 @@ needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets a
 # OBJ ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.*it names no file .mtllib. that describes its materials")
 def test_obj_reads_what_is_found_in_the_wild(tmp_path):
     cases = {
         "comments": SQUARE + "f 1 2 3 # here\n# f 1 2 4\nf 1 3 4\n",

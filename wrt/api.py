@@ -94,10 +94,11 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
     if path.suffix.lower() == ".xml":
         if up is not None or triangles is not None:
             raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba's scenes")
+        from wrt.formats.kinds import hinting
         from wrt.formats.mitsuba.scene import load_mitsuba
 
         # What comes of numbers out of range is checked where it is used.
-        with naming(path), np.errstate(all="ignore"):
+        with naming(path), hinting(path), np.errstate(all="ignore"):
             return load_mitsuba(path, **xml)
     _refuse(xml, source)
     if path.suffix.lower() == ".toml":

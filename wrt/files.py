@@ -20,15 +20,19 @@ def require_file(path: Path) -> None:
     _read(path, 1)
 
 
-def read_file(path: Path) -> bytes:
-    """Return all that is in a file.
+def read_file(path: Path, most: int = -1) -> bytes:
+    """Return all that is in a file, or what it begins with.
 
     Pipes and devices are none: some never end, and others are waited for without end.
+
+    Args:
+        path: the file.
+        most: bytes to read; all of them where it is negative.
 
     Raises:
         InputError: where it is no file, is empty, or may not be read.
     """
-    return _read(path, -1)
+    return _read(path, most)
 
 
 def _read(path: Path, count: int) -> bytes:

@@ -17,6 +17,7 @@ from wrt.errors import InputError
 from wrt.files import PathLike, naming, read_file, require_file
 from wrt.formats.arrays import read_mesh_arrays
 from wrt.formats.gltf import read_gltf
+from wrt.formats.kinds import hint, hinting
 from wrt.formats.obj import read_obj
 from wrt.formats.parts import (
     DEFAULT_REFLECTANCE,
@@ -61,8 +62,10 @@ def _read_stl(path: Path, data: bytes) -> list[Part]:
     if not text and count:
         data = data[:size]
     loaded = load(path, as_text(data).encode("utf-8", "replace") if text else data, "stl")
-    parts = []
-    for fields in loaded.get("geometry", {path.stem: loaded}).values():
+    parts, solids = [], loaded.get("geometry", {path.stem: loaded}).values()
+    if not any(np.any(fields.get("face_normals", 1.0)) for fields in solids):
+        warn(f"{path}: the STL file has no normals; which side is the front is taken from the order of corners")
+    for fields in solids:
         name = fields.get("metadata", {}).get("name") or path.stem
         part = part_of(path, str(name), fields)
         if part is not None:
@@ -141,10 +144,13 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
     reader = _READERS.get(file.suffix.lower())
     require_file(file)
     if file.suffix.lower() == ARRAYS_SUFFIX:
-        return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
+        with hinting(file):
+            return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
     if reader is None:
-        raise InputError(f"{file}: not a mesh format that is known; the name must end in {', '.join(MESH_SUFFIXES)}")
-    with naming(file):
+        kind = hint(file)
+        known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
+        raise InputError(f"{file}: not a mesh format that is known; {known}" + (f"; {kind}" if kind else ""))
+    with naming(file), hinting(file):
         contents = reader(file, read_file(file))
         shapes = to_shapes(str(file), contents.parts, smooth_degrees)
         return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)

@@ -23,6 +23,10 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         InputError: on what trimesh cannot read and on indices that name nothing.
     """
     text = _plain(path, as_text(data))
+    if "usemtl" in text and "mtllib" not in text:
+        names = dict.fromkeys(re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
+        named = f"{next(iter(names), '')!r}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {named}; they are left out")
     loaded = load(path, text, "obj", split_groups=True)
     materials = MtlMaterials(path)
     parts = []

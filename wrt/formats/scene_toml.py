@@ -20,6 +20,7 @@ from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
 from wrt.formats.images import load_environment, load_image
+from wrt.formats.kinds import hinting
 from wrt.formats.meshes import load_file
 from wrt.formats.parts import in_the_world, merge
 from wrt.formats.scene_places import after, joined, read_deformation, read_places
@@ -57,7 +58,7 @@ def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
     file = Path(path)
     require_file(file)
     reader = _Reader(file, triangles)
-    with reader.at(""):
+    with hinting(file), reader.at(""):
         return reader.scene(_parse(file))
 
 
