@@ -20,7 +20,7 @@ import wrt
 from wrt.camera import CAMERAS
 from wrt.cli import EXAMPLES, _join_axis, _parser
 from wrt.environment import ENVIRONMENTS, ConstantEnvironment
-from wrt.formats import scene_toml
+from wrt.formats import scene_keys, scene_toml
 from wrt.formats.images import load_environment
 from wrt.formats.scene_toml import load_scene
 from wrt.lights import LIGHTS
@@ -107,7 +107,7 @@ def test_the_scene_file_renders(tmp_path: Path) -> None:
     complete, *parts = blocks(SCENE_FORMAT, "toml")
     write_files(tmp_path)
     (tmp_path / "room.toml").write_text(complete)
-    assert set(tomllib.loads(complete)) == set(scene_toml._SECTIONS) - {"medium"}
+    assert set(tomllib.loads(complete)) == set(scene_keys.SECTIONS) - {"medium"}
     image = wrt.render(tmp_path / "room.toml", width=24, height=16, spp=4)
     assert np.isfinite(image).all()
     assert (image.max(axis=2) > 0.0).mean() > 0.9
@@ -313,7 +313,7 @@ def test_what_varies_is_said_to(heading: str) -> None:
 
 def test_keys_of_every_shape_are_those_of_the_code() -> None:
     table = documented()[COMMON]
-    assert set(table) == set(scene_toml._SHAPE_KEYS)
+    assert set(table) == set(scene_keys.SHAPE)
     shape = inspect.signature(wrt.Shape).parameters
     for name in ("emission", "two_sided_emission"):
         assert value_of(table[name]) == shape[name].default

@@ -1,4 +1,4 @@
-"""The command line: ``wrt render``, ``wrt info``, ``wrt convert``, ``wrt scenes`` and ``wrt materials``.
+"""The command line: ``wrt render`` and what helps to use it.
 
 Exit status: 0 when done; 1 when a file could not be written or memory ran out; 2 when something
 given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended a render. What goes wrong is said in
@@ -115,49 +115,36 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"wrt {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=_Parser)
 
-    scenes = commands.add_parser(
-        "scenes", help="list the built-in scenes", description="List the built-in scenes.", allow_abbrev=False
-    )
-    scenes.set_defaults(run=_scenes)
+    def command(name: str, run: Callable[[argparse.Namespace], int], summary: str, more: str = "") -> _Parser:
+        """Add a command; `more` is what its own help says after the summary."""
+        parser: _Parser = commands.add_parser(
+            name,
+            help=summary,
+            description=f"{summary[0].upper()}{summary[1:]}{more}.",
+            formatter_class=argparse.RawDescriptionHelpFormatter if run is _render else argparse.HelpFormatter,
+            allow_abbrev=False,
+        )
+        parser.set_defaults(run=run)
+        return parser
 
-    materials = commands.add_parser(
-        "materials",
-        help="list the materials and their parameters, or explain one",
-        description="List the materials and their parameters, or explain one.",
-        allow_abbrev=False,
-    )
+    command("scenes", _scenes, "list the built-in scenes")
+    command("schema", _schema, "print the JSON schema of scene files", ", for editors")
+
+    materials = command("materials", _materials, "list the materials and their parameters, or explain one")
     materials.add_argument("name", metavar="NAME", nargs="?", help="explain this one, such as diffuse")
-    materials.set_defaults(run=_materials)
 
-    info = commands.add_parser(
-        "info",
-        help="tell what is in a scene or a mesh file",
-        description="Tell what is in a scene or a mesh file: shapes, materials, textures, lights, camera.",
-        allow_abbrev=False,
-    )
+    parts = ": shapes, materials, textures, lights, camera"
+    info = command("info", _info, "tell what is in a scene or a mesh file", parts)
     info.add_argument("source", metavar="SCENE", help="as for wrt render")
-    info.set_defaults(run=_info)
 
-    convert = commands.add_parser(
-        "convert",
-        help="write any scene or mesh as a scene file",
-        description="Write any scene or mesh as a scene file, with its arrays beside it. It renders to the same bits.",
-        allow_abbrev=False,
-    )
+    bits = ", with its arrays beside it. It renders to the same bits"
+    convert = command("convert", _convert, "write any scene or mesh as a scene file", bits)
     convert.add_argument("source", metavar="SCENE", help="as for wrt render")
     convert.add_argument("output", metavar="OUT.toml", help="the scene file; its arrays go to OUT_files")
     convert.add_argument("--up", choices=AXES, help="as for wrt render")
-    convert.set_defaults(run=_convert)
 
-    render = commands.add_parser(
-        "render",
-        help="render a scene or a mesh to a picture",
-        description="Render a scene or a mesh to a picture.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    render.set_defaults(run=_render)
+    render = command("render", _render, "render a scene or a mesh to a picture")
+    render.epilog = EXAMPLES
     _add_render_options(render)
     return parser
 
@@ -215,6 +202,14 @@ def _scenes(options: argparse.Namespace) -> int:
     width = max(len(name) for name in descriptions)
     for name, description in descriptions.items():
         print(f"{name:<{width}}  {description}")
+    sys.stdout.flush()
+    return 0
+
+
+def _schema(options: argparse.Namespace) -> int:
+    from wrt.formats.scene_schema import schema_text
+
+    sys.stdout.write(schema_text())
     sys.stdout.flush()
     return 0
 

@@ -9,6 +9,7 @@ import textwrap
 import typing
 from typing import Any
 
+from wrt.docstrings import meanings_of, plain, summary_of
 from wrt.errors import InputError, did_you_mean
 from wrt.materials import MATERIALS, Material
 from wrt.textures import ImageTexture
@@ -52,9 +53,7 @@ def parameters_of(cls: type[Material], *, inherited: bool = True) -> list[Parame
         cls: the material's class.
         inherited: whether those that every material has are wanted.
     """
-    meanings: dict[str, str] = {}
-    for base in reversed(cls.__mro__):
-        meanings |= _attributes(base)
+    meanings = meanings_of(cls)
     hints = typing.get_type_hints(cls)
     common = {field.name for field in dataclasses.fields(Material)}
     fields = sorted(dataclasses.fields(cls), key=lambda field: field.name in common)
@@ -78,7 +77,7 @@ def list_materials() -> str:
     widths = (max(len(p.label) for p in everything), max(len(p.default) for p in everything))
     paragraphs = []
     for name, parameters in shown.items():
-        head = textwrap.shorten(f"{name}: {_first_clause(_summary(MATERIALS.get(name)))}", WIDTH, placeholder=" …")
+        head = textwrap.shorten(f"{name}: {_first_clause(summary_of(MATERIALS.get(name)))}", WIDTH, placeholder=" …")
         rows = [_row(p, _first_clause(p.meaning), widths, shorten=True) for p in parameters]
         paragraphs.append("\n".join([head.removesuffix(":"), *rows]))
     ending = f"{_fill(_FOOTNOTE)}\n'wrt materials NAME' says more of one."
@@ -99,7 +98,7 @@ def explain_material(name: str) -> str:
 
     python = f"wrt.{cls.__name__}" if getattr(wrt, cls.__name__, None) is cls else f"{cls.__module__}.{cls.__name__}"
     text = inspect.getdoc(cls) or ""
-    paragraphs = [_plain(part) for part in text.partition("\nAttributes:")[0].split("\n\n")]
+    paragraphs = [plain(part) for part in text.partition("\nAttributes:")[0].split("\n\n")]
     parameters = parameters_of(cls)
     widths = (max(len(p.label) for p in parameters), max(len(p.default) for p in parameters))
     rows = [_row(p, p.meaning, widths, shorten=False) for p in parameters]
@@ -117,28 +116,6 @@ def _row(parameter: Parameter, meaning: str, widths: tuple[int, int], *, shorten
 def _fill(text: str, start: str = "") -> str:
     """Return text wrapped after `start`, names with hyphens whole."""
     return textwrap.fill(text, WIDTH, break_on_hyphens=False, initial_indent=start, subsequent_indent=" " * len(start))
-
-
-def _attributes(cls: type[Any]) -> dict[str, str]:
-    """Return what the "Attributes" section of a class's own docstring says, by name."""
-    section = inspect.cleandoc(cls.__doc__ or "").partition("\nAttributes:\n")[2]
-    found: dict[str, str] = {}
-    # An entry is "name: text" or "name, name: text" at the section's own indent; more indent goes on with it.
-    for entry in re.split(r"\n(?=\S)", textwrap.dedent(section)):
-        names, colon, text = entry.partition(":")
-        if colon:
-            found |= {name.strip(): _plain(text) for name in names.split(",")}
-    return found
-
-
-def _summary(cls: type[Material] | None) -> str:
-    """Return the first paragraph of a class's docstring."""
-    return "" if cls is None else _plain((inspect.getdoc(cls) or "").partition("\n\n")[0])
-
-
-def _plain(text: str) -> str:
-    """Return text in one line, without the marks of code in it."""
-    return " ".join(text.replace("`", "").split())
 
 
 def _first_clause(text: str) -> str:

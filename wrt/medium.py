@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -114,6 +115,7 @@ class Medium:
         return cls(absorption, scattering, g)
 
 
+@functools.lru_cache(maxsize=1024)
 def albedo_of_color(reflectance: float) -> float:
     """Return the single-scattering albedo of a deep isotropic medium of this diffuse reflectance under even light.
 

@@ -17,6 +17,11 @@ def quad(origin: Vec3, edge_u: Vec3, edge_v: Vec3) -> Mesh:
     """Return the parallelogram origin + u·edge_u + v·edge_v, u and v in [0, 1].
 
     Its front, the side that emits, faces edge_u × edge_v.
+
+    Args:
+        origin: a corner, metres.
+        edge_u: from there to the next corner.
+        edge_v: from there to the other one.
     """
     o, u, v = (np.array(vector(x, n)) for x, n in ((origin, "origin"), (edge_u, "edge_u"), (edge_v, "edge_v")))
     return Mesh(
@@ -41,7 +46,12 @@ def polygon(corners: ArrayLike) -> Mesh:
 
 
 def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
-    """Return an axis-aligned box between two corners, its front outside."""
+    """Return an axis-aligned box between two corners, its front outside.
+
+    Args:
+        low: the lowest corner, metres.
+        high: the highest corner, above `low` in every axis.
+    """
     a, b = np.array(vector(low, "low")), np.array(vector(high, "high"))
     if (a >= b).any():
         raise InputError(f"box low {a.tolist()} must be below high {b.tolist()} in every axis")
@@ -57,6 +67,11 @@ def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions:
     """Return a sphere of 20·4^subdivisions triangles with exact normals, its front outside.
 
     Corners lie on the sphere; at 5 subdivisions the deepest point of a face is 0.07 % inside it.
+
+    Args:
+        center: metres.
+        radius: metres.
+        subdivisions: how often each triangle of an icosahedron is split into four.
     """
     c = np.array(vector(center, "center"))
     radius = number(radius, "radius", above=0.0)

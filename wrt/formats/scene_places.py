@@ -16,10 +16,21 @@ from wrt.formats.arrays import read_arrays
 from wrt.formats.meshes import load_shapes
 from wrt.formats.npy import read_array
 from wrt.formats.parts import merge
+from wrt.formats.scene_keys import (
+    DEFORMATION_ARCHIVE,
+    DEFORMATION_FILES,
+    EVEN_MOTION,
+    INSTANCE,
+    KEYFRAME,
+    KEYFRAMES,
+    MATRIX_KEYFRAME,
+    TURN,
+)
+from wrt.formats.toml_values import Table, numbers_of, table_of
 from wrt.mesh import Mesh
 from wrt.motion import Motion
 from wrt.scene import Shape
-from wrt.values import array
+from wrt.values import Vec3, array, number, vector
 
 if TYPE_CHECKING:
     from wrt.formats.scene_toml import _Reader
@@ -39,7 +50,7 @@ def read_places(reader: _Reader, table: dict[str, Any]) -> list[Transform]:
     found: list[Transform] = []
 
     def add(place: dict[str, Any]) -> None:
-        reader.check_keys(place, ["scale", "rotate", "translate", "motion"])
+        reader.check_table(place, INSTANCE)
         matrix = reader.transform(place)
         motion = _motion(reader, place)
         here = np.eye(4) if matrix is None else matrix
@@ -58,7 +69,52 @@ def _motion(reader: _Reader, table: dict[str, Any]) -> Motion | None:
         motion: object = table["motion"]
         if not isinstance(motion, dict):
             raise InputError(f"must be a table, not {motion!r}")
-        return reader.motion(motion, (0.0, 0.0, 0.0))
+        return read_motion(reader, motion, (0.0, 0.0, 0.0))
+
+
+def read_motion(reader: _Reader, table: Table, center: Vec3) -> Motion:
+    """Return keyframes, each a time and a transform as a shape has it; they scale and turn about `center`.
+
+    Or one even rotation and translation between two times.
+    """
+    pivot = np.array(vector(table.get("center", center), "center"))
+    if "times" in table:
+        reader.check_table(table, EVEN_MOTION)
+        turn = table_of(table.get("rotate", {"axis": [0.0, 1.0, 0.0], "degrees": 0.0}))
+        with reader.at("rotate"):
+            reader.check_table(turn, TURN)
+        offset = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
+        return Motion.rotation(turn["axis"], turn["degrees"], pivot, numbers_of(table["times"], "times"), offset)
+    reader.check_table(table, KEYFRAMES)
+    times: list[float] = []
+    matrices: list[NDArray[np.float64]] = []
+
+    def add(key: Table) -> None:
+        reader.check_table(key, KEYFRAME, others=MATRIX_KEYFRAME)
+        times.append(number(key["time"], "time"))
+        if "matrix" in key:
+            reader.check_table(key, MATRIX_KEYFRAME)
+            matrices.append(_affine(key["matrix"]))
+            return
+        matrix = reader.transform(key)
+        matrices.append(np.eye(4) if matrix is None else matrix)
+        matrices[-1][:3, 3] += pivot - matrices[-1][:3, :3] @ pivot
+
+    reader.each(table, "keys", add)
+    return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
+
+
+def _affine(rows: Any) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix whose first three rows are given."""
+    matrix = np.eye(4)
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise InputError("matrix must be three rows of four numbers")
+    for i, row in enumerate(rows):
+        values = numbers_of(row, f"matrix[{i}]")
+        if len(values) != 4:
+            raise InputError("matrix must be three rows of four numbers")
+        matrix[i] = values
+    return matrix
 
 
 def _matrices(file: Path) -> NDArray[np.float64]:
@@ -95,10 +151,10 @@ def read_deformation(
         if not isinstance(given, dict):
             raise InputError(f"must be a table, not {given!r}")
         if "file" in given:
-            reader.check_keys(given, ["file"])
+            reader.check_table(given, DEFORMATION_ARCHIVE)
             with reader.at("file"):
                 return _deformation(reader.beside(given["file"]))
-        reader.check_keys(given, ["files", "times"], ["files", "times"])
+        reader.check_table(given, DEFORMATION_FILES)
         files, times = given["files"], given["times"]
         if not isinstance(files, list) or not isinstance(times, list) or len(files) != len(times):
             raise InputError("files and times must be two arrays of one length")

@@ -7,9 +7,9 @@ import sys
 import typing
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,24 @@ from wrt.formats.images import load_environment, load_image
 from wrt.formats.kinds import hinting
 from wrt.formats.meshes import load_file
 from wrt.formats.parts import in_the_world, merge
-from wrt.formats.scene_places import after, joined, read_deformation, read_places
-from wrt.formats.toml_values import Table, check_triangles, choice, numbers_of, points_of, table_of, text_of
+from wrt.formats.scene_keys import (
+    BOOLEAN,
+    IMAGE_ENVIRONMENT,
+    NORMAL_MAP,
+    POINTS,
+    SECTIONS,
+    SHAPE,
+    TEXT,
+    TEXTURE,
+    TRANSFORM,
+    TURN,
+    VERTEX_COLORS,
+    Keys,
+    array_of,
+    own_fields,
+)
+from wrt.formats.scene_places import after, joined, read_deformation, read_motion, read_places
+from wrt.formats.toml_values import Table, check_triangles, choice, points_of, table_of, text_of
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
@@ -34,12 +50,7 @@ from wrt.motion import Motion, rotation_matrix
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import Vec3, boolean, integer, number, vector
-
-_SECTIONS = ("settings", "camera", "environment", "lights", "media", "medium", "materials", "shapes")
-_TRANSFORM_KEYS = ("scale", "rotate", "translate")
-_PLACE_KEYS = ("motion", "instances", "deformation")
-_SHAPE_KEYS = ("type", "name", "material", "emission", "two_sided_emission", *_TRANSFORM_KEYS, *_PLACE_KEYS)
+from wrt.values import boolean, integer, number, vector
 
 
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
@@ -60,6 +71,11 @@ def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
     reader = _Reader(file, triangles)
     with hinting(file), reader.at(""):
         return reader.scene(_parse(file))
+
+
+def shape_makers() -> dict[str, Callable[..., Any]]:
+    """Return what makes shapes from keys of their own, by their `type`."""
+    return dict(_Reader(Path(), None).makers())
 
 
 def _parse(path: Path) -> Table:
@@ -105,7 +121,7 @@ class _Reader:
             self.place.pop()
 
     def scene(self, tree: Table) -> Scene:
-        self.check_keys(tree, _SECTIONS)
+        self.check_keys(tree, SECTIONS)
         scene = Scene()
         with self.at("settings"):
             scene.settings = self.build(RenderSettings, table_of(tree.get("settings", {})))
@@ -149,6 +165,10 @@ class _Reader:
             if key not in table:
                 raise InputError(f"the key {key!r} is missing")
 
+    def check_table(self, table: Table, keys: Keys, others: Iterable[str] = ()) -> None:
+        """Raise InputError where a table has keys that are neither among `keys` nor `others`, or lacks some."""
+        self.check_keys(table, [*keys, *others], [name for name, key in keys.items() if key.required])
+
     def call(self, function: Callable[..., Any], table: Table, extra: Iterable[str] = ()) -> Any:
         """Call a function or class with the table's keys as arguments; `extra` keys are somebody else's."""
         extra = list(extra)
@@ -167,46 +187,15 @@ class _Reader:
             with self.at("origin"):
                 center = vector(table.get("origin", cls.origin), "camera origin")
             with self.at("motion"):
-                table["motion"] = self.motion(table_of(table["motion"]), center)
+                table["motion"] = read_motion(self, table_of(table["motion"]), center)
         made: Camera = self.build(cls, table)
         return made
-
-    def motion(self, table: Table, center: Vec3) -> Motion:
-        """Return keyframes, each a time and a transform as a shape has it; they scale and turn about `center`.
-
-        Or one even rotation and translation between two times.
-        """
-        pivot = np.array(vector(table.get("center", center), "center"))
-        if "times" in table:
-            self.check_keys(table, ["times", "rotate", "translate", "center"])
-            turn = table_of(table.get("rotate", {"axis": [0.0, 1.0, 0.0], "degrees": 0.0}))
-            with self.at("rotate"):
-                self.check_keys(turn, ["axis", "degrees"], ["axis", "degrees"])
-            offset = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
-            return Motion.rotation(turn["axis"], turn["degrees"], pivot, numbers_of(table["times"], "times"), offset)
-        self.check_keys(table, ["keys", "center"], ["keys"])
-        times: list[float] = []
-        matrices: list[NDArray[np.float64]] = []
-
-        def add(key: Table) -> None:
-            self.check_keys(key, ["time", "matrix", *_TRANSFORM_KEYS], ["time"])
-            times.append(number(key["time"], "time"))
-            if "matrix" in key:
-                self.check_keys(key, ["time", "matrix"])
-                matrices.append(_affine(key["matrix"]))
-                return
-            matrix = self.transform(key)
-            matrices.append(np.eye(4) if matrix is None else matrix)
-            matrices[-1][:3, 3] += pivot - matrices[-1][:3, :3] @ pivot
-
-        self.each(table, "keys", add)
-        return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
 
     def environment(self, table: Table) -> Any:
         cls = choice(table, ENVIRONMENTS)
         if cls is not ImageEnvironment:
             return self.build(cls, table)
-        self.check_keys(table, ["type", "file", "scale", "rotation_degrees", "rotation_axis"], ["file"])
+        self.check_table(table, IMAGE_ENVIRONMENT, others=["type", *own_fields(ImageEnvironment)])
         scale = number(table.get("scale", 1.0), "scale", minimum=0.0)
         rotation = number(table.get("rotation_degrees", 0.0), "rotation_degrees")
         axis = vector(table.get("rotation_axis", (0.0, 1.0, 0.0)), "rotation_axis")
@@ -280,7 +269,7 @@ class _Reader:
     def color_source(self, value: Any, *, names: bool) -> Any:
         """Return what a value that may vary stands for: a constant, vertex colours or an image; or itself if a name."""
         if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
-            self.check_keys(value, ["vertex_colors", "factor"])
+            self.check_table(value, VERTEX_COLORS, others=own_fields(VertexColor))
             if value["vertex_colors"] is not True:
                 raise InputError(f"vertex_colors must be true, not {value['vertex_colors']!r}")
             return VertexColor(value.get("factor", 1.0))
@@ -294,8 +283,8 @@ class _Reader:
 
     def texture(self, table: Table) -> ImageTexture:
         """Return an image by its table; the same object for the same table, and its pixels once for all of them."""
-        laid = [f.name for f in fields(ImageTexture) if f.name not in ("pixels", "name")]
-        self.check_keys(table, ["texture", "linear", *laid], ["texture"])
+        laid = own_fields(ImageTexture)
+        self.check_table(table, TEXTURE, others=laid)
         linear = boolean(table.get("linear", False), "linear")
         with self.at("texture"):
             file = self.beside(table["texture"])
@@ -308,7 +297,7 @@ class _Reader:
             return self.textures[key]
 
     def normal_map(self, table: Table) -> NormalMap:
-        self.check_keys(table, ["texture", "scale", "filter", "wrap"], ["texture"])
+        self.check_table(table, NORMAL_MAP, others=own_fields(NormalMap))
         with self.at("texture"):
             file = self.beside(table["texture"])
             pixels = load_image(file, linear=True)
@@ -359,9 +348,9 @@ class _Reader:
             result += [Shape(mesh, *looks, transform=after(place, first), deformation=changes) for place in places]
         return result
 
-    def meshes(self, table: Table) -> list[Shape]:
-        """Return the meshes of a shape before its transform; those from files bring materials."""
-        makers: dict[str, Callable[..., Mesh | list[Shape]]] = {
+    def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:
+        """Return what makes shapes from keys of their own, by type."""
+        return {
             "quad": shapes.quad,
             "box": shapes.box,
             "sphere": shapes.sphere,
@@ -370,23 +359,43 @@ class _Reader:
             "mesh": self.mesh_file,
             "many-triangles": self.many_triangles,
         }
-        made = self.call(choice(table, makers), table, extra=_SHAPE_KEYS)
+
+    def meshes(self, table: Table) -> list[Shape]:
+        """Return the meshes of a shape before its transform; those from files bring materials."""
+        made = self.call(choice(table, self.makers()), table, extra=SHAPE)
         if isinstance(made, Mesh):
             return [Shape(made, name=f"{table['type']} {self.place[-1]}")]
         result: list[Shape] = made
         return result
 
-    def polygon(self, corners: Any) -> Mesh:
+    def polygon(self, corners: Annotated[Any, POINTS]) -> Mesh:
+        """Return a flat convex polygon.
+
+        Args:
+            corners: in order, counter-clockwise seen from its front; at least three.
+        """
         return shapes.polygon(points_of(corners, "corners"))
 
-    def polygons(self, polygons: Any) -> Mesh:
+    def polygons(self, polygons: Annotated[Any, array_of(POINTS, 1)]) -> Mesh:
+        """Return one mesh of many flat convex polygons.
+
+        Args:
+            polygons: the corners of each.
+        """
         if not isinstance(polygons, list) or not polygons:
             raise InputError("polygons must be an array of arrays of corners")
         made = [shapes.polygon(points_of(corners, f"polygons[{i}]")) for i, corners in enumerate(polygons)]
         return merge(made, "polygons")
 
-    def mesh_file(self, file: Any, smooth: Any = True) -> list[Shape]:
-        """Return the shapes of a mesh file; those of one that several shapes name share its memory."""
+    def mesh_file(self, file: Annotated[Any, TEXT], smooth: Annotated[Any, BOOLEAN] = True) -> list[Shape]:
+        """Return the shapes of a mesh file.
+
+        Those of a file that several shapes name share its memory.
+
+        Args:
+            file: the mesh: OBJ, PLY, STL, OFF, GLB, glTF or .npz.
+            smooth: whether its own normals are used, and made where it has none; otherwise triangles are flat.
+        """
         boolean(smooth, "smooth")
         with self.at("file"):
             key = self.beside(file), smooth
@@ -399,7 +408,12 @@ class _Reader:
             self.mesh_files[key] = loaded
         return self.mesh_files[key]
 
-    def many_triangles(self, triangles: Any) -> Mesh:
+    def many_triangles(self, triangles: Annotated[Any, {"type": "integer", "minimum": 1000}]) -> Mesh:
+        """Return a mountain range.
+
+        Args:
+            triangles: how many, 1,000 to 10,000,000.
+        """
         from wrt.meshes.many_triangles import terrain
 
         self.triangles_used = True
@@ -409,7 +423,7 @@ class _Reader:
 
     def transform(self, table: Table) -> NDArray[np.float64] | None:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""
-        if not any(key in table for key in _TRANSFORM_KEYS):
+        if not any(key in table for key in TRANSFORM):
             return None
         matrix = np.eye(4)
         scale = table.get("scale", 1.0)
@@ -420,23 +434,10 @@ class _Reader:
         turns = table.get("rotate", [])
         for i, turn in enumerate(turns if isinstance(turns, list) else [turns]):
             with self.at("rotate" + (f"[{i}]" if isinstance(turns, list) else "")):
-                self.check_keys(table_of(turn), ["axis", "degrees"], ["axis", "degrees"])
+                self.check_table(table_of(turn), TURN)
                 matrix[:3, :3] = rotation_matrix(turn["axis"], turn["degrees"]) @ matrix[:3, :3]
         matrix[:3, 3] = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
         return matrix
-
-
-def _affine(rows: Any) -> NDArray[np.float64]:
-    """Return the (4, 4) matrix whose first three rows are given."""
-    matrix = np.eye(4)
-    if not isinstance(rows, list) or len(rows) != 3:
-        raise InputError("matrix must be three rows of four numbers")
-    for i, row in enumerate(rows):
-        values = numbers_of(row, f"matrix[{i}]")
-        if len(values) != 4:
-            raise InputError("matrix must be three rows of four numbers")
-        matrix[i] = values
-    return matrix
 
 
 class _Placed(InputError):
