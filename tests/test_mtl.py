@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 from support.meshes import write
@@ -128,3 +131,56 @@ def test_without_coordinates_maps_are_left_out_and_the_color_is_the_mean(tmp_pat
     expected = 0.5 * linear_from_srgb(CODES[:, :, :3] / 255.0).mean(axis=(0, 1))
     np.testing.assert_allclose(material.reflectance, expected, rtol=1e-5)
     assert (material.opacity, material.normal_map) == (1.0, None)
+
+
+def test_maps_in_floating_point(tmp_path):
+    """Linear as they are; only what shines may be brighter than 1, only heights less than 0."""
+    values = np.random.default_rng(9).uniform(0.0, 3.0, (4, 4, 4)).astype(np.float32)
+    channels = {name: np.ascontiguousarray(values[:, :, k]) for k, name in enumerate("RGBA")}
+    OpenEXR.File({}, channels).write(str(tmp_path / "a map.exr"))
+    text = "Kd 1 1 1\nmap_Kd -s 2 2 1 a map.exr\nmap_Ke a map.exr\nmap_d a map.exr\nmap_Pr a map.exr"
+    material = material_of(tmp_path, text)
+    bounded = np.minimum(values, 1.0)
+    np.testing.assert_array_equal(material.base_color.pixels, bounded[:, :, :3])
+    assert material.base_color.scale == (2.0, 2.0)
+    np.testing.assert_array_equal(material.emission.pixels, values[:, :, :3])
+    np.testing.assert_array_equal(material.opacity.pixels, np.repeat(bounded[:, :, 3:], 3, axis=2))
+    np.testing.assert_array_equal(material.roughness.pixels, bounded[:, :, :3])
+
+    heights = np.tile(np.linspace(-4.0, 4.0, 16, dtype=np.float32), (4, 1))
+    OpenEXR.File({}, {"Y": heights}).write(str(tmp_path / "heights.exr"))
+    normals = 2.0 * material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 heights.exr").normal_map.pixels - 1.0
+    np.testing.assert_allclose(-normals[:, 1:-1, 0] / normals[:, 1:-1, 2], 8.0 / 15.0, rtol=1e-4)
+
+    (tmp_path / "light.hdr").write_bytes(
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n" + bytes([128, 64, 0, 131, 128, 0, 0, 130])
+    )
+    emission = material_of(tmp_path, "Kd 1 1 1\nmap_Ke light.hdr").emission
+    np.testing.assert_allclose(emission.pixels, [[[4.0, 2.0, 0.0], [2.0, 0.0, 0.0]]], atol=0.05)
+
+
+def test_maps_that_cannot_be_decoded_are_told_once_and_left_out(tmp_path):
+    good = np.ones((64, 64), np.float32)
+    for name, pixels in (("whole", good), ("nan", np.where(np.eye(64) > 0, np.nan, good).astype(np.float32))):
+        OpenEXR.File({}, dict.fromkeys("RGB", pixels)).write(str(tmp_path / f"{name}.exr"))
+    (tmp_path / "cut.exr").write_bytes((tmp_path / "whole.exr").read_bytes()[:400])
+    (tmp_path / "bomb.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 60000\n\2\2")
+    Image.fromarray(np.zeros((999, 999), np.uint8)).save(tmp_path / "whole.png")
+    (tmp_path / "cut.png").write_bytes((tmp_path / "whole.png").read_bytes()[:60])
+    for name, reason in (
+        ("cut.exr", ""),
+        ("nan.exr", "no numbers"),
+        ("bomb.hdr", "too large|claims"),
+        ("cut.png", ""),
+        ("none.exr", "no such file"),
+    ):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            material = material_of(tmp_path, f"Kd 0.5 0.25 0.1\nmap_Kd {name}\nmap_Ke {name}\nmap_d {name}")
+        told = [str(each.message) for each in caught if each.category is InputWarning]
+        assert len(told) == 1, (name, told)
+        assert name in told[0]
+        assert "left out" in told[0]
+        assert re.search(reason, told[0]), told
+        assert material == wrt.Diffuse((0.5, 0.25, 0.1)) or material.base_color == (0.5, 0.25, 0.1)
+        assert material.opacity == 1.0

@@ -7,23 +7,20 @@ from __future__ import annotations
 
 import base64
 import binascii
-import io
 import math
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import first_line, read_file, why_not
-from wrt.formats.images import open_image, pixels_of
+from wrt.files import read_file, why_not
 from wrt.formats.parts import warn
+from wrt.formats.texture_images import TextureImages
 from wrt.textures import ImageTexture
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 Tree = dict[str, Any]
 
@@ -35,16 +32,12 @@ _NEAREST = 9728
 
 
 class GltfImages:
-    """The images of one file, each decoded once for each use.
-
-    An image that cannot be decoded is left out with a warning.
-    """
+    """The images of one file, each decoded once for each use."""
 
     def __init__(self, path: Path, tree: Tree, binary: bytes) -> None:
         """Take a file's JSON, and the binary chunk of a GLB."""
         self._path, self._tree, self._binary = path, tree, binary
-        self._images: dict[int, Image | None] = {}
-        self._pixels: dict[tuple[int, str], NDArray[np.float32]] = {}
+        self._images = TextureImages(path)
 
     def texture(self, info: Tree | None, kind: str, *, placed: bool, **options: Any) -> ImageTexture | None:
         """Return the texture that a reference names, or None without one.
@@ -72,31 +65,16 @@ class GltfImages:
         return f"{self._path.name} texture {info.get('index')}"
 
     def pixels(self, info: Tree | None, kind: str) -> NDArray[np.float32] | None:
-        """Return (H, W, 3) what an image holds as "color", "data" or "alpha", or None without one."""
+        """Return (H, W, 3) what an image holds, `kind` as in TextureImages, or None without one."""
         number = None if not info else self._source(info)
         if number is None:
             return None
-        image = self._decoded(number)
-        if image is None:
-            return None
-        if (number, kind) not in self._pixels:
-            try:
-                found = _alpha(image) if kind == "alpha" else pixels_of(image, linear=kind == "data")
-            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
-                self._images[number] = None
-                self._left_out(number, first_line(error))
-                return None
-            self._pixels[number, kind] = found
-        return self._pixels[number, kind]
+        return self._images.pixels(number, kind, f"image {number}", partial(self._bytes, number))
 
     def has_alpha(self, info: Tree | None) -> bool:
         """Whether the image has an alpha channel that is not opaque everywhere."""
         number = None if not info else self._source(info)
-        image = None if number is None else self._decoded(number)
-        if image is None or not ("A" in image.getbands() or "transparency" in image.info):
-            return False
-        pixels = self.pixels(info, "alpha")
-        return pixels is not None and bool(pixels.min() < 1.0)
+        return number is not None and self._images.has_alpha(number, f"image {number}", partial(self._bytes, number))
 
     def wrap(self, info: Tree) -> tuple[str, str]:
         """Return how a texture goes on beyond its edges, along u and v."""
@@ -122,26 +100,8 @@ class GltfImages:
             warn(f"{self._path}: texture {info['index']} left out: its image is in a format not supported ({kinds})")
         return source
 
-    def _decoded(self, number: int) -> Image | None:
-        if number not in self._images:
-            self._images[number] = None
-            try:
-                data = self._bytes(self._tree["images"][number])
-            except InputError as error:
-                warn(f"{error}; it is left out")
-                return None
-            try:
-                image = open_image(io.BytesIO(data))
-                image.load()
-                self._images[number] = image
-            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
-                self._left_out(number, first_line(error))
-        return self._images[number]
-
-    def _left_out(self, number: int, reason: str) -> None:
-        warn(f"{self._path}: image {number} left out: it cannot be decoded: {reason}")
-
-    def _bytes(self, image: Tree) -> bytes:
+    def _bytes(self, number: int) -> bytes:
+        image = self._tree["images"][number]
         if "bufferView" in image:
             view = self._tree["bufferViews"][image["bufferView"]]
             buffer = self._tree["buffers"][view["buffer"]]
@@ -179,9 +139,3 @@ def placement_of(info: Tree) -> Tree:
         "rotation_degrees": math.degrees(turn),
         "offset": (ou + s * sv, 1.0 - ov - c * sv),
     }
-
-
-def _alpha(image: Image) -> NDArray[np.float32]:
-    """Return the alpha channel as (H, W, 3) numbers from 0 to 1."""
-    codes = np.asarray(image.convert("RGBA").getchannel("A"), np.float32) / np.float32(255.0)
-    return np.repeat(codes[:, :, None], 3, axis=2)

@@ -29,6 +29,9 @@ OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
 MAX_PIXELS = 2**27
 """Of an image that is read: 16384x8192, for instance. In memory each takes 12 bytes."""
 
+FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")
+"""Of files in floating point that OpenImageIO reads."""
+
 _PIXELS_PER_BYTE = 2**16
 """More than OpenEXR, Radiance and these can gain by compression: where the header says more, it is wrong."""
 
@@ -52,10 +55,12 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     file = Path(path)
     require_file(file)
     suffix = file.suffix.lower()
-    reader = {".exr": _read_float, ".hdr": _read_float, ".rgbe": _read_float, ".npy": _read_npy}.get(suffix)
     try:
         with naming(file):
-            pixels = _read_pillow(file, linear) if reader is None else reader(file)
+            if suffix in FLOAT_SUFFIXES:
+                pixels = read_float(file)
+            else:
+                pixels = _read_npy(file) if suffix == ".npy" else _read_pillow(file, linear)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - decoders fail on damaged files in ways they do not list
@@ -147,8 +152,16 @@ def _read_pillow(path: Path, linear: bool | None) -> NDArray[np.float32]:
         return pixels_of(image, linear=linear)
 
 
-def _read_float(path: Path) -> NDArray[np.float32]:
-    """Read OpenEXR or Radiance HDR; OpenImageIO says what is wrong with a damaged file, in words."""
+def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
+    """Read OpenEXR or Radiance HDR as (H, W, 3) float32; OpenImageIO says what is wrong with a damaged file, in words.
+
+    Args:
+        path: the file.
+        alpha: whether its alpha channel is read, three times, instead of colours, where it has one.
+
+    Raises:
+        InputError: where it cannot be decoded, is too large or has no such channels.
+    """
     import OpenImageIO
 
     source = OpenImageIO.ImageInput.open(str(path))
@@ -166,7 +179,7 @@ def _read_float(path: Path) -> NDArray[np.float32]:
             raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")
     finally:
         source.close()
-    for wanted in (("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")):
+    for wanted in ([("A", "A", "A")] * alpha) + [("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")]:
         if all(name in names for name in wanted):
             return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in wanted]], np.float32)
     raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(names)}")

@@ -229,4 +229,4 @@ def _trimesh_material(name: str, material: Any) -> ColorSource | None:
     if value is not None and np.array_equal(value, DEFAULT_COLOR):
         value = None  # nobody chose it
     factor = None if value is None else np.asarray(value)[:3] / 255.0
-    return reflectance("trimesh", name, image, factor, {})
+    return reflectance("trimesh", name, image, factor)

@@ -8,25 +8,19 @@ straight on), and Ns from 0 to 1000 is a roughness from 1 to 0.
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
-from wrt.files import first_line
-from wrt.formats.images import open_image, pixels_of
-from wrt.formats.parts import DEFAULT_REFLECTANCE, warn
-from wrt.formats.trimesh_files import Beside
+from wrt.formats.parts import DEFAULT_REFLECTANCE
+from wrt.formats.texture_images import TextureImages
+from wrt.formats.trimesh_files import COLOR_MAP, Beside
 from wrt.materials import Diffuse, Material, Principled
 from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import Vec3
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 _ARGUMENTS = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}
 """Words that may follow an option of a map; one for all others."""
@@ -38,34 +32,35 @@ _BUMP_TEXELS = 2.0
 """Texels that a bump map is high from black to white at -bm 1: the format leaves it open."""
 
 
+_HIGHEST = 1e6
+"""Of a bump map in floating point: slopes of higher ones would overflow."""
+
+
 class MtlMaterials:
     """The materials of one OBJ file, each made once for each way of using it."""
 
     def __init__(self, path: Path) -> None:
         """Take the path of the OBJ file, beside which images are looked for."""
         self._path, self._beside = path, Beside(path)
-        self._pixels: dict[tuple[str, str], NDArray[np.float32] | None] = {}
+        self._images = TextureImages(path)
         self._made: dict[tuple[str, bool, bool], Material] = {}
 
-    def material(
-        self, name: str, described: dict[str, Any], image: Image | None, *, laid: bool, colored: bool
-    ) -> Material:
+    def material(self, name: str, described: dict[str, Any], *, laid: bool, colored: bool) -> Material:
         """Return a material.
 
         Args:
             name: the material's.
             described: its statements in small letters, with their words or numbers.
-            image: that of map_Kd.
             laid: whether the mesh has texture coordinates.
             colored: whether the mesh has colours of its own.
         """
         key = name, laid, colored
         if key not in self._made:
-            self._made[key] = self._make(name, _Statements(described), image, laid, colored)
+            self._made[key] = self._make(_Statements(described), laid, colored)
         return self._made[key]
 
-    def _make(self, name: str, said: _Statements, image: Image | None, laid: bool, colored: bool) -> Material:
-        base = self._base(name, said, image, laid, colored)
+    def _make(self, said: _Statements, laid: bool, colored: bool) -> Material:
+        base = self._base(said, laid, colored)
         opacity, transmission = self._opacity(said, laid), 0.0
         illumination = said.number("illum", -1.0)
         if illumination in _GLASSES and isinstance(opacity, float) and opacity < 1.0 and said.number("ni", 1.0) > 1.0:
@@ -84,7 +79,7 @@ class MtlMaterials:
             values["specular_color"] = tuple(x / 0.04 for x in specular)
         elif shiny or not physical:
             r, g, b = specular
-            values["specular_color"] = self._map(said, "map_ks", "color", laid, factor=(2.0 * r, 2.0 * g, 2.0 * b))
+            values["specular_color"] = self._map(said, "map_ks", laid, factor=(2.0 * r, 2.0 * g, 2.0 * b))
         if physical:
             values["roughness"] = self._share(said, "pr", laid, 0.5)
             values["metallic"] = self._share(said, "pm", laid, 0.0)
@@ -103,17 +98,16 @@ class MtlMaterials:
             **common,
         )
 
-    def _base(self, name: str, said: _Statements, image: Image | None, laid: bool, colored: bool) -> ColorSource:
+    def _base(self, said: _Statements, laid: bool, colored: bool) -> ColorSource:
         """Return the image, the mesh's colours, the constant, or a default, whichever is there first."""
         color = said.color("kd", maximum=1.0)
-        if image is not None:
-            label = str(image.info.get("file_path", name))
-            options, file = _options(label.split())
-            pixels = self._read(label, image, "color")
+        if COLOR_MAP in said.words:
+            options, file = _options(said.words[COLOR_MAP])
+            pixels = self._image(file, "color")
             # Many exporters write Kd 0 0 0 beside an image; black would hide it.
             factor = color if color is not None and any(color) else (1.0, 1.0, 1.0)
             if pixels is not None and laid:
-                return ImageTexture(pixels, file or name, factor=factor, **_placement(options))
+                return ImageTexture(pixels, file, factor=factor, **_placement(options))
             if pixels is not None:
                 # Without coordinates the image's average is the best constant.
                 mean = np.clip(pixels.mean(axis=(0, 1), dtype=np.float64) * factor, 0.0, 1.0)
@@ -150,7 +144,7 @@ class MtlMaterials:
         color = said.color("ke") or (0.0, 0.0, 0.0)
         if "map_ke" not in said.words:
             return color
-        return self._map(said, "map_ke", "color", laid, factor=color if any(color) else (1.0, 1.0, 1.0))
+        return self._map(said, "map_ke", laid, factor=color if any(color) else (1.0, 1.0, 1.0), most=math.inf)
 
     def _normal_map(self, said: _Statements, laid: bool) -> NormalMap | None:
         for key in ("norm", "map_norm", "map_kn", "map_bump", "bump"):
@@ -161,7 +155,9 @@ class MtlMaterials:
                     continue
                 wrap = _placement(options).get("wrap", "repeat")
                 if not key.endswith("bump") or _holds_normals(pixels):
-                    return NormalMap(np.minimum(pixels, np.float32(1.0)), name=file, wrap=wrap)
+                    return NormalMap(pixels, name=file, wrap=wrap)
+                pixels = self._image(file, "data", least=-_HIGHEST, most=_HIGHEST)
+                assert pixels is not None  # as before
                 height = options.get("-bm", ["1"])[0]
                 scale = float(height) if _is_number(height) else 1.0
                 return NormalMap(_normals_of_heights(pixels[:, :, 0], scale), name=file, wrap=wrap)
@@ -177,44 +173,19 @@ class MtlMaterials:
         pixels = self._image(file, "data")
         return value if pixels is None else ImageTexture(pixels, file, channel="r", **_placement(options))
 
-    def _map(self, said: _Statements, key: str, kind: str, laid: bool, *, factor: Vec3) -> ColorSource:
+    def _map(self, said: _Statements, key: str, laid: bool, *, factor: Vec3, most: float = 1.0) -> ColorSource:
         words = said.words.get(key)
         if not words or not laid:
             return factor
         options, file = _options(words)
-        pixels = self._image(file, kind)
+        pixels = self._image(file, "color", most=most)
         if pixels is None:
             return factor
         return ImageTexture(pixels, file, factor=factor, **_placement(options))
 
-    def _image(self, file: str, kind: str) -> NDArray[np.float32] | None:
-        """Return an image beside the OBJ as "color", "data" or "alpha"; None, with a warning, if it cannot be read."""
-        if (file, kind) not in self._pixels:
-            self._pixels[file, kind] = None
-            try:
-                data = self._beside.get(file)
-            except InputError as error:
-                warn(f"{error}; it is left out")
-                return None
-            try:
-                image = open_image(io.BytesIO(data if isinstance(data, bytes) else data.encode()))
-            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
-                warn(f"{self._path}: texture {file} left out: {first_line(error)}")
-            else:
-                return self._read(file, image, kind)
-        return self._pixels[file, kind]
-
-    def _read(self, file: str, image: Image, kind: str) -> NDArray[np.float32] | None:
-        if self._pixels.get((file, kind)) is None:
-            self._pixels[file, kind] = None
-            try:
-                if kind == "alpha" and "A" in image.getbands():
-                    image = image.getchannel("A")
-                pixels = pixels_of(image, linear=kind != "color")
-                self._pixels[file, kind] = np.clip(pixels, 0.0, 1.0)
-            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
-                warn(f"{self._path}: texture {file} left out: {first_line(error)}")
-        return self._pixels[file, kind]
+    def _image(self, file: str, kind: str, **limits: float) -> NDArray[np.float32] | None:
+        """Return an image beside the OBJ, see TextureImages.pixels."""
+        return self._images.pixels(file, kind, f"texture {file}", lambda: self._beside.find(file), **limits)
 
 
 class _Statements:

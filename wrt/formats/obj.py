@@ -11,7 +11,7 @@ from pathlib import Path
 from wrt.errors import InputError
 from wrt.formats.mtl import MtlMaterials
 from wrt.formats.parts import Part, warn
-from wrt.formats.trimesh_files import as_text, is_stand_in, load, part_of
+from wrt.formats.trimesh_files import COLOR_MAP, as_text, load, part_of
 
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 
@@ -38,15 +38,13 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
             continue
         part.counted = "a vertex"  # trimesh has renumbered them
         statements = getattr(described, "kwargs", {})
-        image = getattr(described, "image", None)
-        image = None if is_stand_in(image) else image
-        if image is not None and part.uvs is None and "\nvt " in text:
+        if COLOR_MAP in statements and part.uvs is None and "\nvt " in text:
             # trimesh drops all coordinates where one is not there.
-            label = image.info.get("file_path", name)
+            label = " ".join(statements[COLOR_MAP])
             warn(f"{path}: texture {label} cannot be laid: its faces name texture coordinates that are not there")
-        if statements or image is not None:
+        if statements:
             laid, colored = part.uvs is not None, part.colors is not None
-            part.material = materials.material(name, statements, image, laid=laid, colored=colored)
+            part.material = materials.material(name, statements, laid=laid, colored=colored)
         parts.append(part)
     return parts
 

@@ -326,7 +326,7 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
         if mesh.uvs is not None:
             return Shape(mesh, Diffuse(reflectance), name=mesh.name)
         # Without coordinates the texture's average is the best constant.
-        average = np.clip(reflectance.pixels.mean(axis=(0, 1), dtype=np.float64), 0.0, 1.0)
+        average = np.clip(reflectance.pixels.mean(axis=(0, 1), dtype=np.float64) * reflectance.factor, 0.0, 1.0)
         reflectance = tuple(float(x) for x in average)
     if part.face_colors is not None:
         corners = mesh.faces.reshape(-1)

@@ -50,7 +50,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         return []
     image = getattr(getattr(fields.get("visual"), "material", None), "image", None)
     if not is_stand_in(image):
-        part.reflectance = reflectance(path, f"{path.name} image", image, None, {})
+        part.reflectance = reflectance(path, f"{path.name} image", image, None)
     return [part]
 
 

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import first_line, read_file, why_not
-from wrt.formats.images import open_image, pixels_of
+from wrt.files import first_line, read_file, require_file, why_not
+from wrt.formats.images import open_image
 from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
 from wrt.formats.polygons import triangulate
+from wrt.formats.texture_images import TextureImages
 from wrt.srgb import linear_from_srgb
 from wrt.textures import ColorSource, ImageTexture
 from wrt.values import array
@@ -31,8 +32,10 @@ from wrt.values import array
 Fields = dict[str, Any]
 """What a trimesh loader returns for one mesh: arguments of trimesh.Trimesh."""
 
-# Options of map statements, such as "-s 1 1 1 -clamp on": trimesh takes them for part of the file name.
-_MAP_OPTIONS = re.compile(r"^\s*(?:-[a-z]+\s+(?:(?:on|off|[-+]?[.\d][-+.\de]*)\s+)+)+", re.IGNORECASE)
+COLOR_MAP = "map_color"
+"""What map_Kd of a material file is called for trimesh, which would open the image itself, by fewer formats."""
+
+_COLOR_MAP = re.compile(r"^(\s*)map_kd(?=\s)", re.IGNORECASE | re.MULTILINE)
 
 
 class Beside:
@@ -45,24 +48,37 @@ class Beside:
         self.missing: list[str] = []
         self._images = images
 
+    def find(self, name: str) -> Path:
+        """Return the path of a file that may be read.
+
+        Raises:
+            InputError: where there is none.
+        """
+        # Exporters on Windows write its separators and quotes; glTF writes spaces as %20.
+        plain = name.strip().strip('"').replace("\\", "/")
+        files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
+        for file in files:
+            with contextlib.suppress(InputError):
+                require_file(file)
+                return file
+        try:
+            require_file(files[-1])
+        except InputError as error:
+            self.missing.append(f"{self.path}: {str(files[-1])!r}, which it refers to: {why_not(files[-1], error)}")
+            raise InputError(self.missing[-1]) from None
+        return files[-1]
+
     def get(self, name: str) -> bytes | str:
         """Return a file's bytes, or the text of a material file.
 
         Raises:
-            InputError: where it cannot be read.
+            InputError: where it cannot be read, or is an image that is too large.
         """
-        # Exporters on Windows write its separators and quotes; glTF writes spaces as %20.
-        plain = _MAP_OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
-        files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
-        for file in files:
-            with contextlib.suppress(InputError):
-                data = read_file(file)
-                return as_text(data) if file.suffix.lower() == ".mtl" else self._not_too_large(file, data)
-        try:
-            return self._not_too_large(files[-1], read_file(files[-1]))
-        except InputError as error:
-            self.missing.append(f"{self.path}: {str(files[-1])!r}, which it refers to: {why_not(files[-1], error)}")
-            raise InputError(self.missing[-1]) from None
+        file = self.find(name)
+        data = read_file(file)
+        if file.suffix.lower() == ".mtl":
+            return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", as_text(data))
+        return self._not_too_large(file, data)
 
     def _not_too_large(self, file: Path, data: bytes) -> bytes:
         """Return the data, which trimesh decodes if they are an image, whatever its size."""
@@ -188,9 +204,7 @@ def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
         return values if linear else linear_from_srgb(values)
 
 
-def reflectance(
-    path: str | Path, name: str, image: Any, factor: Any, known: dict[int, NDArray[np.float32]]
-) -> ColorSource | None:
+def reflectance(path: str | Path, name: str, image: Any, factor: Any) -> ColorSource | None:
     """Return a linear factor times an sRGB image, or the one of the two that is there.
 
     Args:
@@ -198,7 +212,6 @@ def reflectance(
         name: of the texture.
         image: a PIL image or None; one that cannot be decoded is left out with a warning.
         factor: one or three numbers, or None.
-        known: pixels that are decoded already, by id of their image.
     """
     constant = None
     values = np.ravel(np.asarray(() if factor is None else factor, np.float64))[:3]
@@ -207,17 +220,11 @@ def reflectance(
         constant = (r, g, b)
     if image is None:
         return constant
-    if id(image) not in known:
-        try:
-            known[id(image)] = np.clip(pixels_of(image), 0.0, 1.0)
-        except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
-            warn(f"{path}: texture {name} left out: {first_line(error)}")
-            return constant
-    pixels = known[id(image)]
+    pixels = TextureImages(path).pixels(0, "color", f"texture {name}", lambda: image)
+    if pixels is None:
+        return constant
     # Many exporters write Kd 0 0 0 beside an image; black would hide it.
-    if constant is not None and any(constant) and constant != (1.0, 1.0, 1.0):
-        pixels = pixels * np.array(constant, np.float32)
-    return ImageTexture(pixels, name)
+    return ImageTexture(pixels, name, factor=constant if constant is not None and any(constant) else 1.0)
 
 
 def is_stand_in(image: Any) -> bool:

@@ -1,0 +1,121 @@
+"""Images that a mesh file holds or names, as the pixels of textures.
+
+An image that is not there or cannot be decoded is left out with one warning, and the rest of the file is used.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.files import first_line, read_file
+from wrt.formats.images import FLOAT_SUFFIXES, open_image, pixels_of, read_float
+from wrt.formats.parts import warn
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+Source: TypeAlias = "Image | bytes | Path"
+"""Where an image comes from: from another reader, from a file's data, or from a file of its own."""
+
+KINDS = ("color", "data", "alpha")
+"""What of an image is read: colours, which are sRGB where they have 8 bits; numbers; or the alpha channel, thrice."""
+
+
+class TextureImages:
+    """The images of one file, each opened once, and decoded once for each use."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Take the file's path, for messages."""
+        self._path = path
+        self._opened: dict[Hashable, Image | Path | None] = {}
+        self._pixels: dict[tuple[Hashable, str, float, float], NDArray[np.float32] | None] = {}
+
+    def pixels(
+        self,
+        key: Hashable,
+        kind: str,
+        label: str,
+        source: Callable[[], Source],
+        *,
+        least: float = 0.0,
+        most: float = 1.0,
+    ) -> NDArray[np.float32] | None:
+        """Return (H, W, 3) linear values, or None where the image is left out.
+
+        Args:
+            key: by which the image is known again.
+            kind: one of KINDS. An image without alpha channel is read as numbers in its place.
+            label: what the image is called in warnings, such as "image 3".
+            source: where it comes from, asked the first time; may raise InputError, as where there is no file.
+            least: values below are set to this.
+            most: values above are set to this.
+        """
+        place = key, kind, least, most
+        if place not in self._pixels:
+            opened = self._image(key, label, source)
+            try:
+                self._pixels[place] = None if opened is None else _within(_decoded(opened, kind), least, most)
+            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
+                self._leave_out(key, label, error)
+                self._pixels[place] = None
+        return self._pixels[place]
+
+    def has_alpha(self, key: Hashable, label: str, source: Callable[[], Source]) -> bool:
+        """Whether an image has an alpha channel that is not opaque everywhere."""
+        image = self._image(key, label, source)
+        if image is None or isinstance(image, Path) or not _with_alpha(image):
+            return False
+        pixels = self.pixels(key, "alpha", label, source)
+        return pixels is not None and bool(pixels.min() < 1.0)
+
+    def _image(self, key: Hashable, label: str, source: Callable[[], Source]) -> Image | Path | None:
+        """Return an image that is open, the path of one in floating point, or None where it is left out."""
+        if key not in self._opened:
+            self._opened[key] = None
+            try:
+                found = source()
+            except InputError as error:
+                warn(f"{error}; it is left out")
+                return None
+            try:
+                if isinstance(found, Path) and found.suffix.lower() not in FLOAT_SUFFIXES:
+                    found = read_file(found)
+                if isinstance(found, bytes):
+                    found = open_image(io.BytesIO(found))
+                    found.load()
+                self._opened[key] = found
+            except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
+                self._leave_out(key, label, error)
+        return self._opened[key]
+
+    def _leave_out(self, key: Hashable, label: str, error: Exception) -> None:
+        self._opened[key] = None
+        warn(f"{self._path}: {label} left out: it cannot be decoded: {first_line(error)}")
+
+
+def _decoded(image: Image | Path, kind: str) -> NDArray[np.float32]:
+    if isinstance(image, Path):
+        return read_float(image, alpha=kind == "alpha")
+    if kind == "alpha" and _with_alpha(image):
+        image = image.convert("RGBA").getchannel("A")
+    return pixels_of(image, linear=kind != "color")
+
+
+def _with_alpha(image: Image) -> bool:
+    return "A" in image.getbands() or "transparency" in image.info
+
+
+def _within(pixels: NDArray[np.float32], least: float, most: float) -> NDArray[np.float32]:
+    low, high = float(pixels.min()), float(pixels.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise InputError("there are infinite values in it, or some that are no numbers")
+    # Most are within, and so not copied.
+    return pixels if least <= low and high <= most else np.clip(pixels, least, most)
