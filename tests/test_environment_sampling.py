@@ -119,6 +119,8 @@ SKIES = {
     "a hot pixel at the zenith's seam": (hot(6, 8, 0, 0), -30.0),
     "a sun over dim sky": (0.02 + hot(9, 12, 4, 11), 10.0),
     "one pixel": (np.ones((1, 1, 3), np.float32), 0.0),
+    "clear sky": (wrt.SunSkyEnvironment(20.0, 70.0).image_and_sun()[0].pixels, 0.0),
+    "clear sky by Preetham": (wrt.SunSkyEnvironment(20.0, 70.0, model="preetham").image_and_sun()[0].pixels, 30.0),
 }
 
 
@@ -167,7 +169,8 @@ def test_samples_estimate_the_integral_of_radiance(name: str, device: str, repor
     """The mean of radiance over density is the integral, which quadrature gives as well."""
     pixels, rotation = SKIES[name]
     sky = Sky(pixels, device, rotation)
-    d, solid_angle = image_grid(64 * pixels.shape[0], 64 * pixels.shape[1], rotation)
+    parts = 64 if len(pixels) < 64 else 2
+    d, solid_angle = image_grid(parts * pixels.shape[0], parts * pixels.shape[1], rotation)
     exact = (sky.look(d)[0][:, 1] * solid_angle).sum()
     wi, pdf = sky.sample(uniforms(2**18, 4, seed=3))
     values = sky.look(wi)[0][:, 1] / pdf

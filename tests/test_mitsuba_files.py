@@ -51,6 +51,11 @@ CASES = {
     "lights": Case("point, spot, directional", ('"24"', '"26"')),
     "constant": Case("constant", ('"0.5, 0.6, 0.7"', '"0.52, 0.6, 0.7"')),
     "envmap": Case("envmap: scale, to_world", ('angle="37"', 'angle="35"')),
+    "sunsky": Case(
+        "sunsky: sun_direction, turbidity, albedo, sun_aperture, sun_scale, sky_scale, to_world",
+        ('"turbidity" value="4.3"', '"turbidity" value="4.6"'),
+    ),
+    "afternoon": Case("sunsky: date and place, z upwards", ('"minute" value="30"', '"minute" value="38"')),
     "glowing": Case("area on sphere, disk, cube; flip_normals; null", ('"0.5, 1, 3"', '"0.53, 1, 3"')),
     "metals": Case(
         "roughconductor: distribution, alpha, alpha_u, alpha_v, sample_visible, specular_reflectance; conductor: "

@@ -233,36 +233,6 @@ def test_a_black_body_is_as_bright_as_its_temperature_says(tmp_path: Path) -> No
     assert radiance @ (0.2126, 0.7152, 0.0722) == pytest.approx(planck, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "to_world", ["", '<rotate x="1" angle="-90"/>', '<rotate x="1" angle="-90"/><rotate y="1" angle="50"/>']
-)
-@pytest.mark.filterwarnings("ignore::wrt.formats.parts.InputWarning")
-def test_the_sun_is_where_mitsuba_s_is(to_world: str, tmp_path: Path, report: Report) -> None:
-    """Other models of sky and sun: their radiance is alike, in the same unit, and so is their place."""
-    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
-    from support.mitsuba_scene import load_mitsuba
-
-    from wrt.build.environment import resolve_environment
-
-    mi = load_mitsuba()
-    body = f"""<emitter type="sunsky"><vector name="sun_direction" x="0.3" y="0.5" z="0.7"/>
-        <transform name="to_world">{to_world}</transform></emitter>"""
-    scene = loaded(tmp_path, body + BALL)
-    theirs = mi.load_file(str(tmp_path / "scene.xml")).environment()
-    _, suns = resolve_environment(scene.environment)
-    (sun,) = [*suns, *scene.lights]
-    towards = -np.array(sun.direction)
-    si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f((-towards).tolist())
-    expected = np.array(theirs.eval(si))
-    radiance = np.array(sun.irradiance) / (np.pi * np.sin(0.5 * np.radians(sun.angle_degrees)) ** 2)
-    report("radiance of the sun", np.round(radiance).tolist(), np.round(expected).tolist())
-    assert radiance == pytest.approx(expected, rel=0.25)
-    beside = towards + np.cross(towards, (0.0, 1.0, 0.0)) * np.radians(1.0)
-    si.wi = mi.Vector3f((-beside).tolist())
-    assert np.array(theirs.eval(si)).max() < 0.01 * radiance.max()
-
-
 def test_instances_share_a_mesh(tmp_path: Path) -> None:
     group = '<shape type="shapegroup" id="a"><shape type="sphere"/></shape>'
     place = '<transform name="to_world"><translate x="{}"/></transform>'
@@ -387,7 +357,9 @@ LEFT_OUT = {
     '<shape type="sphere"><bsdf type="diffuse"><rgb name="reflectance" value="2"/></bsdf></shape>': "clipped to 1",
     '<shape type="sphere"><bsdf type="principled"/></shape>': "principled material of glTF",
     '<shape type="sphere"><bsdf type="diffuse"><texture type="noise" name="reflectance"/></bsdf></shape>': "'noise'",
-    '<emitter type="sunsky"/><shape type="sphere"/>': "Preetham",
+    '<emitter type="sunsky"><boolean name="complex_sun" value="true"/></emitter><shape type="sphere"/>': "limb",
+    '<emitter type="sunsky"><float name="hour" value="23"/></emitter><shape type="sphere"/>': "below the horizon",
+    '<emitter type="sky"/><shape type="sphere"/>': "taken as a 'sunsky'",
 }
 
 

@@ -89,8 +89,10 @@ def test_wheel_holds_every_source_file_and_no_other(wheel: Path) -> None:
     assert held == expected
     assert {"wrt/py.typed", "wrt/kernels/bsdf/diffuse.py", "wrt/meshes/cornell-box.toml"} <= held
     assert any(name.endswith(".ply") for name in held)
-    assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
-    assert "License-Expression: Apache-2.0" in metadata
+    assert {"wrt/data/hosek_wilkie.npz", "wrt/data/hosek_wilkie.LICENSE"} <= held
+    for file in ("LICENSE", "wrt/data/hosek_wilkie.LICENSE"):
+        assert any(name.endswith(f".dist-info/licenses/{file}") for name in names)
+    assert "License-Expression: Apache-2.0 AND BSD-3-Clause" in metadata
     assert "Requires-Python: >=3.10" in metadata
 
 

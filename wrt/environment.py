@@ -11,15 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.harmonics import harmonics
+from wrt.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.lights import DirectionalLight
 from wrt.sky import rgb_from_xyz, sky_xyz, sun_xyz
-from wrt.values import ColorLike, Vec3, color, image, number, vector
+from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, vector
 
 SUN_DIAMETER_DEGREES = 0.53
 """The sun's mean angular diameter."""
 
 _SKY_HEIGHT = 512
 """Rows of the image of a sky: the horizon lies between two of them."""
+
+SKY_MODELS = {"hosek-wilkie": 1.0, "preetham": 2.0}
+"""Models of clear skies, each with its least turbidity."""
 
 _HARMONICS_ROWS = 64
 """Rows for each degree of spherical harmonics; see `SphericalHarmonicsEnvironment`."""
@@ -125,19 +129,23 @@ class SphericalHarmonicsEnvironment:
 class SunSkyEnvironment:
     """A clear sky by day, the sun in it, and flat matt ground below the horizon.
 
-    The model of Preetham, Shirley and Smits (1999), in `wrt.sky`. The sun is a disk of 0.53 degrees, equally bright all
-    over. The ground reflects what sun and sky send down, the same everywhere. Radiance is absolute, some tens of
-    W·sr⁻¹·m⁻² in the sky and over 10⁶ in the sun, and irradiance over 100 W·m⁻²:
-    pictures want an exposure of about −4.
+    The model "hosek-wilkie", that of Hošek and Wilkie (2012, 2013), is in `wrt.hosek_wilkie`; "preetham", that of
+    Preetham, Shirley and Smits (1999), in `wrt.sky`. The sun is a disk of 0.53 degrees, equally bright all over. The
+    ground reflects what sun and sky send down, the same everywhere. Radiance is absolute, some W·sr⁻¹·m⁻² in the sky
+    and over 10⁶ in the sun, and irradiance over 100 W·m⁻²: pictures want an exposure of about −4.
 
     Attributes:
         elevation_degrees: of the sun above the horizon, above 0 to 90.
         azimuth_degrees: where the sun stands, from −z towards +x.
         sun_direction: towards the sun, in place of both angles; any length but zero.
-        turbidity: haziness of the air: 2 very clear, 3 clear, 6 hazy, 10 thick haze. Below 2 the model has no sky.
-        ground_albedo: share of light that the ground reflects, per channel, 0 to 1.
+        turbidity: haziness of the air: 2 very clear, 3 clear, 6 hazy, 10 thick haze. From 1; by Preetham's model, which
+            has no sky below, from 2.
+        ground_albedo: share of light that the ground reflects, per channel, 0 to 1. With Hošek's and Wilkie's model
+            the air above it gets brighter too.
         sky_scale: multiplies the radiance of sky and ground.
         sun_scale: multiplies the radiance of the sun; 0 leaves it out of the sky, but not off the ground.
+        ground: whether the ground shines; else all is black below the horizon.
+        model: "hosek-wilkie" or "preetham".
     """
 
     elevation_degrees: float = 45.0
@@ -147,8 +155,12 @@ class SunSkyEnvironment:
     ground_albedo: ColorLike = 0.2
     sky_scale: float = 1.0
     sun_scale: float = 1.0
+    ground: bool = True
+    model: str = "hosek-wilkie"
 
     def __post_init__(self) -> None:
+        one_of(self.model, tuple(SKY_MODELS), "model")
+        boolean(self.ground, "ground")
         if self.sun_direction is not None:
             direction = np.array(vector(self.sun_direction, "sun_direction"))
             length = float(np.linalg.norm(direction))
@@ -164,7 +176,7 @@ class SunSkyEnvironment:
         for name, limits in {
             "elevation_degrees": {"above": 0.0, "maximum": 90.0},
             "azimuth_degrees": {},
-            "turbidity": {"minimum": 2.0, "maximum": 10.0},
+            "turbidity": {"minimum": SKY_MODELS[self.model], "maximum": 10.0},
             "sky_scale": {"minimum": 0.0},
             "sun_scale": {"minimum": 0.0},
         }.items():
@@ -180,20 +192,23 @@ class SunSkyEnvironment:
 
     def image_and_sun(self) -> tuple[ImageEnvironment, DirectionalLight | None]:
         """Return the image of sky and ground, and the sun; None where it is left out."""
-        zenith = math.radians(90.0 - self.elevation_degrees)
-        half = 0.5 * math.radians(SUN_DIAMETER_DEGREES)
-        irradiance = rgb_from_xyz(sun_xyz(zenith, self.turbidity)) * math.pi * math.sin(half) ** 2
-
         directions = image_directions(_SKY_HEIGHT, 2 * _SKY_HEIGHT)
         upper = directions[: _SKY_HEIGHT // 2]
-        sky = rgb_from_xyz(sky_xyz(upper[..., 1], upper @ np.array(self.to_sun), zenith, self.turbidity))
-        edges = np.cos(np.linspace(0.0, 0.5 * math.pi, _SKY_HEIGHT // 2 + 1))
-        # Of each row the integral of the cosine over its solid angle, spread over its columns.
-        received = 0.5 * (edges[:-1] ** 2 - edges[1:] ** 2) * (math.pi / _SKY_HEIGHT)
-        down = (sky * received[:, None, None]).sum(axis=(0, 1)) + irradiance * math.cos(zenith)
-        pixels = np.empty((*directions.shape[:2], 3), np.float32)
+        cos_zenith, cos_sun = upper[..., 1], upper @ np.array(self.to_sun)
+        elevation = math.radians(self.elevation_degrees)
+        if self.model == "preetham":
+            sky = rgb_from_xyz(sky_xyz(cos_zenith, cos_sun, 0.5 * math.pi - elevation, self.turbidity))
+            sun = rgb_from_xyz(sun_xyz(0.5 * math.pi - elevation, self.turbidity))
+        else:
+            sky = sky_rgb(cos_zenith, cos_sun, elevation, self.turbidity, self.ground_albedo)  # type: ignore[arg-type]
+            sun = sun_rgb(elevation, self.turbidity)
+        irradiance = sun * math.pi * math.sin(0.5 * math.radians(SUN_DIAMETER_DEGREES)) ** 2
+
+        pixels = np.zeros((*directions.shape[:2], 3), np.float32)
         pixels[: len(sky)] = sky
-        pixels[len(sky) :] = np.asarray(self.ground_albedo) * down / math.pi
+        if self.ground:
+            down = self._received(sky) + irradiance * math.sin(elevation)
+            pixels[len(sky) :] = np.asarray(self.ground_albedo) * down / math.pi
         image = ImageEnvironment(pixels, self.sky_scale, name="sky")
         if self.sun_scale == 0.0:
             return image, None
@@ -203,6 +218,15 @@ class SunSkyEnvironment:
             tuple(float(x) for x in irradiance * self.sun_scale),
             angle_degrees=SUN_DIAMETER_DEGREES,
         )
+
+    @staticmethod
+    def _received(sky: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the irradiance, (3,), that the upper half of an image sends down."""
+        edges = np.cos(np.linspace(0.0, 0.5 * math.pi, len(sky) + 1))
+        # Of each row the integral of the cosine over its solid angle, spread over its columns.
+        received = 0.5 * (edges[:-1] ** 2 - edges[1:] ** 2) * (2.0 * math.pi / sky.shape[1])
+        result: NDArray[np.float64] = (sky * received[:, None, None]).sum(axis=(0, 1))
+        return result
 
 
 Environment: TypeAlias = ConstantEnvironment | ImageEnvironment | SphericalHarmonicsEnvironment | SunSkyEnvironment

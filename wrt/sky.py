@@ -1,4 +1,4 @@
-"""Clear skies by day: the radiance of the sky and of the sun.
+"""Clear skies by day, by the model of Preetham: the radiance of the sky and of the sun.
 
 Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight" (SIGGRAPH 1999): the sky's luminance and
 chromaticity are Perez's five-parameter function with coefficients linear in the turbidity (their appendix A.2);
@@ -138,11 +138,16 @@ def color_matching(wavelengths: ArrayLike) -> Array:
     return np.stack([x, y, z], axis=-1)
 
 
+def spectrum_xyz(wavelengths: ArrayLike, radiance: ArrayLike) -> Array:
+    """Return spectral radiance as CIE XYZ, (3,), W·sr⁻¹·m⁻²; wavelengths are in nm, and between them it is straight."""
+    at = np.asarray(wavelengths, np.float64)
+    fine = np.arange(at[0], at[-1] + 1.0)
+    return np.asarray(np.interp(fine, at, np.asarray(radiance, np.float64)) @ color_matching(fine))
+
+
 def sun_xyz(sun_zenith: float, turbidity: float) -> Array:
     """Return the mean radiance of the sun's disk seen from the ground as CIE XYZ, (3,), W·sr⁻¹·m⁻²."""
-    wavelengths, radiance = sun_spectrum(sun_zenith, turbidity)
-    fine = np.arange(wavelengths[0], wavelengths[-1] + 1.0)
-    return np.asarray(np.interp(fine, wavelengths, radiance) @ color_matching(fine))
+    return spectrum_xyz(*sun_spectrum(sun_zenith, turbidity))
 
 
 def rgb_from_xyz(xyz: ArrayLike) -> Array:

@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.environment import ConstantEnvironment, Environment, ImageEnvironment, SunSkyEnvironment
+from wrt.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.errors import InputError
 from wrt.formats.images import load_image
+from wrt.formats.mitsuba.daylight import daylight
 from wrt.formats.mitsuba.plugin import Plugin
-from wrt.formats.mitsuba.spectra import LUMINOUS
 from wrt.formats.mitsuba.textures import Textures
 from wrt.formats.mitsuba.transforms import axis_and_degrees, rotation_part
 from wrt.lights import DirectionalLight, Light, PointLight, SpotLight
@@ -86,7 +86,9 @@ class Emitters:
         if plugin.type == "envmap":
             return self._image(plugin)
         if plugin.type in ("sunsky", "sky", "sun"):
-            return self._sky(plugin)
+            sky, sun = daylight(plugin, self.textures)
+            self.lights.extend([] if sun is None else [sun])
+            return sky
         return None
 
     def _image(self, plugin: Plugin) -> ImageEnvironment:
@@ -101,58 +103,6 @@ class Emitters:
         scale = plugin.number("scale", 1.0)
         plugin.ignore("mis_compensation")
         return ImageEnvironment(np.ascontiguousarray(pixels), scale, degrees, file.name, axis)
-
-    def _sky(self, plugin: Plugin) -> Environment:
-        """Return a clear sky: another model of it, by the same sun, haze and ground."""
-        plugin.warn("Preetham's model of sun and sky (1999) stands in for Mitsuba's")
-        axes, _, plain = rotation_part(plugin.transform())
-        if not plain:
-            plugin.warn("'to_world' slants, which is left out")
-        plugin.ignore("sun_aperture", "complex_sun", "sun_radius_scale", "resolution", "stretch", "extend")
-        if not plugin.has("sun_direction"):
-            plugin.warn("the sun's place by date and time is not computed; it stands 45 degrees high in the south")
-        plugin.ignore(*("latitude", "longitude", "timezone", "year", "month", "day", "hour", "minute", "second"))
-        to_sun = np.array(plugin.point("sun_direction", (0.0, -1.0, 1.0)))
-        upright = _upright(axes, plugin)
-        direction = upright @ to_sun / max(float(np.linalg.norm(to_sun)), 1e-30)
-        if direction[1] < 0.01:
-            plugin.warn("a sun below the horizon is put just above it")
-            direction[1] = 0.01
-        scale = 1.0 / LUMINOUS  # Mitsuba's radiance is a mean over wavelengths, wrt's the sum
-        turbidity = min(max(plugin.number("turbidity", 3.0), 2.0), 10.0)
-        sky, sun = plugin.number("sky_scale", 1.0), plugin.number("sun_scale", 1.0)
-        common = plugin.number("scale", 1.0)
-        made = SunSkyEnvironment(
-            sun_direction=_vec(direction),
-            turbidity=turbidity,
-            ground_albedo=self.textures.constant(plugin, "albedo", 0.3),
-            sky_scale=0.0 if plugin.type == "sun" else scale * common * sky,
-            sun_scale=0.0 if plugin.type == "sky" else scale * common * sun,
-        )
-        if np.allclose(upright, np.eye(3)):
-            return made
-        image, light = made.image_and_sun()
-        back = upright.T
-        axis, degrees = axis_and_degrees(back)
-        if light is not None:
-            direction_of_light = _vec(back @ np.array(light.direction))
-            self.lights.append(
-                DirectionalLight(direction_of_light, light.irradiance, angle_degrees=light.angle_degrees)
-            )
-        return ImageEnvironment(image.pixels, image.scale, degrees, image.name, axis)
-
-
-def _upright(axes: NDArray[np.float64], plugin: Plugin) -> NDArray[np.float64]:
-    """Return the turn by which the sky's own up, z in `sunsky`, becomes y."""
-    if plugin.type != "sunsky":
-        return np.eye(3)
-    up = axes @ (0.0, 0.0, 1.0)
-    if np.allclose(up, (0.0, 1.0, 0.0), atol=1e-6):
-        return np.eye(3)
-    # The rows are where x, y and z of the upright world are.
-    side = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.9 else (0.0, 0.0, 1.0))
-    side /= np.linalg.norm(side)
-    return np.stack([side, up, np.cross(side, up)])
 
 
 def _rows_between(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -25,10 +25,10 @@ LUMINOUS = float(OBSERVER[:, 1].sum() * 5.0)
 """∫ y dλ, nm: what radiance summed over wavelengths is divided by."""
 
 # CIE XYZ (D65) to linear Rec. 709, the inverse of ITU-R BT.709's primaries (IEC 61966-2-1).
-_RGB_FROM_XYZ = np.array(
+RGB_FROM_XYZ = np.array(
     [(3.240479, -1.537150, -0.498535), (-0.969256, 1.875991, 0.041556), (0.055648, -0.204043, 1.057311)]
 )
-_RESPONSE = OBSERVER @ _RGB_FROM_XYZ.T
+_RESPONSE = OBSERVER @ RGB_FROM_XYZ.T
 
 # Planck's constant, J s; the speed of light, m/s; Boltzmann's constant, J/K (SI, exact since 2019).
 _PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
