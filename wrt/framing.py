@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrt.camera import PerspectiveCamera
+from wrt.mesh import box_around
 from wrt.values import Vec3
+
+CHUNK = 1 << 16
+"""Points that are looked at together, so that what is computed of them stays in a core's cache."""
 
 VIEW = (0.45, 0.38, 1.0)
 """Direction from the object to the camera: in front, a little to the right, a little above."""
@@ -29,22 +33,26 @@ def frame_camera(
         fov_degrees: full vertical field of view.
         margin: how much larger the picture is than what just holds the points.
     """
-    p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    center = 0.5 * (p.min(axis=0) + p.max(axis=0))
-    p = p - center
-    if not p.any():
-        p = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
+    p = np.asarray(points).reshape(-1, 3)
+    low, high = box_around(p)
+    center = 0.5 * (low + high)
+    if (low == high).all():
+        p = center + np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
+        low, high = p
     toward = np.array(view) / np.linalg.norm(view)
     right, up, forward = PerspectiveCamera(origin=tuple(toward), target=(0.0, 0.0, 0.0)).frame()
     tangent = math.tan(math.radians(fov_degrees) / 2.0) / margin
-    depth = p @ forward
+    slopes = ((right, tangent * aspect), (up, tangent))
+    outwards = [-forward, *(side * axis - slope * forward for axis, slope in slopes for side in (1.0, -1.0))]
+    farthest = np.full(len(outwards), -np.inf)
+    for start in range(0, len(p), CHUNK):
+        chunk = p[start : start + CHUNK] - center
+        farthest = np.maximum(farthest, (np.array(outwards) @ chunk.T).max(axis=1))
     middles, depths = [], []
-    for axis, slope in ((right, tangent * aspect), (up, tangent)):
-        across = p @ axis
-        high, low = (across - slope * depth).max(), (-across - slope * depth).max()
-        middles.append(0.5 * (high - low))
-        depths.append(-0.5 * (high + low) / slope)
+    for (_, slope), (right_side, left_side) in zip(slopes, farthest[1:].reshape(2, 2), strict=True):
+        middles.append(0.5 * (right_side - left_side))
+        depths.append(-0.5 * (right_side + left_side) / slope)
     # A flat thing seen edge-on must not touch the lens.
-    nearest = min(*depths, depth.min() - 1e-3 * float(np.abs(p).max()))
+    nearest = min(*depths, -farthest[0] - 1e-3 * float((high - center).max()))
     origin = center + middles[0] * right + middles[1] * up + nearest * forward
     return PerspectiveCamera(origin=tuple(origin), target=tuple(origin - nearest * forward), fov_degrees=fov_degrees)

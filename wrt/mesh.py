@@ -13,6 +13,12 @@ from wrt.errors import InputError
 from wrt.values import array
 
 
+def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Return the (2, 3) lowest and highest corner of the box around (N, 3) points, at least one."""
+    # Column by column: NumPy takes several times as long for short rows.
+    return np.array([[function(column) for column in points.T] for function in (np.min, np.max)], np.float64)
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles by index, with optional attributes at the vertices.
@@ -66,16 +72,18 @@ class Mesh:
             rows = np.ascontiguousarray(array(value, f"{self.name}: {what}", np.float32))
         if rows.ndim != 2 or rows.shape[1] != width:
             raise InputError(f"{self.name}: {what} must be (N, {width}), not {rows.shape}")
-        bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-        if len(bad):
-            raise InputError(f"{self.name}: {what} must be finite; number {bad[0]} is {rows[bad[0]].tolist()}")
+        if not np.isfinite(rows).all():
+            bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+            raise InputError(f"{self.name}: {what} must be finite; number {bad} is {rows[bad].tolist()}")
         return rows
 
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64 lowest and highest corner of the vertices that faces use."""
-        used = self.vertices[np.unique(self.faces)].astype(np.float64)
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        points = self.vertices if used.all() else self.vertices[used]
+        return box_around(points)
 
     def transformed(self, matrix: ArrayLike) -> Mesh:
         """Return a copy moved by a (4, 4) or (3, 4) affine matrix, normals and winding kept right."""

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.mesh import Mesh
+from wrt.mesh import Mesh, box_around
 
 CREASE_LIMIT = 2_000_000
 """Faces above which no creases are looked for. Matching the edges of more would hold several
 gigabytes for seconds, and scans of that size are smooth at the scale of their triangles."""
+
+CHUNK = 1 << 15
+"""Faces or vertices at a time, so that what is computed of them stays in a core's cache."""
 
 _Float = NDArray[np.float64]
 _Int = NDArray[np.intp]
@@ -39,18 +44,15 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
         crease_degrees: the largest fold that is still smooth; 180 and above smooths everything.
             Meshes of more than CREASE_LIMIT faces are smoothed everywhere.
     """
-    normals_given = mesh.normals
-    faces = mesh.faces.astype(np.intp)
-    if normals_given is not None:
-        unit, length = _unit(normals_given.astype(np.float64))
-        missing = ~np.isfinite(length) | (length < 1e-20)
-        if missing.any():
-            computed = _smooth(mesh, faces, same_positions(mesh.vertices))
-            unit[missing] = computed[missing]
-        return replace(mesh, normals=unit.astype(np.float32))
-
+    if mesh.normals is not None:
+        return replace(mesh, normals=_made_unit(mesh))
     positions = same_positions(mesh.vertices)
-    face_normals, angles = _face_normals(mesh, faces)
+    if len(mesh.faces) > CREASE_LIMIT or crease_degrees >= 180.0:
+        normals = _group_normals(mesh, positions).T
+        if _any(normals).all():
+            return replace(mesh, normals=normals.astype(np.float32).take(positions, axis=0))
+    faces = mesh.faces.astype(np.intp)
+    face_normals, angles = _face_normals(mesh)
     corners = positions[faces].reshape(-1)
     if len(faces) > CREASE_LIMIT or crease_degrees >= 180.0:
         groups = corners
@@ -58,16 +60,16 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
         groups = _smooth_groups(positions[faces], face_normals, crease_degrees)
     corner_normals = _corner_normals(groups, face_normals, angles)
     # A copy of a vertex for each different normal: corners of one group at one vertex share it.
-    blank = ~np.any(corner_normals, axis=1)
+    blank = ~_any(corner_normals)
     flat = np.repeat(face_normals, 3, axis=0)
     corner_normals[blank] = flat[blank]
-    blank &= np.any(flat, axis=1)
+    blank &= _any(flat)
     groups = np.where(blank, groups.max(initial=0) + 1 + np.arange(len(groups)), groups)
     key = faces.reshape(-1) * (int(groups.max(initial=0)) + 1) + groups
     _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
     source = faces.reshape(-1)[first]
     chosen = corner_normals[first]
-    chosen[~np.any(chosen, axis=1)] = (0.0, 1.0, 0.0)  # only faces without area meet here
+    chosen[~_any(chosen)] = (0.0, 1.0, 0.0)  # only faces without area meet here
     return replace(
         mesh,
         vertices=mesh.vertices[source],
@@ -78,6 +80,26 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     )
 
 
+def _made_unit(mesh: Mesh) -> NDArray[np.float32]:
+    """Return the given normals at unit length, those computed that are missing."""
+    assert mesh.normals is not None
+    result = np.empty((len(mesh.vertices), 3), np.float32)
+    missing = np.zeros(len(result), bool)
+    for part in _chunks(len(result)):
+        unit, length = _unit(mesh.normals[part].astype(np.float64))
+        result[part] = unit
+        missing[part] = ~np.isfinite(length) | (length < 1e-20)
+    if missing.any():
+        computed = _smooth(mesh, same_positions(mesh.vertices))
+        result[missing] = computed[missing]
+    return result
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    """Return slices that together are `count` rows."""
+    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+
+
 def _unit(vectors: _Float) -> tuple[_Float, _Float]:
     """Return vectors at unit length (zero ones stay zero) and their lengths before."""
     length = np.linalg.norm(vectors, axis=-1)
@@ -86,7 +108,7 @@ def _unit(vectors: _Float) -> tuple[_Float, _Float]:
 
 def vertex_normals(mesh: Mesh) -> _Float:
     """Return (N, 3) unit normals, weighted as in `with_normals`, without joins of positions or creases."""
-    return _smooth(mesh, mesh.faces.astype(np.intp), np.arange(len(mesh.vertices)))
+    return _smooth(mesh, np.arange(len(mesh.vertices)))
 
 
 def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -97,35 +119,88 @@ def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.f
     assert mesh.normals is not None
     together = same_positions(np.hstack([mesh.vertices, mesh.normals]))
     moved = Mesh(vertices, mesh.faces, name=mesh.name)
-    return _smooth(moved, mesh.faces.astype(np.intp), together).astype(np.float32)
+    return _smooth(moved, together).astype(np.float32)
 
 
 def same_positions(vertices: NDArray[np.float32]) -> _Int:
     """Return (N,) an index, without gaps, that is the same for vertices at the same position."""
     bits = (vertices + np.float32(0.0)).view(np.uint32)  # adding 0 makes -0 and 0 the same
-    order = np.lexsort(bits.T)
+    keys = np.zeros(len(bits), np.uint64)
+    for column in bits.T:
+        # Sorting one number a row, if rows that differ have different ones, which is all but sure.
+        keys = (keys ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        keys ^= keys >> np.uint64(29)
+    ordered_keys = np.sort(keys)
+    if (ordered_keys[1:] != ordered_keys[:-1]).all():
+        return np.arange(len(bits))
+    order = np.argsort(keys, kind="stable")
     ordered = bits[order]
     new = np.ones(len(bits), bool)
-    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    new[1:] = _any(ordered[1:] != ordered[:-1])
+    if int(new.sum()) != 1 + int((ordered_keys[1:] != ordered_keys[:-1]).sum()):
+        order = np.lexsort(bits.T)
+        ordered = bits[order]
+        new[1:] = _any(ordered[1:] != ordered[:-1])
     index = np.empty(len(bits), np.intp)
     index[order] = np.cumsum(new) - 1
     return index
 
 
-def _face_normals(mesh: Mesh, faces: _Int) -> tuple[_Float, _Float]:
-    """Return (M, 3) unit face normals, zero without area, and (M, 3) interior angles in radians."""
-    points = mesh.vertices.astype(np.float64)
+def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
+    """Return, for some faces at a time, what weighs in normals around their corners.
+
+    Yields:
+        The faces; their (3, n) unit normals, a row for each axis, zero without area; and their (3, n) interior angles,
+        radians, a row for each corner.
+    """
+    first = mesh.vertices[0].astype(np.float64)
     # Scaled to unit size, so that products of tiny or huge edges stay inside float64.
-    points = (points - points[0]) / (np.abs(points - points[0]).max() or 1.0)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    edges = (b - a, c - b, a - c)
-    cross: _Float = np.cross(edges[0], -edges[2])
-    normals, twice_area = _unit(cross)
-    angles = np.empty((len(faces), 3))
-    for k in range(3):
-        # tan(angle) = |u x v| / u.v, exact for slivers where arccos is not
-        angles[:, k] = np.arctan2(twice_area, -np.einsum("ij,ij->i", edges[k], edges[k - 1]))
+    scale = float(np.abs(box_around(mesh.vertices) - first).max()) or 1.0
+    for part in _chunks(len(mesh.faces)):
+        corners = (mesh.vertices.take(mesh.faces[part], axis=0) - first) / scale
+        a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        edges = (b - a, c - b, a - c)
+        (ux, uy, uz), (vx, vy, vz) = edges[0], -edges[2]
+        cross = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        twice_area = _length(cross)
+        normals = cross / np.where(twice_area > 0.0, twice_area, 1.0)
+        angles = np.empty(normals.shape)
+        for k in range(3):
+            # tan(angle) = |u x v| / u.v, exact for slivers where arccos is not
+            (ux, uy, uz), (vx, vy, vz) = edges[k], edges[k - 1]
+            angles[k] = np.arctan2(twice_area, -(ux * vx + uy * vy + uz * vz))
+        yield part, normals, angles
+
+
+def _length(vectors: _Float) -> _Float:
+    """Return (n,) lengths of (3, n) vectors."""
+    x, y, z = vectors
+    length: _Float = np.sqrt(x * x + y * y + z * z)
+    return length
+
+
+def _face_normals(mesh: Mesh) -> tuple[_Float, _Float]:
+    """Return (M, 3) unit face normals, zero without area, and (M, 3) interior angles in radians."""
+    normals, angles = np.empty(mesh.faces.shape), np.empty(mesh.faces.shape)
+    for part, some_normals, some_angles in _faces_in_chunks(mesh):
+        normals[part], angles[part] = some_normals.T, some_angles.T
     return normals, angles
+
+
+def _group_normals(mesh: Mesh, groups: _Int) -> _Float:
+    """Return (3, G) unit normals of groups of vertices: the angle-weighted mean over all their corners.
+
+    Zero where it cancels, or no face has an area.
+    """
+    size = int(groups.max(initial=0)) + 1
+    sums, total = np.zeros((3, size)), np.zeros(size)
+    for part, normals, angles in _faces_in_chunks(mesh):
+        for corners, angle in zip(mesh.faces[part].T, angles, strict=True):
+            of_corners = groups.take(corners)
+            for axis in range(3):
+                np.add.at(sums[axis], of_corners, normals[axis] * angle)
+            np.add.at(total, of_corners, angle)
+    return _mean(sums, total)
 
 
 def _smooth_groups(faces: _Int, face_normals: _Float, crease_degrees: float) -> NDArray[np.intp]:
@@ -146,7 +221,7 @@ def _smooth_groups(faces: _Int, face_normals: _Float, crease_degrees: float) -> 
     n, m = face_normals[one // 3], face_normals[two // 3]
     cosine = np.einsum("ij,ij->i", n, m)
     # Faces without area have no direction to fold: they hand the join on.
-    smooth = (cosine >= np.cos(np.deg2rad(crease_degrees)) - 1e-9) | ~n.any(axis=1) | ~m.any(axis=1)
+    smooth = (cosine >= np.cos(np.deg2rad(crease_degrees)) - 1e-9) | ~_any(n) | ~_any(m)
     one, two = one[smooth], two[smooth]
     aligned = start[one] == start[two]
     ends = np.where(aligned, two, following[two]), np.where(aligned, following[two], two)
@@ -177,22 +252,37 @@ def _connected(count: int, one: NDArray[Any], two: NDArray[Any]) -> NDArray[np.i
 
 def _corner_normals(groups: NDArray[np.intp], face_normals: _Float, angles: _Float) -> _Float:
     """Return (3M, 3) unit normals: the angle-weighted mean over each group; zero where it cancels."""
-    weighted = (face_normals[:, None, :] * angles[:, :, None]).reshape(-1, 3)
     size = int(groups.max(initial=0)) + 1
-    sums: _Float = np.stack([np.bincount(groups, weights=weighted[:, k], minlength=size) for k in range(3)], axis=1)
-    total = np.bincount(groups, weights=angles.reshape(-1), minlength=size)
-    unit, length = _unit(sums)
-    unit[length <= 1e-6 * total] = 0.0  # faces that look opposite ways leave only rounding
-    return unit[groups]
+    angle = angles.reshape(-1)
+    weights = [np.repeat(column, 3) * angle for column in face_normals.T]
+    sums = [np.bincount(groups, weights=each, minlength=size).astype(np.float64) for each in (*weights, angle)]
+    return _mean(np.stack(sums[:3]), sums[3]).T.take(groups, axis=0)
 
 
-def _smooth(mesh: Mesh, faces: _Int, positions: _Int) -> _Float:
-    """Return (N, 3) unit normals without creases; up where a vertex has no face with an area."""
-    face_normals, angles = _face_normals(mesh, faces)
-    corner_normals = _corner_normals(positions[faces].reshape(-1), face_normals, angles)
-    blank = ~np.any(corner_normals, axis=1)
-    corner_normals[blank] = np.repeat(face_normals, 3, axis=0)[blank]
-    result = np.tile(np.array([0.0, 1.0, 0.0]), (len(mesh.vertices), 1))
-    solid = np.any(corner_normals, axis=1)
-    result[faces.reshape(-1)[solid]] = corner_normals[solid]
+def _mean(sums: _Float, total: _Float) -> _Float:
+    """Return (3, G) unit normals of sums weighted by angles, `total` (G,) in all; zero where normals cancel."""
+    length = _length(sums)
+    length[length <= 1e-6 * total] = np.inf  # faces that look opposite ways leave only rounding
+    return sums / length
+
+
+def _any(rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return (N,) whether any number of each of (N, K) rows is not zero."""
+    return functools.reduce(np.logical_or, rows.T)
+
+
+def _smooth(mesh: Mesh, groups: _Int) -> _Float:
+    """Return (N, 3) unit normals without creases; up where a vertex has no face with an area.
+
+    Where normals around a group of vertices cancel, the last face's.
+    """
+    result = _group_normals(mesh, groups).T.take(groups, axis=0)
+    blank = ~_any(result)
+    if blank.any():
+        result[blank] = (0.0, 1.0, 0.0)
+        for part, normals, _ in _faces_in_chunks(mesh):
+            solid = _any(normals.T)
+            for index in mesh.faces[part][solid].T:
+                here = blank[index]
+                result[index[here]] = normals.T[solid][here]
     return result

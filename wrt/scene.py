@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,10 +110,10 @@ class Shape:
         return np.stack([outline.min(axis=0), outline.max(axis=0)])
 
     @property
-    def outline(self) -> NDArray[np.float64]:
+    def outline(self) -> NDArray[np.floating[Any]]:
         """(P, 3) points whose convex hull has the shape within: the vertices, or corners of boxes, at all keys."""
         if self.transform is None and self.deformation is None:
-            return self.mesh.vertices.astype(np.float64)
+            return self.mesh.vertices
         low, high = self.mesh.bounds
         if self.deformation is not None:
             low, high = self.deformation.vertices.min(axis=(0, 1)), self.deformation.vertices.max(axis=(0, 1))

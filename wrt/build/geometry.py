@@ -41,13 +41,20 @@ def upload_triangles(
 
     if sum(len(m.vertices) for m in vertices) >= 2**31 or 3 * sum(len(m.faces) for m in faces) >= 2**31:
         raise InputError("there are more than 2^31 triangle corners or vertices")
-    if len(vertices) == 1:
-        points, indices = vertices[0].vertices, faces[0].faces
-    else:
-        first = first_vertices.astype(np.int32)
-        points = np.concatenate([m.vertices for m in vertices])
-        indices = np.concatenate([m.faces + start for m, start in zip(faces, first, strict=True)])
-    return wp.array(points, dtype=wp.vec3, device=device), wp.array(indices.ravel(), dtype=int, device=device)
+    points = np.concatenate([m.vertices for m in vertices])
+    indices = np.empty((sum(len(m.faces) for m in faces), 3), np.int32)
+    stop = 0
+    for mesh, first in zip(faces, first_vertices.tolist(), strict=True):
+        start, stop = stop, stop + len(mesh.faces)
+        np.add(mesh.faces, np.int32(first), out=indices[start:stop])
+    return upload(points, wp.vec3, device), upload(indices.reshape(-1), int, device)
+
+
+def upload(rows: NDArray[Any], dtype: Any, device: str) -> Any:
+    """Return an array on a device; on the CPU the very memory that is given, which nobody else may write to."""
+    import warp as wp
+
+    return wp.array(rows, dtype=dtype, device=device, copy=False)
 
 
 def device_vectors(name: str, value: Any, device: str) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wrt.build.bodies import describe_bodies, set_camera_bodies
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
-from wrt.build.geometry import upload_triangles
+from wrt.build.geometry import upload, upload_triangles
 from wrt.build.layout import Layout, lay_out
 from wrt.build.light_choice import upload_light_choice
 from wrt.build.lights import light_table
@@ -141,15 +141,15 @@ def _upload_geometry(
             ]
         )
 
-    data.normals = wp.array(attribute("normals", 3, 0.0, copies), dtype=wp.vec3, device=name)
+    data.normals = upload(attribute("normals", 3, 0.0, copies), wp.vec3, name)
     if textured:
-        data.uvs = wp.array(attribute("uvs", 2, 0.0, copies), dtype=wp.vec2, device=name)
-        data.colors = wp.array(attribute("colors", 3, 1.0, copies), dtype=wp.vec3, device=name)
+        data.uvs = upload(attribute("uvs", 2, 0.0, copies), wp.vec2, name)
+        data.colors = upload(attribute("colors", 3, 1.0, copies), wp.vec3, name)
 
     counts = np.array([len(m.faces) for m in faces])
     first_triangles = np.cumsum(counts) - counts
     shape_numbers = np.array([*layout.world_shapes, *[-1] * len(layout.shared)], np.int32)
-    data.triangle_shape = wp.array(np.repeat(shape_numbers, counts), dtype=int, device=name)
+    data.triangle_shape = upload(np.repeat(shape_numbers, counts), int, name)
     tree = None
     if world:
         data.bvh = (tree := build_bvh(data.points, data.indices[: 3 * int(counts[: len(world)].sum())], device)).data

@@ -14,8 +14,8 @@ from wrt.camera import Camera
 from wrt.errors import InputError, one_line
 from wrt.lights import Light
 from wrt.materials import Diffuse, Material
-from wrt.mesh import Mesh
-from wrt.normals import with_normals
+from wrt.mesh import Mesh, box_around
+from wrt.normals import CHUNK, with_normals
 from wrt.scene import Shape
 from wrt.textures import ColorSource, ImageTexture, VertexColor
 from wrt.values import array
@@ -202,7 +202,9 @@ def positions_of(
         InputError: where one that is used is not finite.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        result = np.asarray(vertices).astype(np.float32)
+        result = np.ascontiguousarray(vertices, np.float32)
+    if np.isfinite(result).all():
+        return result
     bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
     if len(bad):
         for index in bad[np.isin(bad, faces)][:1]:
@@ -232,65 +234,78 @@ def _check_size(path: str, parts: list[Part]) -> None:
 
 
 def _box_corners(part: Part) -> NDArray[np.float64]:
-    """Return (P, 3) corners of the box around the vertices that faces use, in all places where the part stands."""
-    used = np.asarray(part.vertices)[part.faces.reshape(-1)].astype(np.float64)
-    box = np.stack([used.min(axis=0), used.max(axis=0)])
-    corners = np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    """Return (P, 3) corners of the box around a repaired part, in all places where it stands."""
+    corners = np.stack(np.meshgrid(*box_around(part.vertices).T, indexing="ij"), axis=-1).reshape(-1, 3)
     return np.concatenate([corners @ m[:3, :3].T + m[:3, 3] for m in part.places] or [corners])
 
 
 def _repaired(path: str, part: Part) -> Part:
-    """Return a part of used, finite vertices and faces that have three different corners."""
-    faces = np.asarray(part.faces).astype(np.int64)
+    """Return a part of finite vertices, all in use, and faces that have three different corners."""
     count = len(rows_of(path, part.vertices, "vertices", 3))
-    checked_faces(path, faces, count)
-    used = np.zeros(count, bool)
-    used[faces] = True
+    checked_faces(path, part.faces, count)
+    faces = np.ascontiguousarray(part.faces, np.int32)
     vertices = positions_of(path, part.vertices, faces, part.counted)
-    colors, face_colors, uvs = part.colors, part.face_colors, part.uvs
-    if colors is not None and not np.isfinite(np.asarray(colors)[used]).all():
-        warn(f"{path}: vertex colours are left out, as some are not finite")
-        colors = None
-    if face_colors is not None and not np.isfinite(face_colors).all():
-        warn(f"{path}: face colours are left out, as some are not finite")
-        face_colors = None
-    if uvs is not None and not np.isfinite(np.asarray(uvs)[used]).all():
-        warn(f"{path}: texture coordinates are left out, as some are not finite")
-        uvs = None
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    # Corners at one position make no area; thin triangles that have some are left alone.
-    solid = ~((a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1))
-    faces = faces[solid]
+    solid = _solid(vertices, faces)
+    face_colors = part.face_colors
+    if not solid.all():
+        faces = faces[solid]
+        face_colors = None if face_colors is None else np.asarray(face_colors)[solid]
+    used, faces = _used(faces, count)
+
+    def finite(what: str, rows: FloatArray | None) -> NDArray[np.float32] | None:
+        if rows is not None and np.isfinite(rows).all():
+            with np.errstate(over="ignore"):
+                return np.asarray(rows, np.float32)
+        if rows is not None:
+            warn(f"{path}: {what} are left out, as some are not finite")
+        return None
+
+    def pick(rows: FloatArray | None) -> FloatArray | None:
+        return rows if rows is None or used.all() else np.asarray(rows)[used]
+
+    colors = finite("vertex colours", pick(part.colors))
     return replace(
         part,
-        vertices=vertices,
+        vertices=vertices if used.all() else vertices[used],
         faces=faces,
-        colors=colors,
-        face_colors=None if face_colors is None else np.asarray(face_colors)[solid],
-        uvs=uvs,
+        normals=pick(part.normals),
+        colors=None if colors is None else np.clip(colors, 0.0, 1.0),
+        face_colors=finite("face colours", face_colors),
+        uvs=finite("texture coordinates", pick(part.uvs)),
     )
 
 
+def _used(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    """Return (count,) whether faces use a vertex, and the faces with those numbered that they use."""
+    used = np.zeros(count, bool)
+    used[faces] = True
+    return used, faces if used.all() else (np.cumsum(used, dtype=np.int32) - np.int32(1)).take(faces)
+
+
+def _solid(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return (M,) whether no two corners of a face are at one position: then they make no area.
+
+    Thin triangles that have some are left alone.
+    """
+    solid = np.empty(len(faces), bool)
+    for start in range(0, len(faces), CHUNK):
+        part = slice(start, start + CHUNK)
+        a, b, c = vertices.take(faces[part], axis=0).transpose(1, 2, 0)
+        same = [(p[0] == q[0]) & (p[1] == q[1]) & (p[2] == q[2]) for p, q in ((a, b), (b, c), (c, a))]
+        solid[part] = ~(same[0] | same[1] | same[2])
+    return solid
+
+
 def _mesh(path: str, part: Part) -> Mesh:
-    """Return a part as a mesh of only the vertices it uses; normals may still be zero."""
-    used, index = np.unique(part.faces, return_inverse=True)
-    faces = index.reshape(-1, 3).astype(np.int32)
-
-    def pick(array: FloatArray | None) -> NDArray[np.float32] | None:
-        if array is None:
-            return None
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(array)[used].astype(np.float32)
-
-    normals, colors = pick(part.normals), pick(part.colors)
+    """Return a repaired part as a mesh; normals may still be zero."""
+    normals = part.normals
     if normals is not None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            normals = np.asarray(normals, np.float32)
         # Zero stands for "none": with_normals computes those.
-        normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
-    if colors is not None:
-        colors = np.clip(colors, 0.0, 1.0)
-    vertices = pick(part.vertices)
-    assert vertices is not None
-    return Mesh(vertices, faces, normals, pick(part.uvs), colors, f"{Path(path).name}: {part.name}")
+        if not np.isfinite(normals).all():
+            normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
+    return Mesh(part.vertices, part.faces, normals, part.uvs, part.colors, f"{Path(path).name}: {part.name}")
 
 
 def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[Mesh]:
@@ -300,14 +315,15 @@ def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[
     """
     bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None and i not in alone]
     result = [mesh if i in bare else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
-    if not bare:
+    if len(bare) == 1:
+        result[bare[0]] = with_normals(meshes[bare[0]], crease_degrees)
+    if len(bare) <= 1:
         return result
     whole = with_normals(merge([meshes[i] for i in bare], "mesh"), crease_degrees)
     stop = 0
     for i in bare:
         start, stop = stop, stop + len(meshes[i].faces)
-        used, index = np.unique(whole.faces[start:stop], return_inverse=True)
-        faces = index.reshape(-1, 3).astype(np.int32)
+        used, faces = _used(whole.faces[start:stop], len(whole.vertices))
         picked = {
             field: getattr(whole, field)[used] if getattr(meshes[i], field) is not None else None
             for field in ("uvs", "colors")

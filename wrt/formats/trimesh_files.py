@@ -158,7 +158,9 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
     Raises:
         InputError: where faces name vertices that are not there.
     """
-    faces = array(() if fields.get("faces") is None else fields["faces"], f"{path}: faces", np.int64)
+    faces = array(() if fields.get("faces") is None else fields["faces"], f"{path}: faces")
+    if faces.dtype.kind not in "iu":
+        faces = array(faces, f"{path}: faces", np.int64)
     if faces.ndim != 2 or faces.shape[1] < 3 or not len(faces):
         return None
     vertices = rows_of(path, fields.get("vertices", ()), "vertices", 3)
