@@ -186,6 +186,18 @@ def test_emission_with_a_texture_and_without_light(tmp_path):
     assert shape.emission == (0.5, 0.25, 0.125)
 
 
+@pytest.mark.parametrize("double", [False, True])
+def test_double_sided_materials_shine_on_both_sides(tmp_path, double):
+    for described in ({"extensions": {"KHR_materials_unlit": {}}}, {"emissiveFactor": [1, 1, 1]}):
+        shape = loaded(tmp_path, {"doubleSided": double, **described})
+        assert shape.two_sided_emission == double
+        text = '[[shapes]]\ntype = "mesh"\nfile = "one.gltf"\n'
+        for line, expected in (("", double), ("two_sided_emission = false", False)):
+            (again,) = wrt.load(write(tmp_path, "one.toml", text + line)).shapes
+            assert again.two_sided_emission == expected
+    assert not loaded(tmp_path, {"doubleSided": True}).two_sided_emission
+
+
 def test_specular_glossiness_is_a_dielectric_with_a_tint(tmp_path):
     gloss = {
         "diffuseFactor": [0.2, 0.4, 0.6, 0.5],

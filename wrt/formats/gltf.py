@@ -153,6 +153,7 @@ def _part(path: Path, name: str, fields: Any, materials: GltfMaterials) -> Part 
         return part
     number = int(material.name)
     part.material = materials.material(number, laid=part.uvs is not None, colored=part.colors is not None)
+    part.two_sided = materials.shines_on_both_sides(number, part.material)
     if part.colors is not None:
         part.colors = part.colors * materials.base_factor(number)
     placement = materials.shared_placement(number)

@@ -20,7 +20,7 @@ from wrt.formats.gltf_images import GltfImages, Tree, placement_of
 from wrt.formats.parts import warn
 from wrt.materials import Emissive, Material, Principled
 from wrt.medium import Medium
-from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor, shines
 
 _LEAST_LEFT = 1e-6
 """Share of light for which 0 is taken: no medium absorbs everything."""
@@ -52,6 +52,10 @@ class GltfMaterials:
         if key not in self._made:
             self._made[key] = self._make(number, laid, colored)
         return self._made[key]
+
+    def shines_on_both_sides(self, number: int, material: Material) -> bool:
+        """Return whether a material gives off light, and as much on its back (section 3.9.6)."""
+        return bool(self._described[number].get("doubleSided", False)) and shines(material.emission)
 
     def base_factor(self, number: int) -> NDArray[np.float64]:
         """Return (3,) what multiplies the base colour."""

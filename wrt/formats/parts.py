@@ -56,6 +56,7 @@ class Part:
         face_colors: (M, 3) or None, like `colors`.
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
         material: all that the file says, where it says more than a reflectance; it fits `uvs` and `colors`.
+        two_sided: whether what shines does so on both sides.
         counted: what messages call a vertex, where its number is put in; loaders of some formats renumber them.
         places: (4, 4) matrices of where it stands, if in several places; else it lies in world space.
     """
@@ -70,6 +71,7 @@ class Part:
     reflectance: ColorSource | None = None
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
+    two_sided: bool = False
     counted: str = "vertex {} (counted from 0)"
 
 
@@ -336,7 +338,7 @@ def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[
 def _shape(part: Part, mesh: Mesh) -> Shape:
     """Choose the material: a texture if it can be laid, else colours, else the constant."""
     if part.material is not None:
-        return Shape(mesh, part.material, name=mesh.name)
+        return Shape(mesh, part.material, two_sided_emission=part.two_sided, name=mesh.name)
     reflectance = part.reflectance
     if isinstance(reflectance, ImageTexture):
         if mesh.uvs is not None:

@@ -330,7 +330,6 @@ class _Reader:
                 name = text_of(table["name"])
         with self.at("emission"):
             emission = self.color_source(table.get("emission", 0.0), names=False)
-        two_sided = boolean(table.get("two_sided_emission", False), "two_sided_emission")
         if "deformation" in table and len(made) > 1:
             raise InputError("its file has several materials, but one mesh alone can be deformed; give a material")
 
@@ -340,6 +339,8 @@ class _Reader:
         result = []
         for shape in made:
             changes = read_deformation(self, table, shape.mesh, moved)
+            own = shape.two_sided_emission and material is None
+            two_sided = boolean(table.get("two_sided_emission", own), "two_sided_emission")
             looks = (material or shape.material, emission, two_sided, name or shape.name)
             if shape.transform is None:
                 mesh, first = moved(shape.mesh), None
