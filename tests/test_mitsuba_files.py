@@ -12,7 +12,7 @@ from conftest import Report
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
 from support.mitsuba_files import compare, render_by_mitsuba, write_files
-from support.mitsuba_scene import Reference
+from support.mitsuba_scene import VARIANT, Reference
 from support.statistics import ImageTest, sidak
 
 pytestmark = pytest.mark.slow
@@ -27,12 +27,14 @@ class Case(NamedTuple):
         spp: samples per pixel of each of both renderers.
         alone: whether pixels are independent: filters that reach beyond a pixel tie neighbours in Mitsuba, so that
             sums over pixels cannot be judged.
+        variant: Mitsuba's.
     """
 
     covers: str
     change: tuple[str, str] | None = None
     spp: int = 512
     alone: bool = True
+    variant: str = VARIANT
 
 
 FLAT = '<boolean name="face_normals" value="true"/>'
@@ -61,6 +63,22 @@ CASES = {
         "roughconductor: distribution, alpha, alpha_u, alpha_v, sample_visible, specular_reflectance; conductor: "
         "specular_reflectance",
         ('"alpha" value="0.3"', '"alpha" value="0.36"'),
+    ),
+    "named": Case("conductors by name; merge", ('value="Au"', 'value="Cu"')),
+    "spectra": Case(
+        "uniform, d65, wavelength:value pairs, a file of them",
+        ("480:0.2, 560:0.3", "480:0.2, 560:0.36"),
+    ),
+    "blackbody": Case(
+        "blackbody, regular, irregular; area on cylinder",
+        ('"temperature" value="2000"', '"temperature" value="2020"'),
+        variant="scalar_spectral",
+    ),
+    "milk": Case(
+        "interior of roughdielectric, isotropic; dielectric: specular_reflectance, specular_transmittance; plastic: "
+        "specular_reflectance; ldsampler",
+        ('"0.95, 0.9, 0.8"', '"0.9, 0.9, 0.8"'),
+        1024,
     ),
     "glass": Case("dielectric, roughdielectric; indices by name", ('"diamond"', '"bk7"')),
     "pane": Case("thindielectric: specular_transmittance", ('"0.9, 0.7, 0.8"', '"0.9, 0.75, 0.8"')),
@@ -95,8 +113,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @functools.cache
-def reference(path: Path, spp: int) -> Reference:
-    return render_by_mitsuba(path, spp=spp)
+def reference(path: Path, spp: int, variant: str) -> Reference:
+    return render_by_mitsuba(path, spp=spp, variant=variant)
 
 
 def agrees(case: Case, result: ImageTest) -> bool:
@@ -108,7 +126,7 @@ def agrees(case: Case, result: ImageTest) -> bool:
 @pytest.mark.parametrize("name", CASES)
 def test_file_looks_as_in_mitsuba(name: str, folder: Path, report: Report) -> None:
     case, path = CASES[name], folder / f"{name}.xml"
-    result = compare(path, reference(path, case.spp), spp=case.spp)
+    result = compare(path, reference(path, case.spp, case.variant), spp=case.spp)
     report("mean against Mitsuba, per cent", f"{100.0 * result.relative_difference[1]:+.3f}", 0, p=result.mean_p)
     report("share of pixels that pass", result.pass_fraction, ">= 0.995", p=result.p_min)
     assert agrees(case, result), result.message
@@ -122,6 +140,6 @@ def test_a_changed_file_is_seen(name: str, folder: Path, report: Report) -> None
     assert case.change[0] in text
     changed = folder / f"{name}-changed.xml"
     changed.write_text(text.replace(*case.change))
-    result = compare(changed, reference(path, case.spp), spp=case.spp)
+    result = compare(changed, reference(path, case.spp, case.variant), spp=case.spp)
     report(" for ".join(reversed(case.change)), result.message)
     assert not agrees(case, result), result.message

@@ -14,6 +14,8 @@ from conftest import ROOT, Report
 from support.mitsuba_files import SCENES, write_files
 
 import wrt
+import wrt.presets
+from wrt.formats.mitsuba.metals import named_conductor
 from wrt.formats.parts import InputWarning
 
 BALL = '<shape type="sphere"/>'
@@ -93,10 +95,11 @@ def test_depth_is_a_layer(tmp_path: Path) -> None:
 
 def test_metals_by_name(tmp_path: Path) -> None:
     gold = material(tmp_path, '<bsdf type="conductor"><string name="material" value="Au"/></bsdf>')
-    assert gold == wrt.Conductor(metal="gold")
-    with pytest.warns(InputWarning, match="'Ir' is not known; aluminium stands in"):
-        other = material(tmp_path, '<bsdf type="conductor"><string name="material" value="Ir"/></bsdf>')
-    assert other == wrt.Conductor(metal="aluminium")
+    assert gold == wrt.Conductor(*named_conductor("Au"))  # type: ignore[misc]
+    assert isinstance(material(tmp_path, '<bsdf type="conductor"/>'), wrt.Mirror)
+    with pytest.warns(InputWarning, match="'Uuo' is not known; aluminium stands in"):
+        other = material(tmp_path, '<bsdf type="conductor"><string name="material" value="Uuo"/></bsdf>')
+    assert other == wrt.Conductor(*named_conductor("Al"))  # type: ignore[misc]
 
 
 def test_defaults_are_mitsuba_s(tmp_path: Path) -> None:
@@ -240,6 +243,27 @@ def test_instances_share_a_mesh(tmp_path: Path) -> None:
     shapes = loaded(tmp_path, group + instances).shapes
     assert [shape.transform[0, 3] for shape in shapes] == [0.0, 1.0, 2.0]
     assert len({id(shape.mesh) for shape in shapes}) == 1
+
+
+def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
+    """All that Mitsuba comes with, to the four digits that are kept; and a name that only `wrt.presets` has."""
+    mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+    mi.set_variant("scalar_rgb")
+    level = mi.logger().log_level()
+    mi.set_log_level(mi.LogLevel.Error)  # it tells of colours outside of its gamut
+    names = {path.name.split(".")[0] for path in (Path(mi.__file__).parent / "data" / "ior").glob("*.spd")}
+    assert {"Ag", "Cu_palik", "a-C"} <= names
+    for name in names - {"AlSb", "AlSb_palik"}:
+        theirs = mi.traverse(mi.load_dict({"type": "conductor", "material": name}))
+        ours = named_conductor(name)
+        assert ours is not None
+        for own, key in zip(ours, ("eta.value", "k.value"), strict=True):
+            np.testing.assert_allclose(own, np.array(theirs[key]).ravel(), rtol=6e-4, atol=1e-7, err_msg=name)
+    mi.set_log_level(level)
+    report("conductors", len(names) - 2, "as in Mitsuba")
+    assert named_conductor("Ni") == named_conductor("ni_palik")
+    assert named_conductor("Pt") == wrt.presets.metal_ior("platinum")
+    assert named_conductor("unobtainium") is None
 
 
 # --- What is refused ------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import wrt
-from support.mitsuba_scene import Reference, load_mitsuba
+from support.mitsuba_scene import VARIANT, Reference, load_mitsuba
 from support.statistics import ImageTest, image_z_test
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes" / "mitsuba"
@@ -35,6 +35,7 @@ def write_files(folder: Path) -> None:
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
     (folder / "ball.obj").write_text("\n".join(lines))
     (folder / "tent.ply").write_text(TENT)
+    (folder / "leaf.spd").write_text(LEAF)
 
 
 def _write_png(path: Path, codes: np.ndarray) -> None:
@@ -42,6 +43,17 @@ def _write_png(path: Path, codes: np.ndarray) -> None:
 
     Image.fromarray(codes.astype(np.uint8)).save(path)
 
+
+LEAF = """\
+# Of a leaf, roughly.
+380 0.04
+480 0.05
+550 0.22
+600 0.10
+680 0.06
+740 0.45
+800 0.5
+"""
 
 HOUSE = """\
 mtllib none.mtl
@@ -97,9 +109,10 @@ end_header
 """A slanted square with texture coordinates and colours."""
 
 
-def render_by_mitsuba(path: Path, *, spp: int, runs: int = 16, seed: int = 1) -> Reference:
-    """Return what Mitsuba makes of a scene file, by several runs with their own random numbers."""
+def render_by_mitsuba(path: Path, *, spp: int, runs: int = 16, seed: int = 1, variant: str = VARIANT) -> Reference:
+    """Return what a variant of Mitsuba makes of a scene file, by several runs with their own random numbers."""
     mi = load_mitsuba()
+    mi.set_variant(variant)
     scene = mi.load_file(str(path))
     images = np.stack(
         [

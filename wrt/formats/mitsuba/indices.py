@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from wrt.errors import InputError, did_you_mean
+from wrt.errors import did_you_mean
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.transforms import numbers_of
-from wrt.presets import metal_ior
 
 NAMED = {
     "vacuum": 1.0,
@@ -55,13 +54,3 @@ def refractive_index(plugin: Plugin, name: str, default: float | str) -> float:
     if value <= 0.0:
         raise element.error(f"{plugin.label}: {name!r} must be greater than 0, not {value:g}")
     return value
-
-
-def symbol_of(name: str) -> str | None:
-    """Return what wrt calls a metal of Mitsuba's, such as "Ni_palik"; None where its index is not known."""
-    symbol = name.strip().partition("_")[0]
-    try:
-        metal_ior(symbol)
-    except InputError:
-        return None
-    return symbol

@@ -11,7 +11,8 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.formats.mitsuba.bumps import Laid, bent
-from wrt.formats.mitsuba.indices import refractive_index, symbol_of
+from wrt.formats.mitsuba.indices import refractive_index
+from wrt.formats.mitsuba.metals import named_conductor
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.textures import Textures
 from wrt.materials import (
@@ -29,7 +30,6 @@ from wrt.materials import (
     TwoSided,
 )
 from wrt.materials.microfacet import LEAST_ALPHA
-from wrt.presets import metal_ior
 from wrt.textures import ColorSource, ImageTexture, VertexColor
 
 MASKINGS = {"ggx": "smith-separable", "beckmann": "walter"}
@@ -174,13 +174,16 @@ class Materials:
             if not any(eta) and all(x == 1.0 for x in k):
                 return None
             return tuple(max(x / around, 1e-4) for x in eta), tuple(max(x / around, 0.0) for x in k)
-        name = plugin.text("material", "Cu")
+        name = plugin.text("material", "none")
         if name.lower() == "none":
             return None
-        symbol = symbol_of(name)
-        if symbol is None:
+        optics = named_conductor(name)
+        if optics is None:
             plugin.warn(f"the index of {name!r} is not known; aluminium stands in for it")
-        return metal_ior(symbol or "aluminium")
+            optics = named_conductor("Al")
+        assert optics is not None
+        eta, k = optics
+        return tuple(max(x, 1e-4) for x in eta), k
 
     def _facets(self, plugin: Plugin) -> tuple[ColorSource, str]:
         """Return roughness and distribution."""

@@ -1,10 +1,10 @@
-"""What the eye sees of a spectrum: the CIE 1931 2 degree observer, and daylight D65, every 5 nm from 380 to 780 nm."""
+"""What the eye sees of a spectrum: the CIE 1931 2 degree observer, and daylight D65, from 380 to 780 nm."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# ISO/CIE 11664-1 and ISO/CIE 11664-2: x, y, z, and the relative power of D65.
+# ISO/CIE 11664-1 and ISO/CIE 11664-2, every 5 nm: x, y, z, and the relative power of D65.
 _TABLE = np.array(
     [
         (0.001368, 3.9e-05, 0.00645, 49.9755),
@@ -91,11 +91,13 @@ _TABLE = np.array(
     ]
 )
 
-WAVELENGTHS = 380.0 + 5.0 * np.arange(len(_TABLE))
-"""Of the rows, nm."""
+WAVELENGTHS = 380.0 + np.arange(401.0)
+"""Every nanometre: spectra are given at any, and may end abruptly."""
 
-OBSERVER = _TABLE[:, :3]
+_FINE = np.stack([np.interp(WAVELENGTHS, WAVELENGTHS[::5], column) for column in _TABLE.T], axis=1)
+
+OBSERVER = _FINE[:, :3]
 """(N, 3) colour matching functions."""
 
-D65 = _TABLE[:, 3]
+D65 = _FINE[:, 3]
 """(N,) relative power of average daylight, the white of Rec. 709."""

@@ -21,7 +21,7 @@ from wrt.values import Vec3
 COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody")
 """Elements that say a colour."""
 
-LUMINOUS = float(OBSERVER[:, 1].sum() * 5.0)
+LUMINOUS = float(OBSERVER[:, 1].sum())
 """∫ y dλ, nm: what radiance summed over wavelengths is divided by."""
 
 # CIE XYZ (D65) to linear Rec. 709, the inverse of ITU-R BT.709's primaries (IEC 61966-2-1).
@@ -39,7 +39,7 @@ Spectrum = NDArray[np.float64]
 
 def emitted(spectrum: Spectrum) -> Vec3:
     """Return the colour of a spectrum that shines; what lies outside Rec. 709 is clipped at 0."""
-    return _color(spectrum @ _RESPONSE * 5.0 / LUMINOUS)
+    return _color(spectrum @ _RESPONSE / LUMINOUS)
 
 
 def reflected(spectrum: Spectrum) -> Vec3:
