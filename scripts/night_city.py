@@ -12,7 +12,7 @@ import wrt
 
 Array = NDArray[np.float64]
 
-BLOCKS = 48
+BLOCKS = 96
 """Buildings in each direction, unless one asks for fewer."""
 
 PITCH = 22.0
@@ -38,7 +38,7 @@ PALETTE = {
 }
 
 RADIANCE = {
-    "lamp": 60.0,
+    "lamp": 1100.0,
     "warm": 1.0,
     "tungsten": 1.2,
     "cold": 0.9,
@@ -54,7 +54,8 @@ def night_city(lights: int, *, blocks: int = BLOCKS, seed: int = 0) -> wrt.Scene
     """Return the city with about `lights` emissive triangles (10 to 100,000), always with the same power in all.
 
     There are `blocks` buildings in each direction. A lamp has two triangles, a window of two panes four, a bulb eight.
-    Lamps come first; of what is left, bulbs get seven tenths and windows the rest.
+    Lamps get seven tenths of the triangles, as far as there are kerbs for them; of what is left, bulbs get seven tenths
+    and windows the rest.
     """
     rng = np.random.default_rng(seed)
     low = PITCH * (np.stack(np.meshgrid(np.arange(blocks), np.arange(blocks), indexing="ij"), axis=2) - blocks / 2)
@@ -82,7 +83,7 @@ def night_city(lights: int, *, blocks: int = BLOCKS, seed: int = 0) -> wrt.Scene
         scene.add(joined(boxes), material=wrt.Diffuse(reflectance), name=f"houses {k}")
 
     lamps = lamp_quads(blocks)
-    lamps = lamps[rng.permutation(len(lamps))][: max(1, lights // 2)]
+    lamps = lamps[rng.permutation(len(lamps))][: max(1, 7 * lights // 20)]
     rest = max(0, lights - 2 * len(lamps))
     bulbs = bulb_triangles(int(0.7 * rest) // 8, blocks, rng)
     panes = window_quads(low, sides, heights, rng)[: (rest - 8 * len(bulbs)) // 4].reshape(-1, 4, 3)
@@ -126,15 +127,14 @@ def rectangles(center: Array, u: Array, v: Array) -> Array:
 
 
 def lamp_quads(blocks: int) -> Array:
-    """Return the lamps of all streets, which shine downwards from above the kerb."""
+    """Return the lamps of all streets, LED panels of 10 cm that shine downwards from above both kerbs."""
     along = np.arange(-0.5 * blocks * PITCH + 5.0, 0.5 * blocks * PITCH, 11.0)
     street = PITCH * (np.arange(blocks) - 0.5 * blocks)
-    s, a = (g.ravel() for g in np.meshgrid(street, along))
-    side = np.where(np.arange(len(a)) % 2 == 0, 3.0, -3.0)
+    s, a, side = (g.ravel() for g in np.meshgrid(street, along, [-3.0, 3.0]))
     one = np.stack([s + side, np.full_like(s, 6.0), a], axis=1)
     other = np.stack([a, np.full_like(s, 6.0), s + side], axis=1)
     center = np.concatenate([one, other])
-    return rectangles(center, np.tile([0.22, 0.0, 0.0], (len(center), 1)), np.tile([0.0, 0.0, 0.22], (len(center), 1)))
+    return rectangles(center, np.tile([0.05, 0.0, 0.0], (len(center), 1)), np.tile([0.0, 0.0, 0.05], (len(center), 1)))
 
 
 def bulb_triangles(count: int, blocks: int, rng: np.random.Generator) -> Array:
