@@ -83,6 +83,10 @@ CASES = {
     "glass": Case("dielectric, roughdielectric; indices by name", ('"diamond"', '"bk7"')),
     "pane": Case("thindielectric: specular_transmittance", ('"0.9, 0.7, 0.8"', '"0.9, 0.75, 0.8"')),
     "plastics": Case("plastic: nonlinear, int_ior; roughplastic", ('"true"', '"false"')),
+    "coats": Case(
+        "roughplastic: diffuse_reflectance, specular_reflectance, nonlinear, alpha, distribution, int_ior",
+        ('"nonlinear" value="true"', '"nonlinear" value="false"'),
+    ),
     "principled": Case("principled: base_color, metallic, roughness", ('"0.4"', '"0.5"')),
     "mixtures": Case("blendbsdf, mask, bitmap where a number is wanted", ('"0.3"', '"0.35"')),
     "textures": Case(

@@ -15,6 +15,7 @@ from support.mitsuba_files import SCENES, write_files
 
 import wrt
 import wrt.presets
+from wrt.formats.mitsuba.coats import as_in_mitsuba
 from wrt.formats.mitsuba.metals import named_conductor
 from wrt.formats.parts import InputWarning
 
@@ -106,7 +107,8 @@ def test_defaults_are_mitsuba_s(tmp_path: Path) -> None:
     glass = material(tmp_path, '<bsdf type="roughdielectric"/>')
     assert glass == wrt.RoughDielectric(1.5046, 1.000277, 0.1, "beckmann", "walter")
     coat = material(tmp_path, '<bsdf type="roughplastic"/>')
-    assert coat == wrt.RoughPlastic(0.5, 1.49, 1.000277, 0.1, "beckmann", "walter", multiple_bounces=False)
+    base = as_in_mitsuba(0.5, 0.1, "beckmann", 1.49 / 1.000277, nonlinear=False)
+    assert coat == wrt.RoughPlastic(base, 1.49, 1.000277, 0.1, "beckmann", "walter", multiple_bounces=False)
 
 
 def test_parameters(tmp_path: Path) -> None:
@@ -272,6 +274,9 @@ ERRORS = {
     '<shape type="sphere">': r"not well-formed XML",
     '<shape type="sphere"><ref id="paint"/></shape>': r"line 2: there is nothing with the id 'paint'",
     '<shape type="obj"/>': r"line 2: shape 'obj': names no file",
+    f'<emitter type="sunsky"><integer name="year" value="{10**400}"/></emitter>': r"'year' is out of range: 1000",
+    '<emitter type="sunsky"><float name="turbidity" value="11"/></emitter>': r"turbidity must be at most 10",
+    '<emitter type="sunsky"><float name="hour"/><vector name="sun_direction" x="1"/></emitter>': r"choose one",
     '<shape type="obj"><string name="filename" value="no.obj"/></shape>': r"line 2: .*no\.obj: no such file",
     '<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>': r"outside the scene's folder",
     '<include filename="scene.xml"/>': r"line 2: 'scene.xml' includes itself",

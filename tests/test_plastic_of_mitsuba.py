@@ -22,6 +22,7 @@ from test_rough_conductor import g1_fit, smith_lambda_beckmann, stretched_cotang
 import wrt
 from wrt.build.tables import table
 from wrt.device import Device
+from wrt.formats.mitsuba.coats import sent_back
 from wrt.kernels.coat import make_coat_kernel
 from wrt.materials.plastics import internal_reflectance
 from wrt.textures import ColorSource
@@ -198,6 +199,8 @@ def test_rough_base(distribution: str, alpha: float, nonlinear: bool, device: st
     np.testing.assert_allclose(ratio, np.broadcast_to(factor, ratio.shape), rtol=1e-4)
     mean = internal_of(distribution, alpha, 1.5, device)
     internal = float(table(bare.table_key, Device(device))[2])
+    # What scene files of Mitsuba go by.
+    np.testing.assert_allclose(sent_back(distribution, alpha, 1.5), (internal, mean), rtol=1e-3)
     rho = np.array(COLOR) if nonlinear else 1.0
     report(f"{distribution} {alpha}: light sent back from below, and Mitsuba's mean", internal, mean)
     np.testing.assert_allclose(factor, (1.0 - rho * mean) / (1.0 - rho * internal) * np.ones(3), rtol=2e-3)

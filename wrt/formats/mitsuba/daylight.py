@@ -119,7 +119,7 @@ def _to_sun(plugin: Plugin, axes: Array) -> Array:
     values |= {name: plugin.whole(name, default) for name, default in _DATE.items()}
     for name, value in values.items():
         if not abs(value) < 1e6:
-            raise plugin.error(f"{name!r} is out of range: {value:g}")
+            raise plugin.error(f"{name!r} is out of range: {str(value)[:20]}")
     hours = values["hour"] - values["timezone"] + (values["minute"] + values["second"] / 60.0) / 60.0
     year, month, day = (int(values[name]) for name in _DATE)
     zenith, azimuth = sun_position(year, month, day, hours, values["latitude"], values["longitude"])

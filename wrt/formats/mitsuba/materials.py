@@ -11,6 +11,7 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.formats.mitsuba.bumps import Laid, bent
+from wrt.formats.mitsuba.coats import as_in_mitsuba
 from wrt.formats.mitsuba.indices import refractive_index
 from wrt.formats.mitsuba.metals import named_conductor
 from wrt.formats.mitsuba.plugin import Plugin
@@ -237,10 +238,10 @@ class Materials:
     def _rough_plastic(self, plugin: Plugin) -> Surface:
         alpha, distribution = self._facets(plugin)
         facets: dict[str, Any] = {"alpha": alpha, "distribution": distribution, "masking": MASKINGS[distribution]}
-        return Surface(
-            RoughPlastic(**self._coat(plugin), **facets, multiple_bounces=False),
-            one_sided=True,
-        )
+        coat = self._coat(plugin)
+        eta = coat["ior"] / coat["exterior_ior"]
+        coat["reflectance"] = as_in_mitsuba(coat["reflectance"], alpha, distribution, eta, nonlinear=coat["nonlinear"])
+        return Surface(RoughPlastic(**coat, **facets, multiple_bounces=False), one_sided=True)
 
     def _principled(self, plugin: Plugin) -> Surface:
         from wrt.formats.mitsuba.principled import principled
