@@ -211,9 +211,9 @@ def write_nodes(
     leaf_nodes: int,
     nodes_out: wp.array(dtype=float),
     children_out: wp.array(dtype=int),
-    leaf_roots_out: wp.array(dtype=int),
+    leaf_ranges_out: wp.array(dtype=wp.vec2i),
 ):
-    """Write the wide nodes of a level in the layout of `kernels/bvh.py`, and list the binary nodes of their leaves.
+    """Write the wide nodes of a level in the layout of `kernels/bvh.py`, and list the boxes of their leaves.
 
     Where leaves are nodes as well, `leaf_nodes` is the number of the first of all; otherwise −1.
     """
@@ -232,7 +232,7 @@ def write_nodes(
                 inner += 1
             else:
                 number = wp.where(leaf_nodes >= 0, leaf_nodes + leaf, -1 - leaf)
-                leaf_roots_out[leaf] = child
+                leaf_ranges_out[leaf] = wp.vec2i(node.first, node.count)
                 leaf += 1
             write_child(nodes_out, children_out, base + k, node.lower, node.upper, number)
 
@@ -258,11 +258,17 @@ def write_corners(
 
 
 @wp.kernel(enable_backward=False)
+def list_numbers(first: int, boxes: wp.array(dtype=vec8), numbers_out: wp.array(dtype=int)):
+    """Write the numbers of what boxes are around."""
+    i = first + wp.tid()
+    numbers_out[i] = number_of(boxes[i])
+
+
+@wp.kernel(enable_backward=False)
 def write_leaves(
     first: int,
-    leaf_roots: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
-    boxes: wp.array(dtype=vec8),
+    leaf_ranges: wp.array(dtype=wp.vec2i),
+    numbers: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     indices: wp.array(dtype=int),
     leaves_out: wp.array(dtype=float),
@@ -270,9 +276,10 @@ def write_leaves(
 ):
     """Write the numbers and corners of each leaf's triangles."""
     leaf = first + wp.tid()
-    node = nodes[leaf_roots[leaf]]
+    begin = leaf_ranges[leaf][0]
+    count = leaf_ranges[leaf][1]
     for n in range(wp.static(LEAF_SIZE)):
-        number = number_of(boxes[node.first + wp.min(n, node.count - 1)])
+        number = numbers[begin + wp.min(n, count - 1)]
         leaf_ids_out[leaf * wp.static(LEAF_FLOATS) + wp.static(9 * LEAF_SIZE) + n] = number
     write_corners(points, indices, leaf_ids_out, leaf, leaves_out)
 
@@ -280,8 +287,7 @@ def write_leaves(
 @wp.kernel(enable_backward=False)
 def write_leaf_nodes(
     first: int,
-    leaf_roots: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
+    leaf_ranges: wp.array(dtype=wp.vec2i),
     boxes: wp.array(dtype=vec8),
     leaf_nodes: int,
     nodes_out: wp.array(dtype=float),
@@ -290,10 +296,10 @@ def write_leaf_nodes(
     """Write the leaves of a tree over boxes as nodes from `leaf_nodes` on, with children −1 − (a box's number)."""
     leaf = first + wp.tid()
     base = (leaf_nodes + leaf) * wp.static(NODE_FLOATS)
-    node = nodes[leaf_roots[leaf]]
+    begin = leaf_ranges[leaf][0]
     for n in range(8):
-        if n < node.count:
-            box = boxes[node.first + n]
+        if n < leaf_ranges[leaf][1]:
+            box = boxes[begin + n]
             write_child(nodes_out, children_out, base + n, low_of(box), high_of(box), -1 - number_of(box))
         else:
             write_child(nodes_out, children_out, base + n, wp.vec3(LARGE), wp.vec3(-LARGE), -1)

@@ -96,6 +96,16 @@ def count_pieces(first: int, importance: wp.array(dtype=float), factor: float, c
     count_out[i] = wp.where(cuts >= LEAST_CUTS, 1 + cuts, 1)
 
 
+@wp.kernel(enable_backward=False)
+def pick_corners(
+    first: int, indices: wp.array(dtype=int), triangles: wp.array(dtype=int), indices_out: wp.array(dtype=int)
+):
+    """Write the corners of a list of triangles."""
+    i = first + wp.tid()
+    for k in range(3):
+        indices_out[3 * i + k] = indices[3 * triangles[i] + k]
+
+
 @wp.func
 def box_of_side(
     corners: Corners, low: wp.vec3, high: wp.vec3, axis: int, place: float, side: float, number: int

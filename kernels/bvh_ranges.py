@@ -128,12 +128,21 @@ def fill_bins(
 
 
 # Which side a box goes to cannot be guessed, so the sides are chosen without a branch: by address, and
-# by a bound that leaves the side's bounds as they are.
+# by a bound that leaves the side's bounds as they are. Boxes that go right wait in a small buffer; whenever it
+# is full, it changes places with the last boxes that were not looked at yet (after Edelkamp and Weiss,
+# "BlockQuicksort", 2016). So no second array is needed, which would be as large as all boxes.
 _PART = """
-    const float* box = (const float*)boxes.data + (size_t)first * 8;
-    float* left = (float*)left_out.data + (size_t)left_at * 8;
-    float* right = (float*)right_out.data + (size_t)right_at * 8;
-    const float* const left_start = left;
+#if VECTOR_CODE
+    const int HELD = 64;
+#else
+    const int HELD = 8;
+#endif
+    float buffer[8 * HELD];
+    float* const start = (float*)boxes.data + (size_t)first * 8;
+    float* left = start;  // where the next box that goes left is put
+    float* box = start;  // the next one to look at
+    float* end = start + (size_t)count * 8;  // of those to look at
+    int held = 0;
     const float low_here = low[axis], scale_here = scale[axis];
 #if VECTOR_CODE
     f8 left_bounds = 3.0e38f, right_bounds = 3.0e38f;
@@ -141,34 +150,45 @@ _PART = """
     float left_bounds[8], right_bounds[8];
     for (int q = 0; q < 8; ++q) left_bounds[q] = right_bounds[q] = 3.0e38f;
 #endif
-    for (int i = 0; i < count; ++i, box += 8) {
-        int bin = (int)((box[axis] - box[4 + axis] - low_here) * scale_here);
-        bin = bin < bins - 1 ? bin : bins - 1;
-        const bool goes_left = bin <= last_left_bin;
-        float center[8];
-        CENTER(center, box);
-        const float least_left = goes_left ? -3.4e38f : 3.0e38f, least_right = goes_left ? 3.0e38f : -3.4e38f;
+    while (box < end) {
+        for (; box < end && held < HELD; box += 8) {
+            int bin = (int)((box[axis] - box[4 + axis] - low_here) * scale_here);
+            bin = bin < bins - 1 ? bin : bins - 1;
+            const bool goes_left = bin <= last_left_bin;
+            float center[8];
+            CENTER(center, box);
+            const float least_left = goes_left ? -3.4e38f : 3.0e38f, least_right = goes_left ? 3.0e38f : -3.4e38f;
 #if VECTOR_CODE
-        const f8 here = *(const f8*)center;
-        left_bounds = __builtin_elementwise_min(left_bounds, __builtin_elementwise_max(here, (f8)least_left));
-        right_bounds = __builtin_elementwise_min(right_bounds, __builtin_elementwise_max(here, (f8)least_right));
+            const f8 here = *(const f8*)center;
+            left_bounds = __builtin_elementwise_min(left_bounds, __builtin_elementwise_max(here, (f8)least_left));
+            right_bounds = __builtin_elementwise_min(right_bounds, __builtin_elementwise_max(here, (f8)least_right));
 #else
-        for (int q = 0; q < 8; ++q) {
-            left_bounds[q] = fminf(left_bounds[q], fmaxf(center[q], least_left));
-            right_bounds[q] = fminf(right_bounds[q], fmaxf(center[q], least_right));
-        }
+            for (int q = 0; q < 8; ++q) {
+                left_bounds[q] = fminf(left_bounds[q], fmaxf(center[q], least_left));
+                right_bounds[q] = fminf(right_bounds[q], fmaxf(center[q], least_right));
+            }
 #endif
-        float* const target = goes_left ? left : right;
-        left += goes_left ? 8 : 0;
-        right += goes_left ? 0 : 8;
-        COPY(target, box);
+            float* const target = goes_left ? left : buffer + 8 * held;
+            left += goes_left ? 8 : 0;
+            held += goes_left ? 0 : 1;
+            COPY(target, box);
+        }
+        if (held < HELD) break;
+        // Between left and box there is room for as many as the buffer holds.
+        const int unseen = (int)((end - box) / 8), moved = unseen < HELD ? unseen : HELD;
+        for (int i = 0; i < moved; ++i) COPY(left + 8 * i, end - 8 * (moved - i));
+        end -= 8 * HELD;
+        for (int i = 0; i < HELD; ++i) COPY(end + 8 * i, buffer + 8 * i);
+        box = left;
+        held = 0;
     }
+    for (int i = 0; i < held; ++i) COPY(left + 8 * i, buffer + 8 * i);
     float* const out = (float*)centers_out.data + (size_t)centers_at * 8;
     for (int q = 0; q < 8; ++q) {
         out[q] = left_bounds[q];
         out[8 + q] = right_bounds[q];
     }
-    return (int)((left - left_start) / 8);
+    return (int)((left - start) / 8);
 """
 
 
@@ -182,29 +202,29 @@ def part_range(
     bins: int,
     axis: int,
     last_left_bin: int,
-    left_out: wp.array(dtype=vec8),
-    left_at: int,
-    right_out: wp.array(dtype=vec8),
-    right_at: int,
     centers_out: wp.array(dtype=vec8),
     centers_at: int,
 ) -> int:
-    """Write the boxes of bins up to `last_left_bin` to one place and the others to another; return how many go left.
+    """Put the boxes of bins up to `last_left_bin` before the others; return how many they are.
 
-    Both keep their order; `left_out` may begin where `boxes` does. The bounds of the centres of both
-    sides go to `centers_out`.
+    The bounds of the centres of both sides go to `centers_out`.
     """
     ...
 
 
-_COPY = """
-    const float* box = (const float*)boxes.data + (size_t)first * 8;
-    float* target = (float*)boxes_out.data + (size_t)first_out * 8;
-    for (int i = 0; i < count; ++i, box += 8, target += 8) COPY(target, box);
+_SWAP = """
+    float* one = (float*)boxes.data + (size_t)first * 8;
+    float* two = (float*)boxes.data + (size_t)second * 8;
+    for (int i = 0; i < count; ++i, one += 8, two += 8) {
+        float kept[8];
+        COPY(kept, one);
+        COPY(one, two);
+        COPY(two, kept);
+    }
 """
 
 
-@wp.func_native(_native(_COPY))
-def copy_range(boxes: wp.array(dtype=vec8), first: int, count: int, boxes_out: wp.array(dtype=vec8), first_out: int):
-    """Copy boxes from one array to another."""
+@wp.func_native(_native(_SWAP))
+def swap_ranges(boxes: wp.array(dtype=vec8), first: int, second: int, count: int):
+    """Let `count` boxes from `first` and from `second` change places."""
     ...

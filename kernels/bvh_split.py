@@ -11,7 +11,7 @@ import warp as wp
 
 from wrt.kernels.bvh import LEAF_SIZE
 from wrt.kernels.bvh_boxes import box_around, corners_of, half_area, high_of, low_of
-from wrt.kernels.bvh_ranges import BINS, bounds_of_range, copy_range, fill_bins, part_range
+from wrt.kernels.bvh_ranges import BINS, bounds_of_range, fill_bins, part_range
 from wrt.kernels.simd import vec8
 
 # Loops as they are written: unrolled, they take Warp many times as long to compile and run no faster.
@@ -152,7 +152,6 @@ def split_node(
     index: int,
     children: int,
     boxes: wp.array(dtype=vec8),
-    spare: wp.array(dtype=vec8),
     centers: wp.array(dtype=vec8),
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
@@ -177,23 +176,7 @@ def split_node(
     split = choose_split(bin_boxes, bin_counts, scratch, bins, count, scale)
     set_box(nodes, index, split.bounds)
     if split.axis >= 0 and nodes[index].depth < max_sah_depth:
-        part_range(
-            boxes,
-            first,
-            count,
-            low,
-            scale,
-            bins,
-            split.axis,
-            split.last_left_bin,
-            boxes,
-            first,
-            spare,
-            first,
-            centers,
-            children,
-        )
-        copy_range(spare, first, count - split.left, boxes, first + split.left)
+        part_range(boxes, first, count, low, scale, bins, split.axis, split.last_left_bin, centers, children)
     else:
         split.left = count // 2
         centers[children] = bounds
@@ -205,10 +188,8 @@ def split_node(
 def build_subtrees(
     first: int,
     roots: wp.array(dtype=int),
-    in_spare: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
-    spare: wp.array(dtype=vec8),
     centers: wp.array(dtype=vec8),
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
@@ -218,8 +199,6 @@ def build_subtrees(
     """Split everything below each of a list of nodes; tell how many nodes each subtree has."""
     i = first + wp.tid()
     root = roots[i]
-    if in_spare[i] != 0:
-        copy_range(spare, nodes[root].first, nodes[root].count, boxes, nodes[root].first)
     stack = _task_stack()
     stack[0] = root
     top = int(1)
@@ -227,9 +206,7 @@ def build_subtrees(
     while top > 0:
         top -= 1
         index = stack[top]
-        split_node(
-            nodes, index, free, boxes, spare, centers, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth
-        )
+        split_node(nodes, index, free, boxes, centers, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)
         if nodes[index].right != 0:
             # The larger child waits, so the stack never exceeds log2 of the triangles.
             small = free

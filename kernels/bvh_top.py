@@ -1,13 +1,13 @@
 """The top of the binary tree: nodes over so many triangles that many threads share each.
 
 A thread has a chunk of a node's triangles: it sorts them into bins of its own, and once the node's plane
-is chosen from all chunks' bins, moves them to their sides in a second array.
+is chosen from all chunks' bins, parts them. Then what lies on the wrong side of the node changes places.
 """
 
 import warp as wp
 
 from wrt.kernels.bvh_boxes import low_of
-from wrt.kernels.bvh_ranges import BINS, centers_of_range, copy_range, fill_bins, part_range
+from wrt.kernels.bvh_ranges import BINS, centers_of_range, fill_bins, part_range, swap_ranges
 from wrt.kernels.bvh_split import LARGE, BinaryNode, Split, add_children, bin_scale, choose_split, set_box
 from wrt.kernels.simd import vec8
 
@@ -20,8 +20,7 @@ class Chunks:
     """Ranges of the triangles of a level's nodes, node after node.
 
     `node` is a place in the level, `start` (one more than nodes) where each node's chunks begin;
-    `centers` has the bounds of the centres on the left and on the right, `left_at` and `right_at`
-    where the two sides go.
+    `centers` has the bounds of the centres on the left and on the right, `left` how many are on the left.
     """
 
     node: wp.array(dtype=int)
@@ -31,8 +30,7 @@ class Chunks:
     bin_boxes: wp.array(dtype=vec8)
     bin_counts: wp.array(dtype=int)
     centers: wp.array(dtype=vec8)
-    left_at: wp.array(dtype=int)
-    right_at: wp.array(dtype=int)
+    left: wp.array(dtype=int)
 
 
 @wp.kernel(enable_backward=False)
@@ -80,14 +78,14 @@ def split_level(
     max_sah_depth: int,
     splits_out: wp.array(dtype=Split),
 ):
-    """Split each node of a level, and tell its chunks where their two sides go."""
+    """Split each node of a level, and tell how many boxes of its chunks go left."""
     i = first + wp.tid()
     index = level[i]
     count = nodes[index].count
     start = chunks.start[i]
     end = chunks.start[i + 1]
     scale = bin_scale(centers[index], wp.static(BINS))
-    # All bins are joined in the first chunk's, whose own counts are kept by its `left_at`.
+    # All bins are joined in the first chunk's.
     bins = start * wp.static(3 * BINS)
     for c in range(start + 1, end):
         for k in range(wp.static(3 * BINS)):
@@ -102,26 +100,19 @@ def split_level(
         split.left = count // 2
     add_children(nodes, index, index + 1, index + 2 * split.left, split.left)
     splits_out[i] = split
-    left_at = nodes[index].first
-    right_at = left_at + split.left
-    # From the last chunk on, since the first one's bins hold the sums.
-    left_end = right_at
-    right_end = left_at + count
-    for j in range(end - start):
-        c = end - 1 - j
+    # The first chunk has what the others have not, since its bins hold the sums.
+    rest = split.left
+    for c in range(start + 1, end):
         n = int(0)
-        if j == end - start - 1:
-            n = left_end - left_at
-        elif split.axis >= 0:
+        if split.axis >= 0:
             base = c * wp.static(3 * BINS) + split.axis * wp.static(BINS)
             for k in range(split.last_left_bin + 1):
                 n += chunks.bin_counts[base + k]
         else:
-            n = wp.clamp(right_at - chunks.first[c], 0, chunks.count[c])
-        left_end -= n
-        right_end -= chunks.count[c] - n
-        chunks.left_at[c] = left_end
-        chunks.right_at[c] = right_end
+            n = wp.clamp(nodes[index].first + split.left - chunks.first[c], 0, chunks.count[c])
+        chunks.left[c] = n
+        rest -= n
+    chunks.left[start] = rest
 
 
 @wp.kernel(enable_backward=False)
@@ -132,9 +123,8 @@ def part_chunks(
     splits: wp.array(dtype=Split),
     centers: wp.array(dtype=vec8),
     boxes: wp.array(dtype=vec8),
-    boxes_out: wp.array(dtype=vec8),
 ):
-    """Move the boxes of each chunk to the sides that they belong to."""
+    """Part each chunk: boxes that go left before those that go right."""
     c = first + wp.tid()
     split = splits[chunks.node[c]]
     bounds = centers[level[chunks.node[c]]]
@@ -149,17 +139,25 @@ def part_chunks(
             wp.static(BINS),
             split.axis,
             split.last_left_bin,
-            boxes_out,
-            chunks.left_at[c],
-            boxes_out,
-            chunks.right_at[c],
             chunks.centers,
             2 * c,
         )
     else:
-        copy_range(boxes, chunks.first[c], chunks.count[c], boxes_out, chunks.first[c])
         chunks.centers[2 * c] = bounds
         chunks.centers[2 * c + 1] = bounds
+
+
+@wp.kernel(enable_backward=False)
+def swap_boxes(
+    first: int,
+    one: wp.array(dtype=int),
+    two: wp.array(dtype=int),
+    count: wp.array(dtype=int),
+    boxes: wp.array(dtype=vec8),
+):
+    """Let ranges of boxes, `count` from `one` and from `two`, change places."""
+    i = first + wp.tid()
+    swap_ranges(boxes, one[i], two[i], count[i])
 
 
 @wp.kernel(enable_backward=False)

@@ -227,7 +227,7 @@ def test_help_imports_nothing_heavy(arguments: list[str], tmp_path: Path) -> Non
     assert "wrt.cli" in imported
     # Of wrt itself just what reads the options: everything else may grow heavy imports of its own.
     assert {name for name in imported if name.partition(".")[0] == "wrt"} <= {
-        *("wrt", "wrt._version", "wrt.arguments", "wrt.cli", "wrt.errors"),
+        *("wrt", "wrt._version", "wrt.arguments", "wrt.cli", "wrt.errors", "wrt.process"),
     }
     assert not imported & {"numpy", "warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO", "json", "logging"}
 

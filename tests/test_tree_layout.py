@@ -16,7 +16,8 @@ from support.kernels import upload
 from test_bvh import HARD, Tree, build, build_indexed, cast_rays, check, rays, soup
 
 import wrt
-from wrt.build.bvh import CPU_SIZES, build_bvh
+from wrt.build.binary_tree import CPU_SIZES
+from wrt.build.bvh import build_bvh
 from wrt.device import Device
 from wrt.kernels import bvh as traversal
 from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, STACK_SIZE, WIDTH, Bvh

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 from wrt._version import __version__
 from wrt.arguments import crop, definition, finite, positive, size, whole
 from wrt.errors import InputError, one_line
+from wrt.process import no_collections, settle_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -55,6 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         options = _parser().parse_args(_join_axis(sys.argv[1:] if argv is None else list(argv)))
+        if argv is None:
+            settle_in()
         run = cast("Callable[[argparse.Namespace], int]", options.run)
         return run(options)
     except InputError as error:
@@ -265,21 +268,22 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         ProgressBar(output.stem, time_limit=options.time, wanted=not options.quiet) as bar,
         _short_warnings(bar.message),
     ):
-        from wrt.api import load
-        from wrt.output import check_layers, save_render
+        with no_collections():
+            from wrt.api import load
+            from wrt.output import check_layers, save_render
 
-        scene = load(
-            options.input,
-            triangles=options.triangles,
-            up=options.up,
-            parameters=dict(options.define or ()),
-            strict=options.strict,
-            allow_outside=options.allow_outside,
-        )
-        if options.exposure is not None:
-            scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
-        renderer = _make_renderer(options, scene, checkpoint, bar)
-        check_layers(output, renderer)
+            scene = load(
+                options.input,
+                triangles=options.triangles,
+                up=options.up,
+                parameters=dict(options.define or ()),
+                strict=options.strict,
+                allow_outside=options.allow_outside,
+            )
+            if options.exposure is not None:
+                scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
+            renderer = _make_renderer(options, scene, checkpoint, bar)
+            check_layers(output, renderer)
 
         def save() -> None:
             if checkpoint is not None:  # first, since the picture can be had from it again

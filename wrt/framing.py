@@ -11,7 +11,7 @@ from wrt.camera import PerspectiveCamera
 from wrt.mesh import box_around
 from wrt.values import Vec3
 
-CHUNK = 1 << 16
+CHUNK = 1 << 13
 """Points that are looked at together, so that what is computed of them stays in a core's cache."""
 
 VIEW = (0.45, 0.38, 1.0)
@@ -46,8 +46,9 @@ def frame_camera(
     outwards = [-forward, *(side * axis - slope * forward for axis, slope in slopes for side in (1.0, -1.0))]
     farthest = np.full(len(outwards), -np.inf)
     for start in range(0, len(p), CHUNK):
-        chunk = p[start : start + CHUNK] - center
-        farthest = np.maximum(farthest, (np.array(outwards) @ chunk.T).max(axis=1))
+        x, y, z = np.ascontiguousarray((p[start : start + CHUNK] - center).T)
+        for k, (a, b, c) in enumerate(outwards):
+            farthest[k] = max(farthest[k], (a * x + b * y + c * z).max())
     middles, depths = [], []
     for (_, slope), (right_side, left_side) in zip(slopes, farthest[1:].reshape(2, 2), strict=True):
         middles.append(0.5 * (right_side - left_side))

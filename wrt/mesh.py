@@ -77,6 +77,23 @@ class Mesh:
             raise InputError(f"{self.name}: {what} must be finite; number {bad} is {rows[bad].tolist()}")
         return rows
 
+    def sealed(self) -> Mesh:
+        """Return the mesh, its arrays no longer to be written to: renderers may keep them with theirs."""
+        for name in ("vertices", "faces", "normals", "uvs", "colors"):
+            self._seal(name, getattr(self, name))
+        return self
+
+    def share(self, name: str, array: NDArray[Any]) -> None:
+        """Hold `array`, of the same numbers, in place of the one of that name, if nobody can write to that one."""
+        if not getattr(self, name).flags.writeable:
+            self._seal(name, array)
+
+    def _seal(self, name: str, array: NDArray[Any] | None) -> None:
+        if array is not None:
+            array = array.view()
+            array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64 lowest and highest corner of the vertices that faces use."""
@@ -104,7 +121,7 @@ class Mesh:
             length = np.linalg.norm(moved, axis=1, keepdims=True)
             normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
         faces = self.faces if determinant > 0.0 else self.faces[:, ::-1]
-        return Mesh(vertices, faces, normals, self.uvs, self.colors, self.name)
+        return Mesh(vertices, faces, normals, self.uvs, self.colors, self.name).sealed()
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""

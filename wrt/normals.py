@@ -16,7 +16,7 @@ CREASE_LIMIT = 2_000_000
 """Faces above which no creases are looked for. Matching the edges of more would hold several
 gigabytes for seconds, and scans of that size are smooth at the scale of their triangles."""
 
-CHUNK = 1 << 15
+CHUNK = 1 << 13
 """Faces or vertices at a time, so that what is computed of them stays in a core's cache."""
 
 _Float = NDArray[np.float64]
@@ -124,26 +124,36 @@ def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.f
 
 def same_positions(vertices: NDArray[np.float32]) -> _Int:
     """Return (N,) an index, without gaps, that is the same for vertices at the same position."""
-    bits = (vertices + np.float32(0.0)).view(np.uint32)  # adding 0 makes -0 and 0 the same
-    keys = np.zeros(len(bits), np.uint64)
-    for column in bits.T:
-        # Sorting one number a row, if rows that differ have different ones, which is all but sure.
+    count = len(vertices)
+    keys = np.empty(count, np.uint64)
+    for part in _chunks(count):
+        keys[part] = _keys(vertices[part])
+    ordered = np.sort(keys)
+    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
+    if not len(repeated):
+        return np.arange(count)
+    # Only those whose keys are not their own; where they are few, looking them up is faster than sorting all.
+    rows = np.arange(count)
+    if len(repeated) < count // 64:
+        rows = np.flatnonzero(repeated.take(np.searchsorted(repeated, keys), mode="clip") == keys)
+    rows = rows[np.argsort(keys[rows], kind="stable")]
+    if (_any(vertices[rows[1:]] != vertices[rows[:-1]]) & (keys[rows[1:]] == keys[rows[:-1]])).any():
+        rows = np.lexsort(vertices.T)  # two positions have one key, which is all but impossible
+    new = np.ones(len(rows), bool)
+    new[1:] = _any(vertices[rows[1:]] != vertices[rows[:-1]])
+    # Each is the same as the first of its run, and the firsts are numbered.
+    index = np.arange(count)
+    index[rows] = rows[new][np.cumsum(new) - 1]
+    return np.asarray((np.cumsum(index == np.arange(count)) - 1).take(index))
+
+
+def _keys(rows: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """Return a number for each row of numbers: equal ones for equal rows, and all but surely others for others."""
+    keys = np.zeros(len(rows), np.uint64)
+    for column in (rows.T + np.float32(0.0)).view(np.uint32):  # adding 0 makes -0 and 0 the same
         keys = (keys ^ column) * np.uint64(0x9E3779B97F4A7C15)
         keys ^= keys >> np.uint64(29)
-    ordered_keys = np.sort(keys)
-    if (ordered_keys[1:] != ordered_keys[:-1]).all():
-        return np.arange(len(bits))
-    order = np.argsort(keys, kind="stable")
-    ordered = bits[order]
-    new = np.ones(len(bits), bool)
-    new[1:] = _any(ordered[1:] != ordered[:-1])
-    if int(new.sum()) != 1 + int((ordered_keys[1:] != ordered_keys[:-1]).sum()):
-        order = np.lexsort(bits.T)
-        ordered = bits[order]
-        new[1:] = _any(ordered[1:] != ordered[:-1])
-    index = np.empty(len(bits), np.intp)
-    index[order] = np.cumsum(new) - 1
-    return index
+    return keys
 
 
 def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
@@ -193,14 +203,15 @@ def _group_normals(mesh: Mesh, groups: _Int) -> _Float:
     Zero where it cancels, or no face has an area.
     """
     size = int(groups.max(initial=0)) + 1
-    sums, total = np.zeros((3, size)), np.zeros(size)
+    # Pairs of numbers, so that memory is visited half as often.
+    sums = np.zeros((2, size), np.complex128)
     for part, normals, angles in _faces_in_chunks(mesh):
+        x, y, z = normals
         for corners, angle in zip(mesh.faces[part].T, angles, strict=True):
             of_corners = groups.take(corners)
-            for axis in range(3):
-                np.add.at(sums[axis], of_corners, normals[axis] * angle)
-            np.add.at(total, of_corners, angle)
-    return _mean(sums, total)
+            np.add.at(sums[0], of_corners, (x + 1j * y) * angle)
+            np.add.at(sums[1], of_corners, (z + 1j) * angle)
+    return _mean(np.stack([sums[0].real, sums[0].imag, sums[1].real]), sums[1].imag)
 
 
 def _smooth_groups(faces: _Int, face_normals: _Float, crease_degrees: float) -> NDArray[np.intp]:

@@ -46,7 +46,9 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     center = _center(shapes)
     if center is None:
         return default
-    points = np.concatenate([shape.mesh.vertices for shape in shapes])
+    points = shapes[0].mesh.vertices
+    if len(shapes) > 1:
+        points = np.concatenate([shape.mesh.vertices for shape in shapes])
     cover, lean = _standing(points, center, "xyz".index(other))
     if cover < _STANDS_COVER or lean < _STANDS_LEAN:
         return default
@@ -96,8 +98,8 @@ def _hull(flat: _Float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     angles = np.arange(_DIRECTIONS // 2) * (2.0 * np.pi / _DIRECTIONS)
     half = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     far, near = [], []
-    for direction in half.astype(flat.dtype):
-        along = direction @ flat
+    for x, y in half.astype(flat.dtype):
+        along = x * flat[0] + y * flat[1]
         far.append(int(along.argmax()))
         near.append(int(along.argmin()))
     return np.concatenate([half, -half]), flat[:, far + near].T.astype(np.float64)

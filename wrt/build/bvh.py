@@ -1,4 +1,4 @@
-"""Building the ray tree on a device: the host's side of the kernels in `kernels/bvh_*.py`."""
+"""Building the ray tree on a device: the host's side of the other kernels in `kernels/bvh_*.py`."""
 
 from __future__ import annotations
 
@@ -7,28 +7,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from wrt.build.binary_tree import split_boxes
 from wrt.device import Device
 from wrt.errors import InputError
-
-
-class BuildSizes(NamedTuple):
-    """How many triangles one thread has.
-
-    Attributes:
-        subtree: most triangles below which one thread builds the whole subtree.
-        chunk: triangles of a larger node that one thread looks at.
-    """
-
-    subtree: int
-    chunk: int
-
-
-CPU_SIZES = BuildSizes(subtree=16384, chunk=32768)
-"""A subtree's boxes stay in a core's cache."""
-
-CUDA_SIZES = BuildSizes(subtree=128, chunk=256)
-"""Enough threads for a GPU; not measured on one."""
 
 SAH_DEPTHS = (48, 8)
 """Depths of the binary tree down to which it is split by surface area, tried in this order. At the
@@ -39,6 +22,10 @@ MORE_PIECES = 0.2
 
 WORTH_CUTTING = 0.9
 """What a tree over pieces may cost, over the cost of one over whole triangles, to be taken instead."""
+
+FEW_CUT = 4
+"""Where less than one of so many triangles is cut, those alone tell whether a tree over pieces is tried: in a studio
+around a scan it would take as long as the first."""
 
 
 @dataclass(frozen=True)
@@ -93,29 +80,59 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
         raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
     import warp as wp
 
-    from wrt.kernels.bvh import MAX_DEPTH
-    from wrt.kernels.bvh_split import make_boxes
-    from wrt.kernels.simd import vec8
+    from wrt.kernels import bvh_collapse as k
+    from wrt.kernels.bvh import LEAF_FLOATS, MAX_DEPTH, NODE_FLOATS, Bvh
 
-    boxes = wp.empty(count, dtype=vec8, device=device.name)
-    device.launch(make_boxes, count, [points, indices, boxes])
-    tree = _wide_tree(boxes, device, MAX_DEPTH)
-    pieces = _cut_triangles(points, indices, tree.nodes, device)
+    tree = _wide_tree(_boxes(points, indices, device), device, MAX_DEPTH)
+    pieces = _cut_triangles(points, indices, tree, device)
     if pieces is not None:
         other = _wide_tree(pieces, device, MAX_DEPTH)
         if other.price < WORTH_CUTTING * tree.price:
-            boxes, tree = pieces, other
-    return _write(tree.levels, tree.nodes, boxes, points, indices, device)
+            tree = other
+        del pieces, other
+    starts, leaf_count, references = _level_starts(tree.levels), _leaf_count(tree.levels), len(tree.boxes)
+    if max(leaf_count * LEAF_FLOATS, starts[-1] * NODE_FLOATS) >= 2**31:
+        raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
+    data = Bvh()
+    data.nodes = device.empty_large(starts[-1] * NODE_FLOATS)
+    leaf_ranges = _write_nodes(tree, -1, data.nodes, device)
+    numbers = wp.empty(references, dtype=int, device=device.name)
+    device.launch(k.list_numbers, references, [tree.boxes, numbers])
+    del tree  # as large as the leaves, which take its place
+    data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)
+    device.launch(
+        k.write_leaves, leaf_count, [leaf_ranges, numbers, points, indices, data.leaves, _as_int(data.leaves)]
+    )
+    return BuiltBvh(data, starts, leaf_count, references, 4 * (len(data.nodes) + len(data.leaves)))
 
 
-def _cut_triangles(points: Any, indices: Any, nodes: Any, device: Device) -> Any:
-    """Return the boxes of triangles of which the most wasteful are cut, or None where none stands out."""
+def _boxes(points: Any, indices: Any, device: Device) -> Any:
+    """Return the boxes of triangles."""
+    import warp as wp
+
+    from wrt.kernels.bvh_split import make_boxes
+    from wrt.kernels.simd import vec8
+
+    count = len(indices) // 3
+    boxes = wp.empty(count, dtype=vec8, device=device.name)
+    device.launch(make_boxes, count, [points, indices, boxes])
+    return boxes
+
+
+def _cut_triangles(points: Any, indices: Any, tree: _Tree, device: Device) -> Any:
+    """Return the boxes of triangles of which the most wasteful are cut, or None where that is of no use.
+
+    Args:
+        points: as for `build_bvh`.
+        indices: likewise.
+        tree: over whole triangles.
+        device: where to build.
+    """
     import warp as wp
 
     from wrt.kernels import bvh_presplit as k
-    from wrt.kernels.simd import vec8
 
-    count, root = len(indices) // 3, nodes[:1].numpy()[0]
+    count, root = len(indices) // 3, tree.nodes[:1].numpy()[0]
     low = root["lower"]
     with np.errstate(over="ignore"):
         size = np.maximum(root["upper"] - low, np.float32(1e-30))
@@ -130,12 +147,43 @@ def _cut_triangles(points: Any, indices: Any, nodes: Any, device: Device) -> Any
         return None
     pieces = wp.empty(count, dtype=int, device=device.name)
     device.launch(k.count_pieces, count, [importance, MORE_PIECES * count / total, pieces])
-    start, total_pieces = _sums_before(pieces)
-    if total_pieces == count or total_pieces >= 2**26:
+    del importance  # what follows may be large
+    cut = np.flatnonzero(pieces.numpy() > 1)
+    if not len(cut) or count + int(pieces.numpy()[cut].sum()) - len(cut) >= 2**26:
         return None
-    boxes = wp.empty(total_pieces, dtype=vec8, device=device.name)
-    device.launch(k.write_pieces, count, [points, indices, *scene, start, pieces, boxes])
+    if FEW_CUT * len(cut) < count and not _worth_cutting(points, indices, scene, pieces, cut, device):
+        return None
+    return _pieces(points, indices, scene, pieces, device)
+
+
+def _pieces(points: Any, indices: Any, scene: list[Any], pieces: Any, device: Device) -> Any:
+    """Return the boxes of triangles that are cut into so many pieces."""
+    import warp as wp
+
+    from wrt.kernels.bvh_presplit import write_pieces
+    from wrt.kernels.simd import vec8
+
+    start, total = _sums_before(pieces)
+    boxes = wp.empty(total, dtype=vec8, device=device.name)
+    device.launch(write_pieces, len(pieces), [points, indices, *scene, start, pieces, boxes])
     return boxes
+
+
+def _worth_cutting(
+    points: Any, indices: Any, scene: list[Any], pieces: Any, cut: NDArray[np.intp], device: Device
+) -> bool:
+    """Return whether cutting the triangles of these numbers pays among themselves: a guess at what it does for all."""
+    import warp as wp
+
+    from wrt.kernels.bvh import MAX_DEPTH
+    from wrt.kernels.bvh_presplit import pick_corners
+
+    corners = wp.empty(3 * len(cut), dtype=int, device=device.name)
+    device.launch(pick_corners, len(cut), [indices, wp.array(cut, dtype=int, device=device.name), corners])
+    some = wp.array(pieces.numpy()[cut], dtype=int, device=device.name)
+    whole = _wide_tree(_boxes(points, corners, device), device, MAX_DEPTH)
+    parted = _wide_tree(_pieces(points, corners, scene, some, device), device, MAX_DEPTH)
+    return parted.price < WORTH_CUTTING * whole.price
 
 
 def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> None:
@@ -174,126 +222,31 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     rows[:, 3] = np.arange(len(lower), dtype=np.int32).view(np.float32)
     boxes = wp.array(rows, dtype=vec8, device=device.name)
     # What would be a leaf becomes one more node, with the boxes one by one.
-    levels, nodes, _ = _wide_tree(boxes, device, MAX_DEPTH - 1)
-    leaf_nodes = _level_starts(levels)[-1]
-    out = device.empty_large((leaf_nodes + _leaf_count(levels)) * NODE_FLOATS)
-    leaf_roots = _write_nodes(levels, nodes, leaf_nodes, out, device)
-    device.launch(k.write_leaf_nodes, len(leaf_roots), [leaf_roots, nodes, boxes, leaf_nodes, out, _as_int(out)])
+    tree = _wide_tree(boxes, device, MAX_DEPTH - 1)
+    leaf_nodes = _level_starts(tree.levels)[-1]
+    out = device.empty_large((leaf_nodes + _leaf_count(tree.levels)) * NODE_FLOATS)
+    leaf_ranges = _write_nodes(tree, leaf_nodes, out, device)
+    device.launch(k.write_leaf_nodes, len(leaf_ranges), [leaf_ranges, boxes, leaf_nodes, out, _as_int(out)])
     return out
 
 
 class _Tree(NamedTuple):
-    """A wide tree by levels, the binary tree below it, and what a ray through its box pays for tests."""
+    """A wide tree by levels, the binary tree below it, its boxes in order, and what a ray through it pays for tests."""
 
     levels: list[_Level]
     nodes: Any
+    boxes: Any
     price: float
 
 
 def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
     """Return the wide tree over boxes, which are put in its order."""
     for sah_depth in SAH_DEPTHS:
-        nodes, price = _split(boxes, device, sah_depth)
+        nodes, price = split_boxes(boxes, device, sah_depth)
         levels = _levels(nodes, device, max_depth)
         if len(levels) <= max_depth:
             break
-    return _Tree(levels, nodes, price)
-
-
-def _split(boxes: Any, device: Device, sah_depth: int) -> tuple[Any, float]:
-    """Return the binary tree, with its collapse priced, and that price; the boxes are put in its order."""
-    import warp as wp
-
-    from wrt.kernels import bvh_collapse, bvh_split, bvh_top
-    from wrt.kernels.simd import vec8
-
-    name, count = device.name, len(boxes)
-    spare = wp.empty(count, dtype=vec8, device=name)
-    nodes = wp.empty(2 * count, dtype=bvh_split.BinaryNode, device=name)
-    centers = wp.empty(2 * count, dtype=vec8, device=name)
-    # A node's centres are done with when its collapse is priced.
-    costs = wp.array(ptr=centers.ptr, shape=2 * count * bvh_collapse.COST_SLOTS, dtype=float, device=name)
-    root = np.zeros(1, bvh_split.BinaryNode.numpy_dtype())
-    root["count"] = count
-    wp.copy(nodes, wp.array(root, dtype=bvh_split.BinaryNode, device=name), count=1)
-
-    # Top: level by level, each node by many threads, down to subtrees that one thread builds whole.
-    sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES
-    first_chunks = _chunks(np.zeros(1, np.int64), np.array([count]), sizes.chunk, name)
-    device.launch(bvh_top.find_centers, len(first_chunks.first), [first_chunks, boxes])
-    root_centers = wp.array(first_chunks.centers.numpy().min(axis=0), dtype=vec8, device=name)
-    wp.copy(centers, root_centers, count=1)
-    levels: list[Any] = []
-    roots, root_counts, in_spare = [], [], []
-    level, firsts, counts = np.zeros(1, np.int32), np.zeros(1, np.int64), np.array([count])
-    source, target = boxes, spare
-    while len(level):
-        large = counts > sizes.subtree
-        roots.append(level[~large])
-        root_counts.append(counts[~large])
-        in_spare.append(np.full(len(roots[-1]), source is spare))
-        level, firsts, counts = level[large], firsts[large], counts[large]
-        if not len(level):
-            break
-        chunks = _chunks(firsts, counts, sizes.chunk, name)
-        on_device, n, chunk_count = wp.array(level, dtype=int, device=name), len(level), len(chunks.first)
-        splits = wp.empty(n, dtype=bvh_split.Split, device=name)
-        device.launch(bvh_top.fill_chunk_bins, chunk_count, [on_device, chunks, source, centers])
-        device.launch(bvh_top.split_level, n, [on_device, chunks, nodes, centers, sah_depth, splits])
-        device.launch(bvh_top.part_chunks, chunk_count, [on_device, chunks, splits, centers, source, target])
-        device.launch(bvh_top.join_centers, n, [on_device, chunks, nodes, centers])
-        levels.append(on_device)
-        left = splits.numpy()["left"]
-        level = np.stack([level + 1, level + 2 * left], axis=1).ravel().astype(np.int32)
-        firsts = np.stack([firsts, firsts + left], axis=1).ravel()
-        counts = np.stack([left, counts - left], axis=1).ravel()
-        source, target = target, source
-    order = np.argsort(-np.concatenate(root_counts), kind="stable")
-    subtrees = wp.array(np.concatenate(roots)[order], dtype=int, device=name)
-    moved = wp.array(np.concatenate(in_spare)[order].astype(np.int32), dtype=int, device=name)
-    subtree_sizes = wp.empty(len(subtrees), dtype=int, device=name)
-    inputs = [subtrees, moved, nodes, boxes, spare, centers, *_bins(len(subtrees), name), sah_depth, subtree_sizes]
-    device.launch(bvh_split.build_subtrees, len(subtrees), inputs)
-    device.launch(bvh_collapse.price_subtrees, len(subtrees), [subtrees, subtree_sizes, nodes, costs])
-    for on_device in reversed(levels):
-        device.launch(bvh_collapse.price_nodes, len(on_device), [on_device, nodes, costs])
-    return nodes, float(costs[:2].numpy()[1])
-
-
-def _bins(count: int, name: str) -> list[Any]:
-    """Return memory for the boxes and the numbers of `count` sets of bins."""
-    import warp as wp
-
-    from wrt.kernels.bvh_ranges import BINS
-    from wrt.kernels.simd import vec8
-
-    return [
-        wp.empty(count * 3 * BINS, dtype=vec8, device=name),
-        wp.empty(count * 3 * BINS, dtype=int, device=name),
-    ]
-
-
-def _chunks(firsts: np.ndarray, counts: np.ndarray, size: int, name: str) -> Any:
-    """Return the Chunks of nodes over `counts` boxes from `firsts`."""
-    import warp as wp
-
-    from wrt.kernels.bvh_top import Chunks
-    from wrt.kernels.simd import vec8
-
-    pieces = -(-counts // size)
-    start = np.concatenate([[0], np.cumsum(pieces)])
-    node = np.repeat(np.arange(len(counts)), pieces)
-    begin = (np.arange(start[-1]) - start[node]) * size
-    chunks = Chunks()
-    chunks.node = wp.array(node, dtype=int, device=name)
-    chunks.start = wp.array(start, dtype=int, device=name)
-    chunks.first = wp.array(firsts[node] + begin, dtype=int, device=name)
-    chunks.count = wp.array(np.minimum(counts[node] - begin, size), dtype=int, device=name)
-    chunks.bin_boxes, chunks.bin_counts = _bins(len(node), name)
-    chunks.centers = wp.empty(2 * len(node), dtype=vec8, device=name)
-    chunks.left_at = wp.empty(len(node), dtype=int, device=name)
-    chunks.right_at = wp.empty(len(node), dtype=int, device=name)
-    return chunks
+    return _Tree(levels, nodes, boxes, price)
 
 
 class _Level(NamedTuple):
@@ -339,12 +292,11 @@ def _leaf_count(levels: list[_Level]) -> int:
     return sum(level.leaf_total for level in levels)
 
 
-def _write_nodes(levels: list[_Level], nodes: Any, leaf_nodes: int, out: Any, device: Device) -> Any:
-    """Write the wide nodes and return the binary node of each leaf.
+def _write_nodes(tree: _Tree, leaf_nodes: int, out: Any, device: Device) -> Any:
+    """Write the wide nodes and return for each leaf its first box and their number, as vec2i.
 
     Args:
-        levels: the wide tree.
-        nodes: the binary tree.
+        tree: the tree.
         leaf_nodes: the number of the first leaf where leaves are nodes as well; otherwise −1.
         out: wp.array of float to write to.
         device: where all this is.
@@ -353,31 +305,14 @@ def _write_nodes(levels: list[_Level], nodes: Any, leaf_nodes: int, out: Any, de
 
     from wrt.kernels.bvh_collapse import write_nodes
 
-    leaf_roots = wp.empty(_leaf_count(levels), dtype=int, device=device.name)
+    levels, nodes = tree.levels, tree.nodes
+    leaf_ranges = wp.empty(_leaf_count(levels), dtype=wp.vec2i, device=device.name)
     first_leaf = 0
     for level, (first_node, first_child) in zip(levels, itertools.pairwise(_level_starts(levels)), strict=True):
         places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf, leaf_nodes]
-        device.launch(write_nodes, level.size, [level.children, nodes, *places, out, _as_int(out), leaf_roots])
+        device.launch(write_nodes, level.size, [level.children, nodes, *places, out, _as_int(out), leaf_ranges])
         first_leaf += level.leaf_total
-    return leaf_roots
-
-
-def _write(levels: list[_Level], nodes: Any, boxes: Any, points: Any, indices: Any, device: Device) -> BuiltBvh:
-    """Return the tree as rays follow it."""
-    from wrt.kernels import bvh_collapse as k
-    from wrt.kernels.bvh import LEAF_FLOATS, NODE_FLOATS, Bvh
-
-    starts, leaf_count = _level_starts(levels), _leaf_count(levels)
-    if max(leaf_count * LEAF_FLOATS, starts[-1] * NODE_FLOATS) >= 2**31:
-        raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
-    data = Bvh()
-    data.nodes = device.empty_large(starts[-1] * NODE_FLOATS)
-    data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)
-    leaf_roots = _write_nodes(levels, nodes, -1, data.nodes, device)
-    inputs = [leaf_roots, nodes, boxes, points, indices, data.leaves, _as_int(data.leaves)]
-    device.launch(k.write_leaves, leaf_count, inputs)
-    size = 4 * (len(data.nodes) + len(data.leaves))
-    return BuiltBvh(data, starts, leaf_count, len(boxes), size)
+    return leaf_ranges
 
 
 def _as_int(array: Any) -> Any:

@@ -41,13 +41,31 @@ def upload_triangles(
 
     if sum(len(m.vertices) for m in vertices) >= 2**31 or 3 * sum(len(m.faces) for m in faces) >= 2**31:
         raise InputError("there are more than 2^31 triangle corners or vertices")
-    points = np.concatenate([m.vertices for m in vertices])
     indices = np.empty((sum(len(m.faces) for m in faces), 3), np.int32)
     stop = 0
     for mesh, first in zip(faces, first_vertices.tolist(), strict=True):
         start, stop = stop, stop + len(mesh.faces)
         np.add(mesh.faces, np.int32(first), out=indices[start:stop])
+        if device == "cpu" and first == 0:
+            mesh.share("faces", indices[start:stop])
+    points = joined(vertices, "vertices", 3, 0.0, device)
     return upload(points, wp.vec3, device), upload(indices.reshape(-1), int, device)
+
+
+def joined(meshes: Sequence[Mesh], name: str, width: int, default: float, device: str) -> NDArray[np.float32]:
+    """Return an array of all vertices' `name`, `default` where a mesh has none.
+
+    What is to be uploaded to the CPU, meshes share, whose own arrays cannot be written to: so it is in memory once.
+    """
+    rows = np.empty((sum(len(mesh.vertices) for mesh in meshes), width), np.float32)
+    stop = 0
+    for mesh in meshes:
+        start, stop = stop, stop + len(mesh.vertices)
+        own = getattr(mesh, name)
+        rows[start:stop] = default if own is None else own
+        if own is not None and device == "cpu":
+            mesh.share(name, rows[start:stop])
+    return rows
 
 
 def upload(rows: NDArray[Any], dtype: Any, device: str) -> Any:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wrt.build.bodies import describe_bodies, set_camera_bodies
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
-from wrt.build.geometry import upload, upload_triangles
+from wrt.build.geometry import joined, upload, upload_triangles
 from wrt.build.layout import Layout, lay_out
 from wrt.build.light_choice import upload_light_choice
 from wrt.build.lights import light_table
@@ -20,7 +20,6 @@ from wrt.build.placed import place
 from wrt.build.world import WorldMeshes
 from wrt.device import Device
 from wrt.errors import InputError
-from wrt.mesh import Mesh
 from wrt.scene import Scene
 
 
@@ -132,19 +131,10 @@ def _upload_geometry(
     first_vertices = bases[np.cumsum(repeats) - repeats]
     data.points, data.indices = upload_triangles(copies, faces, first_vertices, name)
 
-    def attribute(kind: str, width: int, default: float, meshes: list[Mesh]) -> np.ndarray:
-        arrays = [getattr(m, kind) for m in meshes]
-        return np.concatenate(
-            [
-                np.full((len(m.vertices), width), default, np.float32) if a is None else a
-                for a, m in zip(arrays, meshes, strict=True)
-            ]
-        )
-
-    data.normals = upload(attribute("normals", 3, 0.0, copies), wp.vec3, name)
+    data.normals = upload(joined(copies, "normals", 3, 0.0, name), wp.vec3, name)
     if textured:
-        data.uvs = upload(attribute("uvs", 2, 0.0, copies), wp.vec2, name)
-        data.colors = upload(attribute("colors", 3, 1.0, copies), wp.vec3, name)
+        data.uvs = upload(joined(copies, "uvs", 2, 0.0, name), wp.vec2, name)
+        data.colors = upload(joined(copies, "colors", 3, 1.0, name), wp.vec3, name)
 
     counts = np.array([len(m.faces) for m in faces])
     first_triangles = np.cumsum(counts) - counts

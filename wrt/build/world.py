@@ -32,6 +32,7 @@ class WorldMeshes:
         """
         self._device, self._data, self._tree, self._first = device, data, tree, first_vertices
         self._alone = alone
+        self._own = False
         self._corners: dict[int, tuple[Any, Any]] = {}
 
     def update(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
@@ -60,6 +61,9 @@ class WorldMeshes:
         bad = first_not_finite(points, self._device)
         if bad >= 0:
             raise InputError(f"{shape.name}: vertex {bad} is not finite")
+        if not self._own:  # the scene's meshes may share them
+            self._data.points, self._data.normals = wp.clone(self._data.points), wp.clone(self._data.normals)
+            self._own = True
         wp.copy(self._data.points, points, dest_offset=first, count=count)
         if normals is not None:
             given = self._given(f"{shape.name}: normals", normals, count)

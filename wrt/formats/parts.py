@@ -116,7 +116,7 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
         meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
     shapes = []
     for part, mesh in zip(repaired, meshes, strict=True):
-        shape = _shape(part, mesh)
+        shape = _shape(part, mesh.sealed())
         shapes += [replace(shape, transform=place) for place in part.places] or [shape]
     return shapes
 
