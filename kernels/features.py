@@ -29,6 +29,7 @@ class Features:
         layers: whether the film has layers (see `kernels/layers.py`).
         media: "none", "absorbing" (where media emit or absorb light) or "scattering".
         nested: whether bodies have priorities, by which they may lie within one another and overlap.
+        extras: whether any value is laid by second texture coordinates, or multiplied by the alpha of vertex colours.
     """
 
     models: tuple[str, ...]
@@ -46,6 +47,7 @@ class Features:
     light_tree: bool = False
     media: str = "none"
     nested: bool = False
+    extras: bool = False
 
     @property
     def bodies(self) -> bool:
@@ -64,6 +66,7 @@ class Features:
         parts += ["clamped"] * self.clamped + ["regularized"] * self.regularized + ["layers"] * self.layers
         parts += ["tree"] * self.light_tree
         parts += [self.media] * (self.media != "none") + ["nested"] * self.nested
+        parts += ["extras"] * self.extras
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

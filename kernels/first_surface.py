@@ -8,11 +8,11 @@ from wrt.kernels.bvh import Hit
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray
 from wrt.kernels.intersect import NO_HIT, make_intersect
-from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, choose_material
+from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, make_choose_material
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.sampler import Sampler, make_sample_4d, passed_block
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.triangles import leave_surface
 
 
@@ -40,6 +40,8 @@ def make_first_surface(features: Features) -> wp.Function:
     sample_4d = make_sample_4d(features.sampler)
     closest_hit = make_intersect(features.instances).closest_hit
     surface_at = make_surface_at(features.instances)
+    choose_material = make_choose_material(features.extras)
+    add_texture_coordinates = make_add_texture_coordinates(features.extras)
     textured = features.textured
     layered = features.layered
     tangents = features.tangents

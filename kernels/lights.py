@@ -43,8 +43,8 @@ from wrt.kernels.solid_angle import (
     sample_sphere,
     sphere_one_minus_cos,
 )
-from wrt.kernels.surface import Surface, add_texture_coordinates
-from wrt.kernels.textures import slot_color
+from wrt.kernels.surface import Surface, make_add_texture_coordinates
+from wrt.kernels.textures import make_slot_value
 from wrt.kernels.triangles import Triangle, leave_surface, make_triangle_of
 from wrt.kernels.warps import square_to_triangle
 
@@ -205,21 +205,25 @@ class Lights(NamedTuple):
 @functools.cache
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
-    return _make_lights(features.textured, features.light_shapes, features.instances, features.light_tree)
+    textured, extras = features.textured, features.extras
+    return _make_lights(textured, extras, features.light_shapes, features.instances, features.light_tree)
 
 
 @functools.cache
-def _make_lights(textured: bool, light_shapes: bool, instances: str, light_tree: bool) -> Lights:
+def _make_lights(textured: bool, extras: bool, light_shapes: bool, instances: str, light_tree: bool) -> Lights:
     choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(instances)
+    slot_value = make_slot_value(extras)
+    add_texture_coordinates = make_add_texture_coordinates(extras)
     parts = ["textured" if textured else "plain", *["shapes"] * light_shapes, instances, *["tree"] * light_tree]
+    parts += ["extras"] * extras
     name = "_".join(parts)
 
     @wp.func(name=f"emission_at_{name}")
     def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
         if wp.static(textured):
             if shape.emission_slot >= 0:
-                return slot_color(scene, scene.slots[shape.emission_slot], surface.uv, surface.color)
+                return slot_value(scene, shape.emission_slot, surface)
         return shape.emission
 
     @wp.func(name=f"way_to_light_{name}")

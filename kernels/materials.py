@@ -9,7 +9,7 @@ from wrt.kernels.bsdf.record import Bsdf, slot_values
 from wrt.kernels.features import Features
 from wrt.kernels.scene_data import MATERIAL_MIX, MATERIAL_MODEL, SceneData
 from wrt.kernels.surface import Surface
-from wrt.kernels.textures import slot_color
+from wrt.kernels.textures import make_slot_value
 from wrt.kernels.warps import BELOW_ONE
 
 PASSED_THROUGH = wp.constant(-1)
@@ -24,40 +24,40 @@ _numbers = wp.types.vector(length=MAX_NESTING + 1, dtype=int)
 _shares = wp.types.vector(length=MAX_NESTING + 1, dtype=float)
 
 
-@wp.func
-def slot_value(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
-    """Return what a slot holds at a point of a surface."""
-    return slot_color(scene, scene.slots[slot], surface.uv, surface.color)
-
-
-@wp.func
-def choose_material(scene: SceneData, material: int, surface: Surface, u: float) -> int:
-    """Return the material that answers at a point, or PASSED_THROUGH.
+@functools.cache
+def make_choose_material(extras: bool = False) -> wp.Function:
+    """Return the device function (scene, material, surface, u) -> the material that answers, or PASSED_THROUGH.
 
     A mixture is its parts in the proportion of their weights, so choosing one of them by a random
     number has the right mean; likewise opacity. The rest of the number chooses again further in.
     """
-    number = int(material)
-    while number != PASSED_THROUGH:
-        record = scene.materials[number]
-        if record.opacity_slot >= 0:
-            opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
-            if u >= opacity:
-                return PASSED_THROUGH
-            u = wp.min(u / opacity, BELOW_ONE)
-        if record.kind == MATERIAL_MODEL:
-            return number
-        if record.kind == MATERIAL_MIX:
-            weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
-            if u < weight:
-                number = record.second
-                u = wp.min(u / weight, BELOW_ONE)
+    slot_value = make_slot_value(extras)
+
+    @wp.func(name=f"choose_material{'_extras' * extras}")
+    def choose_material(scene: SceneData, material: int, surface: Surface, u: float) -> int:
+        number = int(material)
+        while number != PASSED_THROUGH:
+            record = scene.materials[number]
+            if record.opacity_slot >= 0:
+                opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
+                if u >= opacity:
+                    return PASSED_THROUGH
+                u = wp.min(u / opacity, BELOW_ONE)
+            if record.kind == MATERIAL_MODEL:
+                return number
+            if record.kind == MATERIAL_MIX:
+                weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
+                if u < weight:
+                    number = record.second
+                    u = wp.min(u / weight, BELOW_ONE)
+                else:
+                    number = record.first
+                    u = wp.min((u - weight) / (1.0 - weight), BELOW_ONE)
             else:
-                number = record.first
-                u = wp.min((u - weight) / (1.0 - weight), BELOW_ONE)
-        else:
-            number = wp.where(surface.front, record.first, record.second)
-    return PASSED_THROUGH
+                number = wp.where(surface.front, record.first, record.second)
+        return PASSED_THROUGH
+
+    return choose_material
 
 
 @wp.struct
@@ -89,36 +89,45 @@ def leaves_of(material: int) -> Leaves:
     return leaves
 
 
-@wp.func
-def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
-    """Return the same with the next leaf; the last one may come with others left that turn out to be none."""
-    found = leaves
-    found.share = 0.0
-    while found.left > 0:
-        found.left = found.left - 1
-        number = found.numbers[found.left]
-        record = scene.materials[number]
-        share = found.shares[found.left]
-        if record.opacity_slot >= 0:
-            opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
-            found.passed = found.passed + share * (1.0 - opacity)
-            share *= opacity
-        if record.kind == MATERIAL_MODEL:
-            found.leaf = number
-            found.share = share
-            return found
-        if record.kind == MATERIAL_MIX:
-            weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
-            found.numbers[found.left] = record.first
-            found.shares[found.left] = share * (1.0 - weight)
-            found.numbers[found.left + 1] = record.second
-            found.shares[found.left + 1] = share * weight
-            found.left = found.left + 2
-        else:
-            found.numbers[found.left] = wp.where(surface.front, record.first, record.second)
-            found.shares[found.left] = share
-            found.left = found.left + 1
-    return found
+@functools.cache
+def make_next_leaf(extras: bool = False) -> wp.Function:
+    """Return the device function (scene, leaves, surface) -> the same with the next leaf.
+
+    The last one may come with others left that turn out to be none.
+    """
+    slot_value = make_slot_value(extras)
+
+    @wp.func(name=f"next_leaf{'_extras' * extras}")
+    def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
+        found = leaves
+        found.share = 0.0
+        while found.left > 0:
+            found.left = found.left - 1
+            number = found.numbers[found.left]
+            record = scene.materials[number]
+            share = found.shares[found.left]
+            if record.opacity_slot >= 0:
+                opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
+                found.passed = found.passed + share * (1.0 - opacity)
+                share *= opacity
+            if record.kind == MATERIAL_MODEL:
+                found.leaf = number
+                found.share = share
+                return found
+            if record.kind == MATERIAL_MIX:
+                weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
+                found.numbers[found.left] = record.first
+                found.shares[found.left] = share * (1.0 - weight)
+                found.numbers[found.left + 1] = record.second
+                found.shares[found.left + 1] = share * weight
+                found.left = found.left + 2
+            else:
+                found.numbers[found.left] = wp.where(surface.front, record.first, record.second)
+                found.shares[found.left] = share
+                found.left = found.left + 1
+        return found
+
+    return next_leaf
 
 
 @functools.cache
@@ -214,6 +223,7 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     panes = has_panes(features.models) and not holes_only
     bsdf_at = make_bsdf_at(features)
     straight = make_straight(features.models)
+    next_leaf = make_next_leaf(features.extras)
 
     @wp.func(name=f"share_{'not_there' if holes_only else 'passed'}_{identifier(features.models)}")
     def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
@@ -232,17 +242,18 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
 @functools.cache
 def make_bsdf_at(features: Features) -> wp.Function:
     """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
-    return _make_load(features.models, features.textured)
+    return _make_load(features.models, features.textured, features.extras)
 
 
 @functools.cache
-def _make_load(names: tuple[str, ...], textured: bool) -> wp.Function:
+def _make_load(names: tuple[str, ...], textured: bool, extras: bool) -> wp.Function:
     """Return a chain of one link a model, as in `kernels.bsdf.make_bsdf`: each knows how many values it reads."""
     if not names:
         return _no_bsdf
     number = model_number(names[0], names)
     count = model_of(names[0]).slots
-    next_load = _make_load(names[1:], textured)
+    next_load = _make_load(names[1:], textured, extras)
+    slot_value = make_slot_value(extras)
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:

@@ -23,9 +23,9 @@ from wrt.kernels.lights import (
 from wrt.kernels.materials import (
     MOST_PASSED,
     PASSED_THROUGH,
-    choose_material,
     has_panes,
     make_bsdf_at,
+    make_choose_material,
     make_is_pane,
     make_with_index,
 )
@@ -44,7 +44,7 @@ from wrt.kernels.sampler import (
 )
 from wrt.kernels.scene_data import BodyStack, SceneData
 from wrt.kernels.skin import make_skin_near, no_skin, or_skin
-from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.triangles import leave_surface
 
 # Paths shorter than this are never ended by roulette; then survival follows the throughput.
@@ -86,6 +86,8 @@ def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
     _, _, bsdf_sample, bsdf_is_delta, bsdf_transmits = make_bsdf(features.models)
     bsdf_at = make_bsdf_at(features)
+    choose_material = make_choose_material(features.extras)
+    add_texture_coordinates = make_add_texture_coordinates(features.extras)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
     _, _, choice_probability, environment_light_pdf, emission_at = make_lights(features)
     transmits = any(model_of(name).transmits for name in features.models)

@@ -11,6 +11,11 @@ WRAP_REPEAT = wp.constant(0)
 WRAP_MIRROR = wp.constant(1)
 WRAP_CLAMP = wp.constant(2)
 
+# What of the mesh's own colours multiplies a value.
+VERTEX_COLOR_NONE = wp.constant(0)
+VERTEX_COLOR = wp.constant(1)
+VERTEX_ALPHA = wp.constant(2)
+
 # What a material is: a reflection model, or one of two others by share or by side.
 MATERIAL_MODEL = wp.constant(0)
 MATERIAL_MIX = wp.constant(1)
@@ -64,7 +69,8 @@ class ColorSlot:
     """A colour, and what multiplies it: an image, the vertex colour, both or neither.
 
     `channel` is -1, or the channel of the image that stands for all three. From a `cutoff` of 0 or more on, the
-    result is 1 where it reaches the cutoff, and else 0.
+    result is 1 where it reaches the cutoff, and else 0. Second texture coordinates, and VERTEX_ALPHA, are there where
+    Features.extras.
     """
 
     value: wp.vec3
@@ -72,6 +78,7 @@ class ColorSlot:
     channel: int
     vertex_color: int
     cutoff: float
+    second: int  # whether the image is laid by the second texture coordinates
 
 
 @wp.struct
@@ -215,6 +222,7 @@ class SceneData:
     normals: wp.array(dtype=wp.vec3)
     uvs: wp.array(dtype=wp.vec2)
     colors: wp.array(dtype=wp.vec3)
+    extras: wp.array(dtype=wp.vec3)  # second texture coordinates and the alpha of colours, where Features.extras
     triangle_shape: wp.array(dtype=int)
     # Materials
     shapes: wp.array(dtype=ShapeRecord)

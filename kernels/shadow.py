@@ -15,7 +15,7 @@ from wrt.kernels.medium import make_extinction, transmittance
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.scene_data import MATERIAL_MODEL, BodyStack, SceneData
 from wrt.kernels.skin import Skin, or_skin
-from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 
 
 @functools.cache
@@ -30,6 +30,7 @@ def make_visibility(features: Features) -> wp.Function:
     textured = features.textured
     _, closest_hit_before, next_hit, occluded = make_intersect(features.instances)
     surface_at = make_surface_at(features.instances)
+    add_texture_coordinates = make_add_texture_coordinates(features.extras)
     tangents = features.tangents
     bodies = features.bodies
     media = features.media != "none"

@@ -19,7 +19,8 @@ class Surface:
     `normal` (geometric) and `frame.n` (shading) face the viewer; `front` tells whether the viewer
     is on the triangle's front, where its corners run counter-clockwise; of a mirrored instance, the front of its mesh.
     `e1` and `e2` are two edges of the triangle in the world, `slack` is how far rays may miss it (see `Triangle`).
-    `normal_variance` is what a filtered normal map leaves to the roughness (see `Bsdf`).
+    `second_uv` and `alpha` are there where Features.extras. `normal_variance` is what a filtered normal map leaves to
+    the roughness (see `Bsdf`).
     """
 
     position: wp.vec3
@@ -32,6 +33,8 @@ class Surface:
     shape: int
     uv: wp.vec2
     color: wp.vec3
+    second_uv: wp.vec2
+    alpha: float
     normal_variance: wp.vec2
 
 
@@ -139,6 +142,24 @@ def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Sur
     surface.uv = scene.uvs[i0] * w0 + scene.uvs[i1] * hit.u + scene.uvs[i2] * hit.v
     surface.color = scene.colors[i0] * w0 + scene.colors[i1] * hit.u + scene.colors[i2] * hit.v
     return surface
+
+
+@functools.cache
+def make_add_texture_coordinates(extras: bool) -> wp.Function:
+    """Return `add_texture_coordinates`, with what `Features.extras` stands for."""
+
+    @wp.func(name="add_texture_coordinates_and_extras")
+    def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
+        surface = add_texture_coordinates(scene, hit, surface)
+        i0 = scene.indices[3 * hit.triangle]
+        i1 = scene.indices[3 * hit.triangle + 1]
+        i2 = scene.indices[3 * hit.triangle + 2]
+        more = scene.extras[i0] * (1.0 - hit.u - hit.v) + scene.extras[i1] * hit.u + scene.extras[i2] * hit.v
+        surface.second_uv = wp.vec2(more[0], more[1])
+        surface.alpha = more[2]
+        return surface
+
+    return add if extras else add_texture_coordinates
 
 
 @wp.func

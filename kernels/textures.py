@@ -1,8 +1,19 @@
 """Colours that vary over a surface."""
 
+import functools
+
 import warp as wp
 
-from wrt.kernels.scene_data import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, ColorSlot, ImageRecord, SceneData
+from wrt.kernels.scene_data import (
+    VERTEX_ALPHA,
+    WRAP_CLAMP,
+    WRAP_MIRROR,
+    WRAP_REPEAT,
+    ColorSlot,
+    ImageRecord,
+    SceneData,
+)
+from wrt.kernels.surface import Surface
 
 
 @wp.func
@@ -124,3 +135,25 @@ def slot_color(scene: SceneData, slot: ColorSlot, uv: wp.vec2, vertex_color: wp.
     if slot.cutoff >= 0.0:
         value = wp.vec3(wp.where(value[0] >= slot.cutoff, 1.0, 0.0))
     return value
+
+
+@functools.cache
+def make_slot_value(extras: bool = False) -> wp.Function:
+    """Return the device function (scene, slot, surface) -> vec3: what a material's slot holds at a point."""
+
+    @wp.func
+    def slot_value(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+        return slot_color(scene, scene.slots[slot], surface.uv, surface.color)
+
+    @wp.func
+    def slot_value_extras(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+        record = scene.slots[slot]
+        uv = surface.uv
+        if record.second != 0:
+            uv = surface.second_uv
+        color = surface.color
+        if record.vertex_color == VERTEX_ALPHA:
+            color = wp.vec3(surface.alpha)
+        return slot_color(scene, record, uv, color)
+
+    return slot_value_extras if extras else slot_value

@@ -24,14 +24,14 @@ from wrt.kernels.geometry import Ray, Receiver, to_local, to_world
 from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
 from wrt.kernels.lights import make_lights
-from wrt.kernels.materials import MOST_PASSED, leaves_of, make_bsdf_at, next_leaf
+from wrt.kernels.materials import MOST_PASSED, leaves_of, make_bsdf_at, make_next_leaf
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import Sampler
 from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, LIGHT_RECTANGLE, LIGHT_TRIANGLE, BodyStack, SceneData
 from wrt.kernels.shadow import make_visibility
 from wrt.kernels.skin import no_skin
-from wrt.kernels.surface import Surface, add_texture_coordinates, align_tangents, make_surface_at
+from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.triangles import leave_surface
 from wrt.kernels.warps import lattice_point
 
@@ -130,6 +130,8 @@ def make_trace_tree(features: Features) -> wp.Function:
     direct_light = make_direct_light(features)
     specular = make_specular(features.models)
     bsdf_at = make_bsdf_at(features)
+    next_leaf = make_next_leaf(features.extras)
+    add_texture_coordinates = make_add_texture_coordinates(features.extras)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
     emission_at = make_lights(features).emission_at
     light_shapes = features.light_shapes

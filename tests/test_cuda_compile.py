@@ -52,6 +52,7 @@ FEATURES = [
         light_shapes=True,
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
+    Features(("diffuse",), True, "image", layered=True, tangents=True, extras=True),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(Features(("conductor", "dielectric"), True, "image", True, True, integrator=name) for name in INTEGRATORS),
     Features(("dielectric", "diffuse"), True, "image", True, True, clamped=True, regularized=True, layers=True),

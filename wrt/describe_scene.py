@@ -127,7 +127,7 @@ def _value(value: Any) -> str:
         channel = getattr(value, "channel", None)
         return f"from {value.name}" + (f" ({channel})" if channel else "")
     if isinstance(value, VertexColor):
-        return "vertex-colors"
+        return "vertex-colors" + " (alpha)" * value.alpha
     if isinstance(value, np.ndarray):
         return " x ".join(str(n) for n in value.shape)
     if isinstance(value, (tuple, list)) and value and all(isinstance(x, (int, float)) for x in value):

@@ -27,8 +27,9 @@ class Mesh:
         vertices: (N, 3) float32 positions, metres.
         faces: (M, 3) int32 vertex indices; counter-clockwise seen from the front.
         normals: (N, 3) float32 shading normals, or None for flat triangles.
-        uvs: (N, 2) float32 texture coordinates, v up, or None.
-        colors: (N, 3) float32 linear Rec. 709, or None.
+        uvs: (N, 2) float32 texture coordinates, v up, or None; (N, 4) are two sets of them.
+        colors: (N, 3) float32 linear Rec. 709, or None; (N, 4) with alpha, 0 to 1, which counts where a material's
+            opacity asks for it.
         name: where it came from, for messages.
 
     Raises:
@@ -43,7 +44,7 @@ class Mesh:
     name: str = "mesh"
 
     def __post_init__(self) -> None:
-        vertices = self._float_array("vertices", self.vertices, 3)
+        vertices = self._float_array("vertices", self.vertices, (3,))
         count = len(vertices)
         faces = array(self.faces, f"{self.name}: faces")
         if faces.ndim != 2 or faces.shape[1] != 3:
@@ -58,20 +59,21 @@ class Mesh:
             raise InputError(f"{self.name}: a face names vertex {bad}, but there are {count} vertices")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int32))
-        for name, width in (("normals", 3), ("uvs", 2), ("colors", 3)):
+        for name, widths in (("normals", (3,)), ("uvs", (2, 4)), ("colors", (3, 4))):
             value = getattr(self, name)
             if value is None:
                 continue
-            rows = self._float_array(name, value, width)
+            rows = self._float_array(name, value, widths)
             if len(rows) != count:
                 raise InputError(f"{self.name}: {len(rows)} {name} for {count} vertices")
             object.__setattr__(self, name, rows)
 
-    def _float_array(self, what: str, value: ArrayLike, width: int) -> NDArray[np.float32]:
+    def _float_array(self, what: str, value: ArrayLike, widths: tuple[int, ...]) -> NDArray[np.float32]:
         with np.errstate(over="ignore"):
             rows = np.ascontiguousarray(array(value, f"{self.name}: {what}", np.float32))
-        if rows.ndim != 2 or rows.shape[1] != width:
-            raise InputError(f"{self.name}: {what} must be (N, {width}), not {rows.shape}")
+        if rows.ndim != 2 or rows.shape[1] not in widths:
+            shapes = " or ".join(f"(N, {width})" for width in widths)
+            raise InputError(f"{self.name}: {what} must be {shapes}, not {rows.shape}")
         if not np.isfinite(rows).all():
             bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
             raise InputError(f"{self.name}: {what} must be finite; number {bad} is {rows[bad].tolist()}")
@@ -141,3 +143,14 @@ class Mesh:
         m = np.eye(4)
         m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
         return self.transformed(m)
+
+
+def columns(mesh: Mesh, name: str, first: int, stop: int, default: float) -> NDArray[np.float32]:
+    """Return (N, stop − first) columns of what a mesh has at its vertices, `default` where it has none."""
+    given = getattr(mesh, name)
+    if given is not None and given.shape[1] >= stop:
+        return np.asarray(given[:, first:stop])
+    rows = np.full((len(mesh.vertices), stop - first), default, np.float32)
+    if given is not None and given.shape[1] > first:
+        rows[:, : given.shape[1] - first] = given[:, first:]
+    return rows

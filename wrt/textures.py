@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.values import ColorLike, boolean, color, image, number, one_of, pair
+from wrt.values import ColorLike, boolean, color, image, integer, number, one_of, pair
 
 CHANNELS = ("r", "g", "b")
 """Names of an image's channels."""
@@ -46,6 +46,8 @@ class ImageTexture:
         filter: one of TEXTURE_FILTERS.
         cutoff: for masks: what reaches it is 1, all else 0.
         vertex_colors: whether the mesh's own colours multiply the image.
+        vertex_alpha: whether the alpha of the mesh's colours does, before the cutoff: for opacity.
+        uv_set: which of the mesh's two sets of texture coordinates is meant, 0 or 1.
     """
 
     pixels: NDArray[np.float32] = field(repr=False)
@@ -59,6 +61,8 @@ class ImageTexture:
     filter: str = "bilinear"
     cutoff: float | None = None
     vertex_colors: bool = False
+    vertex_alpha: bool = False
+    uv_set: int = 0
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:
@@ -78,6 +82,10 @@ class ImageTexture:
         if self.cutoff is not None:
             put("cutoff", number(self.cutoff, f"{what}: cutoff", minimum=0.0))
         boolean(self.vertex_colors, f"{what}: vertex_colors")
+        boolean(self.vertex_alpha, f"{what}: vertex_alpha")
+        if self.vertex_colors and self.vertex_alpha:
+            raise InputError(f"{what}: either vertex_colors or vertex_alpha can multiply it, not both")
+        put("uv_set", integer(self.uv_set, f"{what}: uv_set", minimum=0, maximum=1))
 
     @property
     def placement(self) -> NDArray[np.float64]:
@@ -95,12 +103,19 @@ class VertexColor:
 
     Attributes:
         factor: multiplies the colours.
+        alpha: whether their alpha is meant in place of red, green and blue (1 where they have none): for opacity.
+        cutoff: for masks: what reaches it is 1, all else 0.
     """
 
     factor: ColorLike = 1.0
+    alpha: bool = False
+    cutoff: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "factor", color(self.factor, "vertex colours: factor"))
+        boolean(self.alpha, "vertex colours: alpha")
+        if self.cutoff is not None:
+            object.__setattr__(self, "cutoff", number(self.cutoff, "vertex colours: cutoff", minimum=0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,13 +60,14 @@ class Seen:
 
     corners: Array  # (T, 3, 3)
     uvs: Array  # (T, 3, 2), v down
-    color: Array  # (H, W, 4), linear
+    colors: Array  # (T, 3, 4), of the vertices times the factor
+    image: Array  # (H, W, 4), linear
     cutoff: float | None
     blend: bool
 
 
 class Reference:
-    """A GLB file of which every primitive has a texture and coordinates."""
+    """A GLB file of which every primitive has a texture and coordinates, if any of floating-point numbers."""
 
     def __init__(self, path: Path) -> None:
         self.tree, self.binary = split(path)
@@ -99,7 +100,6 @@ class Reference:
         faces = self._accessor(primitive["indices"]).reshape(-1, 3)
         material = self.tree["materials"][primitive["material"]]
         info = material["pbrMetallicRoughness"]["baseColorTexture"]
-        assert info.get("texCoord", 0) == 0
         image = self.tree["images"][self.tree["textures"][info["index"]]["source"]]
         view = self.tree["bufferViews"][image["bufferView"]]
         start = view.get("byteOffset", 0)
@@ -108,8 +108,12 @@ class Reference:
         color[..., :3] = srgb_to_linear(color[..., :3])
         mode = material.get("alphaMode", "OPAQUE")
         cutoff = material.get("alphaCutoff", 0.5) if mode == "MASK" else None
-        uvs = self._accessor(attributes["TEXCOORD_0"]).astype(np.float64)
-        self.seen.append(Seen(points[faces].astype(np.float64), uvs[faces], color, cutoff, mode == "BLEND"))
+        uvs = self._accessor(attributes[f"TEXCOORD_{info.get('texCoord', 0)}"]).astype(np.float64)
+        colors = np.ones((len(points), 4)) * material["pbrMetallicRoughness"].get("baseColorFactor", (1.0,) * 4)
+        if "COLOR_0" in attributes:
+            own = self._accessor(attributes["COLOR_0"])
+            colors *= own / (1.0 if own.dtype.kind == "f" else np.iinfo(own.dtype).max)
+        self.seen.append(Seen(points[faces], uvs[faces], colors[faces], color, cutoff, mode == "BLEND"))
 
     def rays(self, window: Window, shift: tuple[float, float]) -> tuple[Array, Array]:
         """Return the origin and the directions through points of a window's pixels, `shift` from their centres."""
@@ -127,13 +131,13 @@ class Reference:
         origin, directions = self.rays(window, shift)
         hits: list[tuple[Array, Array]] = []  # distances and RGBA, of each triangle
         for seen in self.seen:
-            for corners, uvs in zip(seen.corners, seen.uvs, strict=True):
+            for corners, uvs, colors in zip(seen.corners, seen.uvs, seen.colors, strict=True):
                 t, w = _meet(origin, directions, corners)
                 inside = np.isfinite(t)
                 if not inside.any():
                     continue
                 rgba = np.zeros((len(directions), 4))
-                rgba[inside] = _bilinear(seen.color, w[inside] @ uvs)
+                rgba[inside] = _bilinear(seen.image, w[inside] @ uvs) * (w[inside] @ colors)
                 if seen.cutoff is not None:
                     rgba[:, 3] = np.where(rgba[:, 3] >= seen.cutoff, 1.0, 0.0)
                 elif not seen.blend:

@@ -13,7 +13,7 @@ from wrt.build.materials import describe_materials
 from wrt.device import Device
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.features import Features
-from wrt.kernels.materials import PASSED_THROUGH, choose_material, make_bsdf_at, make_share_passed
+from wrt.kernels.materials import PASSED_THROUGH, make_bsdf_at, make_choose_material, make_share_passed
 from wrt.kernels.scene_data import SceneData
 from wrt.kernels.surface import Surface
 
@@ -37,6 +37,7 @@ def surface_of(point: Point) -> Surface:
     return surface
 
 
+choose_material = make_choose_material()
 # Of opacity alone, whatever the models.
 share_passed = make_share_passed(Features((), False, "none"))
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.build.environment import LUMINANCE
+from wrt.mesh import columns
 from wrt.scene import Shape
 from wrt.textures import CHANNELS, ImageTexture, VertexColor
 
@@ -29,17 +30,20 @@ def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float6
     if isinstance(emission, ImageTexture):
         return _of_image(shape, emission)
     if isinstance(emission, VertexColor):
-        means = _vertex_colors(shape).mean(axis=1) * emission.factor
+        values = _vertex_colors(shape, alpha=emission.alpha) * emission.factor
+        if emission.cutoff is not None:
+            values = _masked(values, emission.cutoff)
+        means = values.mean(axis=1)
     else:
         means = np.broadcast_to(np.asarray(emission, np.float64), (count, 3))
     return means, means @ LUMINANCE
 
 
-def _vertex_colors(shape: Shape) -> NDArray[np.float64]:
-    """Return (T, 3, 3) the colours of each triangle's corners."""
-    if shape.mesh.colors is None:
-        return np.ones((len(shape.mesh.faces), 3, 3))
-    return np.asarray(shape.mesh.colors[shape.mesh.faces], np.float64)
+def _vertex_colors(shape: Shape, *, alpha: bool) -> NDArray[np.float64]:
+    """Return (T, 3, 3) the colours of each triangle's corners, or their alpha three times."""
+    first, stop = (3, 4) if alpha else (0, 3)
+    values = columns(shape.mesh, "colors", first, stop, 1.0)[shape.mesh.faces].astype(np.float64)
+    return np.repeat(values, 3, axis=2) if alpha else values
 
 
 def _of_image(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -48,11 +52,11 @@ def _of_image(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64],
     if texture.channel is not None:
         pixels = np.repeat(pixels[..., [CHANNELS.index(texture.channel)]], 3, axis=2)
     height, width = pixels.shape[:2]
-    corners = np.zeros((len(faces), 3, 2))
-    if shape.mesh.uvs is not None:
-        corners[:] = shape.mesh.uvs[faces]
-    corners = corners @ texture.placement[:, :2].T + texture.placement[:, 2]
-    colors = _vertex_colors(shape) if texture.vertex_colors else np.ones((len(faces), 3, 3))
+    laid_by = columns(shape.mesh, "uvs", 2 * texture.uv_set, 2 * texture.uv_set + 2, 0.0)
+    corners = laid_by[faces].astype(np.float64) @ texture.placement[:, :2].T + texture.placement[:, 2]
+    colors = np.ones((len(faces), 3, 3))
+    if texture.vertex_colors or texture.vertex_alpha:
+        colors = _vertex_colors(shape, alpha=texture.vertex_alpha)
     reach = (np.ptp(corners, axis=1) * [width, height]).max(axis=1)
     parts = np.minimum(2 ** np.ceil(np.log2(np.maximum(reach, 1.0))), _MOST_PARTS).astype(np.int64)
     means = np.zeros((len(faces), 3))
@@ -63,13 +67,17 @@ def _of_image(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64],
             values = _look_up(texture, pixels, np.einsum("pk,tkc->tpc", weights, corners[chunk]))
             values = values * np.einsum("pk,tkc->tpc", weights, colors[chunk]) * texture.factor
             if texture.cutoff is not None:
-                values = np.repeat((values[..., :1] >= texture.cutoff).astype(np.float64), 3, axis=2)
+                values = _masked(values, texture.cutoff)
             means[chunk] = values.mean(axis=1)
     luminance = pixels.astype(np.float64) @ LUMINANCE
     if texture.cutoff is not None:
         luminance = np.where(luminance > 0.0, 1.0, 0.0)
     around = _means_around(texture, luminance, corners) * (colors.max(axis=1) * texture.factor).max(axis=1)
     return means, np.maximum(means @ LUMINANCE, _LEAST_SHARE * around)
+
+
+def _masked(values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:
+    return np.repeat((values[..., :1] >= cutoff).astype(np.float64), 3, axis=-1)
 
 
 def _look_up(texture: ImageTexture, pixels: NDArray[np.float32], uv: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -53,7 +53,7 @@ def upload_triangles(
 
 
 def joined(meshes: Sequence[Mesh], name: str, width: int, default: float, device: str) -> NDArray[np.float32]:
-    """Return an array of all vertices' `name`, `default` where a mesh has none.
+    """Return an array of the first columns of all vertices' `name`, `default` where a mesh has none.
 
     What is to be uploaded to the CPU, meshes share, whose own arrays cannot be written to: so it is in memory once.
     """
@@ -62,8 +62,8 @@ def joined(meshes: Sequence[Mesh], name: str, width: int, default: float, device
     for mesh in meshes:
         start, stop = stop, stop + len(mesh.vertices)
         own = getattr(mesh, name)
-        rows[start:stop] = default if own is None else own
-        if own is not None and device == "cpu":
+        rows[start:stop] = default if own is None else own[:, :width]
+        if own is not None and own.shape[1] == width and device == "cpu":
             mesh.share(name, rows[start:stop])
     return rows
 

@@ -30,6 +30,7 @@ class MaterialTable:
         emission_slots: (shapes,) number of the slot of an emission that varies, else −1; known once uploaded.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
+        extras: whether any is laid by second texture coordinates, or multiplied by the alpha of vertex colours.
         layered: whether any material is composite or not opaque.
         tangents: whether any depends on the direction of texture coordinates, by itself or by a normal map.
     """
@@ -41,6 +42,7 @@ class MaterialTable:
     emission_slots: list[int] = field(default_factory=list)
     models: tuple[str, ...] = ()
     textured: bool = False
+    extras: bool = False
     layered: bool = False
     tangents: bool = False
 
@@ -133,6 +135,7 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
             raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
     values = [value for material in table.materials for value in (*material.slots, material.opacity)]
     table.textured = any(_varies(value) for value in [*values, *emissions])
+    table.extras = any(_needs_extras(value) for value in [*values, *emissions])
     table.layered = any(material.parts or material.opacity != 1.0 for material in table.materials)
     table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
     return table
@@ -140,6 +143,12 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
 
 def _varies(value: ColorSource) -> bool:
     return isinstance(value, (ImageTexture, VertexColor))
+
+
+def _needs_extras(value: ColorSource) -> bool:
+    if isinstance(value, ImageTexture):
+        return value.vertex_alpha or value.uv_set == 1
+    return isinstance(value, VertexColor) and value.alpha
 
 
 def _normal_filter(material: Material, filtered: bool) -> int:
@@ -164,16 +173,20 @@ class _Slots:
 
     def add(self, value: ColorSource) -> int:
         """Append a value; return its number."""
+        from wrt.kernels.scene_data import VERTEX_ALPHA, VERTEX_COLOR, VERTEX_COLOR_NONE
+
         if isinstance(value, ImageTexture):
             image = self.add_image(value.pixels, value)
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)
             cutoff = -1.0 if value.cutoff is None else value.cutoff
-            self.rows.append((value.factor, image, channel, value.vertex_colors, cutoff))
+            own = VERTEX_COLOR if value.vertex_colors else VERTEX_ALPHA if value.vertex_alpha else VERTEX_COLOR_NONE
+            self.rows.append((value.factor, image, channel, int(own), cutoff, value.uv_set))
         elif isinstance(value, VertexColor):
-            self.rows.append((value.factor, -1, -1, True, -1.0))
+            cutoff = -1.0 if value.cutoff is None else value.cutoff
+            self.rows.append((value.factor, -1, -1, int(VERTEX_ALPHA if value.alpha else VERTEX_COLOR), cutoff, 0))
         else:
             constant = tuple(float(v) for v in np.broadcast_to(np.asarray(value, np.float64), 3))
-            self.rows.append((constant, -1, -1, False, -1.0))
+            self.rows.append((constant, -1, -1, int(VERTEX_COLOR_NONE), -1.0, 0))
         return len(self.rows) - 1
 
     def add_image(self, pixels: NDArray[np.float32], laid: ImageTexture | NormalMap) -> int:

@@ -20,6 +20,7 @@ from wrt.build.placed import place
 from wrt.build.world import WorldMeshes
 from wrt.device import Device
 from wrt.errors import InputError
+from wrt.mesh import columns
 from wrt.scene import Scene
 
 
@@ -65,7 +66,7 @@ def build_scene(
     )
     data = SceneData()
     textured = materials.textured or materials.tangents or texture_coordinates
-    first_triangles, world = _upload_geometry(data, layout, device, textured=textured)
+    first_triangles, world = _upload_geometry(data, layout, device, textured=textured, extras=materials.extras)
     materials.upload(data, device)
     bodies = describe_bodies(scene)
     bodies.upload(data, device)
@@ -109,6 +110,7 @@ def build_scene(
         light_tree=light_tree,
         media=bodies.kind,
         nested=bodies.nested,
+        extras=materials.extras,
     )
     if features.bodies:
         set_camera_bodies(data, bodies, scene, features.instances, device)
@@ -116,7 +118,7 @@ def build_scene(
 
 
 def _upload_geometry(
-    data: Any, layout: Layout, device: Device, *, textured: bool
+    data: Any, layout: Layout, device: Device, *, textured: bool, extras: bool
 ) -> tuple[NDArray[np.int64], WorldMeshes]:
     """Upload all meshes, those in the world first, and their trees; return the first triangle of each shape."""
     import warp as wp
@@ -135,6 +137,9 @@ def _upload_geometry(
     if textured:
         data.uvs = upload(joined(copies, "uvs", 2, 0.0, name), wp.vec2, name)
         data.colors = upload(joined(copies, "colors", 3, 1.0, name), wp.vec3, name)
+    if extras:
+        more = [(columns(m, "uvs", 2, 4, 0.0), columns(m, "colors", 3, 4, 1.0)) for m in copies]
+        data.extras = upload(np.concatenate([np.concatenate(each, axis=1) for each in more]), wp.vec3, name)
 
     counts = np.array([len(m.faces) for m in faces])
     first_triangles = np.cumsum(counts) - counts

@@ -1,7 +1,7 @@
 """glTF 2.0 and GLB: triangles in world space, loaded by trimesh, with their materials, cameras and lights.
 
-Format: Khronos Group 2021, "glTF 2.0 Specification"; section numbers below are its. Left aside: animation, skins,
-morph targets, and the alpha of vertex colours.
+Format: Khronos Group 2021, "glTF 2.0 Specification"; section numbers below are its. Left aside: animation, skins
+and morph targets.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.files import first_line
 from wrt.formats.gltf_images import IMAGE_KEYS, GltfImages, Tree
-from wrt.formats.gltf_materials import GltfMaterials, texture_references
+from wrt.formats.gltf_materials import Attributes, GltfMaterials, coordinate_sets
 from wrt.formats.gltf_scene import cameras_of, lights_of
 from wrt.formats.parts import Contents, Part, placed, warn
 from wrt.formats.trimesh_files import load, part_of
@@ -25,6 +25,8 @@ from wrt.formats.trimesh_files import load, part_of
 _KNOWN_EXTENSIONS = ("KHR_materials_", "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform")
 _INTEGERS = (5120, 5121, 5122, 5123, 5125)
 _FAN = 6
+_SECOND = "_SECOND_COORDINATES"
+"""Under such a name trimesh hands on what it does not know."""
 
 
 def read_gltf(path: Path, data: bytes) -> Contents:
@@ -97,14 +99,18 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
         if primitive.get("mode") == _FAN:
             warn(f"{path}: triangle fans are left out; export triangles")
         # trimesh takes the first set of coordinates, whichever the texture asks for.
-        sets = _coordinate_sets(described[primitive["material"]]) if "material" in primitive else []
-        if len(set(sets)) > 1:
-            warn(f"{path}: textures of material {primitive['material']} are all laid by coordinates {sets[0]}")
-        chosen = attributes.get(f"TEXCOORD_{sets[0] if sets else 0}")
+        sets = coordinate_sets(described[primitive["material"]]) if "material" in primitive else []
+        if len(sets) > 2:
+            warn(
+                f"{path}: textures of material {primitive['material']} lie by more than two sets of coordinates; all "
+                f"but those of set {sets[1]} are laid by set {sets[0]}"
+            )
+        laid = [attributes.get(f"TEXCOORD_{number}") for number in (sets or [0])[:2]]
+        if len(laid) > 1 and laid[1] is None:
+            warn(f"{path}: there is no TEXCOORD_{sets[1]}, by which textures of material {primitive['material']} lie")
         attributes.pop("TEXCOORD_0", None)
-        if chosen is not None:
-            attributes["TEXCOORD_0"] = chosen
-        for key in ("POSITION", "TEXCOORD_0", "NORMAL", "COLOR_0", None):
+        attributes |= {name: n for name, n in zip(("TEXCOORD_0", _SECOND), laid, strict=False) if n is not None}
+        for key in ("POSITION", "TEXCOORD_0", _SECOND, "NORMAL", "COLOR_0", None):
             index = attributes.get(key) if key else primitive.get("indices")
             if index is None:
                 continue
@@ -112,18 +118,10 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
             if "sparse" in accessor or "bufferView" not in accessor:
                 raise InputError(f"{path}: sparse or empty accessors are not supported; export without them")
             whole = accessor["componentType"] in _INTEGERS
-            if whole and (key == "TEXCOORD_0" or (key == "POSITION" and accessor.get("normalized"))):
-                raise InputError(f"{path}: {key} as integers is not supported; export floating-point numbers")
+            if whole and (key in ("TEXCOORD_0", _SECOND) or (key == "POSITION" and accessor.get("normalized"))):
+                name = "POSITION" if key == "POSITION" else "TEXCOORD"
+                raise InputError(f"{path}: {name} as integers is not supported; export floating-point numbers")
     return described
-
-
-def _coordinate_sets(material: Tree) -> list[int]:
-    """Return the numbers of the texture coordinates that a material's textures name, that of the base colour first."""
-    references = texture_references(material)
-    base = material.get("pbrMetallicRoughness", {}).get("baseColorTexture")
-    references.sort(key=lambda info: info is not base)
-    transforms = [info.get("extensions", {}).get("KHR_texture_transform", {}) for info in references]
-    return [t.get("texCoord", info.get("texCoord", 0)) for t, info in zip(transforms, references, strict=True)]
 
 
 def _binary_chunk(rest: bytes) -> bytes:
@@ -149,14 +147,29 @@ def _parts(path: Path, loaded: Tree, materials: GltfMaterials) -> list[Part]:
 def _part(path: Path, name: str, fields: Any, materials: GltfMaterials) -> Part | None:
     part = part_of(path, name, fields, linear=True)
     material = getattr(fields.get("visual"), "material", None)
-    if part is None or material is None:
+    if part is None:
+        return None
+    alpha = None if part.colors is None else part.colors[:, 3:]
+    if part.colors is not None:
+        part.colors = part.colors[:, :3]
+    if material is None:
         return part
     number = int(material.name)
-    part.material = materials.material(number, laid=part.uvs is not None, colored=part.colors is not None)
+    if alpha is not None and not (materials.has_alpha(number) and (alpha < 1.0).any()):
+        alpha = None
+    second = fields.get("vertex_attributes", {}).get(_SECOND)
+    if part.uvs is None or np.shape(second) != np.shape(part.uvs):
+        second = None
+    attributes = Attributes(part.uvs is not None, second is not None, part.colors is not None, alpha is not None)
+    part.material = materials.material(number, attributes)
     part.two_sided = materials.shines_on_both_sides(number, part.material)
     if part.colors is not None:
         part.colors = part.colors * materials.base_factor(number)
+        if alpha is not None:
+            part.colors = np.column_stack([part.colors, alpha])
     placement = materials.shared_placement(number)
     if part.uvs is not None and placement is not None:
         part.uvs = np.asarray(part.uvs, np.float64) @ placement[:, :2].T + placement[:, 2]
+    if part.uvs is not None and second is not None:
+        part.uvs = np.column_stack([part.uvs, second * (1.0, -1.0) + (0.0, 1.0)])  # trimesh has turned the first
     return part

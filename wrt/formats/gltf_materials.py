@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,26 +32,40 @@ _NOT_SUPPORTED = {
 }
 
 
+class Attributes(NamedTuple):
+    """What a mesh has for its material.
+
+    Attributes:
+        laid: texture coordinates; without, textures are left out.
+        second: a second set of them.
+        colored: colours, which multiply the base colour.
+        alpha: whether their alpha multiplies the opacity.
+    """
+
+    laid: bool
+    second: bool
+    colored: bool
+    alpha: bool
+
+
 class GltfMaterials:
     """The materials of one file, each made once for each way of using it."""
 
     def __init__(self, path: Path, described: list[Tree], images: GltfImages) -> None:
         """Take the file's materials as its JSON describes them."""
         self._path, self._described, self._images = path, described, images
-        self._made: dict[tuple[int, bool, bool], Material] = {}
+        self._made: dict[tuple[int, Attributes], Material] = {}
 
-    def material(self, number: int, *, laid: bool, colored: bool) -> Material:
-        """Return a material.
-
-        Args:
-            number: which one.
-            laid: whether the mesh has texture coordinates; without, textures are left out.
-            colored: whether the mesh has colours, which multiply the base colour.
-        """
-        key = number, laid, colored
+    def material(self, number: int, attributes: Attributes) -> Material:
+        """Return the material of a number for meshes with such attributes."""
+        key = number, attributes
         if key not in self._made:
-            self._made[key] = self._make(number, laid, colored)
+            self._made[key] = self._make(number, attributes)
         return self._made[key]
+
+    def has_alpha(self, number: int) -> bool:
+        """Return whether alpha counts in a material (section 3.9.4)."""
+        return self._described[number].get("alphaMode", "OPAQUE") in ("MASK", "BLEND")
 
     def shines_on_both_sides(self, number: int, material: Material) -> bool:
         """Return whether a material gives off light, and as much on its back (section 3.9.6)."""
@@ -66,24 +80,28 @@ class GltfMaterials:
         return np.clip(np.asarray(factor, np.float64)[:3], 0.0, 1.0)
 
     def shared_placement(self, number: int) -> NDArray[np.float64] | None:
-        """Return the (2, 3) placement that all textures of a material have, or None where they differ.
+        """Return the (2, 3) placement of all textures by a material's first coordinates, or None where they differ.
 
         It is for the mesh's coordinates then, so that tangents of normal maps follow it too.
         """
-        placements = [placement_of(info) for info in texture_references(self._described[number])]
+        described = self._described[number]
+        second = coordinate_sets(described)[1:2]
+        references = [info for info in texture_references(described) if [coordinate_set(info)] != second]
+        placements = [placement_of(info) for info in references]
         if any(placement != placements[0] for placement in placements):
             return None
         return ImageTexture(np.zeros((1, 1, 3), np.float32), **placements[0]).placement if placements else np.eye(2, 3)
 
-    def _make(self, number: int, laid: bool, colored: bool) -> Material:
+    def _make(self, number: int, attributes: Attributes) -> Material:
         described, name = self._described[number], f"material {number}"
         extensions = described.get("extensions", {})
         placed = self.shared_placement(number) is None
         for key, words in _NOT_SUPPORTED.items():
             if key in extensions:
                 warn(f"{self._path}: {words} of {name} is left out")
-        read = _Reader(self._images, laid, placed)
-        values: dict[str, Any] = {"opacity": self._opacity(described, read)}
+        read = _Reader(self._images, attributes, coordinate_sets(described), placed)
+        values: dict[str, Any] = {"opacity": self._opacity(number, read)}
+        colored = attributes.colored
         if "KHR_materials_unlit" in extensions:
             # It looks the same under any light if it gives off what it is to show, and reflects nothing.
             pbr = described.get("pbrMetallicRoughness", {})
@@ -107,7 +125,7 @@ class GltfMaterials:
         if factor.any():
             values["emission"] = read.color(described.get("emissiveTexture"), factor)
         normal = described.get("normalTexture")
-        if normal and laid:
+        if normal and attributes.laid:
             pixels = self._images.pixels(normal, "data")
             if placed and placement_of(normal) != placement_of({}):
                 warn(f"{self._path}: the transform of the normal texture of {name} is left out")
@@ -120,21 +138,24 @@ class GltfMaterials:
                 )
         return Principled(**values)
 
-    def _opacity(self, described: Tree, read: _Reader) -> ColorSource:
+    def _opacity(self, number: int, read: _Reader) -> ColorSource:
         """Return what of the surface is there, by alpha mode (section 3.9.4)."""
-        mode = described.get("alphaMode", "OPAQUE")
-        if mode not in ("MASK", "BLEND"):
+        if not self.has_alpha(number):
             return 1.0
+        described = self._described[number]
         pbr = described.get("pbrMetallicRoughness", {})
         factor, info = (tuple(pbr.get("baseColorFactor", ())) + (1.0, 1.0, 1.0, 1.0))[3], pbr.get("baseColorTexture")
         gloss = described.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
         if gloss is not None:
             factor, info = tuple(gloss.get("diffuseFactor", (1.0,) * 4))[3], gloss.get("diffuseTexture")
-        cutoff = described.get("alphaCutoff", 0.5) if mode == "MASK" else None
-        if read.laid and self._images.has_alpha(info):
-            texture = self._images.texture(info, "alpha", placed=read.placed, channel="r", factor=factor, cutoff=cutoff)
-            assert texture is not None
-            return texture
+        cutoff = described.get("alphaCutoff", 0.5) if described["alphaMode"] == "MASK" else None
+        alpha = read.attributes.alpha
+        if read.attributes.laid and self._images.has_alpha(info):
+            texture = read.texture(info, "alpha", channel="r", factor=factor, cutoff=cutoff, vertex_alpha=alpha)
+            if texture is not None:
+                return texture
+        if alpha:
+            return VertexColor(factor, alpha=True, cutoff=cutoff)
         if cutoff is not None:
             return 1.0 if factor >= cutoff else 0.0
         return float(np.clip(factor, 0.0, 1.0))
@@ -143,11 +164,15 @@ class GltfMaterials:
 class _Reader:
     """Factors times textures, as one value."""
 
-    def __init__(self, images: GltfImages, laid: bool, placed: bool) -> None:
-        self.images, self.laid, self.placed = images, laid, placed
+    def __init__(self, images: GltfImages, attributes: Attributes, sets: list[int], placed: bool) -> None:
+        self.images, self.attributes, self.placed = images, attributes, placed
+        self.second = sets[1:2]
 
     def texture(self, info: Tree | None, kind: str, **options: Any) -> ImageTexture | None:
-        return self.images.texture(info, kind, placed=self.placed, **options) if self.laid else None
+        second = bool(info) and [coordinate_set(info or {})] == self.second
+        if not (self.attributes.second if second else self.attributes.laid):
+            return None
+        return self.images.texture(info, kind, placed=self.placed or second, uv_set=int(second), **options)
 
     def color(self, info: Tree | None, factor: Any, colored: bool = False) -> ColorSource:
         """Return a colour; the reader has multiplied the mesh's own by the factor already."""
@@ -223,6 +248,24 @@ def _specular_glossiness(gloss: Tree, read: _Reader) -> dict[str, Any]:
         "roughness": 1.0 - factor if texture is None else replace(texture, pixels=1.0 - factor * texture.pixels),
         "specular_color": read.color(info, tint),
     }
+
+
+def coordinate_sets(described: Tree) -> list[int]:
+    """Return the numbers of the texture coordinates that a material's textures name.
+
+    First those of the normal texture, whose tangents follow them, or else of the base colour.
+    """
+    base = described.get("pbrMetallicRoughness", {}).get("baseColorTexture")
+    first = described.get("normalTexture") or base
+    references = sorted(texture_references(described), key=lambda info: info is not first)
+    return list(dict.fromkeys(coordinate_set(info) for info in references))
+
+
+def coordinate_set(info: Tree) -> int:
+    """Return the number of the coordinates by which a texture lies."""
+    transform = info.get("extensions", {}).get("KHR_texture_transform", {})
+    number: int = transform.get("texCoord", info.get("texCoord", 0))
+    return number
 
 
 def texture_references(described: Any) -> list[Tree]:

@@ -14,7 +14,7 @@ from wrt.camera import Camera
 from wrt.errors import InputError, one_line
 from wrt.lights import Light
 from wrt.materials import Diffuse, Material
-from wrt.mesh import Mesh, box_around
+from wrt.mesh import Mesh, box_around, columns
 from wrt.normals import CHUNK, with_normals
 from wrt.scene import Shape
 from wrt.textures import ColorSource, ImageTexture, VertexColor
@@ -51,8 +51,8 @@ class Part:
         vertices: (N, 3) positions.
         faces: (M, 3) vertex indices.
         normals: (N, 3) or None; need not be unit or finite.
-        uvs: (N, 2) or None, v up.
-        colors: (N, 3) or None, linear Rec. 709; need not be finite.
+        uvs: (N, 2), (N, 4) for two sets, or None; v up.
+        colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
         face_colors: (M, 3) or None, like `colors`.
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
         material: all that the file says, where it says more than a reflectance; it fits `uvs` and `colors`.
@@ -145,18 +145,15 @@ def merge(meshes: list[Mesh], name: str) -> Mesh:
         np.concatenate([m.vertices for m in meshes]),
         np.concatenate([m.faces.astype(np.int64) + o for m, o in zip(meshes, offsets, strict=True)]),
         np.concatenate(normals) if len(normals) == len(meshes) else None,
-        _filled(meshes, "uvs", 2, 0.0),
-        _filled(meshes, "colors", 3, 1.0),
+        _filled(meshes, "uvs", 0.0),
+        _filled(meshes, "colors", 1.0),
         name,
     )
 
 
-def _filled(meshes: list[Mesh], field: str, width: int, value: float) -> NDArray[np.float32] | None:
-    arrays = [getattr(m, field) for m in meshes]
-    if all(a is None for a in arrays):
-        return None
-    pairs = zip(meshes, arrays, strict=True)
-    return np.concatenate([np.full((len(m.vertices), width), value, np.float32) if a is None else a for m, a in pairs])
+def _filled(meshes: list[Mesh], field: str, value: float) -> NDArray[np.float32] | None:
+    widths = [getattr(m, field).shape[1] for m in meshes if getattr(m, field) is not None]
+    return np.concatenate([columns(m, field, 0, max(widths), value) for m in meshes]) if widths else None
 
 
 def moved(part: Part, matrix: NDArray[np.float64]) -> Part:

@@ -272,7 +272,7 @@ class _Reader:
             self.check_table(value, VERTEX_COLORS, others=own_fields(VertexColor))
             if value["vertex_colors"] is not True:
                 raise InputError(f"vertex_colors must be true, not {value['vertex_colors']!r}")
-            return VertexColor(value.get("factor", 1.0))
+            return VertexColor(**{key: value[key] for key in own_fields(VertexColor) if key in value})
         if isinstance(value, str) and value != "vertex-colors":
             if names:
                 return value

@@ -196,8 +196,8 @@ def _matching(array: Any, count: int) -> NDArray[Any] | None:
 
 
 def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
-    """Return (N, 3) linear colours; whole numbers span the range of their type."""
-    values = colors[:, :3].astype(np.float64)
+    """Return (N, 3) linear colours, of linear ones (N, 4) if they have alpha; whole numbers span their type's range."""
+    values = colors[:, : 4 if linear else 3].astype(np.float64)
     if colors.dtype.kind in "iu":
         values /= np.iinfo(colors.dtype).max
     elif (values[np.isfinite(values)] > 1.0).any():
