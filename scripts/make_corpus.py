@@ -285,15 +285,17 @@ def stl() -> dict[str, bytes]:
 
 
 def gltf(image: bytes, *, binary: bool) -> bytes:
-    """Return two nodes of one textured triangle, with a camera and a light, as glTF or GLB."""
+    """Return two nodes of one textured and coloured triangle, with a camera and a light, as glTF or GLB."""
     positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
     uvs = np.array([[0, 0], [1, 0], [0, 1]], "<f4").tobytes()
     indices = np.array([0, 1, 2, 0], "<u2").tobytes()
-    blocks = [positions, uvs, indices, image + b"\0" * (-len(image) % 4)]
+    colors = np.array([[255, 128, 0, 255], [0, 255, 64, 128], [255] * 4], "<u1").tobytes()
+    blocks = [positions, uvs, indices, image + b"\0" * (-len(image) % 4), colors]
     starts = np.cumsum([0] + [len(block) for block in blocks]).tolist()
     data = b"".join(blocks)
     views = [{"buffer": 0, "byteOffset": s, "byteLength": len(b)} for s, b in zip(starts, blocks, strict=False)]
     encoded = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    attributes = {"POSITION": 0, "TEXCOORD_0": 1, "TEXCOORD_1": 1, "COLOR_0": 3}
     tree: dict[str, Any] = {
         "asset": {"version": "2.0"},
         "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "KHR_materials_clearcoat"],
@@ -307,11 +309,12 @@ def gltf(image: bytes, *, binary: bool) -> bytes:
             {"extensions": {"KHR_lights_punctual": {"light": 0}}},
         ],
         "cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 2, "material": 0}]}],
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
             {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
             {"bufferView": 2, "componentType": 5123, "count": 3, "type": "SCALAR"},
+            {"bufferView": 4, "componentType": 5121, "count": 3, "type": "VEC4", "normalized": True},
         ],
         "materials": [
             {
@@ -319,6 +322,7 @@ def gltf(image: bytes, *, binary: bool) -> bytes:
                     "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}},
                     "baseColorFactor": [1, 0.5, 0.5, 0.5],
                     "metallicFactor": 0.1,
+                    "metallicRoughnessTexture": {"index": 1, "texCoord": 1},
                 },
                 "normalTexture": {"index": 1, "scale": 0.5},
                 "emissiveFactor": [0.1, 0, 0],
