@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from canvas import STYLE, save
 from numpy.typing import NDArray
 
 import wrt
@@ -122,13 +123,10 @@ def print_table(name: str, errors: Errors) -> None:
 
 def draw(results: dict[str, Errors], path: Path) -> None:
     """Write the plot of all scenes as PNG."""
-    import io
-
     import matplotlib as mpl
     from matplotlib.figure import Figure
-    from PIL import Image
 
-    with mpl.rc_context({"font.size": 8.5, "axes.titlesize": 9.5, "axes.grid": True, "grid.alpha": 0.3}):
+    with mpl.rc_context(STYLE):
         canvas = Figure(figsize=(8.4, 5.8), layout="constrained")
         axes = canvas.subplots(2, 2, sharex=True)
         for ax, (name, errors) in zip(axes.flat, results.items(), strict=False):
@@ -141,9 +139,7 @@ def draw(results: dict[str, Errors], path: Path) -> None:
         for ax in axes[:, 0]:
             ax.set_ylabel("relative RMS error")
         axes[0, 0].legend(fontsize=7.5)
-        drawn = io.BytesIO()
-        canvas.savefig(drawn, dpi=110, format="png")
-    Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+        save(canvas, path)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,20 +1,22 @@
-"""Draw what the reflection models do, by their own device functions (plot_figures.py).
+"""Draw what the reflection models do, by their own device functions (plot_figures.py), and what was measured.
 
     python scripts/plots.py [--only NAME ...] [--out FOLDER]
 
-Needs matplotlib (pip install '.[plots]'). docs/shading.md shows the pictures.
+Needs matplotlib (pip install '.[plots]'). docs/shading.md shows the former. What scripts/benchmark.py has
+found last, in docs/measured, is drawn anew, and shown by docs/performance.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.figures import MEASURED
+from canvas import STYLE, save
 from plot_figures import FIGURES, Figure, Panel
 
 DOCS_PLOTS = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "plots"
@@ -24,14 +26,13 @@ def draw(figure: Figure, path: Path) -> None:
     """Write a figure as PNG."""
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
-    from PIL import Image
 
     columns = min(figure.columns, len(figure.panels))
     rows = -(-len(figure.panels) // columns)
     polar = figure.kind in ("half", "round")
     width, height = {"half": (4.2, 2.4), "round": (3.3, 3.6)}.get(figure.kind, (3.2, 2.7))
     legends = {tuple(curve.label for curve in panel.curves) for panel in figure.panels}
-    with mpl.rc_context({"font.size": 8.5, "axes.titlesize": 9.5, "axes.grid": True, "grid.alpha": 0.3}):
+    with mpl.rc_context(STYLE):
         canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
         axes = canvas.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"} if polar else {})
         for place, (ax, panel) in enumerate(zip(axes.flat, figure.panels, strict=False)):
@@ -50,10 +51,7 @@ def draw(figure: Figure, path: Path) -> None:
                 ax.legend(fontsize=7.5, framealpha=0.8)
         if figure.kind != "half" and len(legends) == 1:
             canvas.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=7.5, loc="outside right upper")
-        drawn = io.BytesIO()
-        canvas.savefig(drawn, dpi=110, format="png")
-    # Few colours, so a third of the size.
-    Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+        save(canvas, path)
 
 
 def _arrange(ax: Any, figure: Figure, *, first: bool, last: bool) -> None:
@@ -95,8 +93,9 @@ def _arrange_polar(ax: Any, panel: Panel, *, half: bool) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description="Draw what the reflection models do.")
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(FIGURES), help=f"of {', '.join(FIGURES)}")
+    parser = argparse.ArgumentParser(description="Draw what the reflection models do, and what was measured.")
+    every = [*FIGURES, *MEASURED]
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=every, help=f"of {', '.join(every)}")
     parser.add_argument("--out", type=Path, default=DOCS_PLOTS, metavar="FOLDER", help="where the pictures go")
     options = parser.parse_args(arguments)
     try:
@@ -105,9 +104,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("plots: error: matplotlib is not installed; run: pip install '.[plots]'", file=sys.stderr)
         return 2
     options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.only or FIGURES:
+    for name in options.only or every:
         path = options.out / f"{name}.png"
-        draw(FIGURES[name](), path)
+        if name in MEASURED:
+            MEASURED[name](path)
+        else:
+            draw(FIGURES[name](), path)
         print(f"{path}: {path.stat().st_size / 1e3:,.0f} kB", flush=True)
     return 0
 

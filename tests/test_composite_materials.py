@@ -196,7 +196,7 @@ def test_mixture_has_the_mixed_value_and_density(device: str) -> None:
 
 
 def to_mitsuba(material: wrt.Material) -> object:
-    from support.mitsuba_scene import _bsdf, load_mitsuba
+    from peers.mitsuba_scene import _bsdf, load_mitsuba
 
     return load_mitsuba().load_dict(_bsdf(material))
 

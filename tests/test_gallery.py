@@ -52,7 +52,7 @@ def with_parts(material: wrt.Material) -> Iterator[wrt.Material]:
 # --- All pictures ----------------------------------------------------------------------------------
 
 PICTURES = {name: drawing for group in script("pictures").GROUPS.values() for name, drawing in group.items()}
-OWN_SCRIPT = ("cloth",)
+OWN_SCRIPT = ("benchmark", "cloth")
 """Pictures of examples, whose scripts render them."""
 
 QUICK = ("light-spots", "integrator-ao")

@@ -1,0 +1,119 @@
+"""`compile`: seconds of CPU that each kernel costs where Warp's cache is empty."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import pkgutil
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import wrt
+from wrt.materials import MATERIALS
+
+
+def largest_models() -> tuple[str, ...]:
+    """Return each family of models once, in the variant that has most in it."""
+    every = [cls() for cls in MATERIALS.values()]
+    models = {material.model for material in every if not material.parts}
+    image = wrt.ImageTexture(np.ones((1, 1, 3), np.float32))
+    large = (
+        wrt.RoughConductor(multiple_bounces=True),
+        wrt.RoughDielectric(multiple_bounces=True),
+        wrt.Principled(anisotropy=0.5, transmission=image, coat=image, sheen_color=image, multiple_bounces=True),
+    )
+    for material in large:
+        models = {name for name in models if name.split(":")[0] != material.model.split(":")[0]} | {material.model}
+    return tuple(sorted(models))
+
+
+def compile_cases() -> dict[str, Any]:
+    """Return what is compiled, by name: Features of render kernels, names of modules, kinds of tables."""
+    import importlib
+
+    import warp as wp
+
+    import wrt.kernels
+    from wrt.kernels.features import Features
+
+    every = [cls() for cls in MATERIALS.values()]
+    usual = tuple(sorted({material.model for material in every if not material.parts}))
+    largest = largest_models()
+    cases: dict[str, Any] = {
+        f"model {name}": Features((name,), False, "constant") for name in (*usual, *sorted(set(largest) - set(usual)))
+    }
+    one = ("diffuse",)
+    cases["no environment"] = Features(one, False, "none")
+    cases["textured"] = Features(one, True, "constant")
+    cases["image environment"] = Features(one, False, "image")
+    cases["layered"] = Features(one, False, "constant", layered=True)
+    cases["tangents"] = Features(one, False, "constant", tangents=True)
+    cases["every model as it comes"] = Features(usual, False, "constant")
+    cases["every model as it comes, every feature"] = Features(usual, True, "image", layered=True, tangents=True)
+    cases["every model at its largest, every feature"] = Features(largest, True, "image", layered=True, tangents=True)
+    for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
+        kernels = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, wp.Kernel)]
+        if any(kernel.module.name == found.name for kernel in kernels):
+            cases[f"module {found.name.removeprefix('wrt.kernels.')}"] = found.name
+    cases |= {f"table, {kind}": kind for kind in ("reflection", "dielectric", "coat")}
+    return cases
+
+
+def kernel_module(name: str) -> Any:
+    """Return the Warp module of a case."""
+    import warp as wp
+
+    from wrt.kernels.albedo import make_missing_kernel
+    from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
+    from wrt.kernels.coat import make_coat_kernel
+    from wrt.kernels.render import make_render_kernel
+
+    case = compile_cases()[name]
+    if not isinstance(case, str):
+        return make_render_kernel(case).module
+    makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}
+    if case in makers:
+        return makers[case]("ggx", "smith").module
+    return wp.get_module(case)
+
+
+def compile_seconds(name: str) -> tuple[float, int]:
+    """Return CPU seconds to compile a case, and bytes of object code; for a new process with an empty cache."""
+    import warp as wp
+
+    from wrt.device import Device
+
+    device = Device("cpu")
+    start = time.process_time()
+    wp.load_module(kernel_module(name), device=device.name)
+    seconds = time.process_time() - start
+    built = [path.stat().st_size for path in Path(wp.config.kernel_cache_dir).rglob("*.o")]
+    if len(built) != 1:
+        raise RuntimeError(f"{name}: {len(built)} modules were built instead of one")
+    return seconds, built[0]
+
+
+def benchmark_compile(options: argparse.Namespace) -> dict[str, Any]:
+    """Return CPU seconds to compile each case, and bytes of object code."""
+    rows: list[dict[str, Any]] = []
+    print("| kernel | seconds | kB |\n| --- | --- | --- |")
+    for name in compile_cases():
+        if options.kernels and not any(text in name for text in options.kernels):
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["WARP_CACHE_PATH"] = folder
+            with multiprocessing.get_context("spawn").Pool(1) as pool:
+                seconds, size = pool.apply(compile_seconds, (name,))
+        rows.append({"kernel": name, "seconds": seconds, "bytes": size})
+        print(f"| {name} | {seconds:.1f} | {size / 1e3:.0f} |", flush=True)
+    return {"benchmark": "compile", "rows": rows}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Tell what the command line takes."""
+    parser.add_argument("--kernels", nargs="+", help="only those whose names contain one of these texts")

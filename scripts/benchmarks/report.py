@@ -1,0 +1,231 @@
+"""Results as tables of docs/performance.md, and everything else that --docs writes."""
+
+from __future__ import annotations
+
+import json
+import math
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from peers.peer import OWN, PEERS
+
+from benchmarks.figures import MEASURED, error_ratio
+from benchmarks.measure import MEASURED_FOLDER, ROOT, geometric_mean, table, write_section
+
+PAGE = ROOT / "docs" / "performance.md"
+PICTURES = ROOT / "docs" / "pictures"
+TILE = 220
+"""Pixels a side of a picture on the sheet."""
+
+Row = dict[str, Any]
+
+
+def write_documents(result: Row, pictures: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write a result to docs/measured, its tables into docs/performance.md, and its plot and pictures."""
+    name = result["benchmark"]
+    MEASURED_FOLDER.mkdir(parents=True, exist_ok=True)
+    (MEASURED_FOLDER / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_section(PAGE, name, TEXTS[name](result))
+    if f"benchmark-{name}" in MEASURED:
+        MEASURED[f"benchmark-{name}"](PICTURES / "plots" / f"benchmark-{name}.png")
+    if pictures:
+        write_sheet(result["rows"], pictures)
+
+
+def write_sheet(rows: list[Row], pictures: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write the pictures of what was timed, each as bright as suits it."""
+    from pictures.picture import contact_sheet
+    from PIL import Image
+
+    from wrt.formats.images import quantize
+
+    tiles = []
+    for row in rows:
+        picture = pictures[row["scene"]]
+        codes = quantize((picture * (0.3 / np.quantile(picture, 0.6))).astype(np.float32))
+        small = Image.fromarray(codes).resize((TILE, TILE), Image.Resampling.LANCZOS)
+        tiles.append((np.asarray(small), (row["scene"], row["about"])))
+    contact_sheet(tiles, 4).save(PICTURES / "benchmark.jpg", quality=88, optimize=True)
+
+
+def render_text(result: Row) -> str:
+    """Return the tables of `render`."""
+    rows = result["rows"]
+    peers = [name for name in PEERS if any("ratio" in row["renderers"].get(name, {}) for row in rows)]
+    return "\n".join(
+        [
+            paragraph(
+                f"On {result['machine']}, {result['cores']} cores, {result['device']}; {versions(rows, peers)}. "
+                f"Pictures of {result['size']} x {result['size']} pixels."
+            ).rstrip("\n"),
+            "",
+            speed_table(rows, peers),
+            error_table(rows, peers),
+            cost_table(rows, peers),
+            agreement_table(rows, peers),
+        ]
+    )
+
+
+def paragraph(text: str) -> str:
+    """Return a text in lines, and an empty one."""
+    return textwrap.fill(text, 120, break_on_hyphens=False) + "\n\n"
+
+
+def versions(rows: list[Row], peers: list[str]) -> str:
+    """Return the versions of all that took part."""
+    found = []
+    for name in peers:
+        about = next(row["renderers"][name]["about"] for row in rows if "about" in row["renderers"].get(name, {}))
+        found.append(f"{title(name)} {about['version']}")
+    return ", ".join(found)
+
+
+def title(name: str) -> str:
+    """Return a renderer's name in tables."""
+    return OWN.title if name == OWN.name else PEERS[name].title
+
+
+def speed_table(rows: list[Row], peers: list[str]) -> str:
+    """Return millions of paths a second at equal samples, and how many times as fast wrt is."""
+    head = ["scene", "triangles", "depth", "spp", "wrt"]
+    head += [text for name in peers for text in (title(name), "ratio")]
+    lines = []
+    for row in rows:
+        line = [f"`{row['scene']}`", f"{row['triangles']:,}", str(row["depth"]), str(row["spp"])]
+        line.append(f"{row['renderers'][OWN.name]['paths_per_second'] / 1e6:.2f}")
+        for name in peers:
+            own = row["renderers"].get(name, {})
+            line += [f"{own['paths_per_second'] / 1e6:.2f}", f"{own['ratio']:.2f}"] if "ratio" in own else ["", ""]
+        lines.append(line)
+    means = [
+        [row["renderers"][name]["ratio"] for row in rows if "ratio" in row["renderers"].get(name, {})] for name in peers
+    ]
+    lines.append(
+        ["geometric mean", "", "", "", "", *(text for m in means for text in ("", f"**{geometric_mean(m):.2f}**"))]
+    )
+    return paragraph("Millions of camera paths a second, and wrt's over the other's:") + table(head, lines)
+
+
+def error_table(rows: list[Row], peers: list[str]) -> str:
+    """Return errors at equal time, and how many times as large those of others are."""
+    times = sorted({e["seconds"] for row in rows for e in row["renderers"][OWN.name].get("errors", [])})
+    if not times:
+        return ""
+    head = ["scene", "seconds", "wrt", *(title(name) for name in peers)]
+    lines = []
+    for row in rows:
+        for seconds in times:
+            (ours,) = (e for e in row["renderers"][OWN.name]["errors"] if e["seconds"] == seconds)
+            line = [
+                f"`{row['scene']}`",
+                f"{seconds:g}",
+                f"{100.0 * ours['rmse']:.2f} % ({100.0 * ours['relative']:.2f} %)",
+            ]
+            for name in peers:
+                ratios = [error_ratio(row, name, seconds, key) for key in ("rmse", "relative")]
+                line.append("" if math.isnan(ratios[0]) else f"{ratios[0]:.2f} ({ratios[1]:.2f})")
+            lines.append(line)
+    intro = (
+        "Root mean square error of wrt after equal seconds, over the picture's mean, and how many times as large "
+        "that of others is; in brackets with every pixel over its own radiance:"
+    )
+    return paragraph(intro) + table(head, lines)
+
+
+def cost_table(rows: list[Row], peers: list[str]) -> str:
+    """Return memory, and seconds from the shell to a first picture."""
+    names = [OWN.name, *peers]
+    head = ["scene", *(f"MB, {title(name)}" for name in names), *(f"first picture, {title(name)}" for name in names)]
+    lines = []
+    for row in rows:
+        found = [row["renderers"].get(name, {}) for name in names]
+        line = [
+            f"`{row['scene']}`",
+            *(f"{own['peak_bytes'] / 1e6:.0f}" if "peak_bytes" in own else "" for own in found),
+        ]
+        for own in found:
+            start = own.get("first_picture_seconds")
+            line.append(f"{start['cold']:.1f} / {start['warm']:.2f} s" if start else "")
+        lines.append(line)
+    intro = (
+        "Most memory at equal samples, and seconds from the shell to a picture of one sample, with nothing compiled / "
+        "with kernels in the cache:"
+    )
+    return paragraph(intro) + table(head, lines)
+
+
+def agreement_table(rows: list[Row], peers: list[str]) -> str:
+    """Return in how far pictures are the same."""
+    lines = []
+    for row in rows:
+        line = [f"`{row['scene']}`"]
+        for name in peers:
+            found = row["renderers"].get(name, {}).get("agreement")
+            line.append("" if found is None else agreement_in_words(found))
+        lines.append(line)
+    intro = (
+        "Are they pictures of the same thing? Pixels within noise (z-test), difference of the mean, of blocks of "
+        "16 x 16 pixels (in brackets what noise alone makes), wrt against:"
+    )
+    return paragraph(intro) + table(["scene", *(title(name) for name in peers)], lines)
+
+
+def agreement_in_words(found: Row) -> str:
+    """Return an agreement as a cell of a table."""
+    text = (
+        f"{100.0 * found['pass_fraction']:.2f} %, {100.0 * found['mean_difference']:+.2f} %, "
+        f"{100.0 * found['block_difference']:.2f} % ({100.0 * found['block_noise']:.2f} %)"
+    )
+    return text if found["agrees"] else f"**differ:** {text}"
+
+
+def scaling_text(result: Row) -> str:
+    """Return the tables of `scaling`."""
+    texts = [f"On {result['machine']}, {result['cores']} cores.\n"]
+    for name, found in result["series"].items():
+        if name == "samples":
+            continue
+        head = [name, "M paths/s", "MB at most", "s to build"]
+        lines = [
+            [
+                f"{point[name]:,.0f}",
+                f"{point['paths_per_second'] / 1e6:.2f}",
+                f"{point['peak_bytes'] / 1e6:.0f}",
+                f"{point['build_seconds']:.2f}",
+            ]
+            for point in found["points"]
+        ]
+        texts.append(table(head, lines) + "\n" + "; ".join(found["laws"].values()) + ".\n")
+    if "samples" in result["series"]:
+        found = result["series"]["samples"]
+        lines = [
+            [f"{p['samples']}", f"{1e3 * p['seconds']:.2f}", f"{p['paths_per_second'] / 1e6:.2f}"]
+            for p in found["points"]
+        ]
+        texts.append(table(["samples in a pass", "ms", "M paths/s"], lines) + f"\n{found['laws']['rate']}.\n")
+    return "\n".join(texts)
+
+
+def compile_text(result: Row) -> str:
+    """Return the table of `compile`."""
+    lines = [[f"`{row['kernel']}`", f"{row['seconds']:.1f}", f"{row['bytes'] / 1e3:.0f}"] for row in result["rows"]]
+    return f"On {result['machine']}.\n\n" + table(["kernel", "seconds", "kB of code"], lines)
+
+
+def profile_text(result: Row) -> str:
+    """Return the table of `scripts/profile_cpu.py`: per cent of each phase, the largest first."""
+    rows = result["rows"]
+    names = {name for row in rows for name in row["phases"]}
+    most = {name: max(row["phases"].get(name, 0.0) for row in rows) for name in names}
+    shown = sorted((name for name in names if most[name] >= 5e-4), key=lambda name: -most[name])
+    lines = [[name, *(f"{100.0 * row['phases'].get(name, 0.0):.1f}" for row in rows)] for name in shown]
+    head = ["per cent of the time", *(f"`{row['scene']}`" for row in rows)]
+    return f"On {result['machine']}.\n\n" + table(head, lines)
+
+
+TEXTS = {"render": render_text, "scaling": scaling_text, "compile": compile_text, "profile": profile_text}
+"""What writes the section of docs/performance.md, by its name."""

@@ -1,0 +1,1 @@
+"""Other renderers, given the scenes of wrt: what tests and benchmarks share."""

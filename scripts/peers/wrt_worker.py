@@ -1,0 +1,63 @@
+"""wrt as one of the renderers that are compared: python wrt_worker.py FOLDER, see worker.py."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from worker import serve
+
+import wrt
+
+
+class WrtWorker:
+    """A scene file, as `wrt render` reads it. Each picture has a renderer of its own, whose building is not counted."""
+
+    def __init__(self, folder: Path, device: str) -> None:
+        started = time.perf_counter()
+        from wrt.device import Device
+
+        Device(device)  # imports and starts Warp
+        imported = time.perf_counter()
+        self.scene = wrt.load(folder / "scene.toml")
+        loaded = time.perf_counter()
+        self.device = device
+        self.renderer = wrt.Renderer(self.scene, device=device)
+        built = time.perf_counter() - loaded
+        self.seconds = {
+            "import": imported - started,
+            "load": loaded - imported,
+            "build": built - self.renderer.seconds_compile,
+            "kernel": self.renderer.seconds_compile,
+        }
+        self.first = True
+
+    def about(self) -> dict[str, Any]:
+        """Return version, threads and seconds."""
+        return {"version": wrt.__version__, "threads": self.renderer.threads, "seconds": self.seconds}
+
+    def render(self, spp: int, seed: int) -> float:
+        """Render a new picture and return the seconds."""
+        if not self.first or seed:
+            del self.renderer  # before there is another one
+            self.renderer = wrt.Renderer(self.scene, device=self.device, seed=seed)
+        self.first = False
+        started = time.perf_counter()
+        for _ in self.renderer.passes(spp=spp):
+            pass
+        return time.perf_counter() - started
+
+    def picture(self) -> Any:
+        """Return (H, W, 3) float32."""
+        return self.renderer.image()
+
+    def save(self, path: str) -> None:
+        """Write the last picture as PNG."""
+        wrt.save_image(path, self.renderer.image())
+
+
+if __name__ == "__main__":
+    serve(WrtWorker)

@@ -1,0 +1,262 @@
+"""Tell where the time of rendering goes on the CPU: traversal, shading, lights, random numbers, film, launches, Python.
+
+    python scripts/profile_cpu.py [--scenes NAME ...] [--seconds S] [--functions N] [--threads N] [--docs] [--json FILE]
+
+Needs perf (Debian: linux-perf; Ubuntu: linux-tools-generic) and addr2line (binutils). Linux only. The kernel is
+compiled with the lines of its source, which changes nothing else of it; perf looks a thousand times a second at where
+each thread is, and what is inlined there says to which file of kernels/ that belongs. Scenes are those of
+scripts/benchmarks/scenes.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import bisect
+import collections
+import ctypes
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.measure import machine
+from benchmarks.report import write_documents
+from benchmarks.scenes import CASES, ROOT, Budget
+
+KERNELS = ROOT / "kernels"
+
+PHASES: dict[str, tuple[str, ...]] = {
+    "traversal": ("bvh", "intersect", "instances", "simd", "triangles", "motion"),
+    "surface and material": ("surface", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
+    "lights": ("lights", "light_choice", "light_tree", "light_shapes", "solid_angle", "environment", "next_event"),
+    "media": ("medium", "phase", "skin", "bodies"),
+    "random numbers": ("sampler", "low_discrepancy"),
+    "path": ("path", "integrators", "whitted", "ambient_occlusion", "shadow"),
+    "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface"),
+}
+"""Files and folders of kernels/ by phase. What others have (geometry.py, warps.py) belongs to whoever calls it."""
+
+MORE_SHADING = ("albedo", "albedo_dielectric", "albedo_fits", "coat")
+HOST = {
+    "Python": ("python", "libpython", "_multiarray", "numpy", ".py", "libopenblas"),
+    "Warp": ("warp.so", "warp-clang.so"),
+    "system": ("[kernel", "[vdso", "libc", "libm.", "ld-linux", "libpthread", "[guest"),
+}
+"""What is not a kernel, by parts of the names of libraries."""
+
+LINES = " -debug-info-kind=line-tables-only -dwarf-version=4"
+"""Flags of clang that keep the lines of the source."""
+
+FREQUENCY = 997
+"""Samples a second."""
+
+
+class ProfileError(Exception):
+    """What is missing, and how to get it."""
+
+
+def rendering(scene: str, size: int, threads: int | None) -> None:
+    """Render a scene until the standard input ends; say first where its kernel is. For a process of its own."""
+    import warp as wp
+
+    from wrt.device import initialize_warp
+
+    initialize_warp()
+    wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "") + LINES
+    import wrt
+
+    renderer = wrt.Renderer(CASES[scene].scene(size, Budget()), threads=threads)
+    passes = renderer.passes(time=1e6)
+    for progress in passes:
+        if progress.seconds > 1.0:  # threads are there, passes have their size
+            break
+    module = renderer._kernel.module
+    (loaded,) = module.execs.values()
+    hooks = loaded.get_kernel_hooks(renderer._kernel)
+    address = ctypes.cast(hooks.forward, ctypes.c_void_p).value
+    started = {"address": address, "object": str(loaded.binary_path), "kernel": renderer._kernel.get_mangled_name()}
+    print(json.dumps(started), flush=True)
+    import threading
+
+    ended = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    for _ in passes:
+        if ended.is_set():
+            return
+
+
+def sampled(scene: str, options: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], list[tuple[int, str]]]:
+    """Return where a scene's kernel is, and what perf saw while it rendered: addresses and libraries."""
+    line = [sys.executable, __file__, "--render", scene, "--size", str(options.size)]
+    if options.threads:
+        line += ["--threads", str(options.threads)]
+    data = folder / "perf.data"
+    with subprocess.Popen(line, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        if not said:
+            raise ProfileError(f"{scene}: the process that renders ended")
+        started: dict[str, Any] = json.loads(said)
+        record = ["perf", "record", "-q", "-e", "cpu-clock", "-F", str(FREQUENCY), "-p", str(process.pid)]
+        run(*record, "-o", str(data), "--", "sleep", str(options.seconds))
+        process.stdin.close()
+    found = []
+    for text in run("perf", "script", "-i", str(data), "-F", "ip,dso").splitlines():
+        if parts := re.match(r"\s*([0-9a-f]+)\s+\((.*)\)", text):
+            found.append((int(parts[1], 16), parts[2]))
+    return started, found
+
+
+def run(*command: str, given: str | None = None) -> str:
+    """Return what a program writes.
+
+    Raises:
+        ProfileError: where it fails, with what it complains of.
+    """
+    done = subprocess.run(command, input=given, capture_output=True, text=True)
+    if done.returncode:
+        raise ProfileError(f"{' '.join(command[:2])}: {(done.stderr or done.stdout).strip()}")
+    return done.stdout
+
+
+def place_of(kernel: str, object_file: str) -> tuple[str, int, int]:
+    """Return the section of a kernel's entry in an object file, its place there, and the section's length."""
+    symbols = run("objdump", "-t", object_file)
+    found = re.search(rf"^([0-9a-f]+) .* (\.\S+)\s+[0-9a-f]+ {re.escape(kernel)}_cpu_forward$", symbols, re.MULTILINE)
+    if found is None:
+        raise ProfileError(f"{object_file}: no {kernel}_cpu_forward; has Warp changed its names?")
+    sections = run("objdump", "-h", object_file)
+    length = re.search(rf"^\s*\d+ {re.escape(found[2])}\s+([0-9a-f]+)", sections, re.MULTILINE)
+    assert length is not None
+    return found[2], int(found[1], 16), int(length[1], 16)
+
+
+def inlined(object_file: str, section: str, offsets: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
+    """Return for each offset the functions of kernels/ that it is in, from the innermost outwards.
+
+    By the lines of the C++ that Warp wrote: what lies in its headers belongs to whoever calls it.
+    """
+    source = Path(object_file.partition(".cpu")[0] + ".cpp")
+    starts = []
+    for number, line in enumerate(source.read_text(encoding="utf-8").splitlines(), 1):
+        if (found := re.match(r"[A-Za-z].*?\b(\w+)\(", line)) and not line.endswith(";"):
+            starts.append((number, plain_name(found[1])))
+    text = run(
+        *("addr2line", "-a", "-i", "-e", object_file, "-j", section),
+        given="".join(f"{offset:x}\n" for offset in offsets),
+    )
+    for block in re.split(r"^0x", text, flags=re.MULTILINE)[1:]:
+        lines = block.splitlines()
+        chain = []
+        for place in lines[1:]:
+            if found := re.search(r"\.cpp:(\d+)", place):
+                chain.append(starts[bisect.bisect(starts, (int(found[1]), "~")) - 1][1])
+        yield int(lines[0], 16), chain
+
+
+def plain_name(symbol: str) -> str:
+    """Return the name of a function in kernels/ from Warp's name of it."""
+    name = symbol.rpartition("__locals__")[2]
+    name = re.sub(r"(_[0-9a-f]{8})?_cpu_(kernel_)?forward(_tasks|_dispatch)?$", "", name)
+    return re.sub(r"_\d+$", "", name)
+
+
+def phases_of_functions() -> dict[str, str]:
+    """Return the phase of every function in kernels/ by its name; functions of helpers have none."""
+    phase_of_file = {file: phase for phase, files in PHASES.items() for file in files}
+    phase_of_file |= dict.fromkeys(MORE_SHADING, "surface and material")
+    found = {}
+    for path in KERNELS.rglob("*.py"):
+        phase = phase_of_file.get(path.relative_to(KERNELS).parts[0].removesuffix(".py"))
+        if phase is not None:
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.FunctionDef):
+                    found[node.name] = phase
+    return found
+
+
+def host_phase(library: str) -> str:
+    """Return what an address outside of the kernel belongs to."""
+    for phase, parts in HOST.items():
+        if any(part in library for part in parts):
+            return phase
+    return "everything else"
+
+
+def shares(
+    samples: Iterable[tuple[int, str]], started: dict[str, Any], functions: dict[str, str]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the share of each phase, and of each function that has a phase, among all samples."""
+    section, entry, length = place_of(started["kernel"], started["object"])
+    base = started["address"] - entry
+    inside: collections.Counter[int] = collections.Counter()
+    phases: collections.Counter[str] = collections.Counter()
+    by_function: collections.Counter[str] = collections.Counter()
+    for address, library in samples:
+        if 0 <= address - base < length:
+            inside[address - base] += 1
+        else:
+            phases[host_phase(library)] += 1
+    for offset, chain in inlined(started["object"], section, list(inside)):
+        name = next((name for name in chain if name in functions), None)
+        phases["everything else" if name is None else functions[name]] += inside[offset]
+        by_function[name or "in no function"] += inside[offset]
+    total = sum(phases.values())
+    if total == 0:
+        raise ProfileError("perf saw nothing")
+    return {name: n / total for name, n in phases.items()}, {name: n / total for name, n in by_function.most_common()}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    default = ["cornell", "cornell-glossy", "bunny", "mountains", "lanterns", "textured", "fog"]
+    parser.add_argument("--scenes", nargs="+", metavar="NAME", choices=list(CASES), default=default)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of looking, for each scene")
+    parser.add_argument("--functions", type=int, default=0, metavar="N", help="list so many functions of each scene")
+    parser.add_argument("--size", type=int, default=512, help="pixels a side")
+    parser.add_argument("--threads", type=int)
+    parser.add_argument("--docs", action="store_true", help="write docs/measured and docs/performance.md")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--render", metavar="NAME", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.render:
+        rendering(options.render, options.size, options.threads)
+        return 0
+    try:
+        for tool, package in (("perf", "linux-perf (Ubuntu: linux-tools-generic)"), ("addr2line", "binutils")):
+            if shutil.which(tool) is None:
+                raise ProfileError(f"{tool} was not found: apt-get install {package}")
+        functions = phases_of_functions()
+        rows = []
+        for scene in options.scenes:
+            with tempfile.TemporaryDirectory() as folder:
+                started, samples = sampled(scene, options, Path(folder))
+            phases, by_function = shares(samples, started, functions)
+            rows.append({"scene": scene, "samples": len(samples), "phases": phases, "functions": by_function})
+            text = ", ".join(
+                f"{name} {100.0 * share:.1f} %" for name, share in sorted(phases.items(), key=lambda x: -x[1])
+            )
+            print(f"{scene}, {len(samples)} samples: {text}", flush=True)
+            for name, share in list(by_function.items())[: options.functions]:
+                print(f"  {100.0 * share:5.1f} %  {name}", flush=True)
+    except ProfileError as error:
+        print(f"profile_cpu: error: {error}", file=sys.stderr)
+        return 2
+    result = {"benchmark": "profile", **machine(), "rows": rows}
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    if options.docs:
+        write_documents(result, {})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
