@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ def as_in_mitsuba(
         return reflectance
     ours, theirs = sent_back(distribution, float(np.mean(alpha)), eta)
 
-    def changed(value: Array) -> Array:
+    def changed(value: NDArray[Any]) -> NDArray[Any]:
         if not nonlinear:
             return value * ((1.0 - ours) / (1.0 - theirs))
         shown = value / (1.0 - value * theirs)
@@ -51,8 +52,8 @@ def as_in_mitsuba(
         factor = np.asarray(reflectance.factor, np.float64)
         return dataclasses.replace(reflectance, factor=_vec(factor * float(changed(np.array(0.5))) / 0.5))
     if isinstance(reflectance, ImageTexture):
-        pixels = changed(reflectance.pixels * np.asarray(reflectance.factor))
-        return dataclasses.replace(reflectance, pixels=pixels.astype(np.float32), factor=1.0)
+        pixels = changed(reflectance.pixels * np.asarray(reflectance.factor, np.float32))
+        return dataclasses.replace(reflectance, pixels=pixels, factor=1.0)
     return _vec(changed(np.broadcast_to(np.asarray(reflectance, np.float64), 3)))
 
 
