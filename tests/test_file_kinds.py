@@ -76,6 +76,13 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
         assert f"it looks to be {words}" in str(caught.value), name
 
 
+def test_images_go_into_scene_files(tmp_path):
+    with pytest.raises(
+        wrt.InputError, match=r"a\.png: not a mesh format .*it is an image, which a scene file can name"
+    ):
+        wrt.load(write(tmp_path, "a.png", image("PNG")))
+
+
 def test_what_is_right_needs_no_right_name(tmp_path):
     """Both forms of glTF are told apart by what is in them."""
     assert len(load_file(write(tmp_path, "a.gltf", glb())).shapes) == 1

@@ -76,6 +76,15 @@ def test_what_is_not_said_is_as_the_format_says(tmp_path):
     assert (material.ior, material.opacity, material.normal_map) == (1.5, 1.0, None)
 
 
+def test_images_of_the_same_bytes_are_there_once(tmp_path):
+    tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "emissiveFactor": [1, 1, 1]})
+    tree["materials"][0]["emissiveTexture"] = {"index": 1}
+    tree["images"] *= 2
+    tree["textures"][1]["source"] = 1
+    (shape,) = load_shapes(write(tmp_path, "one.gltf", json.dumps(tree)))
+    assert shape.material.emission.pixels is shape.material.base_color.pixels
+
+
 def test_textures_are_read_in_their_color_space_and_channels(tmp_path):
     material = made(
         tmp_path,

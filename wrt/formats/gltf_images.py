@@ -38,6 +38,7 @@ class GltfImages:
         """Take a file's JSON, and the binary chunk of a GLB."""
         self._path, self._tree, self._binary = path, tree, binary
         self._images = TextureImages(path)
+        self._firsts: dict[tuple[int | None, str | None], int] = {}  # images by where their bytes are
 
     def texture(self, info: Tree | None, kind: str, *, placed: bool, **options: Any) -> ImageTexture | None:
         """Return the texture that a reference names, or None without one.
@@ -91,14 +92,16 @@ class GltfImages:
         return sampler
 
     def _source(self, info: Tree) -> int | None:
-        """Return the number of the image that a texture reference leads to."""
+        """Return the number of the image that a texture reference leads to, the first of those with the same bytes."""
         entry = self._entry(info)
         extensions = entry.get("extensions", {})
         source: int | None = extensions.get("EXT_texture_webp", {}).get("source", entry.get("source"))
         if source is None:
             kinds = ", ".join(extensions) or "no source"
             warn(f"{self._path}: texture {info['index']} left out: its image is in a format not supported ({kinds})")
-        return source
+            return None
+        image = self._tree["images"][source]
+        return self._firsts.setdefault((image.get("bufferView"), image.get("uri")), source)
 
     def _bytes(self, number: int) -> bytes:
         image = self._tree["images"][number]

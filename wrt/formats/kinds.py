@@ -72,9 +72,13 @@ def hint(path: Path) -> str | None:
     found = looks_like(head)
     if found is None and path.stat().st_size == 84 + 50 * int.from_bytes(head[80:84], "little"):
         found = "a binary STL file", (".stl",)  # which may begin with anything
-    if found is None or path.suffix.lower() in found[1]:
+    if found is None:
         return None
     what, suffixes = found
+    if path.suffix.lower() in suffixes:
+        return (
+            "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
+        )
     return f"it looks to be {what}" + (
         f"; rename it to end in {suffixes[0]}" if suffixes and suffixes[0] in _RENDERED else ""
     )
