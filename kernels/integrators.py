@@ -4,13 +4,11 @@ from collections.abc import Callable
 
 import warp as wp
 
-from wrt.kernels.ambient_occlusion import make_trace_occlusion
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray
 from wrt.kernels.path import PathResult, PathSettings, make_trace_path
 from wrt.kernels.sampler import Sampler
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.whitted import make_trace_tree
 
 
 @wp.func
@@ -24,10 +22,22 @@ def trace_nothing(
     return result
 
 
+def _make_trace_tree(features: Features) -> wp.Function:
+    from wrt.kernels.whitted import make_trace_tree
+
+    return make_trace_tree(features)
+
+
+def _make_trace_occlusion(features: Features) -> wp.Function:
+    from wrt.kernels.ambient_occlusion import make_trace_occlusion
+
+    return make_trace_occlusion(features)
+
+
 INTEGRATORS: dict[str, Callable[[Features], wp.Function]] = {
     "path": make_trace_path,
-    "whitted": make_trace_tree,
-    "ao": make_trace_occlusion,
+    "whitted": _make_trace_tree,
+    "ao": _make_trace_occlusion,
     "aov": lambda features: trace_nothing,
 }
 

@@ -1,10 +1,11 @@
-"""Measure wrt: pictures beside other renderers, how it scales, rays beside Embree, compiling, many lights.
+"""Measure wrt: pictures beside other renderers, how it scales, rays beside Embree, compiling, many lights, loading.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
     python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N]
     python scripts/benchmark.py compile [--kernels TEXT ...] [--docs]
     python scripts/benchmark.py lights [--lights N ...] [--seconds S]
+    python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
 
 Each prints what it finds, and writes it as JSON with --json FILE. With --docs, results go to docs/measured and their
 tables, plots and pictures into docs/performance.md. Everything is warmed up first; what competes is measured in turn,
@@ -20,11 +21,18 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import compiling, lights, rays, render, scaling
+from benchmarks import compiling, lights, loading, rays, render, scaling
 from benchmarks.measure import machine
 from benchmarks.report import TEXTS, write_documents
 
-MODULES = {"render": render, "scaling": scaling, "rays": rays, "compile": compiling, "lights": lights}
+MODULES = {
+    "render": render,
+    "scaling": scaling,
+    "rays": rays,
+    "compile": compiling,
+    "lights": lights,
+    "loading": loading,
+}
 
 
 def command_line() -> argparse.ArgumentParser:
@@ -49,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "rays": rays.benchmark_rays,
         "compile": compiling.benchmark_compile,
         "lights": lights.benchmark_lights,
+        "loading": loading.benchmark_loading,
     }
     result = benchmarks[options.command](options) | machine()
     pictures = result.pop("pictures", {})

@@ -1,42 +1,36 @@
 """Reflection models by name, and the dispatch among those that a scene uses.
 
-A model is a file that ends in a `Model` (see `kernels/bsdf/record.py`), or a factory that makes one for
-each choice of its parts: "rough_conductor:ggx:smith" is what FAMILIES["rough_conductor"] makes of
-"ggx" and "smith". To add one, write the file, name it in FAMILIES, and describe it in `wrt/materials/`;
+A model is a file that ends in a `MODEL` (see `kernels/bsdf/record.py`), or has a factory that makes one for
+each choice of its parts: "rough_conductor:ggx:smith" is what `make_rough_conductor` in `rough_conductor.py` makes of
+"ggx" and "smith". To add one, write the file, name it in `_BUILT_IN`, and describe it in `wrt/materials/`;
 `register_model` adds one from outside.
 """
 
 import functools
+import importlib
 from collections.abc import Callable
 from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf import conductor, dielectric, diffuse, glossy, mirror, null, oren_nayar, plastic, thin_dielectric
-from wrt.kernels.bsdf.principled import make_principled
 from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
-from wrt.kernels.bsdf.rough_conductor import make_rough_conductor
-from wrt.kernels.bsdf.rough_dielectric import make_rough_dielectric
-from wrt.kernels.bsdf.rough_plastic import make_rough_plastic
 
-FAMILIES: dict[str, Callable[..., Model]] = {
-    "diffuse": lambda: diffuse.MODEL,
-    "mirror": lambda: mirror.MODEL,
-    "conductor": conductor.make_conductor,
-    "rough_conductor": make_rough_conductor,
-    "dielectric": lambda: dielectric.MODEL,
-    "glossy": lambda: glossy.MODEL,
-    "null": lambda: null.MODEL,
-    "oren_nayar": lambda: oren_nayar.MODEL,
-    "plastic": lambda: plastic.MODEL,
-    "principled": make_principled,
-    "rough_dielectric": make_rough_dielectric,
-    "rough_plastic": make_rough_plastic,
-    "thin_dielectric": lambda: thin_dielectric.MODEL,
-}
+_BUILT_IN = (
+    *("diffuse", "mirror", "conductor", "rough_conductor", "dielectric", "glossy", "null", "oren_nayar", "plastic"),
+    *("principled", "rough_dielectric", "rough_plastic", "thin_dielectric"),
+)
 
 
-_BUILT_IN = frozenset(FAMILIES)
+def _model_in(file: str, *parts: str) -> Model:
+    """Return the model in a file of this folder, which is read when a scene uses it: all take a tenth of a start."""
+    found = importlib.import_module(f"wrt.kernels.bsdf.{file}")
+    make = getattr(found, f"make_{file}", None)
+    model: Model = found.MODEL if make is None else make(*parts)
+    return model
+
+
+FAMILIES: dict[str, Callable[..., Model]] = {name: functools.partial(_model_in, name) for name in _BUILT_IN}
+"""What makes the models of each family, of the parts in their names."""
 
 
 class _Registered(NamedTuple):

@@ -13,7 +13,6 @@ from wrt.deformation import Deformation
 from wrt.errors import InputError
 from wrt.files import naming, read_file
 from wrt.formats.arrays import read_arrays
-from wrt.formats.meshes import load_shapes
 from wrt.formats.npy import read_array
 from wrt.formats.parts import merge
 from wrt.formats.scene_keys import (
@@ -161,6 +160,8 @@ def read_deformation(
         keys = []
         for i, file in enumerate(files):
             with reader.at(f"files[{i}]"):
+                from wrt.formats.meshes import load_shapes
+
                 key = merge([shape.mesh for shape in load_shapes(reader.beside(file), smooth_degrees=None)], "mesh")
                 if len(key.vertices) != len(mesh.vertices):
                     raise InputError(

@@ -21,7 +21,6 @@ from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
 from wrt.formats.images import load_environment, load_image
 from wrt.formats.kinds import hinting
-from wrt.formats.meshes import load_file
 from wrt.formats.parts import in_the_world, merge
 from wrt.formats.scene_keys import (
     BOOLEAN,
@@ -402,6 +401,8 @@ class _Reader:
             key = self.beside(file), smooth
         if key not in self.mesh_files:
             with self.at("file"):
+                from wrt.formats.meshes import load_file
+
                 loaded = load_file(key[0], smooth_degrees=CREASE_DEGREES if smooth else None).shapes
             if not smooth:
                 flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
