@@ -100,8 +100,8 @@ _WEIGHTS = (
     #define ROW(k) (*(const f8*)(node + 8 * (k)))
     #define WHERE(c, a, b) ((c) ? (a) : (b))
     #define ROOT(a) __builtin_elementwise_sqrt(a)
-    #define LEAST(a, b) __builtin_elementwise_min(a, b)
-    #define MOST(a, b) __builtin_elementwise_max(a, b)
+    #define LEAST(a, b) ((a) < (b) ? (a) : (b))
+    #define MOST(a, b) ((a) > (b) ? (a) : (b))
     #define SIZE(a) __builtin_elementwise_abs(a)
 """
     + _WEIGH

@@ -162,14 +162,14 @@ _PACKET = (
             const int bottom = top;
             float nearest[8];
             for (int k = 0; k < 8; ++k) {
-                const f8 tn = __builtin_elementwise_max(
-                    __builtin_elementwise_max(node[near_row[0] + k] * inverse[0] - near_shift[0],
-                                              node[near_row[1] + k] * inverse[1] - near_shift[1]),
-                    __builtin_elementwise_max(node[near_row[2] + k] * inverse[2] - near_shift[2], (f8)t_min));
-                const f8 tf = __builtin_elementwise_min(
-                    __builtin_elementwise_min(node[far_row[0] + k] * inverse[0] - far_shift[0],
-                                              node[far_row[1] + k] * inverse[1] - far_shift[1]),
-                    __builtin_elementwise_min(node[far_row[2] + k] * inverse[2] - far_shift[2], still)) * pad;
+                const f8 near_x = node[near_row[0] + k] * inverse[0] - near_shift[0];
+                const f8 near_y = node[near_row[1] + k] * inverse[1] - near_shift[1];
+                const f8 near_z = node[near_row[2] + k] * inverse[2] - near_shift[2];
+                const f8 far_x = node[far_row[0] + k] * inverse[0] - far_shift[0];
+                const f8 far_y = node[far_row[1] + k] * inverse[1] - far_shift[1];
+                const f8 far_z = node[far_row[2] + k] * inverse[2] - far_shift[2];
+                const f8 tn = MOST(MOST(near_x, near_y), MOST(near_z, (f8)t_min));
+                const f8 tf = LEAST(LEAST(far_x, far_y), LEAST(far_z, still)) * pad;
                 const unsigned mask = RAY_MASK(tn <= tf);
                 if (mask == 0) continue;
                 const f8 begin = (tn <= tf) ? tn : (f8)__builtin_inff();

@@ -19,14 +19,14 @@ VECTOR_CODE = "defined(__clang__) && !defined(__CUDA_ARCH__)"
 #   out: begin: float[8], mask: unsigned, bit k set where box k is hit
 BOX_TEST = """
 #if VECTOR_CODE
-    const f8 tn = __builtin_elementwise_max(
-        __builtin_elementwise_max(LOAD8(node + near_row[0]) * inverse[0] - near_shift[0],
-                                  LOAD8(node + near_row[1]) * inverse[1] - near_shift[1]),
-        __builtin_elementwise_max(LOAD8(node + near_row[2]) * inverse[2] - near_shift[2], (f8)t_min));
-    const f8 tf = __builtin_elementwise_min(
-        __builtin_elementwise_min(LOAD8(node + far_row[0]) * inverse[0] - far_shift[0],
-                                  LOAD8(node + far_row[1]) * inverse[1] - far_shift[1]),
-        __builtin_elementwise_min(LOAD8(node + far_row[2]) * inverse[2] - far_shift[2], (f8)t_max)) * pad;
+    const f8 near_x = LOAD8(node + near_row[0]) * inverse[0] - near_shift[0];
+    const f8 near_y = LOAD8(node + near_row[1]) * inverse[1] - near_shift[1];
+    const f8 near_z = LOAD8(node + near_row[2]) * inverse[2] - near_shift[2];
+    const f8 far_x = LOAD8(node + far_row[0]) * inverse[0] - far_shift[0];
+    const f8 far_y = LOAD8(node + far_row[1]) * inverse[1] - far_shift[1];
+    const f8 far_z = LOAD8(node + far_row[2]) * inverse[2] - far_shift[2];
+    const f8 tn = MOST(MOST(near_x, near_y), MOST(near_z, (f8)t_min));
+    const f8 tf = LEAST(LEAST(far_x, far_y), LEAST(far_z, (f8)t_max)) * pad;
     const unsigned mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(tn <= tf, b8));
     alignas(32) float begin[8];
     *(f8*)begin = tn;
@@ -218,8 +218,11 @@ _PRELUDE = (
     #define LOAD8(p) (*(const f8*)(p))
     #define LOWEST_BIT(m) __builtin_ctz(m)
     #define MUL(a, b) ((a) * (b))
-    #define LEAST(a, b) __builtin_elementwise_min(a, b)
-    #define MOST(a, b) __builtin_elementwise_max(a, b)
+    // One instruction each; clang's own functions take three, to ignore NaN, of which there is none that counts.
+    #define LEAST(a, b) least_of(a, b)
+    #define MOST(a, b) most_of(a, b)
+    const auto least_of = [](auto a, auto b) { return a < b ? a : b; };
+    const auto most_of = [](auto a, auto b) { return a > b ? a : b; };
     #define SIZE(a) __builtin_elementwise_abs(a)
     #define PERMUTE(a, places) __builtin_ia32_permvarsi256(a, places)
 #if defined(__AVX512VL__)
