@@ -15,6 +15,7 @@ class Features:
     Attributes:
         models: names of the reflection models in the scene, sorted (see `kernels.bsdf`).
         textured: whether any value comes from an image or from vertex colours.
+        mipmapped: whether any image has levels.
         environment: "none", "constant" or "image".
         layered: whether any material lets rays pass by opacity, or is made of others.
         tangents: whether any material depends on the direction of the texture coordinates.
@@ -48,6 +49,7 @@ class Features:
     media: str = "none"
     nested: bool = False
     extras: bool = False
+    mipmapped: bool = False
 
     @property
     def bodies(self) -> bool:
@@ -67,6 +69,7 @@ class Features:
         parts += ["tree"] * self.light_tree
         parts += [self.media] * (self.media != "none") + ["nested"] * self.nested
         parts += ["extras"] * self.extras
+        parts += ["mipmapped"] * self.mipmapped
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
             # It becomes part of a file's name, which may have 255 bytes.

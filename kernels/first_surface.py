@@ -6,6 +6,7 @@ import warp as wp
 
 from wrt.kernels.bvh import Hit
 from wrt.kernels.features import Features
+from wrt.kernels.footprint import sample_footprint
 from wrt.kernels.geometry import Ray
 from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, make_choose_material
@@ -40,11 +41,12 @@ def make_first_surface(features: Features) -> wp.Function:
     sample_4d = make_sample_4d(features.sampler)
     closest_hit = make_intersect(features.instances).closest_hit
     surface_at = make_surface_at(features.instances)
-    choose_material = make_choose_material(features.extras)
+    choose_material = make_choose_material(features.extras, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.extras)
     textured = features.textured
     layered = features.layered
     tangents = features.tangents
+    mipmapped = features.mipmapped
 
     @wp.func
     def first_surface(scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler) -> FirstSurface:
@@ -62,6 +64,9 @@ def make_first_surface(features: Features) -> wp.Function:
             surface = surface_at(scene, ray, hit)
             if wp.static(textured or tangents):
                 surface = add_texture_coordinates(scene, hit, surface)
+            if wp.static(mipmapped):
+                width = pixel_footprint[0] + pixel_footprint[1] * (first.distance + hit.t)
+                surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, sampler.index)
             first.material = scene.shapes[surface.shape].material
             if wp.static(layered):
                 u = sample_4d(sampler, passed_block(1, first.rays - 1))

@@ -206,17 +206,21 @@ class Lights(NamedTuple):
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, extras = features.textured, features.extras
-    return _make_lights(textured, extras, features.light_shapes, features.instances, features.light_tree)
+    return _make_lights(
+        textured, extras, features.mipmapped, features.light_shapes, features.instances, features.light_tree
+    )
 
 
 @functools.cache
-def _make_lights(textured: bool, extras: bool, light_shapes: bool, instances: str, light_tree: bool) -> Lights:
+def _make_lights(
+    textured: bool, extras: bool, mipmapped: bool, light_shapes: bool, instances: str, light_tree: bool
+) -> Lights:
     choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(instances)
-    slot_value = make_slot_value(extras)
+    slot_value = make_slot_value(extras, mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(extras)
     parts = ["textured" if textured else "plain", *["shapes"] * light_shapes, instances, *["tree"] * light_tree]
-    parts += ["extras"] * extras
+    parts += ["extras"] * extras + ["mipmapped"] * mipmapped
     name = "_".join(parts)
 
     @wp.func(name=f"emission_at_{name}")

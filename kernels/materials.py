@@ -25,15 +25,15 @@ _shares = wp.types.vector(length=MAX_NESTING + 1, dtype=float)
 
 
 @functools.cache
-def make_choose_material(extras: bool = False) -> wp.Function:
+def make_choose_material(extras: bool = False, mipmapped: bool = False) -> wp.Function:
     """Return the device function (scene, material, surface, u) -> the material that answers, or PASSED_THROUGH.
 
     A mixture is its parts in the proportion of their weights, so choosing one of them by a random
     number has the right mean; likewise opacity. The rest of the number chooses again further in.
     """
-    slot_value = make_slot_value(extras)
+    slot_value = make_slot_value(extras, mipmapped)
 
-    @wp.func(name=f"choose_material{'_extras' * extras}")
+    @wp.func(name=f"choose_material{'_extras' * extras}{'_mipmapped' * mipmapped}")
     def choose_material(scene: SceneData, material: int, surface: Surface, u: float) -> int:
         number = int(material)
         while number != PASSED_THROUGH:
@@ -90,14 +90,14 @@ def leaves_of(material: int) -> Leaves:
 
 
 @functools.cache
-def make_next_leaf(extras: bool = False) -> wp.Function:
+def make_next_leaf(extras: bool = False, mipmapped: bool = False) -> wp.Function:
     """Return the device function (scene, leaves, surface) -> the same with the next leaf.
 
     The last one may come with others left that turn out to be none.
     """
-    slot_value = make_slot_value(extras)
+    slot_value = make_slot_value(extras, mipmapped)
 
-    @wp.func(name=f"next_leaf{'_extras' * extras}")
+    @wp.func(name=f"next_leaf{'_extras' * extras}{'_mipmapped' * mipmapped}")
     def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
         found = leaves
         found.share = 0.0
@@ -223,7 +223,7 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     panes = has_panes(features.models) and not holes_only
     bsdf_at = make_bsdf_at(features)
     straight = make_straight(features.models)
-    next_leaf = make_next_leaf(features.extras)
+    next_leaf = make_next_leaf(features.extras)  # shadow rays are no cones
 
     @wp.func(name=f"share_{'not_there' if holes_only else 'passed'}_{identifier(features.models)}")
     def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
@@ -242,18 +242,18 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
 @functools.cache
 def make_bsdf_at(features: Features) -> wp.Function:
     """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
-    return _make_load(features.models, features.textured, features.extras)
+    return _make_load(features.models, features.textured, features.extras, features.mipmapped)
 
 
 @functools.cache
-def _make_load(names: tuple[str, ...], textured: bool, extras: bool) -> wp.Function:
+def _make_load(names: tuple[str, ...], textured: bool, extras: bool, mipmapped: bool) -> wp.Function:
     """Return a chain of one link a model, as in `kernels.bsdf.make_bsdf`: each knows how many values it reads."""
     if not names:
         return _no_bsdf
     number = model_number(names[0], names)
     count = model_of(names[0]).slots
-    next_load = _make_load(names[1:], textured, extras)
-    slot_value = make_slot_value(extras)
+    next_load = _make_load(names[1:], textured, extras, mipmapped)
+    slot_value = make_slot_value(extras, mipmapped)
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.bvh import Hit
+from wrt.kernels.footprint import texels_across, texture_footprint
 from wrt.kernels.geometry import Frame, to_local, to_world
 from wrt.kernels.scene_data import (
     NORMALS_AT_POINT,
@@ -11,7 +12,7 @@ from wrt.kernels.scene_data import (
     NormalMapRecord,
     SceneData,
 )
-from wrt.kernels.surface import Surface, uv_edges
+from wrt.kernels.surface import Surface
 from wrt.kernels.textures import image_color
 
 LEAST_ELEVATION = wp.constant(0.02)
@@ -66,40 +67,6 @@ def filtered_slopes(scene: SceneData, normals: NormalMapRecord, uv: wp.vec2, tex
 
 
 @wp.func
-def texels_across(
-    scene: SceneData, hit: Hit, surface: Surface, image: ImageRecord, direction: wp.vec3, width: float
-) -> float:
-    """Return how many texels a cone of rays covers that is `width` wide at the hit, along its narrower axis.
-
-    The cone (Akenine-Möller et al. 2021, "Improved shader and texture level of detail using ray cones") cuts the
-    surface in an ellipse. With ∇u and ∇v in texels, its image in the texture has the matrix
-
-        K = width² (∇a·∇b + (∇a·d)(∇b·d) / cos²θ)   for a, b of u, v,   det K = |∇u × ∇v|² width⁴ / cos²θ,
-
-    as along the tilt it is longer by 1 / cosθ. The narrower axis, not the wider one: a texture must not be blurred
-    over more than the pixel, and what lies along the wider one is averaged by the pixel's samples.
-    """
-    e1 = surface.e1
-    e2 = surface.e2
-    uv = uv_edges(scene, hit)
-    a = uv[0]
-    b = uv[1]
-    c = wp.cross(e1, e2)
-    c = c / wp.max(wp.length_sq(c), 1.0e-36)
-    r1 = wp.cross(e2, c) * width
-    r2 = wp.cross(c, e1) * width
-    du = (r1 * a[0] + r2 * b[0]) * float(image.width)
-    dv = (r1 * a[1] + r2 * b[1]) * float(image.height)
-    cos = wp.max(wp.abs(wp.dot(surface.normal, direction)), 1.0e-3)
-    u_depth = wp.dot(du, direction) / cos
-    v_depth = wp.dot(dv, direction) / cos
-    trace = wp.length_sq(du) + u_depth * u_depth + wp.length_sq(dv) + v_depth * v_depth
-    root = wp.length(wp.cross(du, dv)) / cos  # of the determinant
-    larger = 0.5 * (trace + wp.sqrt(wp.max(trace * trace - 4.0 * root * root, 0.0)))
-    return root / wp.sqrt(wp.max(larger, 1.0e-30))
-
-
-@wp.func
 def bent_normal(n: wp.vec3, normal: wp.vec3, wo: wp.vec3, matt: bool) -> wp.vec3:
     """Return a shading normal n that faces wo and, if not matt, mirrors it to above the surface.
 
@@ -151,7 +118,7 @@ def apply_normal_map(
     image = scene.images[normals.image]
     texels = float(0.0)
     if record.normal_filter != NORMALS_AT_POINT:
-        texels = texels_across(scene, hit, surface, image, direction, width)
+        texels = texels_across(texture_footprint(scene, hit, surface, direction, width), image)
     filtered = texels > 0.5
     slopes = Slopes()
     if filtered:

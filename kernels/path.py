@@ -12,6 +12,7 @@ from wrt.kernels.bsdf import make_bsdf, model_of
 from wrt.kernels.bvh import Hit
 from wrt.kernels.environment import image_radiance
 from wrt.kernels.features import Features
+from wrt.kernels.footprint import sample_footprint
 from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT, Ray, Receiver, to_local, to_world
 from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
@@ -86,7 +87,7 @@ def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
     _, _, bsdf_sample, bsdf_is_delta, bsdf_transmits = make_bsdf(features.models)
     bsdf_at = make_bsdf_at(features)
-    choose_material = make_choose_material(features.extras)
+    choose_material = make_choose_material(features.extras, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.extras)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
     _, _, choice_probability, environment_light_pdf, emission_at = make_lights(features)
@@ -112,6 +113,7 @@ def make_trace_path(features: Features) -> wp.Function:
     has_environment = features.environment != "none"
     image_environment = features.environment == "image"
     clamped = features.clamped
+    mipmapped = features.mipmapped
     regularized = features.regularized
 
     @wp.func
@@ -286,6 +288,10 @@ def make_trace_path(features: Features) -> wp.Function:
             # Material; a surface that is not there takes no part in the path, nor counts as one of its vertices
             if wp.static(textured or tangents):
                 surface = add_texture_coordinates(scene, hit, surface)
+            if wp.static(mipmapped):
+                width = footprint[0] + footprint[1] * (passed + hit.t)
+                if width > 0.0:
+                    surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, sampler.index)
             material = shape.material
             if wp.static(layered):
                 if there:

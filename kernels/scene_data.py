@@ -87,6 +87,8 @@ class ImageRecord:
 
     Without a palette they begin at `first` of `texels`, else of `texel_codes`: a code for each channel in the three
     lowest bytes. Its value is in `palettes`, 256 for red, 256 for green and 256 for blue from `palette` on.
+
+    The image at half its size, a quarter, and so on, is as many images as there are `levels`, from `next_level` on.
     (u, v, 1) times `to_u` and `to_v` are the coordinates in the image.
     """
 
@@ -99,6 +101,8 @@ class ImageRecord:
     nearest: int
     to_u: wp.vec3
     to_v: wp.vec3
+    levels: int
+    next_level: int
 
 
 @wp.struct

@@ -19,6 +19,7 @@ class Surface:
     `normal` (geometric) and `frame.n` (shading) face the viewer; `front` tells whether the viewer
     is on the triangle's front, where its corners run counter-clockwise; of a mirrored instance, the front of its mesh.
     `e1` and `e2` are two edges of the triangle in the world, `slack` is how far rays may miss it (see `Triangle`).
+    `footprint` is what the ray's cone covers of the texture (see `texture_footprint`); zero, it is only the point.
     `second_uv` and `alpha` are there where Features.extras. `normal_variance` is what a filtered normal map leaves to
     the roughness (see `Bsdf`).
     """
@@ -32,6 +33,7 @@ class Surface:
     front: bool
     shape: int
     uv: wp.vec2
+    footprint: wp.vec4
     color: wp.vec3
     second_uv: wp.vec2
     alpha: float

@@ -4,6 +4,7 @@ import functools
 
 import warp as wp
 
+from wrt.kernels.footprint import texels_across
 from wrt.kernels.scene_data import (
     VERTEX_ALPHA,
     WRAP_CLAMP,
@@ -122,38 +123,80 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def slot_color(scene: SceneData, slot: ColorSlot, uv: wp.vec2, vertex_color: wp.vec3) -> wp.vec3:
-    """Return a material slot's value at a point."""
-    value = slot.value
-    if slot.image >= 0:
-        texel = image_color(scene, scene.images[slot.image], uv)
-        if slot.channel >= 0:
-            texel = wp.vec3(texel[slot.channel])
-        value = wp.cw_mul(value, texel)
-    if slot.vertex_color != 0:
-        value = wp.cw_mul(value, vertex_color)
-    if slot.cutoff >= 0.0:
-        value = wp.vec3(wp.where(value[0] >= slot.cutoff, 1.0, 0.0))
-    return value
+def filtered_color(scene: SceneData, image: ImageRecord, uv: wp.vec2, footprint: wp.vec4) -> wp.vec3:
+    """Return the colour around texture coordinates, between the two levels whose texels are nearest to the footprint.
+
+    Williams (1983), "Pyramidal parametrics". Where a texel is wider than the footprint it is `image_color`.
+    """
+    level = int(0)
+    share = float(0.0)
+    if image.levels > 0:
+        texels = texels_across(footprint, image)
+        if texels > 1.0:
+            height = wp.min(wp.log2(texels), float(image.levels))
+            level = int(height)
+            share = height - float(level)
+    # A loop, so that reading an image is there once in the kernel: twice, its size costs more than the reading.
+    color = wp.vec3(0.0)
+    weight = 1.0 - share
+    while weight > 0.0:
+        record = image
+        if level > 0:
+            record = scene.images[image.next_level + level - 1]
+        color += image_color(scene, record, uv) * weight
+        level += 1
+        weight = share
+        share = 0.0
+    return color
 
 
 @functools.cache
-def make_slot_value(extras: bool = False) -> wp.Function:
+def make_slot_color(mipmapped: bool = False) -> wp.Function:
+    """Return the device function (scene, slot, uv, footprint, vertex_color) -> a material slot's value at a point."""
+
+    @wp.func(name=f"slot_color{'_mipmapped' * mipmapped}")
+    def slot_color(
+        scene: SceneData, slot: ColorSlot, uv: wp.vec2, footprint: wp.vec4, vertex_color: wp.vec3
+    ) -> wp.vec3:
+        value = slot.value
+        if slot.image >= 0:
+            texel = wp.vec3()
+            if wp.static(mipmapped):
+                texel = filtered_color(scene, scene.images[slot.image], uv, footprint)
+            else:
+                texel = image_color(scene, scene.images[slot.image], uv)
+            if slot.channel >= 0:
+                texel = wp.vec3(texel[slot.channel])
+            value = wp.cw_mul(value, texel)
+        if slot.vertex_color != 0:
+            value = wp.cw_mul(value, vertex_color)
+        if slot.cutoff >= 0.0:
+            value = wp.vec3(wp.where(value[0] >= slot.cutoff, 1.0, 0.0))
+        return value
+
+    return slot_color
+
+
+@functools.cache
+def make_slot_value(extras: bool = False, mipmapped: bool = False) -> wp.Function:
     """Return the device function (scene, slot, surface) -> vec3: what a material's slot holds at a point."""
+    slot_color = make_slot_color(mipmapped)
 
-    @wp.func
+    @wp.func(name=f"slot_value{'_mipmapped' * mipmapped}")
     def slot_value(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
-        return slot_color(scene, scene.slots[slot], surface.uv, surface.color)
+        return slot_color(scene, scene.slots[slot], surface.uv, surface.footprint, surface.color)
 
-    @wp.func
+    @wp.func(name=f"slot_value_extras{'_mipmapped' * mipmapped}")
     def slot_value_extras(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
         record = scene.slots[slot]
         uv = surface.uv
+        footprint = surface.footprint
         if record.second != 0:
             uv = surface.second_uv
+            footprint = wp.vec4()  # it is that of the first
         color = surface.color
         if record.vertex_color == VERTEX_ALPHA:
             color = wp.vec3(surface.alpha)
-        return slot_color(scene, record, uv, color)
+        return slot_color(scene, record, uv, footprint, color)
 
     return slot_value_extras if extras else slot_value

@@ -20,6 +20,7 @@ from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.bsdf.specular import make_specular
 from wrt.kernels.environment import image_radiance
 from wrt.kernels.features import Features
+from wrt.kernels.footprint import sample_footprint
 from wrt.kernels.geometry import Ray, Receiver, to_local, to_world
 from wrt.kernels.intersect import NO_HIT, make_intersect
 from wrt.kernels.light_shapes import shape_number, shines_back, sun_covers
@@ -130,7 +131,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     direct_light = make_direct_light(features)
     specular = make_specular(features.models)
     bsdf_at = make_bsdf_at(features)
-    next_leaf = make_next_leaf(features.extras)
+    next_leaf = make_next_leaf(features.extras, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.extras)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
     emission_at = make_lights(features).emission_at
@@ -139,6 +140,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     textured = features.textured
     layered = features.layered
     tangents = features.tangents
+    mipmapped = features.mipmapped
     has_environment = features.environment != "none"
     image_environment = features.environment == "image"
 
@@ -207,6 +209,10 @@ def make_trace_tree(features: Features) -> wp.Function:
             shape = scene.shapes[surface.shape]
             if wp.static(textured or tangents):
                 surface = add_texture_coordinates(scene, hit, surface)
+            if wp.static(mipmapped):
+                if way >= 0.0:
+                    width = pixel_footprint[0] + pixel_footprint[1] * (way + hit.t)
+                    surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, sampler.index)
             leaves = leaves_of(shape.material)
             while leaves.left > 0:
                 if wp.static(layered):

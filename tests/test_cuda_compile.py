@@ -55,7 +55,17 @@ FEATURES = [
     Features(("diffuse",), True, "image", layered=True, tangents=True, extras=True),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(Features(("conductor", "dielectric"), True, "image", True, True, integrator=name) for name in INTEGRATORS),
-    Features(("dielectric", "diffuse"), True, "image", True, True, clamped=True, regularized=True, layers=True),
+    Features(
+        ("dielectric", "diffuse"),
+        True,
+        "image",
+        True,
+        True,
+        mipmapped=True,
+        clamped=True,
+        regularized=True,
+        layers=True,
+    ),
     Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
     Features(
         ("dielectric", "null", "principled:transmission", "rough_dielectric:ggx:smith"),

@@ -18,7 +18,7 @@ from wrt.build.environment import LUMINANCE
 from wrt.build.scene_data import build_scene
 from wrt.device import Device, initialize_warp
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.textures import slot_color
+from wrt.kernels.textures import make_slot_color
 from wrt.scene import Shape
 
 ORIGIN, EDGE_U, EDGE_V = np.array([-0.8, 1.0, -0.6]), np.array([1.6, 0.0, 0.0]), np.array([0.0, 0.0, 1.2])
@@ -122,10 +122,13 @@ LAID = {
 }
 
 
+slot_color = make_slot_color()
+
+
 @wp.kernel(enable_backward=False)
 def look_up(scene: SceneData, uv: wp.array(dtype=wp.vec2), color_out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    color_out[i] = slot_color(scene, scene.slots[scene.shapes[0].emission_slot], uv[i], wp.vec3(1.0))
+    color_out[i] = slot_color(scene, scene.slots[scene.shapes[0].emission_slot], uv[i], wp.vec4(), wp.vec3(1.0))
 
 
 @pytest.mark.parametrize("name", LAID)

@@ -18,10 +18,10 @@ import wrt
 from wrt.build.normal_maps import normals_of, slope_pyramid
 from wrt.build.scene_data import build_scene
 from wrt.device import Device
+from wrt.kernels.footprint import texels_across, texture_footprint
 from wrt.kernels.geometry import Ray
 from wrt.kernels.intersect import NO_HIT, closest_hit
 from wrt.kernels.microfacet.widening import WIDENED
-from wrt.kernels.normal_maps import texels_across
 from wrt.kernels.scene_data import (
     NORMALS_AT_POINT,
     NORMALS_FILTERED,
@@ -144,11 +144,11 @@ def test_levels_hold_the_moments_of_the_interpolated_map(size: tuple[int, int]) 
 def test_levels_of_odd_sizes_are_cut_evenly() -> None:
     """A row of five becomes three of 5/3 each, by share."""
     row = np.float32([1, 2, 3, 4, 5])
-    from wrt.build.normal_maps import _halved
+    from wrt.build.pyramid import halved
 
-    halved = _halved(np.broadcast_to(row[None, :, None], (1, 5, 3)).copy())
+    found = halved(np.broadcast_to(row[None, :, None], (1, 5, 3)).copy())
     expected = [(1 + 2 * 2 / 3) * 0.6, (2 / 3 + 3 + 4 * 2 / 3 - 4 / 3) * 0.6, (4 * 2 / 3 + 5) * 0.6]
-    np.testing.assert_allclose(halved[0, :, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose(found[0, :, 0], expected, rtol=1e-6)
 
 
 # --- What a pixel covers -----------------------------------------------------------------------------
@@ -168,7 +168,7 @@ def footprint_kernel(
         texels_out[i] = wp.vec4(-1.0)
     else:
         surface = surface_at(scene, ray, hit)
-        texels = texels_across(scene, hit, surface, scene.images[0], ray.direction, width)
+        texels = texels_across(texture_footprint(scene, hit, surface, ray.direction, width), scene.images[0])
         texels_out[i] = wp.vec4(texels, surface.normal[0], surface.normal[1], surface.normal[2])
 
 

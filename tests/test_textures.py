@@ -15,7 +15,7 @@ import wrt
 from wrt.build.materials import describe_materials
 from wrt.device import Device
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.textures import slot_color
+from wrt.kernels.textures import make_slot_color
 from wrt.textures import TEXTURE_FILTERS, WRAPS
 
 N = 20_000
@@ -24,10 +24,13 @@ TINT = (0.25, 0.5, 1.0)
 """The vertex colour at every point."""
 
 
+slot_color = make_slot_color()
+
+
 @wp.kernel(enable_backward=False)
 def look_up(scene: SceneData, slot: int, uvs: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    out[i] = slot_color(scene, scene.slots[slot], uvs[i], wp.vec3(0.25, 0.5, 1.0))
+    out[i] = slot_color(scene, scene.slots[slot], uvs[i], wp.vec4(), wp.vec3(0.25, 0.5, 1.0))
 
 
 def looked_up(texture: wrt.ImageTexture, uvs: NDArray[np.float32], device: str) -> NDArray[np.float32]:
@@ -138,7 +141,7 @@ def test_pixels_used_in_several_ways_are_there_once() -> None:
     [
         ({"wrap": "mirrored"}, "texture wood: wrap must be one of repeat, mirror, clamp, not 'mirrored' (did you mean"),
         ({"wrap": ("clamp",)}, "texture wood: wrap must be one of repeat, mirror, clamp, or two of them for u and v"),
-        ({"filter": "cubic"}, "texture wood: filter must be one of bilinear, nearest, not 'cubic'"),
+        ({"filter": "cubic"}, "texture wood: filter must be one of bilinear, nearest, trilinear, not 'cubic'"),
         ({"scale": (1.0, 2.0, 3.0)}, "texture wood: scale must be two numbers, not (1.0, 2.0, 3.0)"),
         ({"offset": 1.0}, "texture wood: offset must be two numbers, not 1.0"),
         ({"factor": -1.0}, "texture wood: factor must be at least 0"),

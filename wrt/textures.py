@@ -19,8 +19,9 @@ CHANNELS = ("r", "g", "b")
 WRAPS = ("repeat", "mirror", "clamp")
 """How an image goes on beyond its edges: again, mirrored, or with its outermost texels."""
 
-TEXTURE_FILTERS = ("bilinear", "nearest")
-"""What a point of an image is: interpolated between four texels, or the nearest one."""
+TEXTURE_FILTERS = ("bilinear", "nearest", "trilinear")
+"""What a point of an image is: interpolated between four texels, the nearest one, or interpolated between four texels
+each of two of the image's levels, which are it at half its size, a quarter, and so on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,9 @@ class ImageTexture:
     colours, are read by `load_image(path, linear=True)`.
 
     Texture coordinates are scaled, then turned counter-clockwise about (0, 0), then shifted: larger scales make
-    the image smaller. An image far away has many texels in a pixel; the pixel's samples average them.
+    the image smaller. An image far away has many texels in a pixel; the pixel's samples average them. With the filter
+    "trilinear" the first of them read means of texels, later ones smaller and smaller pieces: less noise in a picture
+    of few samples, the same one of many.
 
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
@@ -86,6 +89,11 @@ class ImageTexture:
         if self.vertex_colors and self.vertex_alpha:
             raise InputError(f"{what}: either vertex_colors or vertex_alpha can multiply it, not both")
         put("uv_set", integer(self.uv_set, f"{what}: uv_set", minimum=0, maximum=1))
+
+    @property
+    def has_levels(self) -> bool:
+        """Whether it is looked at in several sizes. The mean of a mask's pixels is no mask."""
+        return self.filter == "trilinear" and self.cutoff is None
 
     @property
     def placement(self) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.build.normal_maps import normals_of, slope_pyramid
+from wrt.build.pyramid import pyramid
 from wrt.build.tables import pack_tables
 from wrt.build.texels import Texels
 from wrt.device import Device
@@ -32,6 +33,7 @@ class MaterialTable:
         textured: whether any value is an image or a vertex colour.
         extras: whether any is laid by second texture coordinates, or multiplied by the alpha of vertex colours.
         layered: whether any material is composite or not opaque.
+        mipmapped: whether any image has levels.
         tangents: whether any depends on the direction of texture coordinates, by itself or by a normal map.
     """
 
@@ -45,6 +47,7 @@ class MaterialTable:
     extras: bool = False
     layered: bool = False
     tangents: bool = False
+    mipmapped: bool = False
 
     def add(self, material: Material) -> int:
         """Return a material's number; a new one gets the next."""
@@ -136,6 +139,7 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
     values = [value for material in table.materials for value in (*material.slots, material.opacity)]
     table.textured = any(_varies(value) for value in [*values, *emissions])
     table.extras = any(_needs_extras(value) for value in [*values, *emissions])
+    table.mipmapped = any(isinstance(v, ImageTexture) and v.has_levels for v in [*values, *emissions])
     table.layered = any(material.parts or material.opacity != 1.0 for material in table.materials)
     table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
     return table
@@ -168,6 +172,7 @@ class _Slots:
         self.pixels: list[NDArray[np.float32]] = []
         self.normal_maps: list[tuple[int, int, int]] = []
         self._pixel_numbers: dict[int, int] = {}
+        self._levels: dict[int, list[int]] = {}
         self._image_numbers: dict[tuple[Any, ...], int] = {}
         self._normal_map_numbers: dict[tuple[int, bool], int] = {}
 
@@ -191,17 +196,31 @@ class _Slots:
 
     def add_image(self, pixels: NDArray[np.float32], laid: ImageTexture | NormalMap) -> int:
         """Return the number of the image record for pixels laid as a texture says; the same pixels are there once."""
-        number = self._pixel_numbers.setdefault(id(pixels), len(self.pixels))
-        if number == len(self.pixels):
-            self.pixels.append(pixels)
+        number = self._add_pixels(pixels)
         placement = laid.placement if isinstance(laid, ImageTexture) else np.eye(2, 3)
         nearest = isinstance(laid, ImageTexture) and laid.filter == "nearest"
         wraps = (WRAPS.index(wrap) for wrap in laid.wrap)
         record = (number, *wraps, nearest, *(tuple(row) for row in placement.tolist()))
-        image = self._image_numbers.setdefault(record, len(self.images))
-        if image == len(self.images):
-            self.images.append(record)
-        return image
+        levels = self._add_levels(number) if isinstance(laid, ImageTexture) and laid.has_levels else []
+        key = (*record, len(levels))
+        if key not in self._image_numbers:
+            self._image_numbers[key] = len(self.images)
+            self.images.append((*record, len(levels), len(self.images) + 1))
+            self.images += [(level, *record[1:], 0, 0) for level in levels]
+        return self._image_numbers[key]
+
+    def _add_pixels(self, pixels: NDArray[np.float32]) -> int:
+        """Return the number of an array of pixels."""
+        number = self._pixel_numbers.setdefault(id(pixels), len(self.pixels))
+        if number == len(self.pixels):
+            self.pixels.append(pixels)
+        return number
+
+    def _add_levels(self, number: int) -> list[int]:
+        """Return the numbers of the pixels at half the size, a quarter, and so on."""
+        if number not in self._levels:
+            self._levels[number] = [self._add_pixels(level) for level in pyramid(self.pixels[number])]
+        return self._levels[number]
 
     def add_normal_map(self, normal_map: NormalMap, filtered: bool) -> int:
         """Append a normal map, with the images that filtering needs; return its number."""
@@ -219,20 +238,10 @@ class _Slots:
     def image_table(self, texels: Texels, dtype: Any) -> NDArray[Any]:
         """Return the records of all images."""
         table = np.zeros(len(self.images), dtype)
-        for record, (number, wrap_u, wrap_v, nearest, to_u, to_v) in zip(table, self.images, strict=True):
+        for record, (number, *others) in zip(table, self.images, strict=True):
             height, width = self.pixels[number].shape[:2]
             first, palette = texels.places[number]
-            values = (
-                first,
-                3 * 256 * palette if palette >= 0 else -1,
-                width,
-                height,
-                wrap_u,
-                wrap_v,
-                nearest,
-                to_u,
-                to_v,
-            )
+            values = first, 3 * 256 * palette if palette >= 0 else -1, width, height, *others
             for name, value in zip(dtype["names"], values, strict=True):
                 record[name] = value
         return table

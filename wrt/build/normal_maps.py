@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.build.pyramid import halved
 from wrt.textures import NormalMap
 
 FloatArray = NDArray[np.float32]
@@ -34,7 +35,7 @@ def slope_pyramid(normals: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]
     means, products = _texel_moments(normals)
     yield means, products
     while means.shape[:2] != (1, 1):
-        means, products = _halved(means), _halved(products)
+        means, products = halved(means), halved(products)
         yield means, products
 
 
@@ -63,27 +64,4 @@ def _shifted(pixels: FloatArray, place: float, axis: int) -> FloatArray:
     """Return the image between texel centres, `place` texels on along an axis, at most 1/2; it repeats."""
     neighbour = np.roll(pixels, -1 if place > 0.0 else 1, axis)
     result: FloatArray = pixels + (neighbour - pixels) * np.float32(abs(place))
-    return result
-
-
-def _halved(pixels: FloatArray) -> FloatArray:
-    """Return the image at half the width and height, rounded up, its mean kept."""
-    for axis in (0, 1):
-        pixels = _resized(pixels, axis, (pixels.shape[axis] + 1) // 2)
-    return pixels
-
-
-def _resized(pixels: FloatArray, axis: int, size: int) -> FloatArray:
-    """Return the means over `size` equal pieces of an axis, which may cut texels."""
-    old = pixels.shape[axis]
-    if old == 2 * size:
-        even, odd = (np.take(pixels, range(start, old, 2), axis) for start in (0, 1))
-        return np.float32(0.5) * (even + odd)
-    # Mean over pieces: differences of the integral from the start.
-    first = np.moveaxis(pixels.astype(np.float64), axis, 0)
-    integral = np.concatenate([np.zeros_like(first[:1]), np.cumsum(first, axis=0)])
-    edges = np.arange(size + 1) * (old / size)
-    whole = np.minimum(edges.astype(int), old - 1)
-    at_edges = integral[whole] + (edges - whole)[:, None, None] * first[whole]
-    result: FloatArray = np.moveaxis(np.diff(at_edges, axis=0) * (size / old), 0, axis).astype(np.float32)
     return result

@@ -111,6 +111,7 @@ def build_scene(
         media=bodies.kind,
         nested=bodies.nested,
         extras=materials.extras,
+        mipmapped=materials.mipmapped,
     )
     if features.bodies:
         set_camera_bodies(data, bodies, scene, features.instances, device)

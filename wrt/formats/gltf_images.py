@@ -29,6 +29,7 @@ IMAGE_KEYS = ("images", "textures", "samplers", "bufferViews", "buffers")
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
+_MIPMAPS = (9984, 9985, 9986, 9987)
 
 
 class GltfImages:
@@ -56,7 +57,7 @@ class GltfImages:
             pixels,
             self.label(info),
             wrap=self.wrap(info),
-            filter="nearest" if self._sampler(info).get("magFilter") == _NEAREST else "bilinear",
+            filter=self._filter(info),
             **(placement_of(info) if placed else {}),
             **options,
         )
@@ -81,6 +82,13 @@ class GltfImages:
         """Return how a texture goes on beyond its edges, along u and v."""
         sampler = self._sampler(info)
         return _WRAPS.get(sampler.get("wrapS", 0), "repeat"), _WRAPS.get(sampler.get("wrapT", 0), "repeat")
+
+    def _filter(self, info: Tree) -> str:
+        """Return how texels are interpolated."""
+        sampler = self._sampler(info)
+        if sampler.get("magFilter") == _NEAREST:
+            return "nearest"
+        return "trilinear" if sampler.get("minFilter") in _MIPMAPS else "bilinear"
 
     def _entry(self, info: Tree) -> Tree:
         entry: Tree = self._tree["textures"][info["index"]]
