@@ -16,6 +16,28 @@ from wrt.formats.trimesh_files import COLOR_MAP, as_text, load, part_of
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 
 
+def _lines(line: str) -> str:
+    """Return the pattern of some hundred lines; the engine remembers each, so not of as many as there are."""
+    return rf"(?:{line}\n){{1,500}}"
+
+
+_INDEX = "[1-9][0-9]*"
+_CORNERS = (f" {_INDEX}", f" {_INDEX}/{_INDEX}", f" {_INDEX}//{_INDEX}", f" {_INDEX}/{_INDEX}/{_INDEX}")
+_FACES = {f"f{size}{chr(97 + i)}": (size, corner) for size in (3, 4) for i, corner in enumerate(_CORNERS)}
+"""Corners of faces, and the pattern of one, by the group of _RUN that is such faces."""
+
+# Lines that trimesh takes as they are, many at once, by far the most of large files; or any one line.
+_RUN = re.compile(
+    "|".join(
+        [
+            *(f"(?P<{key}>{_lines(key + ' .*')})" for key in ("v", "vt", "vn")),
+            *(f"(?P<{name}>{_lines('f' + size * corner)})" for name, (size, corner) in _FACES.items()),
+            r"(?P<line>.*(?:\n|\Z))",
+        ]
+    )
+)
+
+
 def read_obj(path: Path, data: bytes) -> list[Part]:
     """Return a part for each material and kind of face, in the order of the file.
 
@@ -59,11 +81,28 @@ def _plain(path: Path, text: str) -> str:
     fans. So faces of each kind get a group of their own, by which trimesh is told to part them.
     """
     text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").replace("\t", " ")
-    text = re.sub(r"#.*", "", text)
+    text = re.sub(r"#.*", "", text) if "#" in text else text
     counts = {"v": 0, "vt": 0, "vn": 0}
     kind: tuple[int, int, bool] | None = None
     result, short = [], 0
-    for number, line in enumerate(text.split("\n"), 1):
+    number = 0
+    for run in _RUN.finditer(text):
+        line, group = run[0], run.lastgroup
+        number += 1
+        if group in counts:
+            number += line.count("\n") - 1
+            counts[group] += line.count("\n")
+            if "  " in line or " \n" in line:
+                line = "\n".join(" ".join(each.split()) for each in line.split("\n"))
+            result.append(line.rstrip("\n"))
+            continue
+        if group in _FACES:
+            number += line.count("\n") - 1
+            size, corner = _FACES[group]
+            if kind != (kind := (size, size * corner.count("/"), "//" in corner)):
+                result.append("g {} {} {}".format(*kind))
+            result.append(line.rstrip("\n"))
+            continue
         words = line.split()
         key = words[0] if words else ""
         if key in counts:
