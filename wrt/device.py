@@ -122,8 +122,8 @@ class Device:
         if size > total:
             raise InputError(f"{what} needs {size / 1e9:.1f} GB, more than the {total / 1e9:.1f} GB of {self.name}")
 
-    def empty_large(self, count: int) -> Any:
-        """Return an uninitialised array of floats for large data read at random, such as a ray tree.
+    def empty_large(self, count: int, dtype: Any = float) -> Any:
+        """Return an uninitialised array of floats, or of vectors of them, for large data such as a ray tree.
 
         On the CPU it asks for huge pages: with small ones, most reads of a tree over millions of
         triangles also miss the cache of page addresses (the gain is noted in docs/performance.md).
@@ -131,10 +131,12 @@ class Device:
         import warp as wp
 
         if not self.is_cpu or count == 0 or not hasattr(mmap, "MADV_HUGEPAGE"):
-            return wp.empty(count, dtype=float, device=self.name)
-        memory = mmap.mmap(-1, 4 * count, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+            return wp.empty(count, dtype=dtype, device=self.name)
+        size = count * wp.types.type_size_in_bytes(dtype)
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         memory.madvise(mmap.MADV_HUGEPAGE)
-        return wp.array(np.frombuffer(memory, np.float32), dtype=float, device=self.name, copy=False)
+        rows = np.frombuffer(memory, np.float32)
+        return wp.array(rows if dtype is float else rows.reshape(count, -1), dtype=dtype, device=self.name, copy=False)
 
     def compile(self, kernel: Any) -> float:
         """Load a kernel's module, compiling it where no cached build is found; return the seconds."""

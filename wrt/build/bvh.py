@@ -108,13 +108,11 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
 
 def _boxes(points: Any, indices: Any, device: Device) -> Any:
     """Return the boxes of triangles."""
-    import warp as wp
-
     from wrt.kernels.bvh_split import make_boxes
     from wrt.kernels.simd import vec8
 
     count = len(indices) // 3
-    boxes = wp.empty(count, dtype=vec8, device=device.name)
+    boxes = device.empty_large(count, vec8)
     device.launch(make_boxes, count, [points, indices, boxes])
     return boxes
 
