@@ -33,16 +33,27 @@ KERNELS = ROOT / "kernels"
 
 PHASES: dict[str, tuple[str, ...]] = {
     "traversal": ("bvh", "intersect", "instances", "simd", "triangles", "motion"),
-    "surface and material": ("surface", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
+    "surface and material": (
+        *("surface", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
+        *("albedo", "albedo_dielectric", "albedo_fits", "coat"),
+    ),
     "lights": ("lights", "light_choice", "light_tree", "light_shapes", "solid_angle", "environment", "next_event"),
     "media": ("medium", "phase", "skin", "bodies"),
     "random numbers": ("sampler", "low_discrepancy"),
     "path": ("path", "integrators", "whitted", "ambient_occlusion", "shadow"),
     "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface"),
 }
-"""Files and folders of kernels/ by phase. What others have (geometry.py, warps.py) belongs to whoever calls it."""
+"""Files and folders of kernels/ by phase."""
 
-MORE_SHADING = ("albedo", "albedo_dielectric", "albedo_fits", "coat")
+HELPERS = ("__init__", "features", "geometry", "scene_data", "warps")
+"""What belongs to whoever calls it."""
+
+OTHER_KERNELS = (
+    *("bvh_boxes", "bvh_collapse", "bvh_presplit", "bvh_ranges", "bvh_refit", "bvh_split", "bvh_top"),
+    *("interleaved", "mesh_normals", "packets", "ray_batch"),
+)
+"""What no kernel of a picture has in it."""
+
 HOST = {
     "Python": ("python", "libpython", "_multiarray", "numpy", ".py", "libopenblas"),
     "Warp": ("warp.so", "warp-clang.so"),
@@ -171,9 +182,8 @@ def plain_name(symbol: str) -> str:
 def phases_of_functions() -> dict[str, str]:
     """Return the phase of every function in kernels/ by its name; functions of helpers have none."""
     phase_of_file = {file: phase for phase, files in PHASES.items() for file in files}
-    phase_of_file |= dict.fromkeys(MORE_SHADING, "surface and material")
     found = {}
-    for path in KERNELS.rglob("*.py"):
+    for path in sorted(KERNELS.rglob("*.py")):
         phase = phase_of_file.get(path.relative_to(KERNELS).parts[0].removesuffix(".py"))
         if phase is not None:
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

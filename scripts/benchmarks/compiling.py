@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import multiprocessing
 import os
 import pkgutil
@@ -15,6 +16,43 @@ import numpy as np
 
 import wrt
 from wrt.materials import MATERIALS
+
+SAMPLER = wrt.RenderSettings().sampler
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "no environment": {},
+    "an image around": {"environment": "image"},
+    "textures": {"textured": True},
+    "opacity and mixtures": {"layered": True},
+    "normal maps or brushed surfaces": {"tangents": True},
+    "lights with shapes": {"light_shapes": True},
+    "many lights": {"light_tree": True},
+    "instances": {"instances": "still"},
+    "deforming instances": {"instances": "deforming"},
+    "layers": {"layers": True},
+}
+"""What a kernel of one model may have besides."""
+
+BODIES: dict[str, dict[str, Any]] = {
+    "clear": {},
+    "absorbing": {"media": "absorbing"},
+    "scattering": {"media": "scattering"},
+    "scattering, nested": {"media": "scattering", "nested": True},
+}
+"""What may fill bodies."""
+
+EVERYTHING: dict[str, Any] = {
+    "instances": "deforming",
+    "light_shapes": True,
+    "clamped": True,
+    "regularized": True,
+    "layers": True,
+    "light_tree": True,
+    "media": "scattering",
+    "nested": True,
+    "extras": True,
+}
+"""All that a path may meet beside what surfaces are."""
 
 
 def largest_models() -> tuple[str, ...]:
@@ -44,18 +82,19 @@ def compile_cases() -> dict[str, Any]:
     every = [cls() for cls in MATERIALS.values()]
     usual = tuple(sorted({material.model for material in every if not material.parts}))
     largest = largest_models()
-    cases: dict[str, Any] = {
-        f"model {name}": Features((name,), False, "constant") for name in (*usual, *sorted(set(largest) - set(usual)))
-    }
-    one = ("diffuse",)
-    cases["no environment"] = Features(one, False, "none")
-    cases["textured"] = Features(one, True, "constant")
-    cases["image environment"] = Features(one, False, "image")
-    cases["layered"] = Features(one, False, "constant", layered=True)
-    cases["tangents"] = Features(one, False, "constant", tangents=True)
-    cases["every model as it comes"] = Features(usual, False, "constant")
-    cases["every model as it comes, every feature"] = Features(usual, True, "image", layered=True, tangents=True)
-    cases["every model at its largest, every feature"] = Features(largest, True, "image", layered=True, tangents=True)
+    cases: dict[str, Any] = {f"scene {name}": scene_features(name) for name in ("cornell-box", "teapot", "still-life")}
+    for name in (*usual, *sorted(set(largest) - set(usual))):
+        cases[f"model {name}"] = Features((name,), False, "constant", sampler=SAMPLER)
+    diffuse = Features(("diffuse",), False, "none", sampler=SAMPLER)
+    cases |= {f"diffuse, {name}": dataclasses.replace(diffuse, **given) for name, given in VARIANTS.items()}
+    glass = Features(("dielectric", "diffuse"), False, "constant", sampler=SAMPLER)
+    for name, given in BODIES.items():
+        cases[f"diffuse and dielectric, {name}"] = dataclasses.replace(glass, **given)
+    cases["every model as it comes"] = Features(usual, False, "constant", sampler=SAMPLER)
+    surfaces = {"textured": True, "environment": "image", "layered": True, "tangents": True, "sampler": SAMPLER}
+    cases["every model as it comes, textures and images"] = Features(usual, **surfaces)
+    cases["every model at its largest, textures and images"] = Features(largest, **surfaces)
+    cases["every model at its largest, everything"] = Features(largest, **surfaces, **EVERYTHING)
     for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
         kernels = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, wp.Kernel)]
         if any(kernel.module.name == found.name for kernel in kernels):
@@ -64,7 +103,16 @@ def compile_cases() -> dict[str, Any]:
     return cases
 
 
-def kernel_module(name: str) -> Any:
+def scene_features(name: str) -> Any:
+    """Return what the kernel of a built-in scene contains."""
+    from wrt.build.scene_data import build_scene
+    from wrt.device import Device
+
+    scene = wrt.load(name)
+    return dataclasses.replace(build_scene(scene, Device("cpu")).features, sampler=scene.settings.sampler)
+
+
+def kernel_module(case: Any) -> Any:
     """Return the Warp module of a case."""
     import warp as wp
 
@@ -73,7 +121,6 @@ def kernel_module(name: str) -> Any:
     from wrt.kernels.coat import make_coat_kernel
     from wrt.kernels.render import make_render_kernel
 
-    case = compile_cases()[name]
     if not isinstance(case, str):
         return make_render_kernel(case).module
     makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}
@@ -82,7 +129,7 @@ def kernel_module(name: str) -> Any:
     return wp.get_module(case)
 
 
-def compile_seconds(name: str) -> tuple[float, int]:
+def compile_seconds(case: Any) -> tuple[float, int]:
     """Return CPU seconds to compile a case, and bytes of object code; for a new process with an empty cache."""
     import warp as wp
 
@@ -90,11 +137,11 @@ def compile_seconds(name: str) -> tuple[float, int]:
 
     device = Device("cpu")
     start = time.process_time()
-    wp.load_module(kernel_module(name), device=device.name)
+    wp.load_module(kernel_module(case), device=device.name)
     seconds = time.process_time() - start
     built = [path.stat().st_size for path in Path(wp.config.kernel_cache_dir).rglob("*.o")]
     if len(built) != 1:
-        raise RuntimeError(f"{name}: {len(built)} modules were built instead of one")
+        raise RuntimeError(f"{case}: {len(built)} modules were built instead of one")
     return seconds, built[0]
 
 
@@ -102,13 +149,13 @@ def benchmark_compile(options: argparse.Namespace) -> dict[str, Any]:
     """Return CPU seconds to compile each case, and bytes of object code."""
     rows: list[dict[str, Any]] = []
     print("| kernel | seconds | kB |\n| --- | --- | --- |")
-    for name in compile_cases():
+    for name, case in compile_cases().items():
         if options.kernels and not any(text in name for text in options.kernels):
             continue
         with tempfile.TemporaryDirectory() as folder:
             os.environ["WARP_CACHE_PATH"] = folder
             with multiprocessing.get_context("spawn").Pool(1) as pool:
-                seconds, size = pool.apply(compile_seconds, (name,))
+                seconds, size = pool.apply(compile_seconds, (case,))
         rows.append({"kernel": name, "seconds": seconds, "bytes": size})
         print(f"| {name} | {seconds:.1f} | {size / 1e3:.0f} |", flush=True)
     return {"benchmark": "compile", "rows": rows}

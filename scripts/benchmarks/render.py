@@ -66,7 +66,7 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             pictures[name] = measure_scene(sessions, row, folder, options)
             for session in sessions.values():
                 session.process.kill()
-            if not options.no_start:
+            if name in options.start:
                 for peer in [session.peer for session in sessions.values()]:
                     started = start_seconds(peer, folder, environments, options)
                     row["renderers"][peer.name]["first_picture_seconds"] = started
@@ -231,7 +231,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--error-repeats", type=int, default=1, help="pictures behind each error, of which the median")
     parser.add_argument("--reference", type=float, help="seconds of each converged picture (default: the most of them)")
     parser.add_argument("--share", type=float, default=1.0, help="of the triangles and lights of each scene")
-    parser.add_argument("--no-start", action="store_true", help="leave out the time from the shell to a picture")
+    parser.add_argument(
+        "--start",
+        nargs="*",
+        choices=list(CASES),
+        default=list(CASES),
+        metavar="NAME",
+        help="scenes to time from the shell",
+    )
     parser.add_argument("--quick", action="store_true", help="small pictures of small scenes, to see that all works")
     parser.add_argument("--llvm", type=Path, help="folder below which libLLVM*.so is, for Mitsuba")
     for name in ("mitsuba", "cycles", "luxcore"):
@@ -241,4 +248,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def make_quick(options: argparse.Namespace) -> None:
     """Have everything take seconds."""
     options.size, options.seconds, options.repeats, options.share = 64, 0.1, 2, 0.01
-    options.times, options.no_start = [0.5], True
+    options.times, options.start = [0.5], []

@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 import wrt
+from peers.ply_files import write_ply
 from wrt.lights import Light
 from wrt.materials import Material
 from wrt.materials.body import Body
@@ -154,7 +155,7 @@ def _sensor(camera: wrt.Camera | None, width: int, height: int) -> dict[str, Any
 def _shape(shape: Shape, path: Path) -> dict[str, Any]:
     if shape.emits and shape.two_sided_emission:
         raise NotImplementedError(f"{shape.name}: Mitsuba's area lights have one side")
-    _write_ply(shape.mesh, path)
+    write_ply(shape.mesh, path)
     result: dict[str, Any] = {
         "type": "ply",
         "filename": str(path),
@@ -175,21 +176,6 @@ def _medium(medium: wrt.Medium) -> dict[str, Any]:
     most = max(medium.extinction)  # colours end at 1
     density = {"sigma_t": _rgb([t / most for t in medium.extinction]), "scale": most}
     return {"type": "homogeneous", "albedo": _rgb(albedo), **density, "phase": phase}
-
-
-def _write_ply(mesh: wrt.Mesh, path: Path) -> None:
-    groups = (("x y z", mesh.vertices), ("nx ny nz", mesh.normals), ("u v", mesh.uvs), ("r g b", mesh.colors))
-    names = [name for group, array in groups if array is not None for name in group.split()]
-    arrays = [array for _, array in groups if array is not None]
-    properties = "".join(f"property float {name}\n" for name in names)
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(mesh.vertices)}\n{properties}"
-        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("indices", "<i4", 3)])
-    faces["count"] = 3
-    faces["indices"] = mesh.faces
-    path.write_bytes(header.encode() + np.hstack(arrays).astype("<f4").tobytes() + faces.tobytes())
 
 
 def _color(value: ColorSource) -> dict[str, Any]:

@@ -31,6 +31,10 @@ pip install bpy, in an environment of the Python that it is made for (3.11 for b
 --cycles-python THAT/bin/python"""
 
 
+LUXCORE_HINT = """\
+pip install pyluxcore numpy, in an environment of its own, and then --luxcore-python THAT/bin/python"""
+
+
 class PeerError(Exception):
     """A renderer that is not there, or that ended before its time."""
 
@@ -68,6 +72,7 @@ PEERS = {
         _mitsuba("mitsuba-llvm", "llvm_ad_rgb", hint=f"pip install mitsuba. {LLVM_HINT}"),
         _mitsuba("mitsuba-scalar", "scalar_rgb"),
         _mitsuba("mitsuba-cuda", "cuda_ad_rgb", cuda=True, hint="pip install mitsuba, and a driver with OptiX"),
+        Peer("luxcore", "LuxCore", "luxcore_worker.py", {"cpu": "PATHCPU", "cuda": None}, False, LUXCORE_HINT),
         Peer("cycles", "Cycles", "cycles_worker.py", {"cpu": "CPU", "cuda": "GPU"}, False, CYCLES_HINT),
     )
 }
