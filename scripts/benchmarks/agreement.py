@@ -29,7 +29,8 @@ class Agreement:
         agrees: the verdict.
         pass_fraction: of pixels whose difference is no more than noise, at 1 % for the picture as a whole.
         mean_difference: of the pictures' means, relative.
-        block_difference: of the means of blocks, root mean square, relative to the picture's mean.
+        block_difference: of the means of blocks, root mean square, relative to the picture's mean, of brighter blocks
+            to their own.
         block_noise: what of that noise alone would make.
         message: in a line.
     """
@@ -56,8 +57,9 @@ def agreement(ours: NDArray[np.float64], theirs: NDArray[np.float64], *, exact: 
     test = image_z_test(mean_a, variances[0], mean_b, variances[1], n_a=len(ours), n_b=len(theirs), floor=1e-4)
     mean = float(0.5 * (mean_a.mean() + mean_b.mean()))
     difference = float(mean_a.mean() - mean_b.mean()) / mean
-    blocks = block_means(mean_a - mean_b) / mean
-    noise = np.sqrt(block_means(variances[0] + variances[1]) / BLOCK**2) / mean
+    scale = np.maximum(block_means(0.5 * (mean_a + mean_b)), mean)
+    blocks = block_means(mean_a - mean_b) / scale
+    noise = np.sqrt(block_means(variances[0] + variances[1]) / BLOCK**2) / scale
     block_difference, block_noise = (float(np.sqrt(np.mean(x**2))) for x in (blocks, noise))
     error = float(np.sqrt((variances[0] + variances[1]).mean() / mean_a.size)) / mean
     same = test.pass_fraction >= PASSING and abs(difference) < max(SMALL, 4.0 * error)
