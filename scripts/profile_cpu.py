@@ -34,7 +34,7 @@ KERNELS = ROOT / "kernels"
 PHASES: dict[str, tuple[str, ...]] = {
     "traversal": ("bvh", "intersect", "instances", "simd", "triangles", "motion"),
     "surface and material": (
-        *("surface", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
+        *("surface", "footprint", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
         *("albedo", "albedo_dielectric", "albedo_fits", "coat"),
     ),
     "lights": ("lights", "light_choice", "light_tree", "light_shapes", "solid_angle", "environment", "next_event"),

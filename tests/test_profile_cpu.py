@@ -16,7 +16,8 @@ from conftest import ROOT, Report
 def test_every_file_of_kernels_is_accounted_for() -> None:
     files = [path.name.removesuffix(".py") for path in (ROOT / "kernels").iterdir() if path.name != "__pycache__"]
     named = [name for names in profile_cpu.PHASES.values() for name in names]
-    assert sorted(files) == sorted([*named, *profile_cpu.HELPERS, *profile_cpu.OTHER_KERNELS])
+    known = [*named, *profile_cpu.HELPERS, *profile_cpu.OTHER_KERNELS]
+    assert sorted(files) == sorted(known), "scripts/profile_cpu.py says in PHASES what each file is a part of"
 
 
 def test_functions_have_the_phase_of_their_file() -> None:

@@ -68,7 +68,11 @@ def benchmark_render(options: argparse.Namespace) -> Row:
                 session.process.kill()
             if name in options.start:
                 for peer in [session.peer for session in sessions.values()]:
-                    started = start_seconds(peer, folder, environments, options)
+                    try:
+                        started = start_seconds(peer, folder, environments, options)
+                    except PeerError as error:
+                        print(f"  {error}", flush=True)
+                        continue
                     row["renderers"][peer.name]["first_picture_seconds"] = started
                     print(f"  {peer.name}: first picture after {in_words(started)}", flush=True)
             rows.append(row)

@@ -6,6 +6,7 @@ plastics have no equal in it, and are left out.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -173,3 +174,4 @@ class LuxCoreWorker:
 
 if __name__ == "__main__":
     serve(LuxCoreWorker)
+    os._exit(0)  # what its libraries do at the end may crash
