@@ -20,7 +20,7 @@ from wrt.kernels.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_bloc
 from wrt.kernels.scene_data import BodyStack, SceneData
 from wrt.kernels.shadow import make_visibility
 from wrt.kernels.skin import no_skin
-from wrt.kernels.triangles import leave_surface
+from wrt.kernels.surface import leave
 from wrt.kernels.warps import square_to_cosine_hemisphere
 
 
@@ -47,7 +47,7 @@ def make_trace_occlusion(features: Features) -> wp.Function:
         ray = Ray()
         ray.direction = to_world(first.surface.frame, square_to_cosine_hemisphere(wp.vec2(u[0], u[1])))
         if wp.dot(ray.direction, first.surface.normal) > 0.0:
-            ray.origin = leave_surface(first.surface.position, first.surface.normal, first.surface.slack)
+            ray.origin = leave(first.surface, 1.0)
             ray.time = camera_ray.time
             nowhere = Hit()
             nowhere.triangle = NO_HIT

@@ -16,8 +16,7 @@ from wrt.kernels.bvh import Hit
 from wrt.kernels.geometry import Ray
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
 from wrt.kernels.scene_data import MOST_BODIES, BodyStack, SceneData
-from wrt.kernels.surface import Surface, make_surface_at
-from wrt.kernels.triangles import leave_surface
+from wrt.kernels.surface import Surface, leave, make_surface_at
 from wrt.kernels.warps import lattice_point, square_to_sphere
 
 MOST_TOGETHER = wp.constant(2 * MOST_BODIES)
@@ -126,7 +125,8 @@ def crossed(before: BodyStack, after: BodyStack, body: int, front: bool) -> Body
 def make_meet(instances: str) -> wp.Function:
     """Return the device function (scene, ray, hit, surface, inside) -> Meeting.
 
-    It says what a ray through these bodies meets at its nearest hit, a point of `surface`; `instances` as in Features.
+    It says what a ray through these bodies meets at its nearest hit, a point of `surface`, and within its clearance;
+    `instances` as in Features.
     """
     _, closest_hit_before, next_hit, _ = make_intersect(instances)
     surface_at = make_surface_at(instances)
@@ -143,9 +143,9 @@ def make_meet(instances: str) -> wp.Function:
         m.after = crossed(inside, inside, body, m.surface.front)
         highest = scene.bodies[body].priority
         probe = Ray()
-        probe.origin = leave_surface(surface.position, surface.normal, surface.slack)
+        probe.origin = leave(surface, 1.0)
         probe.time = ray.time
-        way = leave_surface(surface.position, -surface.normal, surface.slack) - probe.origin
+        way = leave(surface, -1.0) - probe.origin
         length = wp.length(way)
         probe.direction = way / length
         found = closest_hit_before(scene, probe, length)

@@ -13,8 +13,7 @@ from wrt.kernels.materials import MOST_PASSED, PASSED_THROUGH, make_choose_mater
 from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.sampler import Sampler, make_sample_4d, passed_block
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
-from wrt.kernels.triangles import leave_surface
+from wrt.kernels.surface import Surface, align_tangents, leave, make_add_texture_coordinates, make_surface_at
 
 
 @wp.struct
@@ -72,7 +71,7 @@ def make_first_surface(features: Features) -> wp.Function:
                 u = sample_4d(sampler, passed_block(1, first.rays - 1))
                 first.material = choose_material(scene, first.material, surface, u[0])
                 if first.material == PASSED_THROUGH:
-                    beyond = leave_surface(surface.position, -surface.normal, surface.slack)
+                    beyond = leave(surface, -1.0)
                     first.distance = first.distance + wp.length(beyond - ray.origin)
                     ray.origin = beyond
                     continue

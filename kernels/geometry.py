@@ -1,13 +1,6 @@
-"""Rays, local frames, and leaving a surface."""
+"""Rays, local frames, luminance."""
 
 import warp as wp
-
-# Wächter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing
-# Gems (2019), section 6.2.2.4: the offset is a number of units in the last place of each
-# coordinate, and near the origin, where those vanish, a small absolute distance.
-_NEAR_ORIGIN = wp.constant(1.0 / 32.0)
-_NEAR_SCALE = wp.constant(1.0 / 65536.0)
-_ULP_SCALE = wp.constant(256.0)
 
 
 @wp.struct
@@ -70,23 +63,6 @@ def to_local(frame: Frame, v: wp.vec3) -> wp.vec3:
 def to_world(frame: Frame, v: wp.vec3) -> wp.vec3:
     """Return a vector in the frame's coordinates in the world's."""
     return frame.s * v[0] + frame.t * v[1] + frame.n * v[2]
-
-
-@wp.func
-def _offset_coordinate(p: float, n: float) -> float:
-    ulps = int(_ULP_SCALE * n)
-    if p < 0.0:
-        ulps = -ulps
-    moved = wp.cast(wp.cast(p, wp.int32) + ulps, wp.float32)
-    if wp.abs(p) < _NEAR_ORIGIN:
-        return p + _NEAR_SCALE * n
-    return moved
-
-
-@wp.func
-def offset_from_surface(p: wp.vec3, n: wp.vec3) -> wp.vec3:
-    """Return p moved just off its surface, to the side that the geometric normal n points to."""
-    return wp.vec3(_offset_coordinate(p[0], n[0]), _offset_coordinate(p[1], n[1]), _offset_coordinate(p[2], n[2]))
 
 
 @wp.func

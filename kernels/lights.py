@@ -45,7 +45,7 @@ from wrt.kernels.solid_angle import (
 )
 from wrt.kernels.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.textures import make_slot_value
-from wrt.kernels.triangles import Triangle, leave_surface, make_triangle_of
+from wrt.kernels.triangles import Triangle, make_triangle_of
 from wrt.kernels.warps import square_to_triangle
 
 
@@ -83,6 +83,12 @@ def hit_triangle_pdf(surface: Surface, direction: wp.vec3, distance: float) -> f
     return triangle_light_pdf(wp.length(wp.cross(surface.e1, surface.e2)), distance * distance, cos_light)
 
 
+_OFF_TRIANGLE = wp.constant(2.0**-17)
+_BEFORE_TRIANGLE = wp.constant(1.0 - 2.0**-18)
+"""A shadow ray ends so far off a triangle that shines, as a share of the coordinates there, and by this share of its
+length before: from near and from afar, more than the error of a hit's distance, or it would meet the triangle."""
+
+
 @wp.func
 def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, u: wp.vec2) -> LightSample:
     """Return a way to a point uniform on a triangle, and the light's mean radiance."""
@@ -101,10 +107,12 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
         cos_light = -cos_light
         normal = -normal
     if cos_light > 0.0:
-        way = leave_surface(point, normal, triangle.slack) - receiver.position
+        off = wp.dot(wp.abs(point), wp.vec3(_OFF_TRIANGLE)) + triangle.slack
+        way = point + normal * off - receiver.position
         distance2 = wp.dot(way, way)
-        sample.distance = wp.sqrt(distance2)
-        sample.wi = way / sample.distance
+        distance = wp.sqrt(distance2)
+        sample.distance = distance * _BEFORE_TRIANGLE
+        sample.wi = way / distance
         cos_light = -wp.dot(sample.wi, normal)
         if cos_light > 0.0:
             sample.pdf = triangle_light_pdf(cross_length, distance2, cos_light)

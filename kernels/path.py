@@ -45,8 +45,8 @@ from wrt.kernels.sampler import (
 )
 from wrt.kernels.scene_data import BodyStack, SceneData
 from wrt.kernels.skin import make_skin_near, no_skin, or_skin
-from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
-from wrt.kernels.triangles import leave_surface
+from wrt.kernels.surface import Surface, align_tangents, leave, make_add_texture_coordinates, make_surface_at
+from wrt.kernels.triangles import WIDELY
 
 # Paths shorter than this are never ended by roulette; then survival follows the throughput.
 ROULETTE_DEPTH = wp.constant(5)
@@ -273,8 +273,11 @@ def make_trace_path(features: Features) -> wp.Function:
             skin.hit.triangle = NO_HIT
             after = inside
             surface = surface_at(scene, ray, hit)
-            near = leave_surface(surface.position, surface.normal, surface.slack)
-            beyond = leave_surface(surface.position, -surface.normal, surface.slack)
+            if wp.static(bodies):
+                if scene.shapes[surface.shape].body >= 0:
+                    surface.clearance = surface.clearance * WIDELY
+            near = leave(surface, 1.0)
+            beyond = leave(surface, -1.0)
             there = bool(True)
             if wp.static(bodies):
                 meeting = meet(scene, ray, hit, surface, inside)

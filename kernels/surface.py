@@ -9,7 +9,7 @@ from wrt.kernels.geometry import Frame, Ray, make_frame
 from wrt.kernels.instances import make_instance_placement
 from wrt.kernels.motion import key_at
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.triangles import make_triangle_of
+from wrt.kernels.triangles import clearance_of, make_triangle_of
 
 
 @wp.struct
@@ -18,7 +18,7 @@ class Surface:
 
     `normal` (geometric) and `frame.n` (shading) face the viewer; `front` tells whether the viewer
     is on the triangle's front, where its corners run counter-clockwise; of a mirrored instance, the front of its mesh.
-    `e1` and `e2` are two edges of the triangle in the world, `slack` is how far rays may miss it (see `Triangle`).
+    `e1` and `e2` are two edges of the triangle in the world, `clearance` is how far beside it rays that leave it start.
     `footprint` is what the ray's cone covers of the texture (see `texture_footprint`); zero, it is only the point.
     `second_uv` and `alpha` are there where Features.extras. `normal_variance` is what a filtered normal map leaves to
     the roughness (see `Bsdf`).
@@ -27,7 +27,7 @@ class Surface:
     position: wp.vec3
     e1: wp.vec3
     e2: wp.vec3
-    slack: float
+    clearance: float
     normal: wp.vec3
     frame: Frame
     front: bool
@@ -87,6 +87,12 @@ def make_shading_normal(instances: str) -> wp.Function:
     return shading_normal
 
 
+@wp.func
+def leave(surface: Surface, side: float) -> wp.vec3:
+    """Return the surface's point moved just off it, to the side of its geometric normal (1) or the other (−1)."""
+    return surface.position + surface.normal * (side * surface.clearance)
+
+
 @functools.cache
 def make_surface_at(instances: str) -> wp.Function:
     """Return the device function (scene, ray, hit) -> the Surface that is met there; `instances` as in Features."""
@@ -103,8 +109,8 @@ def make_surface_at(instances: str) -> wp.Function:
         surface.position = triangle.p0 + triangle.e1 * hit.u + triangle.e2 * hit.v
         surface.e1 = triangle.e1
         surface.e2 = triangle.e2
-        surface.slack = triangle.slack
         normal = wp.normalize(wp.cross(triangle.e1, triangle.e2))
+        surface.clearance = clearance_of(triangle, normal)
         if wp.static(placed):
             surface.shape = scene.placed.instances[hit.instance].shape
             if surface.shape < 0:

@@ -1,10 +1,16 @@
-"""A triangle of the scene where it is in the world, at a time."""
+"""A triangle of the scene where it is in the world, at a time, and leaving it.
+
+A point of a triangle is rounded, and lies on either side of its plane. A ray that leaves it has to start on the right
+side: then it is at a distance of at most 0 from the plane, and the triangle's test, which counts nothing nearer than
+its own error (`kernels/simd.py`), does not find the surface again. How far off that is follows from how the point was
+computed (Pharr, Jakob and Humphreys, "Physically Based Rendering", 4th edition, section 6.8), so that pictures do not
+depend on the unit of length.
+"""
 
 import functools
 
 import warp as wp
 
-from wrt.kernels.geometry import offset_from_surface
 from wrt.kernels.instances import make_instance_placement
 from wrt.kernels.motion import key_at
 from wrt.kernels.scene_data import SceneData
@@ -14,6 +20,16 @@ from wrt.kernels.scene_data import SceneData
 # `round_trip`; the rest is for the test of a triangle.
 _EPSILON = wp.constant(2.0**-24)
 _ROUNDINGS = wp.constant(10.0)
+
+# A point p0 + u e1 + v e2 is off by at most 2 |p0| + 4 |e1| + 3 |e2| roundings in each coordinate, e1 and e2 being
+# rounded themselves, and by one more of the sum where it is moved; three times that.
+_CLEARANCE = wp.constant(16.0 * 2.0**-24)
+# So much more counts as every component of the normal: where a triangle lies in a plane such as y = 0, there is no
+# error across it, but there is one in its normal.
+_TILT = wp.constant(1.0 / 16.0)
+WIDELY = wp.constant(16.0)
+"""How many times its clearance off a surface a point must be for that surface to be hit from there, or not to be hit
+by a ray that ends there: more than the error of a hit's distance."""
 
 
 @wp.struct
@@ -32,9 +48,10 @@ class Triangle:
 
 
 @wp.func
-def leave_surface(p: wp.vec3, n: wp.vec3, slack: float) -> wp.vec3:
-    """Return p moved just off its surface, to the side that the geometric normal n points to."""
-    return offset_from_surface(p, n) + n * slack
+def clearance_of(triangle: Triangle, n: wp.vec3) -> float:
+    """Return how far along its normal n a point of a triangle is moved to be on that side of it, metres."""
+    sizes = wp.abs(triangle.p0) + wp.abs(triangle.e1) + wp.abs(triangle.e2)
+    return wp.dot(wp.abs(n) + wp.vec3(_TILT), sizes) * _CLEARANCE + triangle.slack
 
 
 @wp.func

@@ -32,8 +32,7 @@ from wrt.kernels.sampler import Sampler
 from wrt.kernels.scene_data import LIGHT_ENVIRONMENT, LIGHT_RECTANGLE, LIGHT_TRIANGLE, BodyStack, SceneData
 from wrt.kernels.shadow import make_visibility
 from wrt.kernels.skin import no_skin
-from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
-from wrt.kernels.triangles import leave_surface
+from wrt.kernels.surface import Surface, align_tangents, leave, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.warps import lattice_point
 
 WAITING = wp.constant(32)
@@ -97,24 +96,24 @@ def make_direct_light(features: Features) -> wp.Function:
         for number in range(scene.lights.shape[0]):
             kind = scene.lights[number].kind
             if kind != LIGHT_ENVIRONMENT:
-                leave = leave_surface(surface.position, surface.normal, surface.slack)
+                origin = leave(surface, 1.0)
                 receiver = Receiver()
-                receiver.position = leave
+                receiver.position = origin
                 receiver.normal = surface.normal
                 receiver.time = time
                 light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind), wp.vec4())
                 above = wp.dot(light.wi, surface.normal) > 0.0
                 if wp.static(transmits):
                     if not above:
-                        leave = leave_surface(surface.position, -surface.normal, surface.slack)
-                        receiver.position = leave
+                        origin = leave(surface, -1.0)
+                        receiver.position = origin
                         light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind), wp.vec4())
                 wi = to_local(surface.frame, light.wi)
                 if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
                     arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
                     if wp.max(arriving) > 0.0:
                         shadow = Ray()
-                        shadow.origin = leave
+                        shadow.origin = origin
                         shadow.direction = light.wi
                         shadow.time = time
                         result.rays = result.rays + 1
@@ -262,7 +261,7 @@ def make_trace_tree(features: Features) -> wp.Function:
                     side = wp.where(wi[2] > 0.0, 1.0, -1.0)
                     outwards = wp.dot(direction, seen.normal) * side > 0.0
                     if strength > 0.0 and strength >= settings.min_attenuation and outwards and waiting < WAITING:
-                        origins[waiting] = leave_surface(seen.position, seen.normal * side, seen.slack)
+                        origins[waiting] = leave(seen, side)
                         directions[waiting] = wp.normalize(direction)
                         throughputs[waiting] = sent
                         scales[waiting] = scale
@@ -281,7 +280,7 @@ def make_trace_tree(features: Features) -> wp.Function:
                     and surfaces_passed < MOST_PASSED
                     and waiting < WAITING
                 ):
-                    beyond = leave_surface(surface.position, -surface.normal, surface.slack)
+                    beyond = leave(surface, -1.0)
                     origins[waiting] = beyond
                     directions[waiting] = ray.direction
                     throughputs[waiting] = on
