@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.camera import Camera, OrthographicCamera, PerspectiveCamera
-from wrt.mesh import Mesh
+from wrt.mesh import Mesh, box_around
 
 Matrix = NDArray[np.float64]
 
@@ -157,15 +157,30 @@ def _curved(points: Matrix, normals: Matrix, faces: NDArray[np.int64], u: Matrix
 
 def is_closed(mesh: Mesh) -> bool:
     """Return whether a mesh is the whole boundary of a body, all its fronts outside."""
-    from wrt.normals import same_positions
+    from wrt.normals import CHUNK, same_positions
 
-    faces = same_positions(mesh.vertices)[mesh.faces.astype(np.intp)]
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    count = int(faces.max()) + 1
-    forth, back = np.sort(start * count + end), np.sort(end * count + start)
-    if (forth != back).any() or (forth[1:] == forth[:-1]).any():
+    positions = same_positions(mesh.vertices)
+    count = len(mesh.vertices)
+    center = box_around(mesh.vertices).mean(axis=0)
+    edges = np.empty((len(mesh.faces), 3), np.int64)
+    difference, volume = np.uint64(0), 0.0
+    for begin in range(0, len(edges), CHUNK):
+        faces = mesh.faces[begin : begin + CHUNK]
+        start = positions.take(faces)
+        end = np.roll(start, -1, axis=1)
+        edges[begin : begin + CHUNK] = start * count + end
+        with np.errstate(over="ignore"):
+            difference += _hash(start * count + end).sum() - _hash(end * count + start).sum()
+        a, b, c = (mesh.vertices.take(faces, axis=0) - center).transpose(1, 0, 2)
+        volume += float(np.einsum("ij,ij->", a, np.cross(b, c)))
+    # Every edge runs both ways, which sums of hashes tell all but surely, and once each.
+    if difference != 0 or volume <= 0.0:
         return False
-    points = mesh.vertices.astype(np.float64)
-    points = points - points.mean(axis=0)
-    a, b, c = (points[mesh.faces[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0.0
+    ordered = np.sort(edges, axis=None)
+    return not bool((ordered[1:] == ordered[:-1]).any())
+
+
+def _hash(numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
+    mixed = numbers.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    mixed ^= mixed >> np.uint64(32)
+    return mixed * np.uint64(0xD6E8FEB86659FD93)
