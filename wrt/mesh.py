@@ -19,6 +19,10 @@ def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     return np.array([[function(column) for column in points.T] for function in (np.min, np.max)], np.float64)
 
 
+SMALLEST, LARGEST = 1e-11, 1e12
+"""Metres across that a mesh may have, and from the origin: beyond, products of coordinates leave single precision."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles by index, with optional attributes at the vertices.

@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -363,6 +364,16 @@ class Renderer:
         float32, or uint32 for numbers of objects and materials, which count from 1; 0 is where nothing was met.
         """
         return self.film.layers.arrays(self.film.counts, [shape.material for shape in self.scene.shapes])
+
+    def save(self, path: PathLike) -> None:
+        """Write the picture as `wrt render` does: with its layers, and what it was made with as the file's metadata.
+
+        Raises:
+            InputError: see `wrt.save_image`; and where there are layers and the name does not end in .exr.
+        """
+        from wrt.output import save_render
+
+        save_render(Path(path), self)
 
     def save_checkpoint(self, path: PathLike) -> None:
         """Write all that is needed to go on later, atomically.

@@ -119,6 +119,8 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
     if not isinstance(value, np.ndarray) and callable(to_numpy := getattr(value, "numpy", None)):
         value = to_numpy()
     try:
+        if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+            raise TypeError
         return np.asarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be an array of numbers, all rows of one length") from None
@@ -126,7 +128,8 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
 
 def image(value: object, what: str) -> NDArray[np.float32]:
     """Return `value` as (H, W, 3) float32 pixels, finite and not negative, or raise InputError naming `what`."""
-    pixels = np.ascontiguousarray(value, dtype=np.float32)
+    with np.errstate(over="ignore"):
+        pixels = np.ascontiguousarray(array(value, f"{what}: pixels", np.float32))
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise InputError(f"{what}: pixels must be (H, W, 3), not {pixels.shape}")
     if not np.isfinite(pixels).all() or (pixels < 0).any():

@@ -20,7 +20,7 @@ from wrt.build.placed import place
 from wrt.build.world import WorldMeshes
 from wrt.device import Device
 from wrt.errors import InputError
-from wrt.mesh import columns
+from wrt.mesh import LARGEST, SMALLEST, columns
 from wrt.scene import Scene
 
 
@@ -37,6 +37,24 @@ class BuiltScene:
     data: Any
     features: Any
     world: WorldMeshes
+
+
+def _check_sizes(scene: Scene) -> None:
+    """Raise InputError where meshes that stand where they are would be missed by every ray."""
+    meshes = {id(shape.mesh): shape for shape in scene.shapes if shape.transform is None and shape.deformation is None}
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for shape in meshes.values():
+        bounds = shape.mesh.bounds
+        reach = float(np.abs(bounds).max())
+        if not reach <= LARGEST:
+            raise InputError(
+                f"{shape.name}: its vertices reach to {reach:g}, beyond the {LARGEST:g} of rays; scale it down"
+            )
+        low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
+    size = float(np.linalg.norm(high - low)) if len(meshes) == len(scene.shapes) else np.inf
+    if size < SMALLEST:
+        what = f"the scene is {size:g} across" if size else "all vertices of the scene are in one place"
+        raise InputError(f"{what}; rays need a size of {SMALLEST:g} at least; scale it up")
 
 
 def build_scene(
@@ -60,6 +78,7 @@ def build_scene(
 
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
+    _check_sizes(scene)
     layout = lay_out(scene)
     materials = describe_materials(
         [shape.material for shape in scene.shapes], [shape.emission for shape in scene.shapes]

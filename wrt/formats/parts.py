@@ -14,7 +14,7 @@ from wrt.camera import Camera
 from wrt.errors import InputError, one_line
 from wrt.lights import Light
 from wrt.materials import Diffuse, Material
-from wrt.mesh import Mesh, box_around, columns
+from wrt.mesh import LARGEST, SMALLEST, Mesh, box_around, columns
 from wrt.normals import CHUNK, with_normals
 from wrt.scene import Shape
 from wrt.textures import ColorSource, ImageTexture, VertexColor
@@ -22,9 +22,6 @@ from wrt.values import array
 
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
 """Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
-
-SMALLEST, LARGEST = 1e-11, 1e12
-"""Metres across that a mesh may have, and from the origin: beyond, products of coordinates leave single precision."""
 
 FARTHEST = 20_000.0
 """Times its size that a mesh may be from the origin before its corners visibly snap to a grid."""
