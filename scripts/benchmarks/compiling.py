@@ -114,6 +114,8 @@ def scene_features(name: str) -> Any:
 
 def kernel_module(case: Any) -> Any:
     """Return the Warp module of a case."""
+    import importlib
+
     import warp as wp
 
     from wrt.kernels.albedo import make_missing_kernel
@@ -126,6 +128,7 @@ def kernel_module(case: Any) -> Any:
     makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}
     if case in makers:
         return makers[case]("ggx", "smith").module
+    importlib.import_module(case)
     return wp.get_module(case)
 
 

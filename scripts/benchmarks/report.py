@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -137,25 +137,35 @@ def error_table(rows: list[Row], peers: list[str]) -> str:
 
 
 def cost_table(rows: list[Row], peers: list[str]) -> str:
-    """Return memory, and seconds from the shell to a first picture."""
+    """Return memory, and seconds from the shell to a first picture where they were measured."""
     names = [OWN.name, *peers]
-    head = ["scene", *(f"MB, {title(name)}" for name in names), *(f"first picture, {title(name)}" for name in names)]
-    lines = []
-    for row in rows:
-        found = [row["renderers"].get(name, {}) for name in names]
-        line = [
-            f"`{row['scene']}`",
-            *(f"{own['peak_bytes'] / 1e6:.0f}" if "peak_bytes" in own else "" for own in found),
-        ]
-        for own in found:
-            start = own.get("first_picture_seconds")
-            line.append(f"{start['cold']:.1f} / {start['warm']:.2f} s" if start else "")
-        lines.append(line)
-    intro = (
-        "Most memory at equal samples, and seconds from the shell to a picture of one sample, with nothing compiled / "
-        "with kernels in the cache:"
-    )
-    return paragraph(intro) + table(head, lines)
+    memory = [
+        [f"`{row['scene']}`", *(cell(row, name, "peak_bytes", memory_in_words) for name in names)] for row in rows
+    ]
+    text = paragraph("Most memory at equal samples, MB:") + table(["scene", *map(title, names)], memory)
+    timed = [row for row in rows if "first_picture_seconds" in row["renderers"][OWN.name]]
+    if timed:
+        key = "first_picture_seconds"
+        first = [[f"`{row['scene']}`", *(cell(row, n, key, start_in_words) for n in names)] for row in timed]
+        intro = "Seconds from the shell to a picture of one sample, with nothing compiled / with kernels in the cache:"
+        text += "\n" + paragraph(intro) + table(["scene", *map(title, names)], first)
+    return text
+
+
+def cell(row: Row, name: str, key: str, in_words: Callable[[Any], str]) -> str:
+    """Return a renderer's figure, or nothing where there is none."""
+    found = row["renderers"].get(name, {})
+    return in_words(found[key]) if key in found else ""
+
+
+def memory_in_words(count: int) -> str:
+    """Return bytes as megabytes."""
+    return f"{count / 1e6:.0f}"
+
+
+def start_in_words(seconds: Row) -> str:
+    """Return the seconds to a first picture, cold and warm."""
+    return f"{seconds['cold']:.1f} / {seconds['warm']:.2f}"
 
 
 def agreement_table(rows: list[Row], peers: list[str]) -> str:

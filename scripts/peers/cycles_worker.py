@@ -266,7 +266,7 @@ class CyclesWorker:
     def render(self, spp: int, seed: int) -> float:
         """Render a new picture and return the seconds, with those of writing it (as at one sample per pixel)."""
         self.scene.cycles.samples = spp
-        self.scene.cycles.seed = seed
+        self.scene.cycles.seed = seed * 2654435761 % 2**31  # neighbours share part of their patterns
         started = time.perf_counter()
         self.bpy.ops.render.render(write_still=True)
         return time.perf_counter() - started
