@@ -1,0 +1,71 @@
+"""What makes large files fast changes nothing: shared arrays, keys of positions, lines of OBJ taken together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wrt
+from wrt import normals
+from wrt.errors import InputError
+from wrt.formats import obj
+
+
+def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    scene = wrt.load(tmp_path / "a.obj")
+    mesh = scene.shapes[0].mesh
+    before = mesh.vertices
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0] = 1.0
+    renderer = wrt.Renderer(scene, width=8, height=8)
+    points = renderer._built.data.points.numpy()
+    assert np.shares_memory(mesh.vertices, points)
+    np.testing.assert_array_equal(mesh.vertices, before)
+    renderer.update_vertices(0, before + np.float32(0.25))
+    assert not np.shares_memory(mesh.vertices, renderer._built.data.points.numpy())
+    np.testing.assert_array_equal(mesh.vertices, before)
+
+
+def test_arrays_of_a_person_are_not_shared():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    mesh = wrt.Mesh(vertices, np.array([[0, 1, 2]], np.int32))
+    renderer = wrt.Renderer(wrt.Scene([wrt.Shape(mesh, emission=1.0)]), width=8, height=8)
+    assert mesh.vertices is vertices
+    assert not np.shares_memory(vertices, renderer._built.data.points.numpy())
+
+
+@pytest.mark.parametrize("collide", [False, True])
+@pytest.mark.parametrize("distinct", [3, 700, 5000])
+def test_equal_positions_are_found_whatever_their_keys(collide, distinct, monkeypatch):
+    rng = np.random.default_rng(distinct)
+    points = rng.integers(-5, 5, (distinct, 3)).astype(np.float32) * np.float32(0.5)
+    vertices = np.concatenate([points, points[: distinct // 3], -points[:1] * 0.0])
+    if collide:
+        monkeypatch.setattr(normals, "_keys", lambda rows: (rows[:, 0] > 0.0).astype(np.uint64))
+    index = normals.same_positions(vertices)
+    _, expected = np.unique(vertices + np.float32(0.0), axis=0, return_inverse=True)
+    pairs = np.unique(np.stack([index, expected.reshape(-1)], axis=1), axis=0)
+    assert len(pairs) == index.max() + 1 == expected.max() + 1  # one to one, without gaps
+
+
+def test_lines_taken_together_say_what_they_say_one_by_one():
+    faces = ["f 1 2 3", "f 1/1 2/2 3/3", "f 1//1 2//1 3//1", "f 1/1/1 2/2/1 3/3/1", "f 1 2 3 4", "f 1/1 2/1 3/1 4/1"]
+    lines = ["v 0 0 0"] * 1200 + ["vt  0 0 "] * 3 + ["vn 0 0 1", "# no more", ""]
+    for face in faces:
+        lines += [face] * 3 + ["usemtl m"]
+    plain = obj._plain(Path("a.obj"), "\n".join(lines) + "\n").split("\n")
+    assert [line for line in plain if line and not line.startswith("g ")] == [
+        " ".join(line.split()) for line in lines if line and not line.startswith("#")
+    ]
+    assert [line for line in plain if line.startswith("g ")] == [
+        *("g 3 0 False", "g 3 3 False", "g 3 6 True", "g 3 6 False", "g 4 0 False", "g 4 4 False"),
+    ]
+
+
+def test_errors_name_the_line_after_lines_taken_together():
+    text = "v 0 0 0\n" * 1300 + "f 1 2 3\n" * 700 + "f 1 2 -1301\n"
+    with pytest.raises(InputError, match="line 2001: face corner '-1301'"):
+        obj._plain(Path("a.obj"), text)
