@@ -21,7 +21,7 @@ from wrt.build import layout
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
 from support.mitsuba_scene import Reference, render_reference
-from support.statistics import ImageTest, image_z_test, sidak
+from support.statistics import ImageTest, sidak
 
 pytestmark = pytest.mark.slow
 
@@ -306,16 +306,7 @@ def compare(scene: wrt.Scene, case: Case, expected: Reference, device: str, spp:
         max_depth=case.max_depth,
         filter="box",
     )
-    for _ in renderer.passes(spp=spp):
-        pass
-    return image_z_test(
-        renderer.image(),
-        renderer.variance(),
-        expected.mean,
-        expected.variance,
-        n_a=renderer.spp,
-        n_b=expected.runs,
-    )
+    return expected.compared(renderer, spp)
 
 
 @pytest.mark.parametrize("name", CASES)

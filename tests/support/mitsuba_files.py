@@ -10,7 +10,7 @@ import numpy as np
 
 import wrt
 from support.mitsuba_scene import VARIANT, Reference, load_mitsuba
-from support.statistics import ImageTest, image_z_test
+from support.statistics import ImageTest
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes" / "mitsuba"
 
@@ -130,13 +130,4 @@ def compare(path: Path, expected: Reference, *, spp: int) -> ImageTest:
     scene = wrt.load(path)
     scene.settings = dataclasses.replace(scene.settings, sampler="independent")
     renderer = wrt.Renderer(scene, seed=1)
-    for _ in renderer.passes(spp=spp):
-        pass
-    return image_z_test(
-        renderer.image(),
-        renderer.variance(),
-        expected.mean,
-        expected.variance,
-        n_a=renderer.spp,
-        n_b=expected.runs,
-    )
+    return expected.compared(renderer, spp)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from peers.mitsuba_scene import VARIANT, load_mitsuba, to_mitsuba
 
 import wrt
+from support.statistics import ImageTest, image_z_test
 
 __all__ = ["VARIANT", "Reference", "load_mitsuba", "render_reference", "to_mitsuba"]
 
@@ -27,6 +28,14 @@ class Reference:
     mean: NDArray[np.float64]
     variance: NDArray[np.float64]
     runs: int
+
+    def compared(self, renderer: wrt.Renderer, spp: int) -> ImageTest:
+        """Render as many samples per pixel, and return how that picture compares with this one."""
+        for _ in renderer.passes(spp=spp):
+            pass
+        return image_z_test(
+            renderer.image(), renderer.variance(), self.mean, self.variance, n_a=renderer.spp, n_b=self.runs
+        )
 
 
 def render_reference(
