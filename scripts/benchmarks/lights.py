@@ -67,5 +67,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Tell what the command line takes."""
     parser.add_argument("--lights", type=int, nargs="+", default=[10, 1000, 10_000, 100_000])
     parser.add_argument("--seconds", type=float, default=20.0, help="of CPU for each picture (default %(default)s)")
-    parser.add_argument("--width", type=int, default=160)
-    parser.add_argument("--reference", type=int, default=2048, help="samples per pixel of what is compared with")
+    parser.add_argument("--width", type=int, default=64)
+    parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of what is compared with")
