@@ -34,10 +34,10 @@ MESHES = ("ball", "soup", "far away")
 
 @pytest.fixture(scope="module")
 def benchmark() -> Iterator[ModuleType]:
-    """Return scripts/benchmark.py: its meshes, its rays, and Embree."""
+    """Return scripts/benchmarks/rays.py: its meshes, its rays, and Embree."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(ROOT / "scripts"))
-        yield importlib.import_module("benchmark")
+        yield importlib.import_module("benchmarks.rays")
 
 
 def case(benchmark: ModuleType, name: str, kind: str, count: int = COUNT) -> tuple[wrt.Mesh, Rays]:

@@ -75,14 +75,16 @@ def test_a_duck_without_light_is_its_texture(tmp_path: Path, report: Report) -> 
     path = prepared(tmp_path, "Duck.glb", unlit=True, fov=0.26)
     expected, flat = flat_colors(Reference(path), DUCK)
     scene = load_file(path)
+    # Without levels, which reach beyond the seams of the coordinates and mix in what lies there.
+    shape = scene.shapes[0]
+    texture = dataclasses.replace(shape.material.radiance, filter="bilinear")
+    scene.shapes = [wrt.Shape(shape.mesh, wrt.Emissive(texture))]
     found, _ = codes_of(scene, DUCK, tmp_path / "duck.png", spp=8)
     off = steps(found, expected, flat)
     report("flat pixels; largest difference in steps of 255", f"{flat.sum()}; {off.max():g}", f"<= {STEPS:g}")
     assert flat.sum() > 300
     assert off.max() <= STEPS
     # Wrong partners: the texture mirrored, and sRGB taken for linear.
-    shape = scene.shapes[0]
-    texture = shape.material.radiance
     for pixels in (texture.pixels[:, ::-1], linear_to_srgb(np.float64(texture.pixels)).astype(np.float32)):
         material = wrt.Emissive(dataclasses.replace(texture, pixels=pixels))
         wrong = wrt.Scene([wrt.Shape(shape.mesh, material)], camera=scene.camera)
