@@ -102,7 +102,9 @@ def test_a_matt_duck_under_a_white_sky_is_its_texture_where_it_sees_only_sky(tmp
     expected, flat = flat_colors(Reference(path), DUCK)
     scene = load_file(path)
     (shape,) = scene.shapes
-    scene.shapes = [wrt.Shape(shape.mesh, wrt.Diffuse(dataclasses.replace(shape.material.base_color, filter="bilinear")))]
+    scene.shapes = [
+        wrt.Shape(shape.mesh, wrt.Diffuse(dataclasses.replace(shape.material.base_color, filter="bilinear")))
+    ]
     scene.environment = wrt.ConstantEnvironment(1.0)
     found, renderer = codes_of(scene, DUCK, tmp_path / "duck.png", spp=64, max_depth=2)
     flat &= np.sqrt(64.0 * renderer.variance()).max(axis=-1) < 0.01
