@@ -141,7 +141,7 @@ class Session:
         if not line:
             self.process.wait()
             said = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise PeerError(f"{self.peer.name} ended: {said[-1] if said else 'it said nothing'} ({self.log})")
+            raise PeerError(f"{self.peer.name} ended: {said[-1] if said else 'it said nothing'}")
         answer: dict[str, Any] = json.loads(line)
         return answer
 
