@@ -50,7 +50,7 @@ HELPERS = ("__init__", "features", "geometry", "scene_data", "warps")
 
 OTHER_KERNELS = (
     *("bvh_boxes", "bvh_collapse", "bvh_presplit", "bvh_ranges", "bvh_refit", "bvh_split", "bvh_top"),
-    *("interleaved", "mesh_normals", "packets", "ray_batch"),
+    *("interleaved", "mesh_normals", "packets", "ray_batch", "vertex_normals"),
 )
 """What no kernel of a picture has in it."""
 

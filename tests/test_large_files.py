@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,9 @@ import wrt
 from wrt import normals
 from wrt.errors import InputError
 from wrt.formats import obj
+from wrt.process import importing
+
+SOUP = np.arange(3 * 20 * 4**5).reshape(-1, 3)
 
 
 def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(tmp_path):
@@ -49,6 +54,55 @@ def test_equal_positions_are_found_whatever_their_keys(collide, distinct, monkey
     _, expected = np.unique(vertices + np.float32(0.0), axis=0, return_inverse=True)
     pairs = np.unique(np.stack([index, expected.reshape(-1)], axis=1), axis=0)
     assert len(pairs) == index.max() + 1 == expected.max() + 1  # one to one, without gaps
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("welded", [True, False])
+def test_normals_of_large_meshes_are_those_of_small_ones_whatever_the_threads(threads, welded, monkeypatch):
+    ball = wrt.sphere(subdivisions=5)
+    points = ball.vertices * (1.0 + 0.2 * np.sin(9.0 * ball.vertices[:, :1]))
+    mesh = wrt.Mesh(points * 1e-12, ball.faces) if welded else wrt.Mesh(points[ball.faces].reshape(-1, 3), SOUP)
+    assert len(mesh.faces) < normals.CREASE_LIMIT
+    expected = normals.with_normals(mesh, 180.0)
+    monkeypatch.setattr(normals, "CREASE_LIMIT", 0)
+    monkeypatch.setattr("wrt.device.available_threads", lambda: threads)
+    found = normals.with_normals(mesh)
+    of_corners = [each.normals[each.faces] for each in (expected, found)]
+    np.testing.assert_allclose(of_corners[1], of_corners[0], atol=3e-7)
+    monkeypatch.setattr("wrt.device.available_threads", lambda: 7)
+    np.testing.assert_array_equal(normals.with_normals(mesh).normals, found.normals)
+
+
+def test_corners_of_thin_triangles_weigh_by_their_angles(monkeypatch):
+    # At the tip of a needle, in a plane, of 0.0001 degrees, and a triangle upright at its tip.
+    width = np.tan(np.deg2rad(1e-4))
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 0, width], [0, 2 * width, 0], [1, width, 0]], np.float32)
+    mesh = wrt.Mesh(points, np.array([[0, 2, 1], [0, 1, 4]]))
+    expected = normals.with_normals(mesh, 180.0).normals
+    assert (np.abs(expected[0, 1:]) > 0.5).all()
+    monkeypatch.setattr(normals, "CREASE_LIMIT", 0)
+    np.testing.assert_allclose(normals.with_normals(mesh).normals, expected, atol=1e-5)
+
+
+def test_normals_that_cancel_are_mended_in_large_meshes_too(monkeypatch):
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    mesh = wrt.Mesh(square, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]))
+    monkeypatch.setattr(normals, "CREASE_LIMIT", 0)
+    mended = normals.with_normals(mesh)
+    flat = np.array([[0, 0, 1]] * 2 + [[0, 0, -1]] * 2)
+    np.testing.assert_allclose(mended.normals[mended.faces], np.repeat(flat[:, None], 3, axis=1), atol=1e-6)
+
+
+def test_modules_are_imported_beside_other_work_and_mistakes_of_theirs_are_told_by_whoever_needs_them():
+    interval = sys.getswitchinterval()
+    sys.modules.pop("wave", None)
+    with importing(["no_such_module_of_anybody"]), importing(["wave"]):
+        for _ in range(1000):
+            if "wave" in sys.modules:
+                break
+            time.sleep(0.01)
+    assert "wave" in sys.modules
+    assert sys.getswitchinterval() == interval
 
 
 def test_lines_taken_together_say_what_they_say_one_by_one():

@@ -9,6 +9,7 @@ import pytest
 
 import wrt
 from wrt.formats.meshes import load_shapes
+from wrt.meshes.many_triangles import terrain
 from wrt.orientation import guess_up
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -80,6 +81,15 @@ def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts
         moved = [mesh.translated((-70.0, 30.0, 110.0)) for mesh in turned]
         assert guess_up(shapes_of(*moved), default) == "z"
         assert guess_up(shapes_of(*(mesh.scaled(1e-3) for mesh in turned)), default) == "z"
+
+
+def test_land_lies():
+    # Set on its edge it would stand well, and in one valley it has no more than a point on the ground.
+    land = terrain(20_000)
+    assert guess_up(shapes_of(land), "y") == "y"
+    assert guess_up(shapes_of(quarter_turn(land)), "z") == "z"
+    # What is turned to all sides is not taken for land.
+    assert guess_up(shapes_of(quarter_turn(CYLINDER)), "y") == "z"
 
 
 def test_teapot_stands():

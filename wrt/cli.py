@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 from wrt._version import __version__
 from wrt.arguments import crop, definition, finite, positive, size, whole
 from wrt.errors import InputError, one_line
-from wrt.process import no_collections, settle_in
+from wrt.process import importing_renderer, no_collections, settle_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -272,14 +272,15 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
             from wrt.api import load
             from wrt.output import check_layers, save_render
 
-            scene = load(
-                options.input,
-                triangles=options.triangles,
-                up=options.up,
-                parameters=dict(options.define or ()),
-                strict=options.strict,
-                allow_outside=options.allow_outside,
-            )
+            with importing_renderer(options.input):
+                scene = load(
+                    options.input,
+                    triangles=options.triangles,
+                    up=options.up,
+                    parameters=dict(options.define or ()),
+                    strict=options.strict,
+                    allow_outside=options.allow_outside,
+                )
             if options.exposure is not None:
                 scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
             renderer = _make_renderer(options, scene, checkpoint, bar)

@@ -123,7 +123,7 @@ class Device:
             raise InputError(f"{what} needs {size / 1e9:.1f} GB, more than the {total / 1e9:.1f} GB of {self.name}")
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:
-        """Return an uninitialised array of floats, or of vectors of them, for large data such as a ray tree.
+        """Return an uninitialised array of numbers, or of vectors of them, for large data such as a ray tree.
 
         On the CPU it asks for huge pages: with small ones, most reads of a tree over millions of
         triangles also miss the cache of page addresses (the gain is noted in docs/performance.md).
@@ -135,8 +135,11 @@ class Device:
         size = count * wp.types.type_size_in_bytes(dtype)
         memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         memory.madvise(mmap.MADV_HUGEPAGE)
-        rows = np.frombuffer(memory, np.float32)
-        return wp.array(rows if dtype is float else rows.reshape(count, -1), dtype=dtype, device=self.name, copy=False)
+        number = {float: wp.float32, int: wp.int32}.get(dtype) or getattr(dtype, "_wp_scalar_type_", dtype)
+        rows = np.frombuffer(memory, wp.dtype_to_numpy(number))
+        return wp.array(
+            rows if len(rows) == count else rows.reshape(count, -1), dtype=dtype, device=self.name, copy=False
+        )
 
     def compile(self, kernel: Any) -> float:
         """Load a kernel's module, compiling it where no cached build is found; return the seconds."""

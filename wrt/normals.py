@@ -47,10 +47,12 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     if mesh.normals is not None:
         return replace(mesh, normals=_made_unit(mesh))
     positions = same_positions(mesh.vertices)
-    if len(mesh.faces) > CREASE_LIMIT or crease_degrees >= 180.0:
-        normals = _group_normals(mesh, positions).T
+    if len(mesh.faces) > CREASE_LIMIT:
+        from wrt.build.vertex_normals import smooth_normals
+
+        normals = smooth_normals(mesh, positions, _size(mesh))
         if _any(normals).all():
-            return replace(mesh, normals=normals.astype(np.float32).take(positions, axis=0))
+            return replace(mesh, normals=normals)
     faces = mesh.faces.astype(np.intp)
     face_normals, angles = _face_normals(mesh)
     corners = positions[faces].reshape(-1)
@@ -164,8 +166,7 @@ def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
         radians, a row for each corner.
     """
     first = mesh.vertices[0].astype(np.float64)
-    # Scaled to unit size, so that products of tiny or huge edges stay inside float64.
-    scale = float(np.abs(box_around(mesh.vertices) - first).max()) or 1.0
+    scale = _size(mesh)  # so that products of tiny or huge edges stay inside float64
     for part in _chunks(len(mesh.faces)):
         corners = (mesh.vertices.take(mesh.faces[part], axis=0) - first) / scale
         a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
@@ -180,6 +181,11 @@ def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
             (ux, uy, uz), (vx, vy, vz) = edges[k], edges[k - 1]
             angles[k] = np.arctan2(twice_area, -(ux * vx + uy * vy + uz * vz))
         yield part, normals, angles
+
+
+def _size(mesh: Mesh) -> float:
+    """Return how far a mesh reaches from its first vertex, along an axis, at most."""
+    return float(np.abs(box_around(mesh.vertices) - mesh.vertices[0].astype(np.float64)).max()) or 1.0
 
 
 def _length(vectors: _Float) -> _Float:

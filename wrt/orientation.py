@@ -19,6 +19,7 @@ from wrt.scene import Shape
 _BASE = 0.01  # of the height: what is so near to the lowest point touches the ground
 _STANDS_COVER, _STANDS_LEAN = 0.12, 0.08
 _FALLS_COVER, _FALLS_RATIO, _FALLS_LEAN = 0.25, 3.0, -0.02
+_LAND_FACES = 0.5  # so much of its surface, on balance, an open one turns up that is land: of mountains 0.7
 _DIRECTIONS = 24  # of the polygon that stands for a convex hull; a disc comes out 1.1 % small
 _FACES = 200_000  # that the centre is taken from
 _POINTS = 500_000  # that the outline is taken from
@@ -35,7 +36,8 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     degrees. It does not stand if the base covers little, or if the centre is outside. The default
     is overruled only where it does not stand and the other axis does, much better: boxes, balls
     and plates, upright or lying, stay as they are. What has a flat back and no foot, such as a
-    mask, is taken to lie; then the axis must be told.
+    mask, is taken to lie; then the axis must be told. Land, open and turned up all over, stays as well, which
+    touches the ground at few points.
 
     Args:
         shapes: the parts of one mesh, in one space.
@@ -44,8 +46,11 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     if default not in ("y", "z"):
         return default
     other = "z" if default == "y" else "y"
-    center = _center(shapes)
-    if center is None:
+    surface = _surface(shapes)
+    if surface is None:
+        return default
+    center, facing = surface
+    if facing["xyz".index(default)] > _LAND_FACES:
         return default
     step = 1 + sum(len(shape.mesh.vertices) for shape in shapes) // _POINTS
     points = np.concatenate([shape.mesh.vertices[::step] for shape in shapes])
@@ -57,16 +62,19 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     return other if falls else default
 
 
-def _center(shapes: list[Shape]) -> NDArray[np.float64] | None:
-    """Return the centre of the surface, from every so many faces; None where those have no area."""
+def _surface(shapes: list[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return centre and mean normal of the surface, from every so many faces; None where those have no area.
+
+    The mean normal of what is closed is zero.
+    """
     step = 1 + sum(len(shape.mesh.faces) for shape in shapes) // _FACES
     corners = np.concatenate([shape.mesh.vertices[shape.mesh.faces[::step]] for shape in shapes]).astype(np.float64)
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
     total = float(areas.sum())
     if not 0.0 < total < np.inf:
         return None
-    center: NDArray[np.float64] = areas @ corners.mean(axis=1) / total
-    return center
+    return areas @ corners.mean(axis=1) / total, normals.sum(axis=0) / total
 
 
 def _standing(points: _Float, center: NDArray[np.float64], axis: int) -> tuple[float, float]:

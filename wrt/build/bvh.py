@@ -78,7 +78,6 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     count = len(indices) // 3
     if count >= 2**26:
         raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
-    import warp as wp
 
     from wrt.kernels import bvh_collapse as k
     from wrt.kernels.bvh import LEAF_FLOATS, MAX_DEPTH, NODE_FLOATS, Bvh
@@ -96,7 +95,7 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     data = Bvh()
     data.nodes = device.empty_large(starts[-1] * NODE_FLOATS)
     leaf_ranges = _write_nodes(tree, -1, data.nodes, device)
-    numbers = wp.empty(references, dtype=int, device=device.name)
+    numbers = device.empty_large(references, int)
     device.launch(k.list_numbers, references, [tree.boxes, numbers])
     del tree  # as large as the leaves, which take its place
     data.leaves = device.empty_large(leaf_count * LEAF_FLOATS)
@@ -137,13 +136,13 @@ def _cut_triangles(points: Any, indices: Any, tree: _Tree, device: Device) -> An
     if not np.isfinite(size).all():
         return None
     scene = [wp.vec3(*low.tolist()), wp.vec3(*size.tolist())]
-    importance = wp.empty(count, dtype=float, device=device.name)
+    importance = device.empty_large(count)
     device.launch(k.find_importance, count, [points, indices, *scene, importance])
     # So the pieces are at most as many as MORE_PIECES says, and of like triangles none is cut.
     total = float(importance.numpy().sum(dtype=np.float64))
     if not 0.0 < total < np.inf:
         return None
-    pieces = wp.empty(count, dtype=int, device=device.name)
+    pieces = device.empty_large(count, int)
     device.launch(k.count_pieces, count, [importance, MORE_PIECES * count / total, pieces])
     del importance  # what follows may be large
     cut = np.flatnonzero(pieces.numpy() > 1)
@@ -156,13 +155,11 @@ def _cut_triangles(points: Any, indices: Any, tree: _Tree, device: Device) -> An
 
 def _pieces(points: Any, indices: Any, scene: list[Any], pieces: Any, device: Device) -> Any:
     """Return the boxes of triangles that are cut into so many pieces."""
-    import warp as wp
-
     from wrt.kernels.bvh_presplit import write_pieces
     from wrt.kernels.simd import vec8
 
     start, total = _sums_before(pieces)
-    boxes = wp.empty(total, dtype=vec8, device=device.name)
+    boxes = device.empty_large(total, vec8)
     device.launch(write_pieces, len(pieces), [points, indices, *scene, start, pieces, boxes])
     return boxes
 

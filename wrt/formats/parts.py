@@ -238,8 +238,9 @@ def _box_corners(part: Part) -> NDArray[np.float64]:
 def _repaired(path: str, part: Part) -> Part:
     """Return a part of finite vertices, all in use, and faces that have three different corners."""
     count = len(rows_of(path, part.vertices, "vertices", 3))
-    checked_faces(path, part.faces, count)
-    faces = np.ascontiguousarray(part.faces, np.int32)
+    given = np.ascontiguousarray(part.faces)  # before they are looked at, since rows of files are apart
+    checked_faces(path, given, count)
+    faces = given.astype(np.int32, copy=False)
     vertices = positions_of(path, part.vertices, faces, part.counted)
     solid = _solid(vertices, faces)
     face_colors = part.face_colors

@@ -119,8 +119,30 @@ def as_text(data: bytes) -> str:
     return data.decode("utf-8", "surrogateescape")
 
 
-def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
+class _Views(io.BytesIO):
+    """A file whose parts are views of its bytes, not copies."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._view = memoryview(data)
+
+    def read(self, size: int | None = -1, /) -> Any:
+        """Return so many bytes, or all that are left."""
+        start = self.tell()
+        stop = self.seek(0, io.SEEK_END) if size is None or size < 0 else min(start + size, len(self._view))
+        self.seek(stop)
+        return self._view[start:stop]
+
+
+def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **options: Any) -> Fields:
     """Return what the trimesh loader for files of `kind`, such as "obj", makes of the data.
+
+    Args:
+        path: the file.
+        data: all of it.
+        kind: what it is.
+        views: whether the loader may be given views of the data where it reads bytes; not all can do with those.
+        options: further arguments of the loader.
 
     Raises:
         InputError: where the loader fails, for whatever reason.
@@ -128,7 +150,7 @@ def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
     from trimesh.exchange.load import mesh_loaders
 
     beside = Beside(path, images=kind != "gltf")
-    file = io.StringIO(data) if isinstance(data, str) else io.BytesIO(data)
+    file = io.StringIO(data) if isinstance(data, str) else (_Views if views else io.BytesIO)(data)
     with quiet():
         try:
             loaded: Fields = mesh_loaders[kind](file_obj=file, resolver=beside, **options)
@@ -165,9 +187,9 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
         return None
     vertices = rows_of(path, fields.get("vertices", ()), "vertices", 3)
     count, size = faces.shape
-    checked_faces(path, faces, len(vertices))
-    owner = np.arange(count)
+    owner: Any = slice(None)
     if size > 3:
+        checked_faces(path, faces, len(vertices))
         corners = faces.reshape(-1)
         triangles, owner = triangulate(vertices, corners, np.full(count, size))
         faces = corners[triangles]
