@@ -12,7 +12,7 @@ import contextlib
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
 from wrt._version import __version__
 from wrt.arguments import crop, definition, finite, positive, size, whole
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from wrt.interrupts import Interrupts
-    from wrt.progress import ProgressBar
     from wrt.renderer import Renderer
     from wrt.scene import Scene
 
@@ -56,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         options = _parser().parse_args(_join_axis(sys.argv[1:] if argv is None else list(argv)))
-        if argv is None:
+        options.own_process = argv is None
+        if options.own_process:
             settle_in()
         run = cast("Callable[[argparse.Namespace], int]", options.run)
         return run(options)
@@ -230,8 +230,9 @@ def _info(options: argparse.Namespace) -> int:
     from wrt.api import load
     from wrt.describe_scene import scene_text
     from wrt.formats.meshes import MESH_SUFFIXES, load_file
+    from wrt.progress import short_warnings
 
-    with _short_warnings(lambda line: print(line, file=sys.stderr)):
+    with short_warnings(lambda line: print(line, file=sys.stderr)):
         # Of a mesh file, what is in it, and not the studio around it.
         alone = Path(options.source).suffix.lower() in MESH_SUFFIXES
         print(scene_text(load_file(options.source) if alone else load(options.source)))
@@ -241,8 +242,9 @@ def _info(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from wrt.api import load
     from wrt.formats.scene_writer import save_scene
+    from wrt.progress import short_warnings
 
-    with _short_warnings(lambda line: print(line, file=sys.stderr)):
+    with short_warnings(lambda line: print(line, file=sys.stderr)):
         save_scene(options.output, load(options.source, up=options.up))
     return 0
 
@@ -250,23 +252,29 @@ def _convert(options: argparse.Namespace) -> int:
 def _render(options: argparse.Namespace) -> int:
     from wrt.interrupts import Interrupts
 
+    said: set[str] = set()
     with Interrupts() as interrupts:
         try:
-            return _render_until_interrupted(options, interrupts)
+            if not options.own_process or options.device != "cpu":
+                return _render_until_interrupted(options, interrupts, said)
+            from wrt.lean import run_lean
+
+            return run_lean(lambda: _render_until_interrupted(options, interrupts, said))
         except KeyboardInterrupt:
             _complain("stopped", "nothing was rendered yet")
             return interrupts.exit_status
 
 
-def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts) -> int:
+def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts, said: set[str]) -> int:
+    """Render; what was `said` before is not said again."""
     import dataclasses
 
-    from wrt.progress import ProgressBar
+    from wrt.progress import ProgressBar, once, short_warnings
 
     output, checkpoint = _check_paths(options)
     with (
         ProgressBar(output.stem, time_limit=options.time, wanted=not options.quiet) as bar,
-        _short_warnings(bar.message),
+        short_warnings(say := once(bar.message, said)),
     ):
         with no_collections():
             from wrt.api import load
@@ -283,7 +291,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
                 )
             if options.exposure is not None:
                 scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
-            renderer = _make_renderer(options, scene, checkpoint, bar)
+            renderer = _make_renderer(options, scene, checkpoint, say)
             check_layers(output, renderer)
 
         def save() -> None:
@@ -337,7 +345,9 @@ def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
     return output, checkpoint
 
 
-def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path | None, bar: ProgressBar) -> Renderer:
+def _make_renderer(
+    options: argparse.Namespace, scene: Scene, checkpoint: Path | None, say: Callable[[str], None]
+) -> Renderer:
     from wrt.layers import layer_names
     from wrt.renderer import Renderer
 
@@ -359,11 +369,11 @@ def _make_renderer(options: argparse.Namespace, scene: Scene, checkpoint: Path |
     )
     if options.resume and checkpoint is not None:
         if not checkpoint.exists():
-            bar.message(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
+            say(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
         else:
             renderer.load_checkpoint(checkpoint)
             if not options.quiet:
-                bar.message(f"wrt: going on from {checkpoint}, {renderer.spp} samples per pixel")
+                say(f"wrt: going on from {checkpoint}, {renderer.spp} samples per pixel")
     return renderer
 
 
@@ -376,20 +386,6 @@ def _naming(path: Path) -> Iterator[None]:
         raise OSError(str(error)) from error
     except OSError as error:
         raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
-
-
-@contextlib.contextmanager
-def _short_warnings(show_line: Callable[[str], None]) -> Iterator[None]:
-    """Within the context, show warnings meant for users in one line each, and no others."""
-    import warnings
-
-    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        if issubclass(category, UserWarning):
-            show_line(f"wrt: warning: {one_line(str(message))}")
-
-    with warnings.catch_warnings():
-        warnings.showwarning = show
-        yield
 
 
 def _report(options: argparse.Namespace, renderer: Renderer, output: Path) -> None:

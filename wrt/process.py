@@ -77,6 +77,7 @@ def importing(names: Sequence[str]) -> Iterator[None]:
         yield
     finally:
         sys.setswitchinterval(interval)
+        thread.join()
 
 
 @contextlib.contextmanager

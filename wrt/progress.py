@@ -1,9 +1,12 @@
-"""What a person sees while a picture is rendered: a bar on the terminal, and numbers made readable."""
+"""What a person sees while a picture is rendered: a bar on the terminal, warnings, and numbers made readable."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
+import warnings
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +17,30 @@ if TYPE_CHECKING:
 
 REDRAW_SECONDS = 0.1
 """Time between two drawings of the bar: often enough to look alive, seldom enough to cost nothing."""
+
+
+def once(show: Callable[[str], None], shown: set[str]) -> Callable[[str], None]:
+    """Return a function that shows a line but for those `shown` before, which it adds to."""
+
+    def show_new(line: str) -> None:
+        if line not in shown:
+            shown.add(line)
+            show(line)
+
+    return show_new
+
+
+@contextlib.contextmanager
+def short_warnings(show_line: Callable[[str], None]) -> Iterator[None]:
+    """Within the context, show warnings meant for users in one line each, and no others."""
+
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if issubclass(category, UserWarning):
+            show_line(f"wrt: warning: {one_line(str(message))}")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 def rate_text(per_second: float) -> str:

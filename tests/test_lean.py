@@ -1,0 +1,179 @@
+"""Rendering without importing Warp: the same bits, never a stale build, and Warp itself where anything is missing."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+import warp as wp
+from conftest import ROOT
+
+from wrt.lean import builds
+from wrt.lean.builds import Builds, Missing
+
+LAYOUTS = """
+import importlib, json, pathlib, sys
+if sys.argv[1] == "lean":
+    from wrt.lean.builds import Builds
+    from wrt.lean.stand_in import StandIn
+    sys.modules["warp"] = StandIn(Builds(pathlib.Path("none"), pathlib.Path("none"), "1.19.0", {}))
+import numpy as np
+import wrt.kernels
+root = pathlib.Path(wrt.kernels.__file__).parent
+found = {}
+for path in sorted(root.rglob("*.py")):
+    name = ".".join(["wrt", "kernels", *path.relative_to(root).with_suffix("").parts]).removesuffix(".__init__")
+    for key, value in vars(importlib.import_module(name)).items():
+        if type(value).__name__ in ("Struct", "Record"):
+            layout = value.numpy_dtype()
+            found[f"{name}.{key}"] = [layout["itemsize"], layout["names"], layout["offsets"], np.dtype(layout).itemsize]
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    """Return variables by which nothing is known to be compiled, though it may well be."""
+    wp.init()
+    # Warp puts a folder of its version there itself.
+    kernels = Path(wp.config.kernel_cache_dir).parent
+    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache"), "WARP_CACHE_PATH": str(kernels)}
+    return {**os.environ, **own}
+
+
+def render(folder: Path, environment: dict[str, str], output: str, *arguments: str) -> tuple[bool, str]:
+    """Render; return whether Warp was imported, and what was said."""
+    command = ["-m", "wrt", "render", *arguments, "--size", "24x16", "--spp", "2", "--quiet", "-o", output]
+    process = subprocess.run(
+        [sys.executable, "-X", "importtime", *command],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = process.stderr.splitlines()
+    said = [line for line in lines if not line.startswith("import time:")]
+    return any(line.endswith(" warp._src.context") for line in lines), "\n".join(said)
+
+
+@pytest.mark.parametrize("arguments", [["cornell-box"], ["still-life"], ["many-triangles", "--triangles", "3000"]])
+def test_the_second_start_is_without_warp_and_gives_the_same_bits(
+    arguments: list[str], tmp_path: Path, environment: dict[str, str]
+) -> None:
+    assert render(tmp_path, environment, "warp.npy", *arguments) == (True, "")
+    assert render(tmp_path, environment, "lean.npy", *arguments) == (False, "")
+    assert (tmp_path / "lean.npy").read_bytes() == (tmp_path / "warp.npy").read_bytes()
+
+
+DARK = """
+[camera]
+origin = [0, 0, 3]
+[[shapes]]
+type = "quad"
+origin = [-1, -1, 0]
+edge_u = [2, 0, 0]
+edge_v = [0, 2, 0]
+"""
+
+
+def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, environment: dict[str, str]) -> None:
+    (tmp_path / "dark.toml").write_text(DARK)
+    whole, said = render(tmp_path, environment, "a.npy", "dark.toml")
+    assert whole
+    assert said.count("no light") == 1
+    (index,) = (tmp_path / "cache" / "wrt").iterdir()
+    known = json.loads(index.read_text())
+    # A file of another size than when it was noted, and one that is gone.
+    for name, change in (("wrt.kernels.bvh_split", {"bytes": 1}), ("wrt.kernels.bvh_top", {"file": "gone.o"})):
+        index.write_text(json.dumps(known | {name: known[name] | change}))
+        assert render(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
+        assert json.loads(index.read_text()) == known
+        assert render(tmp_path, environment, "c.npy", "dark.toml") == (False, said)
+    for damaged in ("", "[1]", json.dumps(known)[:-9]):
+        index.write_text(damaged)
+        assert render(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
+    assert json.loads(index.read_text()) == known
+    images = {(tmp_path / f"{name}.npy").read_bytes() for name in "abc"}
+    assert len(images) == 1
+
+
+def test_records_lie_in_memory_as_warp_lays_them() -> None:
+    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
+    found = {}
+    for how in ("lean", "warp"):
+        command = [sys.executable, "-c", LAYOUTS, how]
+        process = subprocess.run(command, env=variables, capture_output=True, text=True, check=True)
+        found[how] = json.loads(process.stdout.splitlines()[-1])
+    assert len(found["warp"]) > 30
+    assert found["lean"] == found["warp"]
+
+
+def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    warp = tmp_path / "warp"
+    (warp / "bin").mkdir(parents=True)
+    for name in ("config.py", "bin/warp.so", "bin/warp-clang.so"):
+        (warp / name).write_text('version: str = "1.19.0"\n')
+    kernels = tmp_path / "kernels"
+    shutil.copytree(ROOT / "kernels", kernels, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(builds, "_kernels", lambda: kernels)
+    seen = {builds.fingerprint(warp)}
+    assert {builds.fingerprint(warp)} == seen
+
+    def changed() -> None:
+        after = builds.fingerprint(warp)
+        assert after not in seen
+        seen.add(after)
+
+    source = kernels / "bsdf" / "diffuse.py"
+    source.write_text(source.read_text() + "# \n")
+    changed()
+    source.rename(source.with_name("another.py"))
+    changed()
+    (warp / "bin" / "warp-clang.so").write_text("longer than it was before")
+    changed()
+    (warp / "config.py").write_text('version: str = "1.20.0"\n')
+    changed()
+    monkeypatch.setenv("WARP_CACHE_PATH", "elsewhere")
+    changed()
+
+
+def test_another_warp_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Builds.known() is not None
+    assert wp.config.version in builds.TESTED
+    monkeypatch.setattr(builds, "TESTED", ("0.0.0",))
+    assert Builds.known() is None
+
+
+def test_many_may_note_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "builds.json"
+
+    def note(number: int) -> None:
+        known = Builds(path, tmp_path, "", {})
+        for k in range(20):
+            known.note([(f"m{number}.{k}", {"file": "f" * 1000, "bytes": k, "kernels": {}})])
+
+    note(0)
+    threads = [threading.Thread(target=note, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        assert len(json.loads(path.read_text())) in range(1, 21)  # whole at any time
+    assert len(json.loads(path.read_text())) == 20
+    assert [found.name for found in path.parent.iterdir()] == ["builds.json"]
+
+
+def test_what_the_stand_in_does_not_know_is_missing() -> None:
+    from wrt.lean.stand_in import StandIn
+
+    stand_in = StandIn(Builds(Path("none"), Path("none"), "1.19.0", {}))
+    with pytest.raises(Missing, match=r"warp\.Mesh"):
+        stand_in.Mesh  # noqa: B018
+    with pytest.raises(Missing, match="nobody"):
+        stand_in.load_module(stand_in.get_module("nobody"), "cpu")

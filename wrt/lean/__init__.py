@@ -1,0 +1,52 @@
+"""Starting without Warp where all kernels have been compiled before.
+
+Importing Warp and declaring kernels to it takes longer than a first picture: it reads the code of every function anew.
+What it compiled before can be run without that. So the command line has a small stand-in take the place of `warp`;
+where that lacks anything, Warp itself is imported, and the render starts over.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import TypeVar
+
+from wrt.errors import InputError
+from wrt.lean.builds import Builds, loaded_by_warp
+
+Result = TypeVar("Result")
+
+_OF_WARP = ("warp", "wrt.kernels", "wrt.build", "wrt.device", "wrt.film", "wrt.film_layers", "wrt.renderer")
+"""Modules that hold things of Warp's."""
+
+
+def run_lean(run: Callable[[], Result]) -> Result:
+    """Return what `run` does, which it does without Warp if it can.
+
+    Only for a process of one's own: modules are imported anew where it cannot, and `run` is called again.
+    """
+    if "warp" in sys.modules or (builds := Builds.known()) is None:
+        return run()
+    if builds:
+        from wrt.lean.stand_in import StandIn
+
+        sys.modules["warp"] = StandIn(builds)
+        try:
+            return run()
+        except (InputError, OSError, MemoryError):
+            raise
+        except Exception:  # noqa: BLE001 - Missing, or whatever else: were it not for the stand-in, it comes again
+            _forget()
+    result = run()
+    builds.note(loaded_by_warp())
+    return result
+
+
+def _forget() -> None:
+    """Have the next import of Warp be one, by modules that know nothing of the stand-in."""
+    for name in list(sys.modules):
+        if any(name == each or name.startswith(f"{each}.") for each in _OF_WARP):
+            parent, _, child = name.rpartition(".")
+            if parent in sys.modules:
+                vars(sys.modules[parent]).pop(child, None)
+            del sys.modules[name]

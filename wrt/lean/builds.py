@@ -1,0 +1,203 @@
+"""What Warp has compiled for the kernels as they are now, remembered from one process to the next."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import importlib.util
+import json
+import os
+import secrets
+import sys
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+TESTED = ("1.19.0",)
+"""Versions of Warp whose memory layout `wrt/lean` has been tested against; with others, Warp itself is imported."""
+
+
+KEPT = 16
+"""Notes about so many versions of kernels, Warp and processors."""
+
+
+class Missing(Exception):
+    """Something is needed that only Warp itself has."""
+
+
+class Builds:
+    """The compiled modules that are known, and those loaded into this process.
+
+    Attributes:
+        warp_version: of the Warp that made them.
+    """
+
+    def __init__(self, path: Path, warp: Path, warp_version: str, modules: dict[str, Any]) -> None:
+        """Take the file that they are noted in, Warp's folder, and what is noted."""
+        self.path, self.warp_version = path, warp_version
+        self._warp, self._modules = warp, modules
+        self._clang: Any = None
+        self._loaded: dict[str, bytes] = {}
+        self._lock = threading.RLock()
+
+    @classmethod
+    def known(cls) -> Builds | None:
+        """Return the builds of the kernels as they are, on this machine; None with a Warp that is not known well."""
+        spec = importlib.util.find_spec("warp")
+        if spec is None or spec.origin is None or not sys.platform.startswith("linux"):
+            return None
+        warp = Path(spec.origin).parent
+        try:
+            version = _version(warp)
+            if version not in TESTED:
+                return None
+            path = _folder() / f"builds-{fingerprint(warp)}.json"
+        except (OSError, RuntimeError):  # the latter where nobody has a home
+            return None
+        modules = {}
+        with contextlib.suppress(OSError, ValueError):
+            modules = json.loads(path.read_bytes())
+        return cls(path, warp, version, modules if isinstance(modules, dict) else {})
+
+    def __bool__(self) -> bool:
+        return bool(self._modules)
+
+    def load(self, name: str) -> None:
+        """Load a module into this process.
+
+        Raises:
+            Missing: where it was never compiled, or is there no longer as it was.
+        """
+        with self._lock:
+            if name not in self._loaded:
+                self._loaded[name] = self._load(name)
+
+    def _load(self, name: str) -> bytes:
+        found = self._modules.get(name)
+        try:
+            if found is None or os.path.getsize(found["file"]) != found["bytes"]:
+                raise Missing(name)
+        except OSError:
+            raise Missing(name) from None
+        handle = f"wrt_{len(self._loaded)}".encode()
+        if self._native().wp_load_obj(os.fsencode(found["file"]), handle, False) != 0:
+            raise Missing(name)
+        return handle
+
+    def function(self, name: str, key: str) -> Any:
+        """Return a kernel's function of a module.
+
+        Raises:
+            Missing: see `load`.
+        """
+        self.load(name)
+        symbol = self._modules[name]["kernels"].get(key)
+        address = symbol and self._native().wp_lookup(self._loaded[name], symbol.encode())
+        if not address:
+            raise Missing(f"{name}: {key}")
+        return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(address)
+
+    def _native(self) -> Any:
+        """Return the library of Warp that loads what was compiled."""
+        if self._clang is None:
+            core, clang = (ctypes.CDLL(str(self._warp / "bin" / name)) for name in ("warp.so", "warp-clang.so"))
+            core.wp_cpu_block_runtime_get_api.restype = ctypes.c_void_p
+            clang.wp_llvm_set_cpu_block_runtime.argtypes = [ctypes.c_void_p]
+            clang.wp_load_obj.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_bool]
+            clang.wp_lookup.argtypes = [ctypes.c_char_p, ctypes.c_char_p]
+            clang.wp_lookup.restype = ctypes.c_uint64
+            if not clang.wp_llvm_set_cpu_block_runtime(core.wp_cpu_block_runtime_get_api()):
+                raise Missing("the runtime of kernels")
+            self._clang = clang
+        return self._clang
+
+    def note(self, loaded: Iterable[tuple[str, dict[str, Any]]]) -> None:
+        """Note what `loaded_by_warp` found in this process, for others to come."""
+        modules = {name: found for name, found in loaded if self._modules.get(name) != found}
+        if not modules:
+            return
+        self._modules |= modules
+        with contextlib.suppress(OSError):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            # Whole or not at all, whoever else is writing. What two write at once, one of them notes again next time.
+            temporary = self.path.with_suffix(f".{secrets.token_hex(4)}")
+            try:
+                temporary.write_text(json.dumps(self._modules), encoding="utf-8")
+                temporary.replace(self.path)
+            finally:
+                temporary.unlink(missing_ok=True)
+            others = sorted(self.path.parent.glob("builds-*.json"), key=lambda path: path.stat().st_mtime)
+            for other in others[:-KEPT]:
+                other.unlink(missing_ok=True)
+
+
+def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
+    """Return wrt's modules that Warp has loaded on the CPU: file, its size, and symbols by the kernels' names."""
+    import warp as wp
+    from warp._src.context import runtime, user_modules
+
+    device, found = runtime.get_device("cpu"), []
+    for name, module in user_modules.items():
+        execs = [(block, each) for (context, block), each in module.execs.items() if context == device.context]
+        if not name.startswith("wrt.") or len(execs) != 1:
+            continue
+        ((block, each),) = execs
+        if each.module_hash != module.get_module_hash(block):
+            continue
+        folder = os.path.join(wp.config.kernel_cache_dir, module.get_module_identifier(block))
+        file = os.path.join(folder, module._get_compile_output_name(device, block_dim=block))
+        kernels = {
+            kernel.func.__qualname__: f"{each.get_kernel_mangled_name(kernel)}_cpu_forward"
+            for kernel in module.kernels.values()
+            if kernel.adj.kernel_dim == 1
+        }
+        with contextlib.suppress(OSError):
+            found.append((name, {"file": file, "bytes": os.path.getsize(file), "kernels": kernels}))
+    return found
+
+
+def _folder() -> Path:
+    """Return where things are kept from one process to the next."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "wrt"
+
+
+def _kernels() -> Path:
+    """Return the folder of the kernels' sources."""
+    spec = importlib.util.find_spec("wrt.kernels")
+    if spec is None or spec.origin is None:
+        raise FileNotFoundError("wrt.kernels")
+    return Path(spec.origin).parent
+
+
+def _version(warp: Path) -> str:
+    """Return the version of Warp in a folder, without importing it."""
+    for line in (warp / "config.py").read_text(encoding="utf-8").splitlines():
+        if line.startswith("version"):
+            return line.partition("=")[2].strip().strip("\"'")
+    return ""
+
+
+def fingerprint(warp: Path) -> str:
+    """Return a digest of all that a build depends on: kernels, Warp, the processor, Python, the environment."""
+    digest = hashlib.blake2b(digest_size=16)
+
+    def add(*things: object) -> None:
+        digest.update(repr(things).encode("utf-8", "surrogateescape"))
+
+    folder = _kernels()
+    for root, folders, files in os.walk(folder):
+        folders.sort()
+        for name in sorted(files):
+            if name.endswith(".py"):
+                with open(os.path.join(root, name), "rb") as file:
+                    add(os.path.relpath(root, folder), name, file.read())
+    add(str(warp), (warp / "config.py").read_bytes())
+    for name in ("warp.so", "warp-clang.so"):
+        found = (warp / "bin" / name).stat()
+        add(name, found.st_size, found.st_mtime_ns)
+    add(sys.version, sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_")))
+    processor = Path("/proc/cpuinfo").read_bytes().partition(b"\n\n")[0]
+    add([line for line in processor.splitlines() if line.startswith((b"vendor", b"cpu family", b"model", b"flags"))])
+    return digest.hexdigest()
