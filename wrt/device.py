@@ -6,7 +6,6 @@ import mmap
 import os
 import queue
 import sys
-import tempfile
 import threading
 import time
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
@@ -43,6 +42,8 @@ def initialize_warp() -> None:
     Its native library writes straight to file descriptor 2. The lines of _HELD_BACK are left out;
     anything else it writes goes through.
     """
+    import tempfile
+
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)

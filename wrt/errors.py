@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 LONGEST_MESSAGE = 600
@@ -25,5 +24,7 @@ class InputError(ValueError):
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:
     """Return a hint at the known word that is nearest, to put behind a message; empty if none is near."""
+    import difflib
+
     near = difflib.get_close_matches(str(word), list(known), 1)
     return f" (did you mean {near[0]!r}?)" if near else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -92,7 +91,7 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         InputError: when it cannot be written.
     """
     # Opened without mkstemp, whose files only their owner may read.
-    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
+    temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{path.suffix}")
     try:
         write(temporary)
         with temporary.open("rb") as file:

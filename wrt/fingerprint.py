@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,8 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
 
 
 def _digest(value: Any) -> str:
+    import hashlib
+
     digest = hashlib.blake2b(digest_size=16)
     _feed(digest, value)
     return digest.hexdigest()

@@ -97,6 +97,8 @@ class Environments:
     def variables(self, peer: Peer) -> dict[str, str]:
         """Return the environment variables of a renderer's process."""
         result = dict(os.environ)
+        # What is installed is compiled to bytecode already; a checkout is so after its first run, unless told not to.
+        result.pop("PYTHONDONTWRITEBYTECODE", None)
         if self.llvm is not None and peer.script == "mitsuba_worker.py":
             found = sorted(self.llvm.rglob("libLLVM*.so*"))
             if not found:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import hashlib
 import importlib.util
 import json
 import os
-import secrets
 import sys
 import threading
 from collections.abc import Iterable
@@ -122,7 +120,7 @@ class Builds:
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             # Whole or not at all, whoever else is writing. What two write at once, one of them notes again next time.
-            temporary = self.path.with_suffix(f".{secrets.token_hex(4)}")
+            temporary = self.path.with_suffix(f".{os.urandom(4).hex()}")
             try:
                 temporary.write_text(json.dumps(self._modules), encoding="utf-8")
                 temporary.replace(self.path)
@@ -181,23 +179,21 @@ def _version(warp: Path) -> str:
 
 def fingerprint(warp: Path) -> str:
     """Return a digest of all that a build depends on: kernels, Warp, the processor, Python, the environment."""
-    digest = hashlib.blake2b(digest_size=16)
-
-    def add(*things: object) -> None:
-        digest.update(repr(things).encode("utf-8", "surrogateescape"))
-
+    things: list[object] = []
     folder = _kernels()
     for root, folders, files in os.walk(folder):
         folders.sort()
         for name in sorted(files):
             if name.endswith(".py"):
                 with open(os.path.join(root, name), "rb") as file:
-                    add(os.path.relpath(root, folder), name, file.read())
-    add(str(warp), (warp / "config.py").read_bytes())
+                    things += [os.path.relpath(root, folder), name, file.read()]
+    things += [str(warp), (warp / "config.py").read_bytes()]
     for name in ("warp.so", "warp-clang.so"):
         found = (warp / "bin" / name).stat()
-        add(name, found.st_size, found.st_mtime_ns)
-    add(sys.version, sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_")))
+        things += [name, found.st_size, found.st_mtime_ns]
+    things += [sys.version, sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_"))]
     processor = Path("/proc/cpuinfo").read_bytes().partition(b"\n\n")[0]
-    add([line for line in processor.splitlines() if line.startswith((b"vendor", b"cpu family", b"model", b"flags"))])
-    return digest.hexdigest()
+    kind = (b"vendor", b"cpu family", b"model", b"flags")
+    things += [line for line in processor.splitlines() if line.startswith(kind)]
+    # What Python tells changed sources by: hashlib takes longer to import than all this.
+    return importlib.util.source_hash(repr(things).encode("utf-8", "surrogateescape")).hex()
