@@ -10,7 +10,8 @@ from typing import NamedTuple
 import warp as wp
 
 from wrt.kernels.bvh import Hit
-from wrt.kernels.environment import image_pdf, image_radiance, sample_image
+from wrt.kernels.environment import ImagePoint, radiance_at
+from wrt.kernels.environment_sampling import image_pdf, sample_image
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Receiver
 from wrt.kernels.intersect import INFINITE_DISTANCE, NO_HIT
@@ -194,12 +195,12 @@ class Lights(NamedTuple):
     """Device functions for the lights of scenes with certain features.
 
     Attributes:
-        sample_light: (scene, receiver, u vec4, u_environment vec4) -> LightSample: chooses a light and a way to it.
-        sample_one_light: (scene, number, probability, receiver, u vec2, u_environment vec4) -> LightSample: a way to
+        sample_light: (scene, receiver, u vec4) -> LightSample: chooses a light and a way to it.
+        sample_one_light: (scene, number, probability, receiver, u vec2) -> LightSample: a way to
             this light, which was chosen with that probability.
         choice_probability: (scene, receiver, light) -> the probability with which sample_light chooses this light.
-        environment_light_pdf: (scene, receiver, direction) -> the density with which sample_light draws a direction for
-            the environment's image.
+        environment_light_pdf: (scene, receiver, point) -> the density with which sample_light draws the direction that
+            looks at a point of the environment's image.
         emission_at: (scene, shape record, surface) -> radiance of a triangle's surface, texture coordinates included.
     """
 
@@ -239,9 +240,7 @@ def _make_lights(
         return shape.emission
 
     @wp.func(name=f"way_to_light_{name}")
-    def way_to_light(
-        scene: SceneData, number: int, receiver: Receiver, u: wp.vec2, u_environment: wp.vec4
-    ) -> LightSample:
+    def way_to_light(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
         light = scene.lights[number]
         sample = LightSample()
         sample.radiance = wp.vec3(0.0)
@@ -272,12 +271,12 @@ def _make_lights(
             sample.delta = True
             sample.radiance = light.value
         elif light.kind == LIGHT_ENVIRONMENT:
-            s = sample_image(scene.environment, u_environment)
+            s = sample_image(scene.environment, receiver, u)
             sample.wi = s.wi
             sample.distance = INFINITE_DISTANCE
             sample.pdf = s.pdf
             if sample.pdf > 0.0:
-                sample.radiance = image_radiance(scene.environment, s.wi)
+                sample.radiance = radiance_at(scene.environment, s.point.uv)
         else:
             if wp.static(light_shapes):
                 sample = sample_light_shape(scene, light, receiver, u)
@@ -285,9 +284,9 @@ def _make_lights(
 
     @wp.func(name=f"sample_one_light_{name}")
     def sample_one_light(
-        scene: SceneData, number: int, probability: float, receiver: Receiver, u: wp.vec2, u_environment: wp.vec4
+        scene: SceneData, number: int, probability: float, receiver: Receiver, u: wp.vec2
     ) -> LightSample:
-        sample = way_to_light(scene, number, receiver, u, u_environment)
+        sample = way_to_light(scene, number, receiver, u)
         sample.pdf = sample.pdf * probability
         density = sample.pdf
         if sample.delta:
@@ -299,20 +298,20 @@ def _make_lights(
         return sample
 
     @wp.func(name=f"sample_light_{name}")
-    def sample_light(scene: SceneData, receiver: Receiver, u: wp.vec4, u_environment: wp.vec4) -> LightSample:
+    def sample_light(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightSample:
         choice = choose_light(scene, receiver, u)
         if wp.static(light_tree):
             if choice.light == NO_LIGHT:
                 nothing = LightSample()
                 nothing.point.triangle = NO_HIT
                 return nothing
-        return sample_one_light(scene, choice.light, choice.probability, receiver, choice.u, u_environment)
+        return sample_one_light(scene, choice.light, choice.probability, receiver, choice.u)
 
     @wp.func(name=f"environment_light_pdf_{name}")
-    def environment_light_pdf(scene: SceneData, receiver: Receiver, direction: wp.vec3) -> float:
+    def environment_light_pdf(scene: SceneData, receiver: Receiver, point: ImagePoint) -> float:
         if scene.environment.light < 0:
             return 0.0
         probability = choice_probability(scene, receiver, scene.environment.light)
-        return image_pdf(scene.environment, direction) * probability
+        return image_pdf(scene.environment, receiver, point) * probability
 
     return Lights(sample_light, sample_one_light, choice_probability, environment_light_pdf, emission_at)

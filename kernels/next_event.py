@@ -54,7 +54,7 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
 def make_light_in_medium(features: Features) -> wp.Function:
     """Return the device function for the light that a medium scatters into the way of a path, `forward` so far.
 
-    Its arguments are (scene, receiver, forward, g, inside, skin, u_light, u_environment, strategy).
+    Its arguments are (scene, receiver, forward, g, inside, skin, u_light, strategy).
     """
     sample_light = make_lights(features).sample_light
     visibility = make_visibility(features)
@@ -68,11 +68,10 @@ def make_light_in_medium(features: Features) -> wp.Function:
         inside: BodyStack,
         skin: Skin,
         u_light: wp.vec4,
-        u_environment: wp.vec4,
         strategy: int,
     ) -> DirectLight:
         result = DirectLight()
-        light = sample_light(scene, receiver, u_light, u_environment)
+        light = sample_light(scene, receiver, u_light)
         density = phase(wp.dot(forward, light.wi), g)
         arriving = light.radiance * density
         if not light.delta:
@@ -93,7 +92,7 @@ def make_light_in_medium(features: Features) -> wp.Function:
 def make_light_at_surface(features: Features) -> wp.Function:
     """Return the device function for the light that a surface scatters towards wo, from both of its sides.
 
-    Its arguments are (scene, receiver, surface, beyond, bsdf, wo, inside, after, u_light, u_environment, strategy):
+    Its arguments are (scene, receiver, surface, beyond, bsdf, wo, inside, after, u_light, strategy):
     `receiver` is on the viewer's side, in the bodies `inside`, and `beyond` on the other, in `after`.
     """
     bsdf_evaluate, bsdf_pdf, _, _, _ = make_bsdf(features.models)
@@ -112,11 +111,10 @@ def make_light_at_surface(features: Features) -> wp.Function:
         inside: BodyStack,
         after: BodyStack,
         u_light: wp.vec4,
-        u_environment: wp.vec4,
         strategy: int,
     ) -> DirectLight:
         result = DirectLight()
-        light = sample_light(scene, receiver, u_light, u_environment)
+        light = sample_light(scene, receiver, u_light)
         wi = to_local(surface.frame, light.wi)
         # A shading normal must not let light through: both normals must agree on the side.
         above = wp.dot(light.wi, surface.normal) > 0.0

@@ -10,7 +10,7 @@ import warp as wp
 from wrt.kernels.bodies import innermost, is_there, make_meet, relative_index
 from wrt.kernels.bsdf import make_bsdf, model_of
 from wrt.kernels.bvh import Hit
-from wrt.kernels.environment import image_radiance
+from wrt.kernels.environment import point_towards, radiance_at
 from wrt.kernels.features import Features
 from wrt.kernels.footprint import sample_footprint
 from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT, Ray, Receiver, to_local, to_world
@@ -36,7 +36,6 @@ from wrt.kernels.normal_maps import apply_normal_map
 from wrt.kernels.phase import phase, sample_phase
 from wrt.kernels.sampler import (
     BLOCK_BSDF,
-    BLOCK_ENVIRONMENT,
     BLOCK_LIGHT,
     Sampler,
     make_sample_4d,
@@ -121,10 +120,11 @@ def make_trace_path(features: Features) -> wp.Function:
         scene: SceneData, receiver: Receiver, direction: wp.vec3, last_pdf: float, strategy: int
     ) -> wp.vec3:
         if wp.static(image_environment):
+            point = point_towards(scene.environment, direction)
             light_pdf = float(0.0)
             if last_pdf > 0.0:
-                light_pdf = environment_light_pdf(scene, receiver, direction)
-            return image_radiance(scene.environment, direction) * emitter_hit_weight(strategy, last_pdf, light_pdf)
+                light_pdf = environment_light_pdf(scene, receiver, point)
+            return radiance_at(scene.environment, point.uv) * emitter_hit_weight(strategy, last_pdf, light_pdf)
         return scene.environment.radiance
 
     @wp.func
@@ -211,9 +211,6 @@ def make_trace_path(features: Features) -> wp.Function:
                                 if scene.lights.shape[0] > 0:
                                     receiver.position = ray.origin
                                     receiver.receives = RECEIVES_ANYWHERE
-                                    u_environment = wp.vec4()
-                                    if wp.static(image_environment):
-                                        u_environment = sample_4d(sampler, vertex_block(vertex, BLOCK_ENVIRONMENT))
                                     lit = light_in_medium(
                                         scene,
                                         receiver,
@@ -222,7 +219,6 @@ def make_trace_path(features: Features) -> wp.Function:
                                         inside,
                                         skin,
                                         u_light,
-                                        u_environment,
                                         settings.strategy,
                                     )
                                     rays += lit.rays
@@ -365,9 +361,6 @@ def make_trace_path(features: Features) -> wp.Function:
                 if wp.static(transmits):
                     if bsdf_transmits(bsdf):
                         receiver.receives = RECEIVES_BOTH
-                u_environment = wp.vec4()
-                if wp.static(image_environment):
-                    u_environment = sample_4d(sampler, vertex_block(vertex, BLOCK_ENVIRONMENT))
                 lit = light_at_surface(
                     scene,
                     receiver,
@@ -378,7 +371,6 @@ def make_trace_path(features: Features) -> wp.Function:
                     inside,
                     after,
                     u_light,
-                    u_environment,
                     settings.strategy,
                 )
                 rays += lit.rays

@@ -26,7 +26,6 @@ BLOCK_VERTICES = wp.constant(wp.uint32(2))
 BLOCKS_PER_VERTEX = wp.constant(wp.uint32(4))
 BLOCKS_PER_PATH = wp.constant(wp.uint32(2**19 + 1))  # more than 65536 vertices have; odd, to change all bits
 BLOCK_LIGHT = wp.constant(wp.uint32(0))
-BLOCK_ENVIRONMENT = wp.constant(wp.uint32(1))
 BLOCK_BSDF = wp.constant(wp.uint32(2))
 BLOCK_MATERIAL = wp.constant(wp.uint32(3))
 

@@ -201,16 +201,16 @@ class LightShape:
 
 @wp.struct
 class EnvironmentData:
-    """A constant radiance, or an image in latitude-longitude layout with its sampling table."""
+    """A constant radiance, or an image in latitude-longitude layout with the tables that it is sampled by."""
 
     radiance: wp.vec3
     texels: wp.array(dtype=wp.vec3)
     width: int
     height: int
     rotation: wp.mat33  # from world to image
-    thresholds: wp.array(dtype=float)
-    aliases: wp.array(dtype=int)
-    probabilities: wp.array(dtype=float)
+    cells: wp.array(dtype=wp.uint16)  # tiles of cells (kernels/piecewise.py), one for each normal and one for none
+    bins: wp.array(dtype=wp.uint16)  # tile of each cell
+    side: int  # bins along the side of a cell
     light: int  # number in `lights`; -1 where it is not sampled
 
 

@@ -101,13 +101,13 @@ def make_direct_light(features: Features) -> wp.Function:
                 receiver.position = origin
                 receiver.normal = surface.normal
                 receiver.time = time
-                light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind), wp.vec4())
+                light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind))
                 above = wp.dot(light.wi, surface.normal) > 0.0
                 if wp.static(transmits):
                     if not above:
                         origin = leave(surface, -1.0)
                         receiver.position = origin
-                        light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind), wp.vec4())
+                        light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind))
                 wi = to_local(surface.frame, light.wi)
                 if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
                     arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)

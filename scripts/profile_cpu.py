@@ -37,7 +37,10 @@ PHASES: dict[str, tuple[str, ...]] = {
         *("surface", "footprint", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
         *("albedo", "albedo_dielectric", "albedo_fits", "coat"),
     ),
-    "lights": ("lights", "light_choice", "light_tree", "light_shapes", "solid_angle", "environment", "next_event"),
+    "lights": (
+        *("lights", "light_choice", "light_tree", "light_shapes", "solid_angle", "next_event"),
+        *("environment", "environment_sampling", "piecewise"),
+    ),
     "media": ("medium", "phase", "skin", "bodies"),
     "random numbers": ("sampler", "low_discrepancy"),
     "path": ("path", "integrators", "whitted", "ambient_occlusion", "shadow"),

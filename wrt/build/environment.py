@@ -1,14 +1,12 @@
-"""The environment's texels and the table that samples them by brightness."""
+"""The environment on the device: its texels, and the tables that they are sampled by."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrt.build.alias import make_alias_table
+from wrt.build.environment_sampling import environment_tables
 from wrt.environment import (
     ConstantEnvironment,
     Environment,
@@ -44,24 +42,6 @@ def environment_kind(environment: ConstantEnvironment | ImageEnvironment | None)
     return "image" if environment.scale > 0.0 and environment.pixels.any() else "none"
 
 
-def texel_weights(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return (H, W) luminance times solid angle of each texel, as bilinear interpolation spreads it.
-
-    The mean of the interpolated image over one texel is its texels weighted 1/8, 3/4, 1/8 along
-    each axis, so no texel that receives light from a neighbour is left with a density of zero.
-    """
-    luminance = pixels.astype(np.float64) @ LUMINANCE
-    rows = np.pad(luminance, ((1, 1), (0, 0)), mode="edge")
-    luminance = 0.125 * rows[:-2] + 0.75 * rows[1:-1] + 0.125 * rows[2:]
-    columns = np.pad(luminance, ((0, 0), (1, 1)), mode="wrap")
-    luminance = 0.125 * columns[:, :-2] + 0.75 * columns[:, 1:-1] + 0.125 * columns[:, 2:]
-    height, width = luminance.shape
-    edges = np.cos(np.linspace(0.0, math.pi, height + 1))
-    solid_angle = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
-    weights: NDArray[np.float64] = luminance * solid_angle[:, None]
-    return weights
-
-
 def upload_environment(environment: ConstantEnvironment | ImageEnvironment | None, device: str) -> tuple[Any, float]:
     """Return the device's EnvironmentData and the integral of luminance over all directions.
 
@@ -83,12 +63,12 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
         return data, 0.0
     assert isinstance(environment, ImageEnvironment)
     pixels = environment.pixels * np.float32(environment.scale)
-    weights = texel_weights(pixels)
-    table = make_alias_table(weights.ravel())
+    image_to_world = rotation_matrix(environment.rotation_axis, environment.rotation_degrees)
+    tables = environment_tables(pixels @ LUMINANCE.astype(np.float32), image_to_world)
     data.height, data.width = pixels.shape[:2]
     data.texels = wp.array(pixels.reshape(-1, 3), dtype=wp.vec3, device=device)
-    data.rotation = wp.mat33(*rotation_matrix(environment.rotation_axis, environment.rotation_degrees).T.ravel())
-    data.thresholds = wp.array(table.thresholds, dtype=float, device=device)
-    data.aliases = wp.array(table.aliases, dtype=int, device=device)
-    data.probabilities = wp.array(table.probabilities.astype(np.float32), dtype=float, device=device)
-    return data, float(weights.sum())
+    data.rotation = wp.mat33(*image_to_world.T.ravel())
+    data.cells = wp.array(tables.cells.ravel(), dtype=wp.uint16, device=device)
+    data.bins = wp.array(tables.bins.ravel(), dtype=wp.uint16, device=device)
+    data.side = tables.side
+    return data, tables.flux
