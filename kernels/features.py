@@ -1,6 +1,5 @@
 """What a scene uses, and so what its kernel must contain."""
 
-import hashlib
 from dataclasses import dataclass
 
 _LONGEST_NAME = 100
@@ -72,6 +71,8 @@ class Features:
         parts += ["mipmapped"] * self.mipmapped
         name = "_".join(parts).replace(":", "_").replace("-", "_")
         if len(name) > _LONGEST_NAME:
+            import hashlib
+
             # It becomes part of a file's name, which may have 255 bytes.
             name = f"{name[:_LONGEST_NAME]}_{hashlib.blake2b(name.encode(), digest_size=8).hexdigest()}"
         return name

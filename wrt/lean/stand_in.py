@@ -52,14 +52,12 @@ class StandIn(ModuleType):
         """Take what was compiled."""
         super().__init__("warp", __doc__)
         self.__path__: list[str] = []
-        names = ("int32", "uint32", "int64", "uint64", "uint8", "float32", "float64")
-        for name in names:
-            setattr(self, name, getattr(types, name))
-        self.bool = types.bool_
+        for name, number in types.NUMBERS.items():
+            setattr(self, name, number)
         self.array = Array
         for count in (2, 3, 4):
-            for suffix, number in (("", float), ("d", types.float64), ("i", int), ("ui", types.uint32)):
-                setattr(self, f"vec{count}{suffix}", types.several((count,), number))
+            for suffix, of in (("", float), ("d", types.float64), ("i", int), ("ui", types.NUMBERS["uint32"])):
+                setattr(self, f"vec{count}{suffix}", types.several((count,), of))
             setattr(self, f"mat{count}{count}", types.several((count, count), float))
         self.inf = math.inf
         self.LOG_WARNING = 30

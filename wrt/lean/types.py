@@ -35,10 +35,16 @@ def _number(name: str, c_type: Any, numpy: str) -> type[Number]:
     return type(name, (Number,), {"c_type": c_type, "numpy": numpy})
 
 
-int32, uint32 = _number("int32", ctypes.c_int32, "<i4"), _number("uint32", ctypes.c_uint32, "<u4")
-int64, uint64 = _number("int64", ctypes.c_int64, "<i8"), _number("uint64", ctypes.c_uint64, "<u8")
-uint8, bool_ = _number("uint8", ctypes.c_uint8, "u1"), _number("bool", ctypes.c_bool, "?")
 float32, float64 = _number("float32", ctypes.c_float, "<f4"), _number("float64", ctypes.c_double, "<f8")
+int32, bool_ = _number("int32", ctypes.c_int32, "<i4"), _number("bool", ctypes.c_bool, "?")
+_OTHERS = {
+    f"{kind}{bits}": _number(f"{kind}{bits}", getattr(ctypes, f"c_{kind}{bits}"), f"<{kind[0]}{bits // 8}")
+    for bits in (8, 16, 32, 64)
+    for kind in ("int", "uint")
+}
+NUMBERS = _OTHERS | {"float32": float32, "float64": float64, "int32": int32, "bool": bool_}
+"""Types of numbers by their names."""
+
 _PYTHON: dict[Any, type[Number]] = {int: int32, float: float32, bool: bool_}
 
 
