@@ -27,7 +27,8 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     try:
         # Coordinates at corners part vertices. Ones at vertices need not, and trimesh would leave
         # the normals and colours behind.
-        views = b"format ascii" not in header
+        # Anywhere: trimesh is content with less than "format ascii", and views are of no use to its reader of text.
+        views = b"ascii" not in header.lower()
         fields = load(path, data, "ply", views=views, fix_texture=b"texcoord" in header)
     except InputError as error:
         if "unexpected length" not in str(error):
