@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 from conftest import ROOT
 
+from wrt import lean
 from wrt.lean import builds
 from wrt.lean.builds import Builds, Missing
 
@@ -177,3 +178,39 @@ def test_what_the_stand_in_does_not_know_is_missing() -> None:
         stand_in.Mesh  # noqa: B018
     with pytest.raises(Missing, match="nobody"):
         stand_in.load_module(stand_in.get_module("nobody"), "cpu")
+
+
+class Unexpected(Exception):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("rendered", "error", "calls"), [(False, Unexpected, 2), (True, Unexpected, 1), (True, Missing, 2)]
+)
+def test_what_goes_wrong_is_tried_again_with_warp_but_not_after_hours(
+    rendered: bool, error: type[Exception], calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = Builds(Path("none"), Path("none"), "1.19.0", {builds.FILM: {}})
+    monkeypatch.setattr(Builds, "known", lambda: known)
+    monkeypatch.setattr(known, "note", lambda loaded: None)
+    monkeypatch.setattr(lean, "_OF_WARP", ("warp",))
+    here = {name: module for name, module in sys.modules.items() if name.partition(".")[0] == "warp"}
+    seen = []
+
+    def run() -> None:
+        import warp
+
+        warp.rendered = rendered
+        seen.append(type(warp).__name__)
+        raise error
+
+    try:
+        for name in here:
+            del sys.modules[name]
+        with pytest.raises(error):
+            lean.run_lean(run)
+    finally:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "warp"]:
+            del sys.modules[name]
+        sys.modules.update(here)
+    assert seen == ["StandIn", "module"][:calls]

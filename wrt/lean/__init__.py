@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from wrt.errors import InputError
-from wrt.lean.builds import Builds, loaded_by_warp
+from wrt.lean.builds import Builds, Missing, loaded_by_warp
 
 Result = TypeVar("Result")
 
@@ -30,12 +30,14 @@ def run_lean(run: Callable[[], Result]) -> Result:
     if builds:
         from wrt.lean.stand_in import StandIn
 
-        sys.modules["warp"] = StandIn(builds)
+        stand_in = sys.modules["warp"] = StandIn(builds)
         try:
             return run()
         except (InputError, OSError, MemoryError):
             raise
-        except Exception:  # noqa: BLE001 - Missing, or whatever else: were it not for the stand-in, it comes again
+        except Exception as error:  # whatever it is: were it not for the stand-in, it comes again
+            if stand_in.rendered and not isinstance(error, Missing):
+                raise  # after what may have been hours
             _forget()
     result = run()
     builds.note(loaded_by_warp())

@@ -21,6 +21,11 @@ KEPT = 16
 """Notes about so many versions of kernels, Warp and processors."""
 
 
+FILM = "wrt.kernels.film"
+RENDER = "wrt.render."
+"""Names of modules of kernels: of one, and what those begin with that trace rays."""
+
+
 class Missing(Exception):
     """Something is needed that only Warp itself has."""
 
@@ -60,7 +65,8 @@ class Builds:
         return cls(path, warp, version, modules if isinstance(modules, dict) else {})
 
     def __bool__(self) -> bool:
-        return bool(self._modules)
+        """Whether there is what every render needs at its end, when it would be late to miss that."""
+        return FILM in self._modules
 
     def load(self, name: str) -> None:
         """Load a module into this process.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wrt.lean import types
-from wrt.lean.builds import Builds, Missing
+from wrt.lean.builds import RENDER, Builds, Missing
 from wrt.lean.types import Array, Record
 
 
@@ -46,7 +46,11 @@ class DeclaredKernel:
 
 
 class StandIn(ModuleType):
-    """The module."""
+    """The module.
+
+    Attributes:
+        rendered: whether any ray of a picture has been traced.
+    """
 
     def __init__(self, builds: Builds) -> None:
         """Take what was compiled."""
@@ -68,6 +72,7 @@ class StandIn(ModuleType):
             type_size_in_bytes=_size,
         )
         self.utils = SimpleNamespace(array_scan=_scan)
+        self.rendered = False
         self._builds = builds
         self._modules: dict[str, SimpleNamespace] = {}
 
@@ -169,6 +174,7 @@ class StandIn(ModuleType):
     def launch(self, kernel: DeclaredKernel, dim: int, inputs: Sequence[Any], device: str) -> None:
         """Run a kernel."""
         kernel.launch(self._builds, dim, inputs)
+        self.rendered = self.rendered or kernel.module.name.startswith(RENDER)
 
 
 def _size(dtype: Any) -> int:
