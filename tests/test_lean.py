@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 import warp as wp
@@ -192,25 +193,16 @@ def test_what_goes_wrong_is_tried_again_with_warp_but_not_after_hours(
 ) -> None:
     known = Builds(Path("none"), Path("none"), "1.19.0", {builds.FILM: {}})
     monkeypatch.setattr(Builds, "known", lambda: known)
-    monkeypatch.setattr(known, "note", lambda loaded: None)
-    monkeypatch.setattr(lean, "_OF_WARP", ("warp",))
-    here = {name: module for name, module in sys.modules.items() if name.partition(".")[0] == "warp"}
+    monkeypatch.delitem(sys.modules, "warp")
+    monkeypatch.setattr(lean, "_forget", lambda: sys.modules.update(warp=ModuleType("warp")))
     seen = []
 
     def run() -> None:
-        import warp
-
-        warp.rendered = rendered
+        warp = sys.modules["warp"]
+        warp.rendered = rendered  # type: ignore[attr-defined]
         seen.append(type(warp).__name__)
         raise error
 
-    try:
-        for name in here:
-            del sys.modules[name]
-        with pytest.raises(error):
-            lean.run_lean(run)
-    finally:
-        for name in [name for name in sys.modules if name.partition(".")[0] == "warp"]:
-            del sys.modules[name]
-        sys.modules.update(here)
+    with pytest.raises(error):
+        lean.run_lean(run)
     assert seen == ["StandIn", "module"][:calls]
