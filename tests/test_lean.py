@@ -206,3 +206,15 @@ def test_what_goes_wrong_is_tried_again_with_warp_but_not_after_hours(
     with pytest.raises(error):
         lean.run_lean(run)
     assert seen == ["StandIn", "module"][:calls]
+
+
+def test_kernels_whose_threads_wait_for_one_another_are_left_to_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    from wrt.device import Device
+    from wrt.kernels.film import film_noise
+
+    Device("cpu").compile(film_noise)
+    found = dict(builds.loaded_by_warp())
+    assert set(found[builds.FILM]["kernels"]) == {"film_mean", "film_noise"}
+    # A name that all of them have, in place of one that such kernels have.
+    monkeypatch.setattr(builds, "_COOPERATIVE", b"film_mean")
+    assert builds.FILM not in dict(builds.loaded_by_warp())

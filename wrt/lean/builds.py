@@ -26,6 +26,10 @@ RENDER = "wrt.render."
 """Names of modules of kernels: of one, and what those begin with that trace rays."""
 
 
+_COOPERATIVE = b"wp_cpu_"
+"""How names of functions begin that kernels call whose threads wait for one another."""
+
+
 class Missing(Exception):
     """Something is needed that only Warp itself has."""
 
@@ -106,13 +110,14 @@ class Builds:
     def _native(self) -> Any:
         """Return the library of Warp that loads what was compiled."""
         if self._clang is None:
-            core, clang = (ctypes.CDLL(str(self._warp / "bin" / name)) for name in ("warp.so", "warp-clang.so"))
-            core.wp_cpu_block_runtime_get_api.restype = ctypes.c_void_p
-            clang.wp_llvm_set_cpu_block_runtime.argtypes = [ctypes.c_void_p]
+            clang = ctypes.CDLL(str(self._warp / "bin" / "warp-clang.so"))
             clang.wp_load_obj.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_bool]
             clang.wp_lookup.argtypes = [ctypes.c_char_p, ctypes.c_char_p]
             clang.wp_lookup.restype = ctypes.c_uint64
-            if not clang.wp_llvm_set_cpu_block_runtime(core.wp_cpu_block_runtime_get_api()):
+            # It asks for functions of warp.so (`wp_cpu_block_runtime_api`), which would take 96 MB more. They are for
+            # kernels whose threads wait for one another, of which none is noted.
+            abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
+            if not clang.wp_llvm_set_cpu_block_runtime((ctypes.c_void_p * 5)(*[abort.value] * 5)):
                 raise Missing("the runtime of kernels")
             self._clang = clang
         return self._clang
@@ -158,7 +163,9 @@ def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
             if kernel.adj.kernel_dim == 1
         }
         with contextlib.suppress(OSError):
-            found.append((name, {"file": file, "bytes": os.path.getsize(file), "kernels": kernels}))
+            built = Path(file).read_bytes()
+            if _COOPERATIVE not in built:
+                found.append((name, {"file": file, "bytes": len(built), "kernels": kernels}))
     return found
 
 
