@@ -156,6 +156,7 @@ MOTIONS = {
     "keys = []": "camera.motion: motion times must be finite numbers, at least one",
     "keys = [{ translate = [0, 0, 1] }]": "camera.motion.keys[0]: the key 'time' is missing",
     "keys = [{ time = 1 }, { time = 1 }]": "camera.motion: motion times must ascend",
+    "keys = [{ time = 0 }, { time = 1e308 }]": "camera.motion: motion times must be finite numbers, at least one",
     "keys = [{ time = 1, turn = 3 }]": "camera.motion.keys[0].turn: unknown key",
     "keys = [{ time = 1, scale = 2 }]": "camera: camera motion must only move and turn",
     "keys = 3": "camera.motion.keys: must be an array of tables",

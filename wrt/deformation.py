@@ -11,6 +11,7 @@ from wrt.errors import InputError
 from wrt.mesh import Mesh
 from wrt.motion import segments
 from wrt.normals import following_normals
+from wrt.values import key_times
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +33,7 @@ class Deformation:
     normals: NDArray[np.float32] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=np.float64)
-        if times.ndim != 1 or len(times) == 0 or not np.isfinite(times).all():
-            raise InputError("deformation times must be finite numbers, at least one")
-        if (np.diff(times.astype(np.float32)) <= 0.0).any():
-            raise InputError(f"deformation times must ascend, each greater than the one before, not {times.tolist()}")
+        times = key_times(self.times, "deformation")
         object.__setattr__(self, "times", times)
         for name in ("vertices", "normals"):
             value = getattr(self, name)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.values import Vec3, array, number, vector
+from wrt.values import Vec3, array, key_times, number, vector
 
 FloatArray = NDArray[np.float64]
 
@@ -58,11 +58,7 @@ class Motion:
     center: Vec3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        times = array(self.times, "motion times", np.float64).copy()
-        if times.ndim != 1 or len(times) == 0 or not np.isfinite(times).all():
-            raise InputError("motion times must be finite numbers, at least one")
-        if (np.diff(times.astype(np.float32)) <= 0.0).any():
-            raise InputError(f"motion times must ascend, each greater than the one before, not {times.tolist()}")
+        times = key_times(self.times, "motion")
         matrices = array(self.transforms, "motion transforms", np.float64).copy()
         if matrices.shape != (len(times), 4, 4):
             raise InputError(f"motion transforms must be ({len(times)}, 4, 4), one a time, not {matrices.shape}")

@@ -126,6 +126,22 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
         raise InputError(f"{name} must be an array of numbers, all rows of one length") from None
 
 
+def key_times(value: object, what: str) -> NDArray[np.float64]:
+    """Return a copy of the times of keys as (N,) float64, or raise InputError naming `what`, such as "motion".
+
+    Kernels have them as float32, in which they must be finite and ascend.
+    """
+    times = array(value, f"{what} times", np.float64).copy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        rounded = times.astype(np.float32)
+        ascend = bool((np.diff(rounded) > 0.0).all())
+    if times.ndim != 1 or len(times) == 0 or not np.isfinite(rounded).all():
+        raise InputError(f"{what} times must be finite numbers, at least one")
+    if not ascend:
+        raise InputError(f"{what} times must ascend, each greater than the one before, not {times.tolist()}")
+    return times
+
+
 def image(value: object, what: str) -> NDArray[np.float32]:
     """Return `value` as (H, W, 3) float32 pixels, finite and not negative, or raise InputError naming `what`."""
     with np.errstate(over="ignore"):
