@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -119,10 +120,20 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
 
 
-@pytest.mark.parametrize("architecture", ARCHITECTURES)
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
-def test_render_kernels_compile(features: Features, architecture: int, tmp_path: Path) -> None:
-    compile_for_cuda(make_render_kernel(features).module, architecture, tmp_path)
+def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
+    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path)
+
+
+@pytest.mark.parametrize("features", [FEATURES[0], FEATURES[-1]], ids=lambda features: features.name)
+def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:
+    # No source of ours asks for the architecture: a few tell as much as all, which take minutes.
+    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[-1], tmp_path)
+
+
+def test_no_source_asks_for_the_architecture() -> None:
+    for path in Path(wrt.kernels.__file__).parent.rglob("*.py"):
+        assert not re.search(r"__CUDA_ARCH__\s*[<>=)]*\s*[<>=]", path.read_text(encoding="utf-8")), path
 
 
 @pytest.mark.parametrize("instances", ["none", "still", "deforming"])
