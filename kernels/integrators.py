@@ -1,12 +1,13 @@
 """Integrators by name: what a camera ray becomes."""
 
-from collections.abc import Callable
+import functools
+import importlib
 
 import warp as wp
 
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray
-from wrt.kernels.path import PathResult, PathSettings, make_trace_path
+from wrt.kernels.path import PathResult, PathSettings
 from wrt.kernels.sampler import Sampler
 from wrt.kernels.scene_data import SceneData
 
@@ -22,26 +23,24 @@ def trace_nothing(
     return result
 
 
-def _make_trace_tree(features: Features) -> wp.Function:
-    from wrt.kernels.whitted import make_trace_tree
-
-    return make_trace_tree(features)
-
-
-def _make_trace_occlusion(features: Features) -> wp.Function:
-    from wrt.kernels.ambient_occlusion import make_trace_occlusion
-
-    return make_trace_occlusion(features)
-
-
-INTEGRATORS: dict[str, Callable[[Features], wp.Function]] = {
-    "path": make_trace_path,
-    "whitted": _make_trace_tree,
-    "ao": _make_trace_occlusion,
-    "aov": lambda features: trace_nothing,
+INTEGRATORS = {
+    "path": ("wrt.kernels.path", "make_trace_path"),
+    "whitted": ("wrt.kernels.whitted", "make_trace_tree"),
+    "ao": ("wrt.kernels.ambient_occlusion", "make_trace_occlusion"),
+    "aov": ("wrt.kernels.integrators", "make_trace_nothing"),
 }
+"""Module and factory of each; imported when asked for, as most pictures need one of them."""
 
 
+def make_trace_nothing(features: Features) -> wp.Function:
+    """Return the device function that traces no paths, whatever the scene has."""
+    del features
+    return trace_nothing
+
+
+@functools.cache
 def make_trace(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_angle, sampler, settings) -> PathResult."""
-    return INTEGRATORS[features.integrator](features)
+    module, factory = INTEGRATORS[features.integrator]
+    function: wp.Function = getattr(importlib.import_module(module), factory)(features)
+    return function
