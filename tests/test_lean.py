@@ -218,3 +218,20 @@ def test_kernels_whose_threads_wait_for_one_another_are_left_to_warp(monkeypatch
     # A name that all of them have, in place of one that such kernels have.
     monkeypatch.setattr(builds, "_COOPERATIVE", b"film_mean")
     assert builds.FILM not in dict(builds.loaded_by_warp())
+
+
+def test_kernels_that_their_names_do_not_tell_apart_are_left_to_warp() -> None:
+    def make(factor: int) -> wp.Kernel:
+        @wp.kernel(module=wp.get_module("wrt.test_lean"), enable_backward=False)
+        def times(first: int, values_out: wp.array(dtype=int)):  # type: ignore[valid-type]
+            values_out[first + wp.tid()] = wp.static(factor)
+
+        return times
+
+    one = make(2)
+    wp.load_module("wrt.test_lean", device="cpu")
+    assert len(dict(builds.loaded_by_warp())["wrt.test_lean"]["kernels"]) == 1
+    both = [one, make(3)]
+    wp.load_module("wrt.test_lean", device="cpu")
+    assert len(both) == 2
+    assert "wrt.test_lean" not in dict(builds.loaded_by_warp())

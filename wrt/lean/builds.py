@@ -16,15 +16,12 @@ from typing import Any
 TESTED = ("1.19.0",)
 """Versions of Warp whose memory layout `wrt/lean` has been tested against; with others, Warp itself is imported."""
 
-
 KEPT = 16
 """Notes about so many versions of kernels, Warp and processors."""
-
 
 FILM = "wrt.kernels.film"
 RENDER = "wrt.render."
 """Names of modules of kernels: of one, and what those begin with that trace rays."""
-
 
 _COOPERATIVE = b"wp_cpu_"
 """How names of functions begin that kernels call whose threads wait for one another."""
@@ -159,9 +156,11 @@ def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
         file = os.path.join(folder, module._get_compile_output_name(device, block_dim=block))
         kernels = {
             kernel.func.__qualname__: f"{each.get_kernel_mangled_name(kernel)}_cpu_forward"
-            for kernel in module.kernels.values()
+            for kernel in module.hashers[block].get_unique_kernels()
             if kernel.adj.kernel_dim == 1
         }
+        if len(kernels) < len(module.hashers[block].get_unique_kernels()):
+            continue  # some that their names do not tell apart, or whose threads have more than one number
         with contextlib.suppress(OSError):
             built = Path(file).read_bytes()
             if _COOPERATIVE not in built:

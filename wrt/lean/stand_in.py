@@ -79,7 +79,6 @@ class StandIn(ModuleType):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        # In annotations and in the code of kernels, which is not run, names may be looked up that mean nothing here.
         raise Missing(f"warp.{name}")
 
     # Declarations.
