@@ -7,6 +7,7 @@ where that lacks anything, Warp itself is imported, and the render starts over.
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import TypeVar
@@ -39,6 +40,8 @@ def run_lean(run: Callable[[], Result]) -> Result:
             if stand_in.rendered and not isinstance(error, Missing):
                 raise  # after what may have been hours
             _forget()
+        gc.unfreeze()  # what was kept for good is of no use any more, and may be large
+        gc.collect()
     result = run()
     builds.note(loaded_by_warp())
     return result
