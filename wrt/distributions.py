@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(128)
+
+@functools.cache
+def _nodes_and_weights() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return those of Gauss and Legendre's quadrature over −1 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(128)
+    return np.asarray(nodes), np.asarray(weights)
 
 
 def sgd_normalization(alpha: float, p: float) -> float:
@@ -27,6 +34,7 @@ def sgd_normalization(alpha: float, p: float) -> float:
     # exp(α) E_p(α) = ∫ exp(−αs) (1 + s)^−p ds over s ≥ 0; with 1 + s = e^y the integrand is smooth on the scale of y,
     # and below e^−50 where this interval ends.
     end = math.log1p(50.0 / alpha)
-    y = 0.5 * end * (_NODES + 1.0)
-    integral = 0.5 * end * float(np.sum(_WEIGHTS * np.exp(-alpha * np.expm1(y) + (1.0 - p) * y)))
+    nodes, weights = _nodes_and_weights()
+    y = 0.5 * end * (nodes + 1.0)
+    integral = 0.5 * end * float(np.sum(weights * np.exp(-alpha * np.expm1(y) + (1.0 - p) * y)))
     return 1.0 / (alpha * alpha * integral)

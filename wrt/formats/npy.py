@@ -9,7 +9,6 @@ import io
 import math
 import struct
 import warnings
-import zipfile
 import zlib
 from collections.abc import Collection
 from typing import Any
@@ -20,14 +19,13 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.files import first_line
 
-# What reading an archive raises when bytes of it are wrong: zipfile's own, and those of encryption
+# What reading an archive raises when bytes of it are wrong, beside zipfile's own: what is of encryption
 # (RuntimeError) and compression (NotImplementedError, one of them) that are not there.
 _DAMAGE = (
     OSError,
     ValueError,
     KeyError,
     EOFError,
-    zipfile.BadZipFile,
     TypeError,
     RuntimeError,
     zlib.error,
@@ -48,6 +46,8 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
     Raises:
         InputError: where it is none, is damaged, or has far more in it than its size is.
     """
+    import zipfile  # not at every start
+
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
@@ -55,7 +55,7 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
             if sum(entry.file_size for entry in wanted.values()) > max(_SMALL, _GAIN * len(data)):
                 raise InputError("its content is many times larger than the file")
             return {name: read_array(archive.read(entry)) for name, entry in wanted.items()}
-    except _DAMAGE as error:
+    except (*_DAMAGE, zipfile.BadZipFile) as error:
         raise InputError(first_line(error)) from None
 
 
