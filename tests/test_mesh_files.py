@@ -265,8 +265,16 @@ def test_from_trimesh_takes_colors_textures_transforms_and_given_normals():
     np.testing.assert_allclose(kept.mesh.normals, given, atol=1e-6)
 
     colored = trimesh.Trimesh(box.vertices, box.faces, vertex_colors=np.full((8, 4), 128, np.uint8), process=False)
-    mesh = from_trimesh(colored)[0].mesh
-    np.testing.assert_allclose(mesh.colors, linear_from_srgb(128 / 255), rtol=1e-6)
+    clear = from_trimesh(colored)[0]
+    np.testing.assert_allclose(clear.mesh.colors, [[linear_from_srgb(128 / 255)] * 3 + [128 / 255]] * 24, rtol=1e-6)
+    assert clear.material.opacity.alpha
+    colored.visual.vertex_colors[:, 3] = 255
+    opaque = from_trimesh(colored)[0]
+    np.testing.assert_allclose(opaque.mesh.colors, linear_from_srgb(128 / 255), rtol=1e-6)
+    assert opaque.mesh.colors.shape == (24, 3)
+    assert opaque.material.opacity == 1.0
+    faces = trimesh.Trimesh(box.vertices, box.faces, face_colors=[[255, 0, 0, 51]] * 12, process=False)
+    np.testing.assert_allclose(from_trimesh(faces)[0].mesh.colors, [[1.0, 0.0, 0.0, 0.2]] * 36, rtol=1e-6)
 
     image = Image.fromarray(np.full((2, 2, 3), 200, np.uint8))
     uv = np.linspace(0, 1, 16).reshape(8, 2)

@@ -161,8 +161,8 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
     What stands in several places are shapes that share a mesh, each with a transform; all else lies in world space.
 
-    Normals that someone gave the mesh are kept; the ones trimesh computes by itself are not, as
-    they round every edge off.
+    Colours of vertices and faces are as opaque as their alpha tells. Normals that someone gave the mesh are kept; the
+    ones trimesh computes by itself are not, as they round every edge off.
 
     Args:
         source: the object; points and paths in a scene are left out.
@@ -196,10 +196,17 @@ def _trimesh_part(name: str, mesh: Any) -> Part:
             part.uvs = np.asarray(uv)
         part.reflectance = _trimesh_material(name, visual.material)
     elif visual.kind == "vertex":
-        part.colors = decoded(np.asarray(visual.vertex_colors))
+        part.colors = _with_alpha(np.asarray(visual.vertex_colors))
     elif visual.kind == "face":
-        part.face_colors = decoded(np.asarray(visual.face_colors))
+        part.face_colors = _with_alpha(np.asarray(visual.face_colors))
     return part
+
+
+def _with_alpha(given: NDArray[Any]) -> NDArray[np.float64]:
+    """Return 8-bit colours as linear ones, (N, 4) if any is not opaque."""
+    alpha = given[:, 3:] / 255.0
+    colors = decoded(given)
+    return np.column_stack([colors, alpha]) if (alpha < 1.0).any() else np.asarray(colors)
 
 
 def _given_normals(mesh: Any) -> NDArray[np.float64] | None:

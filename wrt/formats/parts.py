@@ -50,7 +50,7 @@ class Part:
         normals: (N, 3) or None; need not be unit or finite.
         uvs: (N, 2), (N, 4) for two sets, or None; v up.
         colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
-        face_colors: (M, 3) or None, like `colors`.
+        face_colors: (M, 3), (M, 4) or None, like `colors`.
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
         material: all that the file says, where it says more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether what shines does so on both sides.
@@ -330,6 +330,11 @@ def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[
     return result
 
 
+def _colored(colors: NDArray[np.float32]) -> Diffuse:
+    """Return a matt material of a mesh's colours, as opaque as their alpha, if they have any."""
+    return Diffuse(VertexColor(), opacity=VertexColor(alpha=True) if colors.shape[1] == 4 else 1.0)
+
+
 def _shape(part: Part, mesh: Mesh) -> Shape:
     """Choose the material: a texture if it can be laid, else colours, else the constant."""
     if part.material is not None:
@@ -352,7 +357,7 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
             colors,
             mesh.name,
         )
-        return Shape(split, Diffuse(VertexColor()), name=mesh.name)
+        return Shape(split, _colored(colors), name=mesh.name)
     if mesh.colors is not None:
-        return Shape(mesh, Diffuse(VertexColor()), name=mesh.name)
+        return Shape(mesh, _colored(mesh.colors), name=mesh.name)
     return Shape(mesh, Diffuse(DEFAULT_REFLECTANCE if reflectance is None else reflectance), name=mesh.name)
