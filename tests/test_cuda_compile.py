@@ -36,6 +36,9 @@ FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.bodies"
 }
 """Functions that make kernels; each is called below."""
 
+MODELS = sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})
+"""The reflection model of each material as it comes."""
+
 FEATURES = [
     Features(("diffuse",), False, "none"),
     Features(("conductor", "dielectric"), False, "constant"),
@@ -43,15 +46,9 @@ FEATURES = [
     Features(("diffuse",), False, "none", instances="still"),
     Features(("diffuse",), False, "none", instances="moving"),
     Features(("diffuse",), False, "none", instances="deforming"),
-    # Each material's model as it comes, with all that a scene can have besides.
-    Features(
-        tuple(sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})),
-        True,
-        "image",
-        layered=True,
-        tangents=True,
-        light_shapes=True,
-    ),
+    # Two models with all that a scene can have besides; then each material's as it comes. All in one took minutes.
+    Features(("diffuse", "rough_dielectric:ggx:smith"), True, "image", layered=True, tangents=True, light_shapes=True),
+    *(Features((model,), False, "none") for model in MODELS if model != "diffuse"),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     Features(("diffuse",), True, "image", layered=True, tangents=True, extras=True),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
@@ -74,7 +71,7 @@ FEATURES = [
         "none",
         media="scattering",
         nested=True,
-        instances="deforming",
+        instances="still",
     ),
     # Each distribution of normals, and each masking with one of them.
     *(

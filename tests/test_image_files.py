@@ -229,6 +229,19 @@ def test_truncated_images_are_refused_or_whole(tmp_path, name, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "I;16"])
+def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, mode):
+    path = tmp_path / "even.png"
+    Image.new(mode, (1500, 1000)).save(path, optimize=True)  # nothing packs better
+    assert load_image(path).shape == (1000, 1500, 3)
+    whole = path.read_bytes()
+    # Twice the rows, of which Pillow would take half to be black.
+    header = whole[12:20] + struct.pack(">I", 2000) + whole[24:29]
+    path.write_bytes(whole[:12] + header + struct.pack(">I", zlib.crc32(header)) + whole[33:])
+    with pytest.raises(wrt.InputError, match=r"even\.png: the file is too short for 1500x2000 pixels"):
+        load_image(path)
+
+
 def test_decompression_bombs_are_refused(tmp_path):
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import warnings
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -34,9 +35,11 @@ FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")
 """Of files in floating point that OpenImageIO reads."""
 
 _PIXELS_PER_BYTE = 2**16
-"""More than OpenEXR, Radiance and these can gain by compression: where the header says more, it is wrong."""
+"""More than OpenEXR, Radiance and most others can gain by compression: where the header says more, it is wrong."""
 
-_BOUNDED = ("PNG", "JPEG", "BMP", "GIF")
+_BOUNDED = ("JPEG", "BMP", "GIF")
+_DEFLATED = 1032
+"""Bytes of PNG's data that one of the file can stand for. Where data end sooner, Pillow takes the rest to be black."""
 
 
 def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
@@ -117,12 +120,24 @@ def open_image(file: Path | io.BytesIO) -> Image:
     size = file.stat().st_size if isinstance(file, Path) else len(file.getbuffer())
     try:
         require_pixels(*image.size)
-        if image.format in _BOUNDED and image.width * image.height > _PIXELS_PER_BYTE * size:
+        if image.width * image.height > _most_pixels(image, size):
             raise InputError(f"the file is too short for {image.width}x{image.height} pixels; it is truncated")
     except InputError:
         image.close()
         raise
     return image
+
+
+def _most_pixels(image: Image, size: int) -> float:
+    """Return how many pixels a file of so many bytes can have in the image's format."""
+    from PIL.ImageFile import ImageFile
+
+    if image.format == "PNG" and isinstance(image, ImageFile) and image.tile:
+        # How a pixel lies in the file, such as "RGB", "L;4" or "I;16B".
+        kind, _, depth = str(image.tile[0][3]).partition(";")
+        bits = int("".join(c for c in depth if c.isdecimal()) or (1 if kind == "1" else 8)) * len(image.getbands())
+        return 8 * _DEFLATED * size / bits
+    return _PIXELS_PER_BYTE * size if image.format in _BOUNDED else math.inf
 
 
 def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32]:
