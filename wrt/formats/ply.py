@@ -60,7 +60,8 @@ def _strips(elements: dict[str, Any]) -> NDArray[np.int64]:
     """Return (T, 3) triangles of the element that programs of Stanford's school write instead of faces."""
     data = elements.get("tristrips", {}).get("data")
     if isinstance(data, np.ndarray):  # binary: records of a count and that many indices
-        rows = [row["f1"] for name in data.dtype.names for row in data[name]]
+        lists = [name for name in data.dtype.names or () if data.dtype[name].names]
+        rows = [row["f1"] for name in lists for row in data[name]]
     else:
         rows = [row for column in (data or {}).values() for row in column]
     # Each row is a strip of its own, and -1 starts another within it.
