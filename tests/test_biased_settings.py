@@ -46,6 +46,7 @@ def test_clamping_leaves_emission_and_direct_light_alone(device: str) -> None:
     np.testing.assert_allclose(render(scene, 8, clamp_indirect=1e-6, device=device).image(), plain.image(), atol=2e-6)
 
 
+@pytest.mark.slow
 def test_clamping_only_takes_away(device: str, report: Report) -> None:
     """In each sample, so in each pixel; the lower the limit the more; and a limit above all samples takes nothing."""
     scene = hall(ROUGH)

@@ -282,6 +282,7 @@ def test_a_mixture_under_a_constant_sky_shows_the_mean_of_both(device: str, repo
     assert_mean(renderer, tuple(2.0 * mixed), report, "radiance of a mixture")
 
 
+@pytest.mark.slow
 def test_direct_light_on_a_mixture_is_the_mean_of_that_on_its_parts(device: str, report: Report) -> None:
     """Pixel by pixel, also of parts that reflect into single directions, where shadow rays find nothing."""
 

@@ -117,6 +117,7 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path)

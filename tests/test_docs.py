@@ -81,6 +81,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wrt.Renderer, "passes", few_passes)
 
 
+@pytest.mark.slow
 def test_python_examples_run_and_write_what_they_say(
     small: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

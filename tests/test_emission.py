@@ -67,6 +67,7 @@ def render(scene: wrt.Scene, device: str, strategy: str = "mis", seed: int = 1) 
     return renderer.image(), renderer.variance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 def test_a_textured_light_is_as_many_small_ones(strategy: str, device: str, report: Report) -> None:
     expected = render(mosaic(picture()), device, seed=2)

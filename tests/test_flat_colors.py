@@ -70,6 +70,7 @@ def steps(found: NDArray[Any], expected: NDArray[Any], flat: NDArray[Any]) -> ND
     return np.abs(found - expected).max(axis=-1)[flat]
 
 
+@pytest.mark.slow
 @needs_assets
 def test_a_duck_without_light_is_its_texture(tmp_path: Path, report: Report) -> None:
     path = prepared(tmp_path, "Duck.glb", unlit=True, fov=0.26)

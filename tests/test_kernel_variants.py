@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pytest
 import warp as wp
 from conftest import ROOT
 
@@ -154,6 +155,7 @@ def run_with_cache(folder: Path) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_two_variants_in_one_process_are_two_kernels(tmp_path: Path) -> None:
     """From an empty cache: a diffuse scene, then a mirror, each right, and each built once.
 

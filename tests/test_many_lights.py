@@ -74,6 +74,7 @@ def compared(a: tuple[NDArray, NDArray], b: tuple[NDArray, NDArray], spp: tuple[
     return image_z_test(*a, *b, n_a=spp[0], n_b=spp[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 def test_the_tree_shows_what_power_shows(strategy: str, device: str, report: Report) -> None:
     """Against the choice by power, with each estimator: their densities must be those of their samples."""
@@ -113,6 +114,7 @@ def test_the_tree_is_for_many_lights() -> None:
     assert not features(far, "tree")
 
 
+@pytest.mark.slow
 def test_another_choice_is_another_render(tmp_path: object) -> None:
     file = tmp_path / "a.wrt"  # type: ignore[operator]
     scene = room()

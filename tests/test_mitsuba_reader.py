@@ -121,6 +121,7 @@ def test_parameters(tmp_path: Path) -> None:
         loaded(tmp_path, body.replace("$r", "${s}"))
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path: Path) -> None:
     path = written(
         tmp_path,

@@ -179,6 +179,7 @@ def moving_scene(shutter: tuple[float, float]) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> None:
     """Still ones have all triangles where they are in one tree, and know nothing of motion."""
     options = {"width": 40, "height": 30, "max_depth": 4, "sampler": "independent", "device": device}

@@ -68,6 +68,7 @@ def lunar(w: Any, front: bool = True) -> Case:
     return Case(example().Lunar(w), front)
 
 
+@pytest.mark.slow
 def test_the_program_runs_and_the_full_moon_is_flat(tmp_path: Path) -> None:
     """Seen from where the light comes from, cosθi = cosθo, and the radiance is E w / 8π right to the rim."""
     (tmp_path / "moon.py").write_text(CODE, "utf-8")

@@ -84,6 +84,7 @@ CORNERS = {
 CASES = {**WIDE, **NARROW, **CORNERS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("name", WIDE)
 def test_samples_follow_the_density(name: str, degrees: float, device: str, report: Report) -> None:

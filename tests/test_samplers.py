@@ -50,6 +50,7 @@ def test_bits_depend_on_neither_passes_nor_threads_nor_crop(sampler: str) -> Non
     assert sampler == DEFAULT or (picture() != whole).any()
 
 
+@pytest.mark.slow
 def test_every_sampler_has_the_expectation_of_independent_samples(device: str, report: Report) -> None:
     """By the spread between seeds, as the samples of a pixel say nothing of it."""
 

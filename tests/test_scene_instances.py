@@ -87,6 +87,7 @@ def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_a_picture_of_instances_is_that_of_copies(shared: None, device: str, report: Report) -> None:
     copies, instances = many(False), many(True)
     assert layout.lay_out(copies).kind == "none"

@@ -132,6 +132,7 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
         moving.update_vertices(1, mesh.vertices)
 
 
+@pytest.mark.slow
 def test_the_example_renders_a_falling_cloth(tmp_path) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "cloth.py"), str(tmp_path), "--frames", "12", "--spp", "2"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
