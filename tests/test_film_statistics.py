@@ -53,6 +53,7 @@ def test_variance_is_the_spread_between_seeds(spp: int, device: str, report: Rep
     assert p > sidak(ALPHA, 3)
 
 
+@pytest.mark.slow
 def test_pixels_and_seeds_are_independent(device: str, report: Report) -> None:
     """Neighbouring pixels, and pictures of consecutive seeds, must not share their noise."""
     seeds = 4 * SEEDS

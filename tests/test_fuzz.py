@@ -41,6 +41,7 @@ def fuzz() -> Iterator[ModuleType]:
             sys.modules.pop(name, None)
 
 
+@pytest.mark.slow
 def test_planted_faults_are_noticed(fuzz):
     faults = [*FAULTS, "refuse", "tell", "nothing"]
     inputs = iter([(number, "png", fault.encode()) for number, fault in enumerate(faults)])
@@ -109,6 +110,7 @@ def test_damaged_files_are_read_or_refused(fuzz, report):
     assert min(count.values()) > 20
 
 
+@pytest.mark.slow
 def test_the_inputs_of_the_command_are_read_or_refused(fuzz, report):
     corpus = fuzz.Corpus()
     kinds = sorted(corpus.files)

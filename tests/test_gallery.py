@@ -201,6 +201,7 @@ def test_sheet_has_a_place_for_every_tile() -> None:
 # --- Plots -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["fresnel-glass", "fresnel-metals", "distributions", "maskings", "lobes", "lobes-of-glass", "albedos"]
 )

@@ -85,6 +85,7 @@ edge_v = [0, 2, 0]
 """
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, environment: dict[str, str]) -> None:
     (tmp_path / "dark.toml").write_text(DARK)
     whole, said = render(tmp_path, environment, "a.npy", "dark.toml")

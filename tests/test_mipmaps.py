@@ -145,6 +145,7 @@ def test_one_sample_sees_the_mean_of_what_is_far_smaller_than_a_pixel(
         assert points.std() / MEAN > 0.3
 
 
+@pytest.mark.slow
 def test_few_samples_have_less_noise_and_many_see_the_same(device: str, report: Report) -> None:
     """Along a floor that goes from magnified to much smaller than pixels, and is seen at an angle."""
     level = {name: floor(clouds(), ALONG, filter=name) for name in ("bilinear", "trilinear")}

@@ -74,6 +74,7 @@ def test_pieces_cover_their_triangles(name: str, device: str, forced: None, repo
     check(tree, corners, pieces=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HARD)
 def test_hard_triangles_are_cut_without_harm(name: str, device: str, forced: None) -> None:
     corners = HARD[name]()

@@ -157,6 +157,7 @@ def scene_of_lamps(camera: wrt.Camera) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_a_moving_cameras_picture_is_the_mean_of_still_ones(device: str, report: Report) -> None:
     """At times drawn by the trapezoid, which a box is not."""
     stills, ramp = 96, 0.8

@@ -341,6 +341,7 @@ for tracer in tracers:
 """
 
 
+@pytest.mark.slow
 def test_rays_that_are_not_finite_meet_nothing(device: str) -> None:
     """Nor the unused places of nodes, for ever. In a process of its own: it may not come to an end."""
     code = _NOT_FINITE.replace("DEVICE", repr(device))
