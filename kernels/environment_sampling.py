@@ -17,8 +17,8 @@ ROWS = wp.constant(16)
 COLUMNS = wp.constant(32)
 STEPS = wp.constant(16)
 
-_CELL_TILE = wp.constant(16 + 16 * 32)
-_WITHOUT_NORMAL = wp.constant(17 * 17)
+_CELL_TILE = wp.constant(ROWS + ROWS * COLUMNS)
+_WITHOUT_NORMAL = wp.constant((STEPS + 1) ** 2)
 
 
 @wp.struct

@@ -13,7 +13,7 @@ from wrt.kernels.warps import BELOW_ONE
 UNITS = wp.constant(32768)
 """Of sums: those of all parts together."""
 
-_SHARE = wp.constant(1.0 / 32768.0)
+_SHARE = wp.constant(1.0 / UNITS)
 
 
 @wp.struct
