@@ -86,6 +86,9 @@ def _columns(coefficients: int, first: tuple[int, ...]) -> list[int]:
     return [int(f"{number:0{k + 1}b}"[::-1], 2) for k, number in enumerate(numbers)]
 
 
+COLUMNS = ", ".join("{" + ", ".join(f"{c}u" for c in _columns(*p)) + "}" for p in _POLYNOMIALS)
+"""The three matrices as C++ writes an array of arrays, 32 columns each."""
+
 _SUM_COLUMNS = """
     const unsigned columns[3][32] = {COLUMNS};
     unsigned digits = 0;
@@ -97,7 +100,7 @@ _SUM_COLUMNS = """
 #endif
     }
     return digits;
-""".replace("COLUMNS", ", ".join("{" + ", ".join(f"{c}u" for c in _columns(*p)) + "}" for p in _POLYNOMIALS))
+""".replace("COLUMNS", COLUMNS)
 
 
 @wp.func_native(_SUM_COLUMNS)

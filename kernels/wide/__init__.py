@@ -1,0 +1,1 @@
+"""Render kernels for sixteen lanes at once, on CPUs whose registers hold so many numbers."""

@@ -1,0 +1,352 @@
+"""Sixteen rays through the ray tree, as paths that go on side by side have them.
+
+All go down the tree together first, the way `kernels/packets.py` does: each box is tested against all rays, and each
+triangle. Rays of one octant and one main axis share which sides of a box are near; the others choose for themselves,
+which costs twice the instructions and is still less than going alone where most of them come along, as at the root.
+Where few are left, the node is put on a list of each of them; what is on the lists they follow alone, some in turn
+(`kernels/interleaved.py`). The answers are those of `kernels/bvh.py`, bit for bit.
+"""
+
+from wrt.kernels.bvh import RAY_SLAB, STACK_SIZE, native_code
+from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, WOOP_DISTANCE, WOOP_EDGES, WOOP_ERROR
+
+# Measured: the rays that are followed in turn; those left of rays of one octant, and of others, at which they part;
+# rays at all for which going together is worth it.
+IN_TURN = 5
+LONE_RAYS = 4
+LONE_MIXED_RAYS = 8
+FEW_RAYS = 6
+
+_TYPES = """
+namespace lanes {
+LANES_INLINE unsigned bits(i16 m) { return __builtin_bit_cast(unsigned short, __builtin_convertvector(m, b16)); }
+
+// What the tests of `kernels/simd.py` need of sixteen rays, and what they have met.
+struct alignas(64) Rays {
+    float origins[3][16], inverses[3][16], near_shifts[3][16], far_shifts[3][16], shears[3][16];
+    int near_rows[3][16], far_rows[3][16], kxs[16], kys[16], kzs[16], flips[16];
+    float reach[16], hit_us[16], hit_vs[16];  // a ray that is done reaches nothing
+    int numbers[16];
+};
+constexpr int MOST_LISTED = 24;
+// Where each ray goes on alone: nodes, and the bits of where they begin.
+struct Lists {
+    unsigned some;
+    int lengths[16], firsts[16], begins[16][MOST_LISTED], nodes[16][MOST_LISTED];
+};
+struct Lone {
+    float t_max, hit_u, hit_v;
+    int id_max, current, top, number;
+    int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
+};
+} // namespace lanes
+""".replace("STACK_SIZE", str(STACK_SIZE))
+
+_FOLLOW_ALONE = (
+    """
+template<bool any_hit>
+static __attribute__((noinline)) void follow_alone(const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
+    const float* const all_nodes = (const float*)bvh.nodes.data;
+    const float* const all_leaves = (const float*)bvh.leaves.data;
+    const float pad = BOX_PAD;
+    int live = 0;
+    const auto next_listed = [&](lanes::Lone& r) -> bool {
+        const int n = r.number;
+        const float limit = r.t_max * pad;
+        if (limit < 0.0f) return false;
+        int limit_bits;
+        memcpy(&limit_bits, &limit, 4);
+        while (lists.firsts[n] < lists.lengths[n]) {
+            const int k = lists.firsts[n]++;
+            if (lists.begins[n][k] > limit_bits) continue;
+            r.current = lists.nodes[n][k];
+            return true;
+        }
+        return false;
+    };
+    const auto start = [&](lanes::Lone& r) {
+        r.number = -1;
+        for (; lists.some; lists.some &= lists.some - 1) {
+            const int n = r.number = __builtin_ctz(lists.some);
+            r.t_max = a.reach[n];
+            r.hit_u = a.hit_us[n];
+            r.hit_v = a.hit_vs[n];
+            r.id_max = a.numbers[n];
+            r.top = 0;
+            if (next_listed(r)) {
+                lists.some &= lists.some - 1;
+                ++live;
+                return;
+            }
+            r.number = -1;
+            lists.lengths[n] = lists.firsts[n] = 0;
+        }
+    };
+    lanes::Lone rays[IN_TURN];
+    for (int i = 0; i < IN_TURN; ++i) start(rays[i]);
+    while (live > 0) {
+        _Pragma("clang loop unroll(disable)") for (int i = 0; i < IN_TURN; ++i) {
+            lanes::Lone& r = rays[i];
+            if (r.number < 0) continue;
+            const int n = r.number;
+            float &t_max = r.t_max, &hit_u = r.hit_u, &hit_v = r.hit_v;
+            int &id_max = r.id_max, &top = r.top;
+            int *const begins = r.begins, *const waiting = r.waiting;
+            #define OF_RAY(rows) {a.rows[0][n], a.rows[1][n], a.rows[2][n]}
+            if (r.current >= 0) {
+                const float inverse[3] = OF_RAY(inverses), near_shift[3] = OF_RAY(near_shifts);
+                const float far_shift[3] = OF_RAY(far_shifts);
+                const int near_row[3] = OF_RAY(near_rows), far_row[3] = OF_RAY(far_rows), flip = a.flips[n];
+                const float* node = all_nodes + (size_t)r.current * 56;
+                const int* children = (const int*)(node + 48);
+"""
+    + BOX_TEST
+    + PUSH_CHILDREN
+    + """
+            } else {
+                const float origin[3] = OF_RAY(origins), shear[3] = OF_RAY(shears);
+                const int kx = a.kxs[n], ky = a.kys[n], kz = a.kzs[n];
+                const float* leaf = all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
+"""
+    + TRIANGLE_TEST
+    + """
+                if (any_hit && id_max != NOTHING_HIT) {
+                    top = 0;
+                    t_max = -1.0f;
+                }
+            }
+            #undef OF_RAY
+            const float limit = t_max * pad;
+            int limit_bits;
+            memcpy(&limit_bits, &limit, 4);
+            for (;;) {
+                if (top > 0) {
+                    --top;
+                    if (begins[top] > limit_bits) continue;
+                    r.current = waiting[top];
+                } else if (!next_listed(r)) {
+                    a.reach[n] = r.t_max;
+                    a.hit_us[n] = r.hit_u;
+                    a.hit_vs[n] = r.hit_v;
+                    a.numbers[n] = r.id_max;
+                    lists.lengths[n] = lists.firsts[n] = 0;
+                    --live;
+                    start(r);
+                }
+                const float* next = r.current >= 0 ? all_nodes + (size_t)r.current * 56
+                                                   : all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
+                for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
+                break;
+            }
+        }
+    }
+}
+"""
+)
+
+_FOLLOW_TOGETHER = (
+    """
+// mixed: rays of any directions; else all of them are of one octant and one main axis.
+template<bool any_hit, bool mixed>
+static __attribute__((noinline)) void follow_together(
+    const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
+    using lanes::f16; using lanes::i16; using lanes::b16;
+    #define ROW(numbers) (*(f16*)a.numbers)
+    #define INTEGER_ROW(numbers) (*(i16*)a.numbers)
+    const float* const all_nodes = (const float*)bvh.nodes.data;
+    const float* const all_leaves = (const float*)bvh.leaves.data;
+    const float pad = BOX_PAD;
+    constexpr int lone_rays = mixed ? LONE_MIXED_RAYS : LONE_RAYS;
+    alignas(64) float begins[STACK_SIZE][16];
+    int waiting[STACK_SIZE], top = 1;
+    waiting[0] = 0;
+    *(f16*)begins[0] = (f16)t_min;
+    const int one = __builtin_ctz(lanes::bits(ROW(reach) >= t_min) | 0x8000), flip = a.flips[one];
+    const int near_row[3] = {a.near_rows[0][one], a.near_rows[1][one], a.near_rows[2][one]};
+    const int far_row[3] = {a.far_rows[0][one], a.far_rows[1][one], a.far_rows[2][one]};
+    b16 back[3];
+    for (int k = 0; k < 3; ++k) back[k] = __builtin_convertvector(ROW(inverses[k]) < 0.0f, b16);
+    while (top > 0) {
+        --top;
+        const int current = waiting[top];
+        const f16 limit = ROW(reach);
+        const i16 within = *(const f16*)begins[top] <= limit * pad;
+        unsigned rays = lanes::bits(within);
+        if (rays == 0) continue;
+        if (__builtin_popcount(rays) <= lone_rays) {
+            bool full = false;
+            for (; rays; rays &= rays - 1) {
+                const int n = __builtin_ctz(rays), k = lists.lengths[n]++;
+                memcpy(&lists.begins[n][k], &begins[top][n], 4);
+                lists.nodes[n][k] = current;
+                lists.some |= 1u << n;
+                full |= k == lanes::MOST_LISTED - 1;
+            }
+            if (full) follow_alone<any_hit>(bvh, a, lists, t_min);
+            continue;
+        }
+        if (current < 0) {
+            const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
+            const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
+            // Mixed rays' axes are put in the order of the test first.
+            const i16 main_axis = INTEGER_ROW(kzs);
+            const b16 is_x = __builtin_convertvector(main_axis == 0, b16), is_y = __builtin_convertvector(main_axis == 1, b16);
+            const int kx = mixed ? 0 : a.kxs[one], ky = mixed ? 1 : a.kys[one], kz = mixed ? 2 : a.kzs[one];
+            const auto in_order = [&](int axis, f16 x, f16 y, f16 z) __attribute__((always_inline)) -> f16 {
+                return axis == 0 ? (is_x ? y : (is_y ? z : x)) : axis == 1 ? (is_x ? z : (is_y ? x : y))
+                                                               : (is_x ? x : (is_y ? y : z));
+            };
+            f16 origin[3], shear[3];
+            for (int k = 0; k < 3; ++k) {
+                origin[k] = mixed ? in_order(k, ROW(origins[0]), ROW(origins[1]), ROW(origins[2])) : ROW(origins[k]);
+                shear[k] = ROW(shears[k]);
+            }
+            f16 best = limit, best_u = ROW(hit_us), best_v = ROW(hit_vs);
+            i16 best_id = INTEGER_ROW(numbers);
+            _Pragma("clang loop unroll(disable)") for (int j = 0; j < LEAF_SIZE; ++j) {
+                #pragma clang fp contract(off)
+                const auto corner = [&](int vertex, int axis) __attribute__((always_inline)) -> f16 {
+                    const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
+                    if (!mixed) return (f16)c[LEAF_SIZE * axis];
+                    return in_order(axis, (f16)c[0], (f16)c[LEAF_SIZE], (f16)c[2 * LEAF_SIZE]);
+                };
+                #define VECTOR f16
+                #define INTEGERS i16
+                #define CORNER(vertex, axis) corner(vertex, axis)
+"""
+    + WOOP_EDGES
+    + """
+                if (lanes::bits(inside) == 0) continue;
+"""
+    + WOOP_DISTANCE
+    + """
+                const i16 nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id))) & within;
+                if (lanes::bits(nearer) == 0) continue;
+"""
+    + WOOP_ERROR
+    + """
+                #undef CORNER
+                #undef VECTOR
+                #undef INTEGERS
+                const i16 better = nearer & clear;
+                best = better ? t : best;
+                best_u = better ? v * inverse_det : best_u;
+                best_v = better ? w * inverse_det : best_v;
+                best_id = better ? (i16)ids[j] : best_id;
+            }
+            if (any_hit) best = best_id != NOTHING_HIT ? (f16)-1.0f : best;
+            ROW(reach) = best;
+            ROW(hit_us) = best_u;
+            ROW(hit_vs) = best_v;
+            INTEGER_ROW(numbers) = best_id;
+            continue;
+        }
+        const float* node = all_nodes + (size_t)current * 56;
+        const int* children = (const int*)(node + 48);
+        const f16 still = within ? limit : (f16)-1.0f;
+        _Pragma("clang loop unroll(disable)") for (int i = 0; i < 8; ++i) {
+            const int k = i ^ flip;
+            f16 nears[3], fars[3];
+            for (int axis = 0; axis < 3; ++axis) {
+                f16 near = (f16)node[near_row[axis] + k], far = (f16)node[far_row[axis] + k];
+                if (mixed) {
+                    const f16 lower = (f16)node[8 * axis + k], upper = (f16)node[24 + 8 * axis + k];
+                    near = back[axis] ? upper : lower;
+                    far = back[axis] ? lower : upper;
+                }
+                nears[axis] = near * ROW(inverses[axis]) - ROW(near_shifts[axis]);
+                fars[axis] = far * ROW(inverses[axis]) - ROW(far_shifts[axis]);
+            }
+            const f16 tn = MOST(MOST(nears[0], nears[1]), MOST(nears[2], (f16)t_min));
+            const f16 tf = LEAST(LEAST(fars[0], fars[1]), LEAST(fars[2], still)) * pad;
+            const i16 met = tn <= tf;
+            *(f16*)begins[top] = met ? tn : (f16)__builtin_inff();
+            waiting[top] = children[k];
+            top += lanes::bits(met) != 0;
+        }
+    }
+}
+"""
+)
+
+_TRAVERSE = """
+static __attribute__((noinline)) lanes::Vector<4, lanes::Floats> NAME(
+    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin_, const lanes::Vector<3, lanes::Floats>& direction_,
+    lanes::Floats t_min_, lanes::Floats t_max_, lanes::Mask any_hit_, lanes::Mask exec) {
+    using lanes::f16; using lanes::i16;
+    const int some = __builtin_ctz(lanes::bits(exec) | 0x8000);
+    const float t_min = t_min_.v[some];
+    const bool any_hit = lanes::lane(any_hit_, some);
+    lanes::Rays a;
+    f16 inverse[3], direction[3];
+    i16 flip = 7;
+    f16 shifts = 0.0f;
+    LANES_UNROLL for (int k = 0; k < 3; ++k) {
+        const f16 d = direction[k] = direction_.c[k].v, o = origin_.c[k].v;
+RAY_SLAB
+        const i16 backwards = inverse_d < 0.0f;
+        inverse[k] = inverse_d;
+        flip += backwards * (1 << k);
+        shifts += shift + error;
+        ROW(origins[k]) = o;
+        ROW(inverses[k]) = inverse_d;
+        ROW(near_shifts[k]) = shift + error;
+        ROW(far_shifts[k]) = shift - error;
+        INTEGER_ROW(near_rows[k]) = (backwards & 24) + 8 * k;
+        INTEGER_ROW(far_rows[k]) = (~backwards & 24) + 8 * k;
+    }
+    const f16 dx = SIZE(direction[0]), dy = SIZE(direction[1]), dz = SIZE(direction[2]), length = dx + dy + dz;
+    const i16 kz = dx > dy ? (dx > dz ? (i16)0 : (i16)2) : (dy > dz ? (i16)1 : (i16)2);
+    const i16 kx = kz == 2 ? (i16)0 : kz + 1, ky = kx == 2 ? (i16)0 : kx + 1;
+    const auto along = [](i16 axis, const f16* v) { return axis == 0 ? v[0] : (axis == 1 ? v[1] : v[2]); };
+    const f16 inverse_z = along(kz, inverse);
+    ROW(shears[0]) = along(kx, direction) * inverse_z;
+    ROW(shears[1]) = along(ky, direction) * inverse_z;
+    ROW(shears[2]) = inverse_z;
+    INTEGER_ROW(kxs) = kx;
+    INTEGER_ROW(kys) = ky;
+    INTEGER_ROW(kzs) = kz;
+    INTEGER_ROW(flips) = flip;
+    const unsigned runs = lanes::bits((length + 0.0f * (length + shifts) > 0.0f) & (t_max_.v >= t_min)) & lanes::bits(exec);
+    ROW(reach) = lanes::of_bits(runs).v ? t_max_.v : (f16)-1.0f;
+    ROW(hit_us) = ROW(hit_vs) = (f16)0.0f;
+    INTEGER_ROW(numbers) = (i16)NOTHING_HIT;
+
+    lanes::Lists lists;
+    lists.some = 0;
+    *(i16*)lists.lengths = *(i16*)lists.firsts = (i16)0;
+    if (__builtin_popcount(runs) < FEW_RAYS) {
+        lists.some = runs;
+        *(i16*)lists.lengths = (i16)1;
+        for (int n = 0; n < 16; ++n) {
+            memcpy(&lists.begins[n][0], &t_min, 4);
+            lists.nodes[n][0] = 0;
+        }
+    } else {
+        const int one = __builtin_ctz(runs);
+        const bool alike = (lanes::bits((flip == a.flips[one]) & (kz == a.kzs[one])) & runs) == runs;
+        if (any_hit) (alike ? follow_together<true, false> : follow_together<true, true>)(bvh, a, lists, t_min);
+        else (alike ? follow_together<false, false> : follow_together<false, true>)(bvh, a, lists, t_min);
+    }
+    if (lists.some) (any_hit ? follow_alone<true> : follow_alone<false>)(bvh, a, lists, t_min);
+    const i16 number = INTEGER_ROW(numbers);
+    lanes::Vector<4, lanes::Floats> found;
+    found.c[0].v = __builtin_bit_cast(f16, number == NOTHING_HIT ? (i16)-1 : number);
+    found.c[1].v = number == NOTHING_HIT ? t_max_.v : ROW(reach);
+    found.c[2].v = ROW(hit_us);
+    found.c[3].v = ROW(hit_vs);
+    #undef ROW
+    #undef INTEGER_ROW
+    return found;
+}
+"""
+
+
+def _with_constants(code: str) -> str:
+    for name in ("IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS"):
+        code = code.replace(name, str(globals()[name]))
+    return code.replace("RAY_SLAB", RAY_SLAB.replace("NUMBER", "f16"))
+
+
+# C++ at file level: `NAME` is that of the function, `BVH_TYPE` of the tree's struct.
+RAYS = _TYPES + native_code(_with_constants(_FOLLOW_ALONE + _FOLLOW_TOGETHER + _TRAVERSE))

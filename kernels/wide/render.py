@@ -1,0 +1,73 @@
+"""The kernel of a pass for the CPU: sixteen threads at once, a square of pixels for each of Warp's."""
+
+import functools
+import hashlib
+
+import warp as wp
+
+from wrt.kernels.camera import Camera
+from wrt.kernels.features import Features
+from wrt.kernels.film import FilmData
+from wrt.kernels.layers import LayerData
+from wrt.kernels.path import PathSettings
+from wrt.kernels.render import make_render_kernel
+from wrt.kernels.scene_data import SceneData
+from wrt.kernels.wide.translate import wide_code
+
+# Warp puts the text of a native function between braces: closed first, they let it stand at file level.
+_AT_FILE_LEVEL = """
+    return 0;
+}
+CODE
+static inline int end_of_wide_code() {
+    return 0;
+"""
+
+
+@functools.cache
+def make_wide_render_kernel(features: Features) -> wp.Kernel:
+    """Return the kernel for scenes with these features; a film has the same bits as after `make_render_kernel`.
+
+    Raises:
+        Unsupported: where there is none.
+    """
+    code = wide_code(make_render_kernel(features))
+    module = wp.get_module(f"wrt.wide.{features.name}.{hashlib.sha256(code.encode()).hexdigest()[:8]}")
+
+    @wp.func_native(_AT_FILE_LEVEL.replace("CODE", code))
+    def declare_wide_code() -> int: ...
+
+    @wp.func_native("""
+    const int width = camera.crop_width, height = (int)film.count.shape[0] / width;
+    render_tile(tile, width, height, 0, target_count, seed, camera, filter_table, scene, settings, film, layers);
+    """)
+    def render_tile(
+        tile: int,
+        target_count: int,
+        seed: wp.uint32,
+        camera: Camera,
+        filter_table: wp.array(dtype=float),
+        scene: SceneData,
+        settings: PathSettings,
+        film: FilmData,
+        layers: LayerData,
+    ): ...
+
+    @wp.kernel(module=module, enable_backward=False)
+    def render_tiles(
+        first_tile: int,
+        target_count: int,
+        seed: wp.uint32,
+        camera: Camera,
+        filter_table: wp.array(dtype=float),
+        scene: SceneData,
+        settings: PathSettings,
+        film: FilmData,
+        layers: LayerData,
+    ):
+        if declare_wide_code() == 0:
+            render_tile(
+                first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, layers
+            )
+
+    return render_tiles
