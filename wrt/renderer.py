@@ -28,6 +28,7 @@ from wrt.files import PathLike
 from wrt.film import Film
 from wrt.fingerprint import scene_fingerprint
 from wrt.framing import frame_camera
+from wrt.render_kernel import RenderKernel
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.values import integer, number
 
@@ -189,15 +190,14 @@ class Renderer:
             texture_coordinates="uv" in self.settings.layers,
             light_choice=light_choice,
         )
-        self.seconds_compile, self._kernel, self._inputs = self._prepare()
+        self._kernel, self._inputs = self._prepare()
+        self.seconds_compile = self._kernel.seconds_compile
         self.seconds_render = 0.0
         self.paths = 0
         self._updated = False
 
-    def _prepare(self) -> tuple[float, Any, list[Any]]:
+    def _prepare(self) -> tuple[RenderKernel, list[Any]]:
         import warp as wp
-
-        from wrt.kernels.render import make_render_kernel
 
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
@@ -205,13 +205,9 @@ class Renderer:
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
         features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
-        kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings))
-        seconds = self.device.compile(kernel)
-        return (
-            seconds,
-            kernel,
-            [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data],
-        )
+        features = integrator_features(features, self.integrator, self.settings)
+        kernel = RenderKernel(self.device, features, self._built.data, self.film.width, self.film.height)
+        return kernel, [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data]
 
     @property
     def width(self) -> int:
@@ -270,13 +266,14 @@ class Renderer:
         done = self.spp
         pass_index = 0
         step = 1
+        left = 0.0
         while done < target:
             pass_index += 1
             done = min(done + step, target)
             before = int(self.film.counts.sum(dtype=np.int64))
             started = time.perf_counter()
             try:
-                self.device.launch(self._kernel, self.film.pixels, [done, *self._inputs])
+                self._kernel.launch([done, *self._inputs], left)
             finally:
                 elapsed = time.perf_counter() - started
                 traced = int(self.film.counts.sum(dtype=np.int64)) - before
@@ -290,8 +287,20 @@ class Renderer:
             per_sample = elapsed * self.film.pixels / max(traced, 1)
             # At most double, so that the first pictures come quickly one after the other.
             step = max(1, min(2 * step, int(PASS_SECONDS / max(per_sample, 1e-9))))
+            left = (target - done) * per_sample
             if limit is not None:
                 step = max(1, min(step, int((limit - seconds) / max(per_sample, 1e-9))))
+                left = min(left, limit - seconds)
+
+    def compile(self) -> float:
+        """Compile now what makes passes faster, and return the seconds it took.
+
+        Else it is compiled while a picture renders that takes long enough, by another process, and passes change over
+        to it once it is there. The picture is the same, bit for bit.
+        """
+        started = time.perf_counter()
+        self._kernel.wait_for_wide()
+        return time.perf_counter() - started
 
     def _progress(
         self, index: int, done: int, spp: int | None, seconds: float, limit: float | None, paths: int, rays: int

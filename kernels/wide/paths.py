@@ -4,7 +4,7 @@ A path is a loop, and paths end after different numbers of rounds. The function 
 round as its members, so that a round can be run for one group of sixteen paths after the other; the lanes of paths
 that go on are moved together in between, and a round is always one of nearly full groups (Wald 2011, "Active thread
 compaction for GPU path tracing"). The kernel becomes an object, too: with what a pixel keeps, and what it does before
-and after each of its paths. `DRIVER` runs them for a square of pixels, whose first rays lie side by side.
+and after each of its paths. `_DRIVER` runs them for a square of pixels, whose first rays lie side by side.
 """
 
 import re
@@ -12,11 +12,9 @@ from typing import Any
 
 from warp._src.codegen import constant_str
 
+from wrt.kernels.wide.render import TILE
 from wrt.kernels.wide.statements import NO_MORE, SET, VARIABLE, Body
 from wrt.kernels.wide.types import Types, Unsupported
-
-TILE = 16
-"""Pixels along each side of the square that one call of the kernel's function renders."""
 
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
@@ -176,7 +174,9 @@ class SampledPixels:
         )
         members += "".join(body.declaration(v) for v in kept)
         constants = _constants([v for v in body.adj.variables if v.constant is not None])
-        self.code = steps.code + f"""
+        self.code = (
+            steps.code
+            + f"""
 typedef {types.wide(body.variables[result].type)} Result;
 struct Path {{
     {steps.name} steps;
@@ -224,8 +224,10 @@ struct Pixels {{
 {after}
     }}
 }};
-""" + _DRIVER.replace("ARGUMENTS_IN", taken).replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments)).replace(
-            "FIXED", ", ".join(f"pixels[count].{name}" for _, name in fixed)
+"""
+            + _DRIVER.replace("ARGUMENTS_IN", taken)
+            .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
+            .replace("FIXED", ", ".join(f"pixels[count].{name}" for _, name in fixed))
         )
 
 
@@ -241,9 +243,7 @@ def _loop(body: Body, loop: str) -> tuple[int, int]:
 
 
 def _constants(variables: list[Any]) -> str:
-    return "".join(
-        f"    static constexpr {v.ctype()} {v.emit()} = {constant_str(v.constant)};\n" for v in variables
-    )
+    return "".join(f"    static constexpr {v.ctype()} {v.emit()} = {constant_str(v.constant)};\n" for v in variables)
 
 
 _DRIVER = """

@@ -1,7 +1,6 @@
 """The kernel of a pass for the CPU: sixteen threads at once, a square of pixels for each of Warp's."""
 
 import functools
-import hashlib
 
 import warp as wp
 
@@ -12,7 +11,9 @@ from wrt.kernels.layers import LayerData
 from wrt.kernels.path import PathSettings
 from wrt.kernels.render import make_render_kernel
 from wrt.kernels.scene_data import SceneData
-from wrt.kernels.wide.translate import wide_code
+
+TILE = 16
+"""Pixels along each side of a square."""
 
 # Warp puts the text of a native function between braces: closed first, they let it stand at file level.
 _AT_FILE_LEVEL = """
@@ -24,15 +25,25 @@ static inline int end_of_wide_code() {
 """
 
 
-@functools.cache
+def module_name(features: Features) -> str:
+    """Return the name of the module that holds the kernel for these features."""
+    return f"wrt.render.wide.{features.name}"
+
+
 def make_wide_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features; a film has the same bits as after `make_render_kernel`.
 
     Raises:
         Unsupported: where there is none.
     """
-    code = wide_code(make_render_kernel(features))
-    module = wp.get_module(f"wrt.wide.{features.name}.{hashlib.sha256(code.encode()).hexdigest()[:8]}")
+    from wrt.kernels.wide.translate import wide_code
+
+    return declare_wide_render_kernel(features, wide_code(make_render_kernel(features)))
+
+
+@functools.cache
+def declare_wide_render_kernel(features: Features, code: str) -> wp.Kernel:
+    """Return the kernel with the C++ of `wide_code`; with none where it was compiled before and is only loaded."""
 
     @wp.func_native(_AT_FILE_LEVEL.replace("CODE", code))
     def declare_wide_code() -> int: ...
@@ -53,7 +64,7 @@ def make_wide_render_kernel(features: Features) -> wp.Kernel:
         layers: LayerData,
     ): ...
 
-    @wp.kernel(module=module, enable_backward=False)
+    @wp.kernel(module=wp.get_module(module_name(features)), enable_backward=False)
     def render_tiles(
         first_tile: int,
         target_count: int,
@@ -66,8 +77,6 @@ def make_wide_render_kernel(features: Features) -> wp.Kernel:
         layers: LayerData,
     ):
         if declare_wide_code() == 0:
-            render_tile(
-                first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, layers
-            )
+            render_tile(first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, layers)
 
     return render_tiles
