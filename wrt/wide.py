@@ -102,12 +102,12 @@ class WideKernel:
     def _compile(self) -> None:
         """Begin compiling it, in another process."""
         environment = dict(os.environ)
-        cache = getattr(sys.modules["warp"].config, "kernel_cache_dir", None)
-        if cache:  # Warp adds a folder of its version
-            environment["WARP_CACHE_PATH"] = str(Path(cache).parent)
         package = str(Path(__file__).resolve().parent.parent)
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (package, environment.get("PYTHONPATH"))))
         command = [sys.executable, "-m", "wrt.wide", json.dumps(dataclasses.asdict(self._features))]
+        cache = getattr(sys.modules["warp"].config, "kernel_cache_dir", None)
+        if cache:
+            command.append(str(Path(cache).parent))  # to which Warp adds a folder of its version
         nothing = subprocess.DEVNULL
         try:
             self._compiler = subprocess.Popen(command, env=environment, stdin=nothing, stdout=nothing, stderr=nothing)
@@ -151,11 +151,18 @@ def processor_flags() -> frozenset[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Compile the kernel for features given as JSON, and note it for other processes."""
+    """Compile the kernel for features given as JSON, and note it for other processes.
+
+    A second argument is the folder for what is compiled.
+    """
+    import warp as wp
+
     from wrt.kernels.features import Features
     from wrt.kernels.wide.render import make_wide_render_kernel
 
     os.nice(10)
+    if arguments[1:]:
+        wp.config.kernel_cache_dir = arguments[1]
     described = json.loads(arguments[0])
     features = Features(
         **{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()}

@@ -174,6 +174,7 @@ class SampledPixels:
         )
         members += "".join(body.declaration(v) for v in kept)
         constants = _constants([v for v in body.adj.variables if v.constant is not None])
+        pixels = f"pixels_{kernel.key}"
         self.code = (
             steps.code
             + f"""
@@ -188,11 +189,11 @@ LANES_INLINE void move(Path& to, const Path& from, lanes::Move m) {{
     move(to.steps, from.steps, m);
     lanes::move(to.home, from.home, m);
 }}
-struct Pixels {{
+struct {pixels} {{
 {members}{constants}
     lanes::Mask owned_, sampled_, begun_;
     lanes::Ints thread_;
-    Pixels({taken}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in arguments)} {{}}
+    {pixels}({taken}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in arguments)} {{}}
     void begin(const lanes::Ints& threads, const lanes::Mask exec_in) {{
         lanes::Mask exec = exec_in;
         {masks}
@@ -224,6 +225,7 @@ struct Pixels {{
 {after}
     }}
 }};
+typedef {pixels} Pixels;
 """
             + _DRIVER.replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
@@ -256,7 +258,9 @@ static void render_tile(const int tile, const int width, const int height, ARGUM
     alignas(64) char pixel_memory[sizeof(Pixels) * GROUPS], path_memory[sizeof(Path) * GROUPS];
     Pixels* const pixels = (Pixels*)pixel_memory;
     Path* const paths = (Path*)path_memory;
-    Result results[GROUPS];
+    alignas(64) Result results[GROUPS];
+    constexpr int RESULT_ROWS = sizeof(Result) / (4 * lanes::WIDTH);
+    static_assert(sizeof(Result) % (4 * lanes::WIDTH) == 0, "a result is not of numbers of four bytes alone");
     lanes::Mask live[GROUPS];
     const lanes::i16 numbers = lanes::lane_numbers().v;
     const int across = (width + TILE - 1) / TILE;
@@ -286,9 +290,12 @@ static void render_tile(const int tile, const int width, const int height, ARGUM
                 const lanes::Mask going = paths[g].steps.step(live[g]), done = live[g] & ~going;
                 if (lanes::any(done)) {
                     const Result result = paths[g].steps.end(done);
+                    alignas(64) int homes[lanes::WIDTH];
+                    *(lanes::i16*)homes = paths[g].home.v;
                     LANES_EACH(l, done) {
-                        const int home = paths[g].home.v[l];
-                        set_lane(results[home / lanes::WIDTH], home % lanes::WIDTH, result.lane(l));
+                        int* const to = (int*)&results[homes[l] / lanes::WIDTH] + homes[l] % lanes::WIDTH;
+                        const int* const from = (const int*)&result + l;
+                        for (int row = 0; row < RESULT_ROWS; ++row) to[lanes::WIDTH * row] = from[lanes::WIDTH * row];
                     }
                     live[g] = going;
                 }

@@ -45,7 +45,7 @@ struct Lone {
 _FOLLOW_ALONE = (
     """
 template<bool any_hit>
-static __attribute__((noinline)) void follow_alone(
+LANES_CALLED void follow_alone(
     const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
@@ -149,7 +149,7 @@ _FOLLOW_TOGETHER = (
     """
 // mixed: rays of any directions; else all of them are of one octant and one main axis.
 template<bool any_hit, bool mixed>
-static __attribute__((noinline)) void follow_together(
+LANES_CALLED void follow_together(
     const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
     using lanes::f16; using lanes::i16; using lanes::b16;
     #define ROW(numbers) (*(f16*)a.numbers)
@@ -272,7 +272,7 @@ static __attribute__((noinline)) void follow_together(
 )
 
 _TRAVERSE = """
-static __attribute__((noinline)) lanes::Vector<4, lanes::Floats> NAME(
+LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
     const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin_,
     const lanes::Vector<3, lanes::Floats>& direction_,
     lanes::Floats t_min_, lanes::Floats t_max_, lanes::Mask any_hit_, lanes::Mask exec) {
