@@ -73,6 +73,7 @@ class PathSteps:
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
         masks = "lanes::Mask exec = exec_in, returned_ = false"
         self.code = f"""
+namespace {{
 struct {self.name} {{
 {"".join(f"    const {types.wide(a.type)}& {a.emit()};" for a in fixed)}
 {"".join(f"    {types.wide(a.type)} {a.emit()};" for a in own)}
@@ -100,6 +101,7 @@ struct {self.name} {{
 }};
 LANES_INLINE void move({self.name}& to, const {self.name}& from, lanes::Move m) {{
     using lanes::move; {" ".join(f"move(to.{name}, from.{name}, m);" for name in moved)} }}
+}} // namespace
 """
 
 
@@ -179,6 +181,7 @@ class SampledPixels:
             steps.code
             + f"""
 typedef {types.wide(body.variables[result].type)} Result;
+namespace {{
 struct Path {{
     {steps.name} steps;
     lanes::Ints home;  // where it was begun
@@ -226,6 +229,7 @@ struct {pixels} {{
     }}
 }};
 typedef {pixels} Pixels;
+}} // namespace
 """
             + _DRIVER.replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))

@@ -152,6 +152,7 @@ def _upload_geometry(
     repeats = np.array([1] * len(world) + [len(shared.keys) for shared in layout.shared])
     first_vertices = bases[np.cumsum(repeats) - repeats]
     data.points, data.indices = upload_triangles(copies, faces, first_vertices, name)
+    data.corners = wp.array(ptr=data.indices.ptr, dtype=wp.vec3i, shape=len(data.indices) // 3, device=name)
 
     data.normals = upload(joined(copies, "normals", 3, 0.0, name), wp.vec3, name)
     if textured:
