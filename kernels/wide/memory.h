@@ -1,7 +1,8 @@
 // Sixteen lanes at once: elements, arrays, single lanes, ranges. After numbers.h.
 
 namespace lanes {
-// Elements of vectors and matrices, at a place that is known or that each lane has for itself.
+// Elements of vectors and matrices, at a place that is known or that each lane has for itself; a known one that is
+// negative counts from the end.
 
 LANES_VECTOR T extract(const Vector<N, T>& a, int k) { return a.c[k < 0 ? k + N : k]; }
 LANES_VECTOR T extract(const Vector<N, T>& a, Ints i) {
@@ -9,10 +10,10 @@ LANES_VECTOR T extract(const Vector<N, T>& a, Ints i) {
     LANES_UNROLL for (int k = 1; k < N; ++k) r = blend(i == Ints(k), a.c[k], r);
     return r;
 }
-LANES_MATRIX T extract(const Matrix<R, N, T>& a, int j, int k) { return a.c[j][k]; }
+LANES_MATRIX T extract(const Matrix<R, N, T>& a, int j, int k) { return a.c[j < 0 ? j + R : j][k < 0 ? k + N : k]; }
 LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, int j) {
     Vector<N, T> r;
-    LANES_FOR r.c[k] = a.c[j][k];
+    LANES_FOR r.c[k] = a.c[j < 0 ? j + R : j][k];
     return r;
 }
 LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, Ints i) {
@@ -22,17 +23,30 @@ LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, Ints i) {
 }
 LANES_INLINE int extract(const wp::shape_t& a, int k) { return a.dims[k]; }
 
-LANES_VECTOR void assign_inplace(Vector<N, T>& a, int k, same<T> x, Mask exec) { set(a.c[k], x, exec); }
+LANES_VECTOR void assign_inplace(Vector<N, T>& a, int k, same<T> x, Mask exec) { set(a.c[k < 0 ? k + N : k], x, exec); }
 LANES_VECTOR void assign_inplace(Vector<N, T>& a, Ints i, same<T> x, Mask exec) {
     LANES_FOR set(a.c[k], x, exec & (i == Ints(k)));
 }
 LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, const Vector<N, T>& x, Mask exec) {
-    LANES_FOR set(a.c[j][k], x.c[k], exec);
+    LANES_FOR set(a.c[j < 0 ? j + R : j][k], x.c[k], exec);
 }
 LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, Ints i, const Vector<N, T>& x, Mask exec) {
     LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR set(a.c[j][k], x.c[k], exec & (i == Ints(j)));
 }
-LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, int k, same<T> x, Mask exec) { set(a.c[j][k], x, exec); }
+LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, int k, same<T> x, Mask exec) {
+    set(a.c[j < 0 ? j + R : j][k < 0 ? k + N : k], x, exec);
+}
+
+// Where an element of a vector is that a struct holds: what Warp has as a pointer.
+template<int N, class T, class I> struct Element {
+    Vector<N, T>* of;
+    I i;
+    Element operator*() const { return *this; }
+};
+template<int N, class T, class I> LANES_INLINE Element<N, T, I> indexref(Vector<N, T>* a, I i) { return {a, i}; }
+template<int N, class T, class I> LANES_INLINE void set(const Element<N, T, I>& to, const same<T>& x, Mask exec) {
+    assign_inplace(*to.of, to.i, x, exec);
+}
 
 // Single lanes
 
@@ -68,8 +82,11 @@ template<class T, int OFFSET, int SIZE> struct Place {
     const char* base;
     i16 record;  // in bytes: arrays of less than 2 GB
 };
+// Lanes that are elsewhere read the first record. Where all are, as after each has returned, there may be no record.
+alignas(64) static const char nothing[1024] = {};
 template<class T> LANES_INLINE Place<T, 0, sizeof(T)> address(const wp::array_t<T>& a, Ints i) {
-    return {(const char*)a.data, i.v * (int)sizeof(T)};
+    static_assert(sizeof(T) <= sizeof(nothing), "room for one record");
+    return {a.data ? (const char*)a.data : nothing, i.v * (int)sizeof(T)};
 }
 template<class T> struct Bare {
     typedef T type;

@@ -16,6 +16,7 @@ LANES_INLINE lanes::Uints NAME(lanes::Uints bits, lanes::Mask) {
 # All lanes ask for the same dimension: kernels name it.
 _FURTHER_DIMENSION = """
 LANES_INLINE lanes::Uints NAME(lanes::Uints index, lanes::Ints dimension, lanes::Mask exec) {
+    if (!lanes::any(exec)) return lanes::Uints(0u);
     static const unsigned columns[3][32] = {COLUMNS};
     const unsigned* const column = columns[lanes::lane(dimension, __builtin_ctz(lanes::bits(exec))) - 2];
     lanes::u16 digits = 0u, rest = exec.v ? index.v : (lanes::u16)0u;

@@ -192,6 +192,8 @@ class Body:
         return f"lanes::array_store({self._pointed(m[1])}, exec);"
 
     def _store(self, m: re.Match[str], i: int) -> str:
+        if "(lanes::address(" in self._pointed(m[1]) or "LANES_MEMBER(" in self._pointed(m[1]):
+            raise Unsupported(self.lines[i])
         return f"lanes::set(*{self._pointed(m[1])}, {m[2]}, exec);"
 
     def _set(self, m: re.Match[str], i: int) -> str:
@@ -230,12 +232,15 @@ class Body:
             return text
         if m := re.fullmatch(r"wp::(\w+)\((.*)\)", text):
             name, arguments = m.groups()
+            name = _CONVERSIONS.get(name, name)
+            if name not in self.types.library or (name == "indexref" and not arguments.startswith("(&((var_")):
+                raise Unsupported(text)
             if name == "load":
                 return f"lanes::load({arguments}, exec)"
             if name in ("extract", "indexref"):
                 return f"lanes::{name}({self._known(arguments)})"
-            return f"lanes::{_CONVERSIONS.get(name, name)}({arguments})"
-        if m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text):
+            return f"lanes::{name}({arguments})"
+        if (m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text)) and f"cast_{m[1]}" in self.types.library:
             return f"lanes::cast_{m[1]}({m[2]})"
         if (m := re.fullmatch(r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)", text)) and m[3] in NUMBERS:
             return f"lanes::make_{m[1]}<{m[2]}, {NUMBERS[m[3]]}>({m[4]})"
