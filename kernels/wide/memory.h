@@ -37,14 +37,18 @@ LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, int k, same<T> x, Ma
     set(a.c[j < 0 ? j + R : j][k < 0 ? k + N : k], x, exec);
 }
 
-// Where an element of a vector is that a struct holds: what Warp has as a pointer.
-template<int N, class T, class I> struct Element {
-    Vector<N, T>* of;
+// Where an element of a struct's vector is, or a row of its matrix: what Warp has as a pointer.
+template<class Of, class I> struct Element {
+    Of* of;
     I i;
     Element operator*() const { return *this; }
 };
-template<int N, class T, class I> LANES_INLINE Element<N, T, I> indexref(Vector<N, T>* a, I i) { return {a, i}; }
-template<int N, class T, class I> LANES_INLINE void set(const Element<N, T, I>& to, const same<T>& x, Mask exec) {
+template<class Of, class I> LANES_INLINE Element<Of, I> indexref(Of* a, I i) { return {a, i}; }
+template<int N, class T, class I> LANES_INLINE void set(const Element<Vector<N, T>, I>& to, const same<T>& x, Mask exec) {
+    assign_inplace(*to.of, to.i, x, exec);
+}
+template<int R, int N, class T, class I>
+LANES_INLINE void set(const Element<Matrix<R, N, T>, I>& to, const same<Vector<N, T>>& x, Mask exec) {
     assign_inplace(*to.of, to.i, x, exec);
 }
 
@@ -71,6 +75,12 @@ template<int N, class T, class S> LANES_INLINE void set_lane(Vector<N, T>& x, in
 }
 template<int R, int N, class T, class S> LANES_INLINE void set_lane(Matrix<R, N, T>& x, int l, const S& s) {
     LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR set_lane(x.c[j][k], l, s.data[j][k]);
+}
+// By Warp's own function, lane by lane.
+LANES_MATRIX Matrix<R, N, T> inverse(const Matrix<R, N, T>& a) {
+    Matrix<R, N, T> r;
+    for (int l = 0; l < WIDTH; ++l) set_lane(r, l, wp::inverse(lane(a, l)));
+    return r;
 }
 #define LANES_EACH(l, mask) \
     for (unsigned rest_##l = lanes::bits(mask), l = 0; rest_##l && (l = __builtin_ctz(rest_##l), true); \
@@ -223,6 +233,18 @@ LANES_INLINE Matrix<R, N, Wide<S>> gather(const char* base, i16 record, wp::mat_
 
 template<class T, int OFFSET, int SIZE> LANES_INLINE Wide<T> load(Place<T, OFFSET, SIZE> p, Mask exec) {
     return gather<OFFSET, SIZE>(p.base, p.record, (T*)nullptr, exec);
+}
+// An element of an array of two dimensions.
+template<class T> struct Place2 {
+    const wp::array_t<T>* of;
+    Ints i, j;
+};
+template<class T> LANES_INLINE Place2<T> address(const wp::array_t<T>& a, Ints i, Ints j) { return {&a, i, j}; }
+template<class T> LANES_INLINE Wide<T> load(const Place2<T>& p, Mask exec) {
+    Wide<T> r;
+    clear(r);
+    LANES_EACH(l, exec) set_lane(r, l, *wp::address(*p.of, p.i.v[l], p.j.v[l]));
+    return r;
 }
 template<class T> LANES_INLINE T load(T* p, Mask) { return *p; }
 template<class T> LANES_INLINE T load(const T& p, Mask) { return p; }

@@ -5,7 +5,7 @@ from typing import Any
 
 from wrt.kernels.low_discrepancy import COLUMNS
 from wrt.kernels.wide.rays import RAYS
-from wrt.kernels.wide.types import Types
+from wrt.kernels.wide.types import Types, Unsupported
 
 _REVERSE_BITS = """
 LANES_INLINE lanes::Uints NAME(lanes::Uints bits, lanes::Mask) {
@@ -41,6 +41,8 @@ def native_function(types: Types, function: Any) -> str:
         code = _WIDE[function.key].replace("COLUMNS", COLUMNS)
         return re.sub(r"\bNAME\b", name, code).replace("BVH_TYPE", arguments[0].ctype())
     result = function.adj.return_var[0]
+    if not all(types.is_whole(a.type) for a in arguments):
+        raise Unsupported(f"{function.key}: takes arrays of which each lane has its own")
     one = ", ".join(f"{a.ctype()} {a.label}" for a in arguments)
     many = ", ".join(f"const {types.wide(a.type)}& {a.label}" for a in arguments)
     passed = ", ".join(a.label if types.is_shared(a.type) else f"lanes::lane({a.label}, l)" for a in arguments)

@@ -220,6 +220,11 @@ class Body:
         known = [str(self.constants[a]) if type(self.constants.get(a)) is int else a for a in others]
         return ", ".join([first, *known])
 
+    def _must_have(self, name: str, field: str) -> None:
+        t = strip_reference(self.variables[name].type)
+        if not self.types.is_whole(t) and field not in dict(self.types.fields(t)):
+            raise Unsupported(f"{name}.{field}: each lane has its own array")
+
     def expression(self, text: str) -> str:
         """Return what a variable is set to.
 
@@ -228,12 +233,15 @@ class Body:
         """
         if m := re.fullmatch(r"&\(\(\(\*wp::address\((.*?), (var_\w+)\)\)\)\.([\w.]+)\)", text):
             return f"LANES_MEMBER({m[1]}, {m[2]}, {m[3]})"
+        if m := re.match(r"&\(+(var_\w+)\)\.(\w+)", text):
+            self._must_have(m[1], m[2])
         if text.startswith("&(") or VARIABLE.fullmatch(text) or re.fullmatch(r"-?[\d.]+(e-?\d+)?(f|ll|u|ull)?", text):
             return text
         if m := re.fullmatch(r"wp::(\w+)\((.*)\)", text):
             name, arguments = m.groups()
             name = _CONVERSIONS.get(name, name)
-            if name not in self.types.library or (name == "indexref" and not arguments.startswith("(&((var_")):
+            element = name == "indexref" and re.fullmatch(r"\(?&\(\((var_\w+)\)\.[\w.]+\)\)?, var_\w+", arguments)
+            if name not in self.types.library or (name == "indexref" and not element):
                 raise Unsupported(text)
             if name == "load":
                 return f"lanes::load({arguments}, exec)"

@@ -72,12 +72,23 @@ class Types:
                 if m := _CONSTRUCTION.match(line):
                     constructed.add(m[1])
         self._constructed = constructed
+        self._elements: set[str] = set()  # structs of which there are arrays
         self.structs = self._in_order()
         self.struct_names = {name_of(t) for t in self.structs}
 
     def is_uniform(self, t: Any) -> bool:
-        """Return whether all lanes share one struct of a type: it leads to arrays, and nobody makes another."""
-        return has_array(t) and name_of(t) not in self._constructed
+        """Return whether all lanes share one struct of a type: it leads to arrays, and there is no other."""
+        return has_array(t) and name_of(t) not in self._constructed | self._elements
+
+    def fields(self, t: Any) -> list[tuple[str, Any]]:
+        """Return the fields of a struct for sixteen lanes: none that leads to arrays where each lane has its own."""
+        fields = [(v.label, strip_reference(v.type)) for v in t.vars.values()]
+        return [(label, of) for label, of in fields if name_of(t) not in self._elements or not self.is_shared(of)]
+
+    def is_whole(self, t: Any) -> bool:
+        """Return whether a type has all its fields for sixteen lanes."""
+        t = strip_reference(t)
+        return not isinstance(t, Struct) or self.is_uniform(t) or len(self.fields(t)) == len(t.vars)
 
     def is_shared(self, t: Any) -> bool:
         """Return whether all lanes share one value of a type."""
@@ -114,6 +125,8 @@ class Types:
             t = strip_reference(t)
             if is_array(t):
                 t = t.dtype
+                if isinstance(t, Struct):
+                    self._elements.add(name_of(t))
             if isinstance(t, Struct) and t not in seen:
                 seen.add(t)
                 for v in t.vars.values():
@@ -151,7 +164,7 @@ class Types:
     def _wide_struct(self, t: Any) -> str:
         name = name_of(t)
         wide = f"wide_{name}"
-        fields = [(v.label, strip_reference(v.type)) for v in t.vars.values()]
+        fields = self.fields(t)
         varying = [(label, of) for label, of in fields if not self.is_shared(of)]
 
         def zero(label: str, of: Any) -> str:
