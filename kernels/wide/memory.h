@@ -1,7 +1,8 @@
 // Sixteen lanes at once: elements, arrays, single lanes, ranges. After numbers.h.
 
 namespace lanes {
-// Elements of vectors and matrices, at a place that is known or that each lane has for itself.
+// Elements of vectors and matrices, at a place that is known or that each lane has for itself; a known one that is
+// negative counts from the end.
 
 LANES_VECTOR T extract(const Vector<N, T>& a, int k) { return a.c[k < 0 ? k + N : k]; }
 LANES_VECTOR T extract(const Vector<N, T>& a, Ints i) {
@@ -9,10 +10,10 @@ LANES_VECTOR T extract(const Vector<N, T>& a, Ints i) {
     LANES_UNROLL for (int k = 1; k < N; ++k) r = blend(i == Ints(k), a.c[k], r);
     return r;
 }
-LANES_MATRIX T extract(const Matrix<R, N, T>& a, int j, int k) { return a.c[j][k]; }
+LANES_MATRIX T extract(const Matrix<R, N, T>& a, int j, int k) { return a.c[j < 0 ? j + R : j][k < 0 ? k + N : k]; }
 LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, int j) {
     Vector<N, T> r;
-    LANES_FOR r.c[k] = a.c[j][k];
+    LANES_FOR r.c[k] = a.c[j < 0 ? j + R : j][k];
     return r;
 }
 LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, Ints i) {
@@ -22,17 +23,34 @@ LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, Ints i) {
 }
 LANES_INLINE int extract(const wp::shape_t& a, int k) { return a.dims[k]; }
 
-LANES_VECTOR void assign_inplace(Vector<N, T>& a, int k, same<T> x, Mask exec) { set(a.c[k], x, exec); }
+LANES_VECTOR void assign_inplace(Vector<N, T>& a, int k, same<T> x, Mask exec) { set(a.c[k < 0 ? k + N : k], x, exec); }
 LANES_VECTOR void assign_inplace(Vector<N, T>& a, Ints i, same<T> x, Mask exec) {
     LANES_FOR set(a.c[k], x, exec & (i == Ints(k)));
 }
 LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, const Vector<N, T>& x, Mask exec) {
-    LANES_FOR set(a.c[j][k], x.c[k], exec);
+    LANES_FOR set(a.c[j < 0 ? j + R : j][k], x.c[k], exec);
 }
 LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, Ints i, const Vector<N, T>& x, Mask exec) {
     LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR set(a.c[j][k], x.c[k], exec & (i == Ints(j)));
 }
-LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, int k, same<T> x, Mask exec) { set(a.c[j][k], x, exec); }
+LANES_MATRIX void assign_inplace(Matrix<R, N, T>& a, int j, int k, same<T> x, Mask exec) {
+    set(a.c[j < 0 ? j + R : j][k < 0 ? k + N : k], x, exec);
+}
+
+// Where an element of a struct's vector is, or a row of its matrix: what Warp has as a pointer.
+template<class Of, class I> struct Element {
+    Of* of;
+    I i;
+    Element operator*() const { return *this; }
+};
+template<class Of, class I> LANES_INLINE Element<Of, I> indexref(Of* a, I i) { return {a, i}; }
+template<int N, class T, class I> LANES_INLINE void set(const Element<Vector<N, T>, I>& to, const same<T>& x, Mask exec) {
+    assign_inplace(*to.of, to.i, x, exec);
+}
+template<int R, int N, class T, class I>
+LANES_INLINE void set(const Element<Matrix<R, N, T>, I>& to, const same<Vector<N, T>>& x, Mask exec) {
+    assign_inplace(*to.of, to.i, x, exec);
+}
 
 // Single lanes
 
@@ -58,6 +76,12 @@ template<int N, class T, class S> LANES_INLINE void set_lane(Vector<N, T>& x, in
 template<int R, int N, class T, class S> LANES_INLINE void set_lane(Matrix<R, N, T>& x, int l, const S& s) {
     LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR set_lane(x.c[j][k], l, s.data[j][k]);
 }
+// By Warp's own function, lane by lane.
+LANES_MATRIX Matrix<R, N, T> inverse(const Matrix<R, N, T>& a) {
+    Matrix<R, N, T> r;
+    for (int l = 0; l < WIDTH; ++l) set_lane(r, l, wp::inverse(lane(a, l)));
+    return r;
+}
 #define LANES_EACH(l, mask) \
     for (unsigned rest_##l = lanes::bits(mask), l = 0; rest_##l && (l = __builtin_ctz(rest_##l), true); \
          rest_##l &= rest_##l - 1)
@@ -68,8 +92,11 @@ template<class T, int OFFSET, int SIZE> struct Place {
     const char* base;
     i16 record;  // in bytes: arrays of less than 2 GB
 };
+// Lanes that are elsewhere read the first record. Where all are, as after each has returned, there may be no record.
+alignas(64) static const char nothing[1024] = {};
 template<class T> LANES_INLINE Place<T, 0, sizeof(T)> address(const wp::array_t<T>& a, Ints i) {
-    return {(const char*)a.data, i.v * (int)sizeof(T)};
+    static_assert(sizeof(T) <= sizeof(nothing), "room for one record");
+    return {a.data ? (const char*)a.data : nothing, i.v * (int)sizeof(T)};
 }
 template<class T> struct Bare {
     typedef T type;
@@ -206,6 +233,18 @@ LANES_INLINE Matrix<R, N, Wide<S>> gather(const char* base, i16 record, wp::mat_
 
 template<class T, int OFFSET, int SIZE> LANES_INLINE Wide<T> load(Place<T, OFFSET, SIZE> p, Mask exec) {
     return gather<OFFSET, SIZE>(p.base, p.record, (T*)nullptr, exec);
+}
+// An element of an array of two dimensions.
+template<class T> struct Place2 {
+    const wp::array_t<T>* of;
+    Ints i, j;
+};
+template<class T> LANES_INLINE Place2<T> address(const wp::array_t<T>& a, Ints i, Ints j) { return {&a, i, j}; }
+template<class T> LANES_INLINE Wide<T> load(const Place2<T>& p, Mask exec) {
+    Wide<T> r;
+    clear(r);
+    LANES_EACH(l, exec) set_lane(r, l, *wp::address(*p.of, p.i.v[l], p.j.v[l]));
+    return r;
 }
 template<class T> LANES_INLINE T load(T* p, Mask) { return *p; }
 template<class T> LANES_INLINE T load(const T& p, Mask) { return p; }

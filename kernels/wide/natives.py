@@ -5,7 +5,7 @@ from typing import Any
 
 from wrt.kernels.low_discrepancy import COLUMNS
 from wrt.kernels.wide.rays import RAYS
-from wrt.kernels.wide.types import Types
+from wrt.kernels.wide.types import Types, Unsupported
 
 _REVERSE_BITS = """
 LANES_INLINE lanes::Uints NAME(lanes::Uints bits, lanes::Mask) {
@@ -16,6 +16,7 @@ LANES_INLINE lanes::Uints NAME(lanes::Uints bits, lanes::Mask) {
 # All lanes ask for the same dimension: kernels name it.
 _FURTHER_DIMENSION = """
 LANES_INLINE lanes::Uints NAME(lanes::Uints index, lanes::Ints dimension, lanes::Mask exec) {
+    if (!lanes::any(exec)) return lanes::Uints(0u);
     static const unsigned columns[3][32] = {COLUMNS};
     const unsigned* const column = columns[lanes::lane(dimension, __builtin_ctz(lanes::bits(exec))) - 2];
     lanes::u16 digits = 0u, rest = exec.v ? index.v : (lanes::u16)0u;
@@ -40,6 +41,8 @@ def native_function(types: Types, function: Any) -> str:
         code = _WIDE[function.key].replace("COLUMNS", COLUMNS)
         return re.sub(r"\bNAME\b", name, code).replace("BVH_TYPE", arguments[0].ctype())
     result = function.adj.return_var[0]
+    if not all(types.is_whole(a.type) for a in arguments):
+        raise Unsupported(f"{function.key}: takes arrays of which each lane has its own")
     one = ", ".join(f"{a.ctype()} {a.label}" for a in arguments)
     many = ", ".join(f"const {types.wide(a.type)}& {a.label}" for a in arguments)
     passed = ", ".join(a.label if types.is_shared(a.type) else f"lanes::lane({a.label}, l)" for a in arguments)

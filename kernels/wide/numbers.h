@@ -131,11 +131,26 @@ template<class S> LANES_INLINE wp::array_t<S> blend(Mask, const wp::array_t<S>& 
     return a.data ? a : b;
 }
 
-LANES_INLINE Floats where(Mask m, Floats a, Floats b) { return blend(m, a, b); }
-LANES_INLINE Ints where(Mask m, Ints a, Ints b) { return blend(m, a, b); }
-LANES_INLINE Ints where(Mask m, int a, int b) { return blend(m, Ints(a), Ints(b)); }
-LANES_INLINE Floats where(Mask m, float a, float b) { return blend(m, Floats(a), Floats(b)); }
-template<class T> LANES_INLINE T where(Mask m, const T& a, const T& b) { return blend(m, a, b); }
+// What a value of one lane becomes; lanes stay what they are.
+template<class T> struct LanesOf {
+    typedef T type;
+};
+#define LANES_OF(OF) \
+    template<> struct LanesOf<OF> { \
+        typedef Wide<OF> type; \
+    };
+LANES_OF(float)
+LANES_OF(int)
+LANES_OF(unsigned)
+LANES_OF(wp::int64)
+LANES_OF(double)
+LANES_OF(bool)
+template<unsigned N, class S> struct LanesOf<wp::vec_t<N, S>> {
+    typedef Vector<N, Wide<S>> type;
+};
+template<class A, class B> LANES_INLINE auto where(Mask m, const A& a, const B& b) {
+    return blend(m, typename LanesOf<A>::type(a), typename LanesOf<B>::type(b));
+}
 
 // Arithmetic
 

@@ -157,13 +157,17 @@ class SampledPixels:
         before = local("before") + body.code(0, first)
         body.loops.append(_SAMPLE_LOOP)
         start = local("start") + body.code(first + 2, call)
+        # What follows the call within the same `if` waits until the path has ended.
         depth = len(body.blocks)
+        close = _end_of_block(lines, call + 1, last - 1) if depth else call + 1
+        if lines[close : close + depth] != ["}"] * depth:
+            raise Unsupported(f"{kernel.key}: does more around where it calls {function.key}")
         start += f"    path_.steps.begin({', '.join(own)}, exec); begun_ = exec;\n"
-        start += body.code(call + 1, call + 1 + depth)
-        if lines[call + 1 : call + 1 + depth] != ["}"] * depth:
-            raise Unsupported(f"{kernel.key}: does more where it calls {function.key}")
+        start += body.code(close, close + depth)
         body.keep_all = False
-        finish = local("finish") + body.code(call + 1 + depth, last - 1)
+        rest = body.code(call + 1, close)
+        finish = local("finish") + (f"    exec = begun_; if (lanes::any(exec)) {{\n{rest}    }}\n" if rest else "")
+        finish += "    exec = sampled_;\n" + body.code(close + depth, last - 1)
         body.loops.pop()
         after = local("after") + body.code(last + 1, len(lines))
 
@@ -235,6 +239,16 @@ typedef {pixels} Pixels;
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
             .replace("FIXED", ", ".join(f"pixels[count].{name}" for _, name in fixed))
         )
+
+
+def _end_of_block(lines: list[str], first: int, end: int) -> int:
+    """Return the number of the line that closes the block in which line `first` is."""
+    depth = 1
+    for i in range(first, end):
+        depth += lines[i].endswith("{") - (lines[i] == "}")
+        if depth == 0:
+            return i
+    raise Unsupported("an `if` without an end")
 
 
 def _loop(body: Body, loop: str) -> tuple[int, int]:

@@ -192,6 +192,8 @@ class Body:
         return f"lanes::array_store({self._pointed(m[1])}, exec);"
 
     def _store(self, m: re.Match[str], i: int) -> str:
+        if "(lanes::address(" in self._pointed(m[1]) or "LANES_MEMBER(" in self._pointed(m[1]):
+            raise Unsupported(self.lines[i])
         return f"lanes::set(*{self._pointed(m[1])}, {m[2]}, exec);"
 
     def _set(self, m: re.Match[str], i: int) -> str:
@@ -218,6 +220,11 @@ class Body:
         known = [str(self.constants[a]) if type(self.constants.get(a)) is int else a for a in others]
         return ", ".join([first, *known])
 
+    def _must_have(self, name: str, field: str) -> None:
+        t = strip_reference(self.variables[name].type)
+        if not self.types.is_whole(t) and field not in dict(self.types.fields(t)):
+            raise Unsupported(f"{name}.{field}: each lane has its own array")
+
     def expression(self, text: str) -> str:
         """Return what a variable is set to.
 
@@ -226,16 +233,22 @@ class Body:
         """
         if m := re.fullmatch(r"&\(\(\(\*wp::address\((.*?), (var_\w+)\)\)\)\.([\w.]+)\)", text):
             return f"LANES_MEMBER({m[1]}, {m[2]}, {m[3]})"
+        if m := re.match(r"&\(+(var_\w+)\)\.(\w+)", text):
+            self._must_have(m[1], m[2])
         if text.startswith("&(") or VARIABLE.fullmatch(text) or re.fullmatch(r"-?[\d.]+(e-?\d+)?(f|ll|u|ull)?", text):
             return text
         if m := re.fullmatch(r"wp::(\w+)\((.*)\)", text):
             name, arguments = m.groups()
+            name = _CONVERSIONS.get(name, name)
+            element = name == "indexref" and re.fullmatch(r"\(?&\(\((var_\w+)\)\.[\w.]+\)\)?, var_\w+", arguments)
+            if name not in self.types.library or (name == "indexref" and not element):
+                raise Unsupported(text)
             if name == "load":
                 return f"lanes::load({arguments}, exec)"
             if name in ("extract", "indexref"):
                 return f"lanes::{name}({self._known(arguments)})"
-            return f"lanes::{_CONVERSIONS.get(name, name)}({arguments})"
-        if m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text):
+            return f"lanes::{name}({arguments})"
+        if (m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text)) and f"cast_{m[1]}" in self.types.library:
             return f"lanes::cast_{m[1]}({m[2]})"
         if (m := re.fullmatch(r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)", text)) and m[3] in NUMBERS:
             return f"lanes::make_{m[1]}<{m[2]}, {NUMBERS[m[3]]}>({m[4]})"

@@ -6,7 +6,6 @@ anew for sixteen threads (`statements.py`), with paths that end at different tim
 rays traced side by side (`rays.py`). The kernels themselves know nothing of it, and the film's bits stay the same.
 """
 
-from pathlib import Path
 from typing import Any
 
 import warp as wp
@@ -15,12 +14,11 @@ from warp._src.context import ModuleBuilder
 from wrt.kernels.wide.natives import native_function
 from wrt.kernels.wide.paths import SampledPixels
 from wrt.kernels.wide.statements import Body
-from wrt.kernels.wide.types import Types, Unsupported, lines_of
+from wrt.kernels.wide.types import LIBRARY, Types, Unsupported, lines_of
 
 PATH_FUNCTION = "trace_path"
 """What functions are called that follow a path; see `make_trace`."""
 
-_LIBRARY = ("numbers.h", "memory.h")
 
 
 def wide_code(kernel: wp.Kernel) -> str:
@@ -40,9 +38,11 @@ def wide_code(kernel: wp.Kernel) -> str:
     functions = list(builder.functions)
     types = Types([*functions, built])
     called = "\n".join(lines_of(built))
-    (path,) = (f for f in functions if f.key.endswith(PATH_FUNCTION) and f"= {f.native_func}(" in called)
-    folder = Path(__file__).parent
-    out = [(folder / name).read_text(encoding="utf-8") for name in _LIBRARY]
+    paths = [f for f in functions if f.key.endswith(PATH_FUNCTION) and f"= {f.native_func}(" in called]
+    if len(paths) != 1:
+        raise Unsupported(f"{module.name}: follows no path")
+    (path,) = paths
+    out = [LIBRARY]
     out.append(types.declarations([a.type for a in built.adj.args]))
     for function in functions:
         if function is path:

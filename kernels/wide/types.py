@@ -1,6 +1,8 @@
 """What the types of a kernel become where one thread does the work of sixteen."""
 
+import functools
 import re
+from pathlib import Path
 from typing import Any
 
 from warp._src.codegen import Struct, Var, strip_reference
@@ -18,6 +20,14 @@ NUMBERS = {
 }
 """Numbers of one lane in Warp's C++, and of sixteen in that of `numbers.h`."""
 
+LIBRARY = "".join((Path(__file__).parent / name).read_text(encoding="utf-8") for name in ("numbers.h", "memory.h"))
+"""The C++ that all wide code begins with."""
+
+_DEFINED = re.compile(
+    r"^ *(?:template<[^{;]*?> )?LANES_(?:INLINE|VECTOR|MATRIX)\b[^({;]*?\b(\w+)\("
+    r"|^LANES_(?:OF_ONE|OF_TWO|OF_EACH|OF_PAIRS|CONVERSION)\((\w+)",
+    re.MULTILINE,
+)
 _VECTOR = re.compile(r"wp::vec_t<(\d+), ?(\S+)>")
 _MATRIX = re.compile(r"wp::mat_t<(\d+), ?(\d+), ?(\S+)>")
 _CONSTRUCTION = re.compile(r"var_\w+ = ([A-Za-z_]\w*_[0-9a-f]{8})\(")
@@ -25,6 +35,12 @@ _CONSTRUCTION = re.compile(r"var_\w+ = ([A-Za-z_]\w*_[0-9a-f]{8})\(")
 
 class Unsupported(Exception):
     """A kernel does something that is not known for sixteen lanes."""
+
+
+@functools.cache
+def library_functions() -> frozenset[str]:
+    """Return the names of all functions in `LIBRARY`."""
+    return frozenset(m[1] or m[2] for m in _DEFINED.finditer(LIBRARY.replace("sizeof(T)", "")))
 
 
 def name_of(t: Any) -> str:
@@ -38,10 +54,17 @@ def has_array(t: Any) -> bool:
 
 
 class Types:
-    """The types of a module's functions."""
+    """The types of a module's functions.
+
+    Attributes:
+        structs: all, each after those of its fields.
+        struct_names: theirs in C++.
+        library: the functions that there are in C++ for sixteen lanes.
+    """
 
     def __init__(self, functions: list[Any]) -> None:
         """Take the functions and kernels that Warp has built, each with its `adj`."""
+        self.library = library_functions()
         self._functions = functions
         constructed = set()
         for function in functions:
@@ -49,12 +72,23 @@ class Types:
                 if m := _CONSTRUCTION.match(line):
                     constructed.add(m[1])
         self._constructed = constructed
+        self._elements: set[str] = set()  # structs of which there are arrays
         self.structs = self._in_order()
         self.struct_names = {name_of(t) for t in self.structs}
 
     def is_uniform(self, t: Any) -> bool:
-        """Return whether all lanes share one struct of a type: it leads to arrays, and nobody makes another."""
-        return has_array(t) and name_of(t) not in self._constructed
+        """Return whether all lanes share one struct of a type: it leads to arrays, and there is no other."""
+        return has_array(t) and name_of(t) not in self._constructed | self._elements
+
+    def fields(self, t: Any) -> list[tuple[str, Any]]:
+        """Return the fields of a struct for sixteen lanes: none that leads to arrays where each lane has its own."""
+        fields = [(v.label, strip_reference(v.type)) for v in t.vars.values()]
+        return [(label, of) for label, of in fields if name_of(t) not in self._elements or not self.is_shared(of)]
+
+    def is_whole(self, t: Any) -> bool:
+        """Return whether a type has all its fields for sixteen lanes."""
+        t = strip_reference(t)
+        return not isinstance(t, Struct) or self.is_uniform(t) or len(self.fields(t)) == len(t.vars)
 
     def is_shared(self, t: Any) -> bool:
         """Return whether all lanes share one value of a type."""
@@ -91,6 +125,8 @@ class Types:
             t = strip_reference(t)
             if is_array(t):
                 t = t.dtype
+                if isinstance(t, Struct):
+                    self._elements.add(name_of(t))
             if isinstance(t, Struct) and t not in seen:
                 seen.add(t)
                 for v in t.vars.values():
@@ -128,7 +164,7 @@ class Types:
     def _wide_struct(self, t: Any) -> str:
         name = name_of(t)
         wide = f"wide_{name}"
-        fields = [(v.label, strip_reference(v.type)) for v in t.vars.values()]
+        fields = self.fields(t)
         varying = [(label, of) for label, of in fields if not self.is_shared(of)]
 
         def zero(label: str, of: Any) -> str:
