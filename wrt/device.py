@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import queue
@@ -12,6 +13,7 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.values import integer
@@ -19,6 +21,9 @@ from wrt.values import integer
 SLICES_PER_THREAD = 16
 """Slices of a CPU launch per thread: enough that the last ones end together, few enough that the
 25 µs a launch costs stay under 0.1 % of a 0.3 s pass."""
+
+LARGE = 1 << 21
+"""Bytes of a huge page, from which on an array has pages of its own."""
 
 INTERRUPT_SECONDS = 0.1
 """An interrupt during a launch is seen after this at the latest."""
@@ -62,6 +67,24 @@ def initialize_warp() -> None:
                     os.write(2, line)
     finally:
         os.close(kept)
+
+
+def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Return a NumPy array of zeros, which if it is large takes memory only where somebody writes to it.
+
+    NumPy's own does so only where the C library has no freed block for it, which it would clear.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if size < LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+        return np.zeros(shape, dtype)
+    return np.frombuffer(_pages(size), dtype).reshape(shape)
+
+
+def _pages(size: int) -> mmap.mmap:
+    """Return so many bytes of zeros in huge pages, which go back to the system as soon as nobody has them."""
+    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
 
 
 class Device:
@@ -133,11 +156,8 @@ class Device:
 
         if not self.is_cpu or count == 0 or not hasattr(mmap, "MADV_HUGEPAGE"):
             return wp.empty(count, dtype=dtype, device=self.name)
-        size = count * wp.types.type_size_in_bytes(dtype)
-        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-        memory.madvise(mmap.MADV_HUGEPAGE)
         number = {float: wp.float32, int: wp.int32}.get(dtype) or getattr(dtype, "_wp_scalar_type_", dtype)
-        rows = np.frombuffer(memory, wp.dtype_to_numpy(number))
+        rows = np.frombuffer(_pages(count * wp.types.type_size_in_bytes(dtype)), wp.dtype_to_numpy(number))
         return wp.array(
             rows if len(rows) == count else rows.reshape(count, -1), dtype=dtype, device=self.name, copy=False
         )

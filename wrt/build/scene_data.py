@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wrt.build.bodies import describe_bodies, set_camera_bodies
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
-from wrt.build.geometry import joined, upload, upload_triangles
+from wrt.build.geometry import joined, numbered, upload, upload_triangles
 from wrt.build.layout import Layout, lay_out
 from wrt.build.light_choice import upload_light_choice
 from wrt.build.lights import light_table
@@ -164,7 +164,7 @@ def _upload_geometry(
     counts = np.array([len(m.faces) for m in faces])
     first_triangles = np.cumsum(counts) - counts
     shape_numbers = np.array([*layout.world_shapes, *[-1] * len(layout.shared)], np.int32)
-    data.triangle_shape = upload(np.repeat(shape_numbers, counts), int, name)
+    data.triangle_shape = upload(numbered(shape_numbers, counts), int, name)
     tree = None
     if world:
         data.bvh = (tree := build_bvh(data.points, data.indices[: 3 * int(counts[: len(world)].sum())], device)).data
