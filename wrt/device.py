@@ -9,7 +9,9 @@ import queue
 import sys
 import threading
 import time
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,10 @@ LARGE = 1 << 21
 
 INTERRUPT_SECONDS = 0.1
 """An interrupt during a launch is seen after this at the latest."""
+
+
+_LOADING: dict[str, threading.Lock] = {}
+"""By the names of modules of kernels, what the one thread holds that loads it."""
 
 
 def available_threads() -> int:
@@ -163,12 +169,37 @@ class Device:
         )
 
     def compile(self, kernel: Any) -> float:
-        """Load a kernel's module, compiling it where no cached build is found; return the seconds."""
+        """Load a kernel's module, compiling it where no cached build is found; return the seconds.
+
+        Where another thread is about that already, wait for it.
+        """
         import warp as wp
 
         start = time.perf_counter()
-        wp.load_module(kernel.module, device=self.name)
+        with _LOADING.setdefault(kernel.module.name, threading.Lock()):
+            wp.load_module(kernel.module, device=self.name)
         return time.perf_counter() - start
+
+    @contextmanager
+    def compiling(self) -> Iterator[Callable[[Any], None]]:
+        """Within the context, compile the kernels that the function it gives is called with; at its end all are.
+
+        On the CPU another thread does so beside what else goes on, if there is to be more than one: Warp lets one
+        thread at a time write code for its compiler, which then takes most of the time and no interpreter lock.
+        """
+        if not self.is_cpu or self.threads == 1:
+            kernels: list[Any] = []
+            yield kernels.append
+            for kernel in kernels:
+                self.compile(kernel)
+            return
+        pool = ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
+        try:
+            workers: set[Future[float]] = set()
+            yield lambda kernel: workers.add(pool.submit(self.compile, kernel))
+            _finish(workers)
+        finally:
+            pool.shutdown(cancel_futures=True)  # what it is at ends, so that nothing is left half done
 
     def launch(self, kernel: Any, count: int, inputs: list[Any]) -> None:
         """Run `kernel` over indices 0 to count − 1 and wait for it.
@@ -183,6 +214,8 @@ class Device:
             wp.launch(kernel, dim=count, inputs=[0, *inputs], device=self.name)
             wp.synchronize_device(self.name)
             return
+        # Here and not by each of the threads, which would compile it all at once, with headers read by each.
+        self.compile(kernel)
         size = max(1, -(-count // (self.threads * SLICES_PER_THREAD)))
         starts: queue.SimpleQueue[int] = queue.SimpleQueue()
         for start in range(0, count, size):
@@ -201,11 +234,16 @@ class Device:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt")
         workers = {self._pool.submit(work) for _ in range(self.threads)}
         try:
-            # Not without a timeout: such a wait cannot be interrupted on every system.
-            while workers:
-                ended, workers = wait(workers, timeout=INTERRUPT_SECONDS, return_when=FIRST_EXCEPTION)
-                for worker in ended:
-                    worker.result()
+            _finish(workers)
         finally:
             stop.set()
             wait(workers)
+
+
+def _finish(workers: set[Future[Any]]) -> None:
+    """Wait until all have ended or one has failed, whose exception is raised."""
+    # Not without a timeout: such a wait cannot be interrupted on every system.
+    while workers:
+        ended, workers = wait(workers, timeout=INTERRUPT_SECONDS, return_when=FIRST_EXCEPTION)
+        for worker in ended:
+            worker.result()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt._version import __version__
+from wrt.build.bvh import kernels_of_building
 from wrt.build.camera import CropWindow, build_camera
 from wrt.build.environment import environment_kind, resolve_environment
 from wrt.build.filters import filter_table
@@ -183,35 +185,39 @@ class Renderer:
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.layers)
-        self._built = build_scene(
-            self.scene,
-            self.device,
-            texture_coordinates="uv" in self.settings.layers,
-            light_choice=light_choice,
-        )
-        self.seconds_compile, self._kernel, self._inputs = self._prepare()
+        with self.device.compiling() as compile:
+            uv, choose = "uv" in self.settings.layers, partial(self._choose_kernel, compile=compile)
+            self._built = build_scene(
+                self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
+            )
+            built = time.perf_counter()
+        self.seconds_compile = time.perf_counter() - built
+        self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
         self._updated = False
 
-    def _prepare(self) -> tuple[float, Any, list[Any]]:
-        import warp as wp
-
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
+        """Take the kernel for scenes with these features, and have all be compiled that is needed from here on."""
+        from wrt.kernels.film import film_noise
         from wrt.kernels.render import make_render_kernel
+
+        features = dataclasses.replace(features, sampler=self.settings.sampler)
+        self._kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings))
+        # The largest, then those needed last: meanwhile the tree is built, which compiles from the other end.
+        for kernel in (self._kernel, film_noise, *reversed(kernels_of_building())):
+            compile(kernel)
+
+    def _prepare(self) -> list[Any]:
+        """Return what the kernel takes after the number of samples."""
+        import warp as wp
 
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
         assert self.scene.camera is not None
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
-        features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
-        kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings))
-        seconds = self.device.compile(kernel)
-        return (
-            seconds,
-            kernel,
-            [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data],
-        )
+        return [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data]
 
     @property
     def width(self) -> int:
