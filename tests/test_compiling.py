@@ -130,3 +130,11 @@ def test_warp_compiles_in_two_threads_and_leaves_whole_files_alone(tmp_path: Pat
     folders = list(next((tmp_path / "cache").iterdir()).iterdir())
     assert sorted(folder.name.rpartition("_")[0] for folder in folders) == ["wp_one", "wp_other"]
     assert all({path.suffix for path in folder.iterdir()} >= {".o", ".meta"} for folder in folders)
+
+
+def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None:
+    # Warp's headers, read and written down for the modules that follow, are 5 MB a thread.
+    program = "import tempfile; from wrt.process import end; t = tempfile.TemporaryDirectory(dir='.'); end(3)"
+    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
+    assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=variables).returncode == 3
+    assert not list(tmp_path.iterdir())
