@@ -122,6 +122,19 @@ def test_after_an_error_what_was_begun_ends_and_nothing_else_begins(error: type[
     assert not any(thread.name.startswith("wrt-compile") for thread in threading.enumerate())
 
 
+def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[str] = []
+    monkeypatch.setattr("wrt.device.trim", lambda: given.append("heap"))
+    monkeypatch.setattr("wrt.device.forget_code", lambda *libraries: given.extend(each.name for each in libraries))
+    monkeypatch.setattr("wrt.device.LOAD_SECONDS", 0.1)
+    device = Device("cpu")
+    given.clear()
+    device.compile(kernel("a"))
+    assert given == ["heap", "warp.so", "warp-clang.so"]
+    device.compile(kernel("a"))  # only loaded
+    assert len(given) == 3
+
+
 @pytest.mark.slow
 def test_warp_compiles_in_two_threads_and_leaves_whole_files_alone(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)

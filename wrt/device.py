@@ -12,12 +12,15 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.memory import forget_code, trim
 from wrt.values import integer
 
 SLICES_PER_THREAD = 16
@@ -30,6 +33,9 @@ LARGE = 1 << 21
 INTERRUPT_SECONDS = 0.1
 """An interrupt during a launch is seen after this at the latest."""
 
+
+LOAD_SECONDS = 0.2
+"""A module that took longer was compiled, which left behind 40 MB in the heap, and 27 MB of the compiler's own code."""
 
 _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
@@ -73,6 +79,21 @@ def initialize_warp() -> None:
                     os.write(2, line)
     finally:
         os.close(kept)
+    _forget_start()
+
+
+@cache
+def _forget_start() -> None:
+    """Give back 90 MB of Warp's libraries, once: what runs when they are loaded lies all over them."""
+    forget_code(*_libraries())
+
+
+def _libraries() -> list[Path]:
+    """Return Warp's libraries; none where `wrt/lean` stands in for it."""
+    import warp as wp
+
+    file = getattr(wp, "__file__", None)
+    return [Path(file).parent / "bin" / name for name in ("warp.so", "warp-clang.so")] if file else []
 
 
 def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
@@ -178,7 +199,11 @@ class Device:
         start = time.perf_counter()
         with _LOADING.setdefault(kernel.module.name, threading.Lock()):
             wp.load_module(kernel.module, device=self.name)
-        return time.perf_counter() - start
+        seconds = time.perf_counter() - start
+        if seconds > LOAD_SECONDS:
+            trim()
+            forget_code(*_libraries())
+        return seconds
 
     @contextmanager
     def compiling(self) -> Iterator[Callable[[Any], None]]:
