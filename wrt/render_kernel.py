@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from wrt.build.bvh import kernels_of_building
 from wrt.device import Device
 from wrt.wide import WideKernel
 
@@ -12,34 +14,48 @@ class RenderKernel:
     """The kernels of one picture.
 
     Attributes:
-        seconds_compile: how long the first took to compile or to load.
+        scene: the record of the scene's arrays, to be set before the first pass.
     """
 
-    def __init__(self, device: Device, features: Any, scene: Any, width: int, height: int) -> None:
-        """Compile the kernel for features; `scene` is the record of its arrays, width and height those of the film."""
+    def __init__(self, device: Device, features: Any, width: int, height: int) -> None:
+        """Take a scene's features, and the size of the film in pixels."""
         from wrt.kernels.render import make_render_kernel
 
-        self._device = device
+        self.scene: Any = None
+        self._device, self._features = device, features
         self._width, self._height = width, height
         self._kernel = make_render_kernel(features)
-        self.seconds_compile = device.compile(self._kernel)
-        self._wide = WideKernel(device, features, scene)
+        self._wide: WideKernel | None = None
+
+    def compile(self, compile: Callable[[Any], None]) -> None:
+        """Have all be compiled that is needed from here on, by `Device.compiling`."""
+        from wrt.kernels.film import film_noise
+
+        # The largest, then those needed last: meanwhile the tree is built, which compiles from the other end.
+        for kernel in (self._kernel, film_noise, *reversed(kernels_of_building())):
+            compile(kernel)
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` tells if preparing to be faster is worth it."""
-        self._wide.prepare(seconds_left)
-        if self._wide.kernel is None:
+        self._faster().prepare(seconds_left)
+        wide = self._faster().kernel
+        if wide is None:
             self._device.launch(self._kernel, self._width * self._height, inputs)
             return
         from wrt.kernels.wide.render import TILE
 
-        self._device.launch(self._wide.kernel, -(-self._width // TILE) * -(-self._height // TILE), inputs)
+        self._device.launch(wide, -(-self._width // TILE) * -(-self._height // TILE), inputs)
 
     def wait_for_wide(self) -> None:
         """Return once the faster kernel is there, if it can be had."""
-        self._wide.wait()
+        self._faster().wait()
 
     @property
     def in_use(self) -> Any:
         """The kernel that the next pass is rendered with."""
-        return self._wide.kernel or self._kernel
+        return self._faster().kernel or self._kernel
+
+    def _faster(self) -> WideKernel:
+        if self._wide is None:
+            self._wide = WideKernel(self._device, self._features, self.scene)
+        return self._wide

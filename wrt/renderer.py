@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_f
 from wrt.build.light_choice import LIGHT_CHOICES
 from wrt.build.scene_data import build_scene
 from wrt.camera import CAMERAS
-from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
+from wrt.checkpoint import SETTINGS_OF_PICTURE, read_checkpoint, require_same, write_checkpoint
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.files import PathLike
@@ -34,23 +35,6 @@ from wrt.values import integer, number
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How light that both samplings find is weighed: shared, or left to one of them alone."""
-
-SETTINGS_OF_PICTURE = (
-    "width",
-    "height",
-    "max_depth",
-    "max_scatterings",
-    "filter",
-    "sampler",
-    "crop",
-    "integrator",
-    "min_attenuation",
-    "ao_distance",
-    "layers",
-    "clamp_indirect",
-    "regularization",
-)
-"""What of `RenderSettings` changes a picture: checkpoints tell it."""
 
 MAX_SPP = 2**31 - 1
 PASS_SECONDS = 0.4
@@ -184,19 +168,27 @@ class Renderer:
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.layers)
-        self._built = build_scene(
-            self.scene,
-            self.device,
-            texture_coordinates="uv" in self.settings.layers,
-            light_choice=light_choice,
-        )
-        self._kernel, self._inputs = self._prepare()
-        self.seconds_compile = self._kernel.seconds_compile
+        with self.device.compiling() as compile:
+            uv, choose = "uv" in self.settings.layers, partial(self._choose_kernel, compile=compile)
+            self._built = build_scene(
+                self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
+            )
+            built = time.perf_counter()
+        self.seconds_compile = time.perf_counter() - built
+        self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
         self._updated = False
 
-    def _prepare(self) -> tuple[RenderKernel, list[Any]]:
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
+        """Take the kernel for scenes with these features, and have all be compiled that is needed from here on."""
+        features = dataclasses.replace(features, sampler=self.settings.sampler)
+        features = integrator_features(features, self.integrator, self.settings)
+        self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height)
+        self._kernel.compile(compile)
+
+    def _prepare(self) -> list[Any]:
+        """Return what the kernel takes after the number of samples."""
         import warp as wp
 
         path = path_settings(self.scene, self.settings, self.integrator)
@@ -204,10 +196,8 @@ class Renderer:
         assert self.scene.camera is not None
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
-        features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
-        features = integrator_features(features, self.integrator, self.settings)
-        kernel = RenderKernel(self.device, features, self._built.data, self.film.width, self.film.height)
-        return kernel, [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data]
+        self._kernel.scene = self._built.data
+        return [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data]
 
     @property
     def width(self) -> int:
