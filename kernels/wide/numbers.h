@@ -191,7 +191,11 @@ LANES_BITS(Longs)
     LANES_INLINE S div(S a, S b) { return a / b; } \
     LANES_INLINE S neg(S a) { return -a; } \
     LANES_INLINE S min(S a, S b) { return a < b ? a : b; } \
-    LANES_INLINE S max(S a, S b) { return a > b ? a : b; }
+    LANES_INLINE S max(S a, S b) { return a > b ? a : b; } \
+    LANES_INLINE S clamp(S a, S low, S high) { return min(max(low, a), high); } \
+    LANES_INLINE S abs(S a) { return wp::abs(a); } \
+    LANES_INLINE S floordiv(S a, S b) { return wp::floordiv(a, b); } \
+    LANES_INLINE S mod(S a, S b) { return wp::mod(a, b); }
 LANES_CONSTANTS(float)
 LANES_CONSTANTS(int)
 LANES_CONSTANTS(unsigned)
@@ -215,6 +219,8 @@ LANES_INLINE Floats floor(Floats a) { return Floats(__builtin_elementwise_floor(
 LANES_INLINE Floats ceil(Floats a) { return Floats(__builtin_elementwise_ceil(a.v)); }
 LANES_INLINE Floats sqrt(Floats a) { return Floats(__builtin_elementwise_sqrt(a.v)); }
 LANES_INLINE Doubles sqrt(Doubles a) { return Doubles(__builtin_elementwise_sqrt(a.v)); }
+LANES_INLINE float sqrt(float a) { return wp::sqrt(a); }
+LANES_INLINE double sqrt(double a) { return wp::sqrt(a); }
 LANES_INLINE Floats lerp(Floats a, Floats b, Floats t) { return Floats(a.v * (1.0f - t.v) + b.v * t.v); }
 LANES_INLINE Mask isfinite(Floats a) {
     return Mask(__builtin_convertvector(__builtin_elementwise_abs(a.v) <= 3.4028235e38f, b16));

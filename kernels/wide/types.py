@@ -187,7 +187,7 @@ struct {wide} {{
     {wide}() {{}}
     {wide}(const {name}& a) : {", ".join(f"{label}(a.{label})" for label, _ in fields)} {{}}
     static {wide} zero() {{ {wide} r; {" ".join(zero(*field) for field in fields)} return r; }}
-    {name} lane(int l) const {{ {name} r; {each("r.{f} = lanes::lane({f}, l);", fields)} return r; }}
+    {name} lane(int l) const {{ {name} r; {each("r.{f} = lanes::lane(this->{f}, l);", fields)} return r; }}
 }};
 LANES_INLINE {wide} blend(lanes::Mask m, const {wide}& a, const {wide}& b) {{
     using lanes::blend; {wide} r; {each("r.{f} = blend(m, a.{f}, b.{f});", fields)} return r; }}
