@@ -45,49 +45,46 @@ class WideKernel:
     def __init__(self, device: Device, features: Any, scene: Any) -> None:
         """Take what the usual kernel was made for, and the record of the scene's arrays."""
         self.kernel: Any = None
-        self._device = device
-        self._features = features
+        self._device, self._features, self._scene = device, features, scene
+        self._possible: bool | None = None if device.is_cpu else False  # None: not asked yet
         self._compiler: subprocess.Popen[bytes] | None = None
         self._builds: Builds | None = None
-        self._possible = (
-            device.is_cpu
-            and features.integrator not in _UNLIKE_PATHS
-            and processor_flags() >= NEEDED
-            and largest_array(scene) <= MOST_BYTES
-        )
 
     def prepare(self, seconds_left: float) -> None:
         """Load it, or have it compiled, if that is worth it for what is left to render."""
-        if not self._possible or self.kernel is not None:
+        if self._possible is False or self.kernel is not None:
             return
         if self._compiler is not None:
             if self._compiler.poll() is None:
                 return
-            self._compiled(self._compiler)
-        if seconds_left > (LEAN_LOADING_SECONDS if _is_lean() else LOADING_SECONDS):
+            self._compiled()
+        if seconds_left > (LEAN_LOADING_SECONDS if _is_lean() else LOADING_SECONDS) and self._can_be_had():
             if self._is_compiled():
                 self._load()
-            elif seconds_left > COMPILING_SECONDS and self._possible:
+            elif seconds_left > COMPILING_SECONDS:
                 self._compile()
 
     def wait(self) -> None:
         """Have it compiled if it is not, and load it; return when it is there or cannot be had."""
-        if self._possible and self.kernel is None:
+        if self.kernel is None and self._can_be_had():
             if self._compiler is None and not self._is_compiled():
                 self._compile()
             if self._compiler is not None:
                 self._compiler.wait()
             self.prepare(math.inf)
 
+    def _can_be_had(self) -> bool:
+        if self._possible is None:
+            suits = self._features.integrator not in _UNLIKE_PATHS and processor_flags() >= NEEDED
+            if suits and largest_array(self._scene) <= MOST_BYTES:
+                self._builds = sys.modules["warp"].builds if _is_lean() else Builds.known()
+            self._possible = self._builds is not None
+        return self._possible
+
     def _is_compiled(self) -> bool:
         from wrt.kernels.wide.render import module_name
 
-        if self._builds is None:
-            self._builds = sys.modules["warp"].builds if _is_lean() else Builds.known()
-        if self._builds is None:
-            self._possible = False
-            return False
-        return self._builds.has(module_name(self._features))
+        return self._builds is not None and self._builds.has(module_name(self._features))
 
     def _load(self) -> None:
         from wrt.kernels.wide.render import declare_wide_render_kernel, make_wide_render_kernel
@@ -111,15 +108,15 @@ class WideKernel:
         nothing = subprocess.DEVNULL
         try:
             self._compiler = subprocess.Popen(command, env=environment, stdin=nothing, stdout=nothing, stderr=nothing)
-        except OSError:
+        except (OSError, TypeError):  # the latter where no Python is known
             self._possible = False
 
-    def _compiled(self, compiler: subprocess.Popen[bytes]) -> None:
+    def _compiled(self) -> None:
         """Take note of how compiling has ended."""
         self._compiler = None
         if self._builds is not None:
             self._builds.refresh()
-        self._possible = compiler.returncode == 0 and self._is_compiled()
+        self._possible = self._is_compiled()
 
 
 def _is_lean() -> bool:
@@ -143,8 +140,9 @@ def largest_array(record: Any) -> int:
 
 def processor_flags() -> frozenset[str]:
     """Return what the processor says it knows; nothing where it cannot be asked."""
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+    # A line at a time: there is a paragraph for each of what may be hundreds of cores.
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+        for line in file:
             if line.startswith("flags"):
                 return frozenset(line.partition(":")[2].split())
     return frozenset()
