@@ -14,14 +14,14 @@ from wrt.kernels.render import make_render_kernel
 from wrt.kernels.scene_data import SceneData
 from wrt.kernels.wide.translate import wide_code
 
-# Warp puts the text of a native function between braces: closed first, they let it stand at file level.
-_AT_FILE_LEVEL = """
+AT_FILE_LEVEL = """
     return 0;
 }
 CODE
 static inline int end_of_wide_code() {
     return 0;
 """
+"""The text of a native function in whose place `CODE` stands at file level: the braces around it are closed first."""
 
 
 @functools.cache
@@ -34,7 +34,7 @@ def make_wide_render_kernel(features: Features) -> wp.Kernel:
     code = wide_code(make_render_kernel(features))
     module = wp.get_module(f"wrt.wide.{features.name}.{hashlib.sha256(code.encode()).hexdigest()[:8]}")
 
-    @wp.func_native(_AT_FILE_LEVEL.replace("CODE", code))
+    @wp.func_native(AT_FILE_LEVEL.replace("CODE", code))
     def declare_wide_code() -> int: ...
 
     @wp.func_native("""
