@@ -154,13 +154,20 @@ template<class A, class B> LANES_INLINE auto where(Mask m, const A& a, const B& 
 
 // Arithmetic
 
+// Of a number and a NaN the number; of equal ones, such as 0 and -0, the first.
+#define LANES_LEAST_AND_MOST(T) \
+    LANES_INLINE T min(T a, T b) { return T(a.v != a.v ? b.v : (b.v < a.v ? b.v : a.v)); } \
+    LANES_INLINE T max(T a, T b) { return T(a.v != a.v ? b.v : (b.v > a.v ? b.v : a.v)); }
+LANES_LEAST_AND_MOST(Floats)
+LANES_LEAST_AND_MOST(Ints)
+LANES_LEAST_AND_MOST(Uints)
+LANES_LEAST_AND_MOST(Longs)
+LANES_LEAST_AND_MOST(Doubles)
 #define LANES_ARITHMETIC(T) \
     LANES_INLINE T add(T a, T b) { return T(a.v + b.v); } \
     LANES_INLINE T sub(T a, T b) { return T(a.v - b.v); } \
     LANES_INLINE T mul(T a, T b) { return T(a.v * b.v); } \
-    LANES_INLINE T neg(T a) { return T(-a.v); } \
-    LANES_INLINE T min(T a, T b) { return T(a.v < b.v ? a.v : b.v); } \
-    LANES_INLINE T max(T a, T b) { return T(a.v > b.v ? a.v : b.v); } \
+    LANES_INLINE T neg(T a) { return T(0 - a.v); } \
     LANES_INLINE T clamp(T a, T low, T high) { return min(max(low, a), high); } \
     LANES_INLINE Mask operator<(T a, T b) { return Mask(__builtin_convertvector(a.v < b.v, b16)); } \
     LANES_INLINE Mask operator>(T a, T b) { return Mask(__builtin_convertvector(a.v > b.v, b16)); } \
@@ -189,9 +196,9 @@ LANES_BITS(Longs)
     LANES_INLINE S sub(S a, S b) { return a - b; } \
     LANES_INLINE S mul(S a, S b) { return a * b; } \
     LANES_INLINE S div(S a, S b) { return a / b; } \
-    LANES_INLINE S neg(S a) { return -a; } \
-    LANES_INLINE S min(S a, S b) { return a < b ? a : b; } \
-    LANES_INLINE S max(S a, S b) { return a > b ? a : b; } \
+    LANES_INLINE S neg(S a) { return 0 - a; } \
+    LANES_INLINE S min(S a, S b) { return wp::min(a, b); } \
+    LANES_INLINE S max(S a, S b) { return wp::max(a, b); } \
     LANES_INLINE S clamp(S a, S low, S high) { return min(max(low, a), high); } \
     LANES_INLINE S abs(S a) { return wp::abs(a); } \
     LANES_INLINE S floordiv(S a, S b) { return wp::floordiv(a, b); } \
@@ -234,7 +241,10 @@ LANES_INLINE Ints div(Ints a, Ints b) {
     return Ints(__builtin_convertvector(quotient, i16));
 }
 LANES_INLINE Ints mod(Ints a, Ints b) { return Ints(a.v - div(a, b).v * b.v); }
-LANES_INLINE Ints floordiv(Ints a, Ints b) { return div(a, b); }
+LANES_INLINE Ints floordiv(Ints a, Ints b) {
+    const i16 quotient = div(a, b).v, rest = a.v - quotient * b.v;
+    return Ints(quotient + ((rest != 0) & ((rest ^ b.v) < 0)));
+}
 LANES_INLINE Uints mod(Uints a, Uints b) { return Uints(a.v % (b.v == 0u ? (u16)1u : b.v)); }
 
 // What has no instruction, lane by lane, by Warp's own functions.
@@ -302,7 +312,11 @@ template<class T> LANES_INLINE T copy(const T& a) { return a; }
         LANES_FOR r.c[k] = OF_NUMBERS(a.c[k], b.c[k]); \
         return r; \
     }
-LANES_OF_EACH(neg)
+LANES_VECTOR Vector<N, T> neg(const Vector<N, T>& a) {
+    Vector<N, T> r;
+    LANES_FOR r.c[k] = T(-a.c[k].v);  // of 0 it is -0, unlike that of numbers
+    return r;
+}
 LANES_OF_EACH(abs)
 LANES_OF_PAIRS(add, add)
 LANES_OF_PAIRS(sub, sub)
@@ -338,6 +352,7 @@ LANES_VECTOR T max(const Vector<N, T>& a) {
 }
 LANES_VECTOR T dot(const Vector<N, T>& a, const Vector<N, T>& b) {
     T r = mul(a.c[0], b.c[0]);
+    if constexpr (N > 3) r = add(T(0), r);  // not -0
     LANES_UNROLL for (int k = 1; k < N; ++k) r = add(r, mul(a.c[k], b.c[k]));
     return r;
 }

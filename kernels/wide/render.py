@@ -15,14 +15,14 @@ from wrt.kernels.scene_data import SceneData
 TILE = 16
 """Pixels along each side of a square."""
 
-# Warp puts the text of a native function between braces: closed first, they let it stand at file level.
-_AT_FILE_LEVEL = """
+AT_FILE_LEVEL = """
     return 0;
 }
 CODE
 static inline int end_of_wide_code() {
     return 0;
 """
+"""The text of a native function in whose place `CODE` stands at file level: the braces around it are closed first."""
 
 
 def module_name(features: Features) -> str:
@@ -45,7 +45,7 @@ def make_wide_render_kernel(features: Features) -> wp.Kernel:
 def declare_wide_render_kernel(features: Features, code: str) -> wp.Kernel:
     """Return the kernel with the C++ of `wide_code`; with none where it was compiled before and is only loaded."""
 
-    @wp.func_native(_AT_FILE_LEVEL.replace("CODE", code))
+    @wp.func_native(AT_FILE_LEVEL.replace("CODE", code))
     def declare_wide_code() -> int: ...
 
     @wp.func_native("""

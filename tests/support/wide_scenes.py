@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import wrt
 from wrt.layers import LAYERS
+
+_NEEDED = {"avx512f", "avx512bw", "avx512dq", "avx512vl"}
+_PROCESSOR = Path("/proc/cpuinfo")
+HAS_LANES = _PROCESSOR.exists() and set(_PROCESSOR.read_text(encoding="utf-8").split()) >= _NEEDED
+"""Whether the processor has the instructions that sixteen lanes are made for."""
 
 VIEW: dict[str, Any] = {"origin": (0.2, 1.5, 5.0), "target": (0.0, 0.6, 0.0)}
 WIDE_OPEN: dict[str, Any] = {**VIEW, "aperture_radius": 0.1, "focus_distance": 5.0}
@@ -17,7 +23,7 @@ CAMERAS: dict[str, wrt.Camera] = {
     "disk": wrt.PerspectiveCamera(**WIDE_OPEN),
     "square": wrt.PerspectiveCamera(**WIDE_OPEN, aperture="square"),
     "orthographic": wrt.OrthographicCamera(**WIDE_OPEN, view_height=3.0, aperture="polygon"),
-    "panorama": wrt.PanoramaCamera((0.1, 1.0, 0.2), (1.0, 0.5, 0.0)),
+    "panorama": wrt.PanoramaCamera((0.1, 1.6, 2.0), (1.0, 0.5, 0.0)),
     "fisheye": wrt.FisheyeCamera((0.1, 1.0, 2.0), (0.0, 0.5, 0.0)),
     "moving": wrt.PerspectiveCamera(
         **VIEW,

@@ -1,0 +1,319 @@
+"""Each function of sixteen lanes gives in every lane the bits that Warp's own gives for one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
+from support.wide_scenes import HAS_LANES
+
+from wrt.kernels.wide.render import AT_FILE_LEVEL
+from wrt.kernels.wide.types import LIBRARY
+
+pytestmark = pytest.mark.skipif(not HAS_LANES, reason="the processor has no AVX-512")
+
+# For each check what is done: `lanes` is the namespace of one of both. Names that end in `s` are vectors or matrices.
+# a, b, c: any floats; t: 0 to 1; x, y: floats that integers hold; d, e: doubles; i, j: integers, j not 0; k: 0 to 31;
+# u, w: unsigned, w not 0; n: long; m: a mask; v2 to v4, w2 to w4: vectors; q, r: matrices 3x3; g: 2x4.
+CHECKS = [
+    *(f"lanes::{name}({p}, {q})" for name in ("add", "sub", "mul", "min", "max") for p, q in ("ab", "ij", "uw", "de")),
+    *(f"lanes::{name}({p}, {q})" for name in ("bit_and", "bit_or", "bit_xor") for p, q in ("ij", "uw", "nn")),
+    *(f"lanes::{name}({p})" for name in ("neg", "abs") for p in ("a", "i", "d", "v2", "v3", "v4")),
+    *(f"lanes::{name}(a)" for name in ("sign", "floor", "ceil", "sqrt", "sin", "cos", "tan", "acos", "asin", "atan")),
+    *(f"lanes::{name}(a)" for name in ("exp", "log", "log2", "erf", "erfc", "tanh")),
+    *(f"lanes::{name}({v}, {w})" for name in ("add", "sub", "cw_mul", "cw_div", "dot", "min", "max")
+      for v, w in (("v2", "w2"), ("v3", "w3"), ("v4", "w4"))),
+    *(f"lanes::{name}({v})" for name in ("length", "length_sq", "normalize", "min", "max") for v in ("v2", "v3", "v4")),
+    *(f"lanes::{name}({v}, a)" for name in ("mul", "div") for v in ("v2", "v3", "v4")),
+    *(f"lanes::clamp({', '.join(of)})" for of in ("abc", "iji", "uwu", "ded")),
+    "lanes::atan2(a, b)", "lanes::pow(a, b)", "lanes::erfinv(t)", "lanes::sqrt(d)",
+    "lanes::lerp(a, b, t)", "lanes::lerp(v3, w3, t)", "lanes::isfinite(a)", "lanes::isfinite(v3)",
+    "lanes::div(a, b)", "lanes::div(d, e)", "lanes::div(i, j)", "lanes::mod(i, j)", "lanes::mod(u, w)",
+    "lanes::floordiv(i, j)", "lanes::rshift(i, k)", "lanes::lshift(u, lanes::uint32_(k))",
+    "lanes::rshift(u, lanes::uint32_(k))", "lanes::invert(i)", "lanes::invert(u)",
+    "lanes::cross(v3, w3)", "lanes::mul(q, v3)", "lanes::mul(g, v4)", "lanes::mul(q, a)", "lanes::transpose(g)",
+    "lanes::inverse(q)", "lanes::inverse(r)", "lanes::where(m, a, b)", "lanes::where(m, v3, w3)",
+    "lanes::where(m, a, 2.0f)", "lanes::where(m, 1, i)",
+    "lanes::int32_(x)", "lanes::uint32_(y)", "lanes::float32_(i)", "lanes::float32_(u)", "lanes::float32_(n)",
+    "lanes::float32_(d)", "lanes::float64_(a)", "lanes::int64_(i)", "lanes::int32_(n)", "lanes::int32_(m)",
+    "lanes::float32_(m)",
+    "lanes::extract(v4, 0)", "lanes::extract(v4, -1)", "lanes::extract(v3, -3)", "lanes::extract(v4, lanes::mod4(k))",
+    "lanes::extract(q, 1, -1)", "lanes::extract(q, -2, 0)", "lanes::extract(g, -1)",
+    "lanes::extract(g, lanes::mod2(k))",
+]  # fmt: skip
+COMPARISONS = [f"({p} {op} {q})" for op in ("<", ">", "<=", ">=", "==", "!=") for p, q in ("ab", "ij", "uw", "de")]
+COMPARISONS += [f"({v} {op} {w})" for op in ("==",) for v, w in (("v3", "w3"), ("v2", "v2"))]
+
+# What differs by name: conversions, and indices that are within a vector or a matrix.
+HELPERS = """
+namespace lanes {
+#define CONVERSION(NAME) template<class T> LANES_INLINE auto NAME##_(T a) { return to_##NAME(a); }
+CONVERSION(int32) CONVERSION(uint32) CONVERSION(float32) CONVERSION(int64) CONVERSION(float64)
+LANES_INLINE Ints mod4(Ints k) { return bit_and(k, Ints(3)); }
+LANES_INLINE Ints mod2(Ints k) { return bit_and(k, Ints(1)); }
+}
+namespace wp {
+template<class T> int32 int32_(T a) { return int32(a); }
+template<class T> uint32 uint32_(T a) { return uint32(a); }
+template<class T> float32 float32_(T a) { return float32(a); }
+template<class T> int64 int64_(T a) { return int64(a); }
+template<class T> float64 float64_(T a) { return float64(a); }
+inline int mod4(int k) { return k & 3; }
+inline int mod2(int k) { return k & 1; }
+}
+// The same bits, or both not a number.
+template<class A, class B> bool same(A a, B other) {
+    const A b = (A)other;
+    return (a != a && b != b) || __builtin_memcmp(&a, &b, sizeof(A)) == 0;
+}
+template<unsigned N, class T> bool same(const wp::vec_t<N, T>& a, const wp::vec_t<N, T>& b) {
+    for (unsigned k = 0; k < N; ++k) if (!same(a[k], b[k])) return false;
+    return true;
+}
+template<unsigned R, unsigned N, class T> bool same(const wp::mat_t<R, N, T>& a, const wp::mat_t<R, N, T>& b) {
+    for (unsigned j = 0; j < R; ++j)
+        for (unsigned k = 0; k < N; ++k) if (!same(a.data[j][k], b.data[j][k])) return false;
+    return true;
+}
+struct Some {
+    const float* f;
+    const int* i;
+    float number(int of, int l) const { return f[16 * of + l]; }
+    int integer(int of, int l) const { return i[16 * of + l]; }
+};
+template<int N> wp::vec_t<N, float> some_vector(Some s, int first, int l) {
+    wp::vec_t<N, float> r;
+    for (int k = 0; k < N; ++k) r[k] = s.number(first + k, l);
+    return r;
+}
+template<int R, int N> wp::mat_t<R, N, float> some_matrix(Some s, int first, int l) {
+    wp::mat_t<R, N, float> r;
+    for (int k = 0; k < R * N; ++k) r.data[k / N][k % N] = s.number(first + k, l);
+    return r;
+}
+template<class M, class One> void count(int& failed, const M& many, const One& one) {
+    for (int l = 0; l < 16; ++l) failed += !same(lanes::lane(many, l), one(l));
+}
+"""
+
+# What One and Many have, from the numbers of lane l.
+ARGUMENTS = {
+    "a": ("float", "s.number(0, l)"),
+    "b": ("float", "s.number(1, l)"),
+    "c": ("float", "s.number(2, l)"),
+    "t": ("float", "s.number(3, l)"),
+    "x": ("float", "(float)(s.integer(0, l) >> 3)"),
+    "y": ("float", "(float)((unsigned)s.integer(1, l) >> 3)"),
+    "d": ("double", "(double)a * 1.00000000001"),
+    "e": ("double", "(double)b * 1.00000000001"),
+    "i": ("int", "s.integer(0, l)"),
+    "j": ("int", "s.integer(1, l) == 0 ? 7 : s.integer(1, l)"),
+    "k": ("int", "s.integer(2, l) & 31"),
+    "u": ("unsigned", "(unsigned)i"),
+    "w": ("unsigned", "(unsigned)j"),
+    "n": ("wp::int64", "(wp::int64)i * 1000003"),
+    "m": ("bool", "(s.integer(2, l) & 64) != 0"),
+    **{
+        f"{name}{n}": (f"wp::vec_t<{n}, float>", f"some_vector<{n}>(s, {first}, l)")
+        for name, first in (("v", 4), ("w", 8))
+        for n in (2, 3, 4)
+    },
+    "q": ("wp::mat_t<3, 3, float>", "some_matrix<3, 3>(s, 4, l)"),
+    "r": ("wp::mat_t<3, 3, float>", "some_matrix<3, 3>(s, 4, l / 2)"),
+    "g": ("wp::mat_t<2, 4, float>", "some_matrix<2, 4>(s, 5, l)"),
+}
+NUMBERS, INTEGERS = 13, 3
+
+SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan, 1e-40, -1e-45, 3.4e38, -1e30, 1e-30, 2.5, -2.5, 1e10]
+
+
+def code(checks: list[str], memory_checks: dict[str, str]) -> str:
+    """Return C++ of `check_all`, which counts in how many lanes each check fails."""
+    members = {"One": "", "Many": ""}
+    fill = ""
+    for name, (of, value) in ARGUMENTS.items():
+        members["One"] += f"    {of} {name};\n"
+        members["Many"] += f"    lanes::Wide<{of}> {name};\n"
+        fill += f"        {name} = {value};\n"
+    functions = {"One": "", "Many": ""}
+    calls = ""
+    for k, check in enumerate(checks):
+        lanes = f"lanes::Mask{check}" if check in COMPARISONS else check
+        functions["Many"] += f"    auto check_{k}() const {{ return {lanes}; }}\n"
+        functions["One"] += f"    auto check_{k}() const {{ return {check.replace('lanes::', 'wp::')}; }}\n"
+        calls += f"    count(failed[{k}], many.check_{k}(), [&](int l) {{ return ones[l].check_{k}(); }});\n"
+    for k, check in enumerate(memory_checks.values(), len(checks)):
+        functions["Many"] += f"    int check_{k}(MEMORY_IN) const {{ return {check}; }}\n"
+        calls += f"    failed[{k}] += many.check_{k}(MEMORY);\n"
+    sets = "".join(f"lanes::set_lane({name}, l, ones[l].{name}); " for name in ARGUMENTS)
+    text = f"""{LIBRARY}{HELPERS}{MEMORY}
+struct One {{
+{members["One"]}
+    One() {{}}
+    One(Some s, int l) {{
+{fill}    }}
+{functions["One"]}}};
+struct Many {{
+{members["Many"]}
+    Many(const One* ones) {{ for (int l = 0; l < 16; ++l) {{ {sets}}} }}
+{functions["Many"]}}};
+static void check_all(Some s, int* failed, const char* bytes, const int* records) {{
+    One ones[16];
+    for (int l = 0; l < 16; ++l) ones[l] = One(s, l);
+    const Many many(ones);
+{MOVES}{calls}}}
+"""
+    return text.replace("MEMORY_IN", MEMORY_IN).replace("MEMORY", "bytes, records, some, from, to")
+
+
+MEMORY_IN = "const char* bytes, const int* records, unsigned some, unsigned from, unsigned to"
+
+
+# Records of SIZE bytes, from the lanes of a mask: those of others are nowhere.
+MEMORY = """
+template<int OFFSET, int SIZE, class T> bool gathered(const char* base, const int* records, unsigned mask) {
+    lanes::Ints at;
+    for (int l = 0; l < 16; ++l) at.v[l] = mask >> l & 1 ? records[l] * SIZE : 0x7fffff00 - l;
+    const auto found = lanes::gather<OFFSET, SIZE>(base, at.v, (T*)nullptr, lanes::of_bits(mask));
+    bool right = true;
+    LANES_EACH(l, lanes::of_bits(mask)) {
+        T one;
+        memcpy(&one, base + records[l] * SIZE + OFFSET, sizeof(T));
+        right &= same(lanes::lane(found, l), one);
+    }
+    return right;
+}
+template<int SIZE, class T, int OFFSET = 0> int each_offset(const char* base, const int* records, unsigned mask) {
+    if constexpr (OFFSET + sizeof(T) > SIZE) return 0;
+    else return !gathered<OFFSET, SIZE, T>(base, records, mask)
+        + each_offset<SIZE, T, OFFSET + (sizeof(T) < 4 ? sizeof(T) : 4)>(base, records, mask);
+}
+template<class T, int... SIZES> int each_size(const char* base, const int* records, unsigned mask) {
+    return (each_offset<SIZES, T>(base, records, mask) + ...);
+}
+// Lanes of `from` to those of `to`, in order.
+template<class T> int moved(const T& x, const T& y, unsigned from, unsigned to) {
+    T r = y;
+    move(r, x, lanes::Move{(unsigned short)from, (unsigned short)to});
+    int wrong = 0;
+    for (int l = 0; l < 16; ++l) {
+        int source = -1;
+        if (to >> l & 1) {
+            unsigned rest = from;
+            for (int before = __builtin_popcount(to & ((1u << l) - 1)); before > 0; --before) rest &= rest - 1;
+            source = __builtin_ctz(rest);
+        }
+        wrong += source < 0 ? !same(lanes::lane(r, l), lanes::lane(y, l)) : !same(lanes::lane(r, l), lanes::lane(x, source));
+    }
+    return wrong;
+}
+template<class C, class I, class X> int assigned(const C& whole, I at, const X& x, unsigned mask, int place) {
+    C wide = whole;
+    assign_inplace(wide, at, x, lanes::of_bits(mask));
+    int wrong = 0;
+    for (int l = 0; l < 16; ++l) {
+        auto one = lanes::lane(whole, l);
+        const int k = place < 0 ? lanes::lane(lanes::Ints(at), l) : place;
+        auto value = lanes::lane(x, l);
+        if (mask >> l & 1) wp::assign_inplace(one, k, value);
+        wrong += !same(lanes::lane(wide, l), one);
+    }
+    return wrong;
+}
+"""
+MOVES = """
+    const unsigned some = s.integer(2, 0) & 0xffff, room = s.integer(2, 1) & 0xffff;
+    const int most = __builtin_popcount(some) < __builtin_popcount(room) ? __builtin_popcount(some) : __builtin_popcount(room);
+    const unsigned from = lanes::first_of(some, most), to = lanes::first_of(room, most);
+"""
+MEMORY_CHECKS = {
+    **{
+        f"gathers of {of}": f"each_size<{of}, {sizes}>(bytes, records, some)"
+        for of, sizes in (
+            ("float", "4, 8, 12, 16, 20, 44"),
+            ("int", "12, 20"),
+            ("unsigned", "8, 16"),
+            ("double", "8, 24"),
+            ("wp::int64", "16, 20"),
+            ("wp::uint8", "1, 3, 4, 20"),
+            ("wp::uint16", "2, 6, 8, 12"),
+            ("wp::vec_t<3, float>", "12, 44"),
+            ("wp::mat_t<2, 2, float>", "20"),
+        )
+    },
+    "moves": "moved(a, b, from, to) + moved(d, e, from, to) + moved(n, lanes::neg(n), from, to)"
+    " + moved(m, ~m, from, to) + moved(v3, w3, from, to) + moved(q, r, from, to) + moved(u, w, from, to)",
+    "elements": "assigned(v4, 2, a, some, 2) + assigned(v4, -1, a, some, 3) + assigned(q, -3, v3, some, 0)"
+    " + assigned(v4, lanes::mod4(k), a, some, -1) + assigned(g, lanes::mod2(k), v4, some, -1)",
+}
+
+
+def numbers(groups: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return floats, integers of all sizes, and of both some that are special."""
+    rng = np.random.default_rng(11)
+    shape = (groups, NUMBERS, 16)
+    floats = (rng.normal(size=shape) * 10.0 ** rng.integers(-3, 4, shape)).astype(np.float32)
+    special = rng.random(shape) < 0.15
+    floats[special] = rng.choice(np.array(SPECIAL, np.float32), special.sum())
+    floats[:, 3] = rng.random((groups, 16))
+    integers = rng.integers(-(2**31) + 1, 2**31, (groups, INTEGERS, 16))
+    integers >>= rng.integers(0, 31, integers.shape)
+    return floats, integers.astype(np.int32)
+
+
+def failures(
+    checks: list[str], memory_checks: dict[str, str], wrong: tuple[str, str] = ("", ""), groups: int = 200
+) -> dict[str, int]:
+    """Return in how many lanes each check failed, perhaps with some text of the code in another's place."""
+    names = [*checks, *memory_checks]
+    source = code(checks, memory_checks)
+    if wrong[0]:
+        assert wrong[0] in source
+        source = source.replace(*wrong)
+
+    @wp.func_native(AT_FILE_LEVEL.replace("CODE", source))
+    def declare() -> int: ...
+
+    @wp.func_native("check_all({floats.data, integers.data}, failed.data, (const char*)bytes.data, records.data);")
+    def check(
+        floats: wp.array(dtype=float),
+        integers: wp.array(dtype=int),
+        bytes: wp.array(dtype=wp.uint8),
+        records: wp.array(dtype=int),
+        failed: wp.array(dtype=int),
+    ): ...
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def check_group(
+        floats: wp.array(dtype=float),
+        integers: wp.array(dtype=int),
+        bytes: wp.array(dtype=wp.uint8),
+        records: wp.array(dtype=int),
+        failed: wp.array(dtype=int),
+    ):
+        if declare() == 0:
+            check(floats, integers, bytes, records, failed)
+
+    rng = np.random.default_rng(12)
+    failed = wp.zeros(len(names), dtype=int, device="cpu")
+    for floats, integers in zip(*numbers(groups), strict=True):
+        arrays = [
+            wp.array(floats.ravel(), dtype=float, device="cpu"),
+            wp.array(integers.ravel(), dtype=int, device="cpu"),
+            wp.array(rng.integers(0, 256, 40 * 44).astype(np.uint8), dtype=wp.uint8, device="cpu"),
+            wp.array(rng.integers(0, 40, 16).astype(np.int32), dtype=int, device="cpu"),
+        ]
+        wp.launch(check_group, dim=1, inputs=[*arrays, failed], device="cpu")
+    return {name: int(n) for name, n in zip(names, failed.numpy(), strict=True) if n}
+
+
+def test_functions_of_lanes_are_those_of_one() -> None:
+    assert failures(CHECKS + COMPARISONS, MEMORY_CHECKS) == {}
+
+
+def test_a_function_that_differs_is_noticed() -> None:
+    wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")
+    assert failures(["lanes::min(a, b)", "lanes::max(a, b)"], {}, wrong).keys() == {"lanes::min(a, b)"}
