@@ -8,6 +8,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import wrt
 from wrt import wide
 from wrt.device import Device
 from wrt.lean.builds import Builds
-from wrt.wide import COMPILING_SECONDS, LOADING_SECONDS, NEEDED, WideKernel, largest_array, processor_flags
+from wrt.wide import COMPILING_SECONDS, LOADING_SECONDS, NEEDED, SWITCH, WideKernel, largest_array, processor_flags
 
 sixteen_lanes = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no such registers")
 
@@ -55,6 +56,12 @@ class Compiler:
 
 
 started: list[Compiler] = []
+
+
+@pytest.fixture(autouse=True)
+def switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Undo what holds for the other tests."""
+    monkeypatch.delenv(SWITCH)
 
 
 @pytest.fixture
@@ -115,7 +122,7 @@ def test_what_does_not_compile_is_not_tried_again(notes: Noted, renderer: wrt.Re
     assert kernel.kernel is None
 
 
-@pytest.mark.parametrize("lacking", ["processor", "warp", "array", "integrator"])
+@pytest.mark.parametrize("lacking", ["processor", "warp", "array", "integrator", "switch"])
 def test_where_it_cannot_be_had_nothing_is_tried(
     lacking: str, notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,6 +133,8 @@ def test_where_it_cannot_be_had_nothing_is_tried(
         monkeypatch.setattr(Builds, "known", lambda: None)
     elif lacking == "array":
         monkeypatch.setattr(wide, "MOST_BYTES", largest_array(renderer._kernel.scene) - 1)
+    elif lacking == "switch":
+        monkeypatch.setenv(SWITCH, "0")
     else:
         kernel._features = dataclasses.replace(kernel._features, integrator="ao")
     notes.compiled = True
@@ -195,6 +204,33 @@ print(status, [name for name in stand_in.builds._loaded if ".wide." in name])
 """
 
 
+LONG = """
+import wrt
+for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passes(time=1e6):
+    print(progress.spp, flush=True)
+"""
+
+
+@sixteen_lanes
+def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
+    """Killed while another compiles, so that its own waits; nothing is left of it."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    builds = Builds.known()
+    assert builds is not None
+    builds.path = tmp_path / "wrt" / builds.path.name
+    with builds.alone():
+        process = subprocess.Popen([sys.executable, "-c", LONG], env=environment, stdout=subprocess.PIPE, text=True)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        assert process.stdout is not None
+        child = next(found[0] for _ in process.stdout if (found := children.read_text().split()))
+        process.kill()
+        process.communicate()
+        status, limit = Path(f"/proc/{child}/status"), time.monotonic() + 60.0
+        while status.exists() and "zombie" not in status.read_text() and time.monotonic() < limit:
+            time.sleep(0.05)
+        assert not status.exists() or "zombie" in status.read_text()
+
+
 @sixteen_lanes
 def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
     wrt.Renderer(wrt.load("cornell-box"), width=20, height=19).compile()
@@ -209,7 +245,7 @@ def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
         return done.stdout.strip()
 
     features = wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)._kernel._features
-    compiling = [sys.executable, "-m", "wrt.wide", json.dumps(dataclasses.asdict(features))]
+    compiling = [sys.executable, "-m", "wrt.wide", json.dumps(dataclasses.asdict(features)), str(os.getpid())]
     subprocess.run(compiling, env=environment, check=True)
     subprocess.run(
         [sys.executable, "-m", "wrt", "render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", "first.npy"],

@@ -7,10 +7,12 @@ other between two passes. It takes longer to compile, so the usual one renders u
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +24,9 @@ from wrt.lean.builds import Builds, loaded_by_warp
 NEEDED = frozenset(("avx512f", "avx512bw", "avx512dq", "avx512vl", "bmi2"))
 """What the processor must know: sixteen numbers in a register, and masks for them."""
 
+SWITCH = "WRT_WIDE"
+"""A variable of the environment: 0 leaves all to the usual kernel."""
+
 LOADING_SECONDS, LEAN_LOADING_SECONDS = 2.0, 0.3
 """Less rendering is not worth loading it: it must be written anew to be known again (0.5 s), but not without Warp."""
 
@@ -30,6 +35,8 @@ COMPILING_SECONDS = 20.0
 
 MOST_BYTES = 2**31 - 1
 """Of an array that kernels look into: places are 32-bit numbers."""
+
+_PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
 
 _UNLIKE_PATHS = ("whitted", "ao", "aov")
 """Integrators whose kernels are not made of paths."""
@@ -75,7 +82,8 @@ class WideKernel:
 
     def _can_be_had(self) -> bool:
         if self._possible is None:
-            suits = self._features.integrator not in _UNLIKE_PATHS and processor_flags() >= NEEDED
+            suits = os.environ.get(SWITCH) != "0" and self._features.integrator not in _UNLIKE_PATHS
+            suits = suits and processor_flags() >= NEEDED
             if suits and largest_array(self._scene) <= MOST_BYTES:
                 self._builds = sys.modules["warp"].builds if _is_lean() else Builds.known()
             self._possible = self._builds is not None
@@ -101,7 +109,8 @@ class WideKernel:
         environment = dict(os.environ)
         package = str(Path(__file__).resolve().parent.parent)
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (package, environment.get("PYTHONPATH"))))
-        command = [sys.executable, "-m", "wrt.wide", json.dumps(dataclasses.asdict(self._features))]
+        features = json.dumps(dataclasses.asdict(self._features))
+        command = [sys.executable, "-m", "wrt.wide", features, str(os.getpid())]
         cache = getattr(sys.modules["warp"].config, "kernel_cache_dir", None)
         if cache:
             command.append(str(Path(cache).parent))  # to which Warp adds a folder of its version
@@ -151,27 +160,40 @@ def processor_flags() -> frozenset[str]:
 def main(arguments: list[str]) -> int:
     """Compile the kernel for features given as JSON, and note it for other processes.
 
-    A second argument is the folder for what is compiled.
+    It ends with the process that asked for it, whose number is the second argument; a third is the folder for what is
+    compiled. Of several that are asked at once, one compiles after the other.
     """
     import warp as wp
 
     from wrt.kernels.features import Features
-    from wrt.kernels.wide.render import make_wide_render_kernel
+    from wrt.kernels.wide.render import make_wide_render_kernel, module_name
 
+    _end_with_parent()
+    if os.getppid() != int(arguments[1]):
+        return 1  # it ended before this
     os.nice(10)
-    if arguments[1:]:
-        wp.config.kernel_cache_dir = arguments[1]
+    if arguments[2:]:
+        wp.config.kernel_cache_dir = arguments[2]
     described = json.loads(arguments[0])
     features = Features(
         **{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()}
     )
-    device = Device("cpu")
-    device.compile(make_wide_render_kernel(features))
     builds = Builds.known()
     if builds is None:
         return 1
-    builds.note(loaded_by_warp())
+    with builds.alone():
+        builds.refresh()
+        if not builds.has(module_name(features)):
+            Device("cpu").compile(make_wide_render_kernel(features))
+            builds.note(loaded_by_warp())
     return 0
+
+
+def _end_with_parent() -> None:
+    """Have the system end this process when the one that started it ends, however that does."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 if __name__ == "__main__":

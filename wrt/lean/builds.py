@@ -9,7 +9,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,16 @@ class Builds:
     def __bool__(self) -> bool:
         """Whether there is what every render needs at its end, when it would be late to miss that."""
         return FILM in self._modules
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Within the context, be the only process of this user that is in one; wait for others first."""
+        import fcntl
+
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with open(self.path.parent / "compiling.lock", "a") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
 
     def has(self, name: str) -> bool:
         """Return whether a module was compiled and is still there."""
