@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
 from support.wide_scenes import HAS_LANES
 
+from wrt.kernels.wide.library import LIBRARY
 from wrt.kernels.wide.render import AT_FILE_LEVEL
-from wrt.kernels.wide.types import LIBRARY
 
 pytestmark = pytest.mark.skipif(not HAS_LANES, reason="the processor has no AVX-512")
 
@@ -206,7 +204,7 @@ template<class T> int moved(const T& x, const T& y, unsigned from, unsigned to) 
             for (int before = __builtin_popcount(to & ((1u << l) - 1)); before > 0; --before) rest &= rest - 1;
             source = __builtin_ctz(rest);
         }
-        wrong += source < 0 ? !same(lanes::lane(r, l), lanes::lane(y, l)) : !same(lanes::lane(r, l), lanes::lane(x, source));
+        wrong += !same(lanes::lane(r, l), source < 0 ? lanes::lane(y, l) : lanes::lane(x, source));
     }
     return wrong;
 }
@@ -226,7 +224,7 @@ template<class C, class I, class X> int assigned(const C& whole, I at, const X& 
 """
 MOVES = """
     const unsigned some = s.integer(2, 0) & 0xffff, room = s.integer(2, 1) & 0xffff;
-    const int most = __builtin_popcount(some) < __builtin_popcount(room) ? __builtin_popcount(some) : __builtin_popcount(room);
+    const int most = wp::min(__builtin_popcount(some), __builtin_popcount(room));
     const unsigned from = lanes::first_of(some, most), to = lanes::first_of(room, most);
 """
 MEMORY_CHECKS = {
@@ -315,5 +313,6 @@ def test_functions_of_lanes_are_those_of_one() -> None:
 
 
 def test_a_function_that_differs_is_noticed() -> None:
+    # Of 0 and -0 the first.
     wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")
     assert failures(["lanes::min(a, b)", "lanes::max(a, b)"], {}, wrong).keys() == {"lanes::min(a, b)"}

@@ -180,7 +180,9 @@ class SampledPixels:
         )
         members += "".join(body.declaration(v) for v in kept)
         constants = _constants([v for v in body.adj.variables if v.constant is not None])
-        self.code = steps.code + f"""
+        self.code = (
+            steps.code
+            + f"""
 typedef {types.wide(body.variables[result].type)} Result;
 struct Path {{
     {steps.name} steps;
@@ -228,8 +230,10 @@ struct Pixels {{
 {after}
     }}
 }};
-""" + _DRIVER.replace("ARGUMENTS_IN", taken).replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments)).replace(
-            "FIXED", ", ".join(f"pixels[count].{name}" for _, name in fixed)
+"""
+            + _DRIVER.replace("ARGUMENTS_IN", taken)
+            .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
+            .replace("FIXED", ", ".join(f"pixels[count].{name}" for _, name in fixed))
         )
 
 
@@ -255,9 +259,7 @@ def _loop(body: Body, loop: str) -> tuple[int, int]:
 
 
 def _constants(variables: list[Any]) -> str:
-    return "".join(
-        f"    static constexpr {v.ctype()} {v.emit()} = {constant_str(v.constant)};\n" for v in variables
-    )
+    return "".join(f"    static constexpr {v.ctype()} {v.emit()} = {constant_str(v.constant)};\n" for v in variables)
 
 
 _DRIVER = """

@@ -66,8 +66,6 @@ def make_wide_render_kernel(features: Features) -> wp.Kernel:
         layers: LayerData,
     ):
         if declare_wide_code() == 0:
-            render_tile(
-                first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, layers
-            )
+            render_tile(first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, layers)
 
     return render_tiles

@@ -13,6 +13,7 @@ from typing import Any
 
 from warp._src.codegen import constant_str, strip_reference
 
+from wrt.kernels.wide.library import ANYTHING, can_be_called
 from wrt.kernels.wide.types import NUMBERS, Types, Unsupported, lines_of
 
 _LABEL = r"((?:for|while)_\d+)"
@@ -121,7 +122,7 @@ class Body:
 
     def _if(self, m: re.Match[str], i: int) -> str:
         self.blocks.append(i)
-        condition = f"{'~' if m[1] else ''}lanes::Mask({m[2]})"
+        condition = f"{'~' if m[1] else ''}lanes::to_bool({m[2]})"
         return f"{{ const lanes::Mask before_{i} = exec; exec = exec & {condition}; if (lanes::any(exec)) {{"
 
     def _end_if(self, m: re.Match[str], i: int) -> str:
@@ -152,7 +153,7 @@ class Body:
         return self._leave_unless(f"lanes::more({m[1]})", m[2])
 
     def _while(self, m: re.Match[str], i: int) -> str:
-        return self._leave_unless(f"lanes::Mask({m[1]})", m[2])
+        return self._leave_unless(f"lanes::to_bool({m[1]})", m[2])
 
     def _leave_unless(self, mask: str, loop: str) -> str:
         left = f"broken_{loop} = broken_{loop} | (exec & ~on); exec = exec & on;"
@@ -220,6 +221,12 @@ class Body:
         known = [str(self.constants[a]) if type(self.constants.get(a)) is int else a for a in others]
         return ", ".join([first, *known])
 
+    def _kinds(self, arguments: str) -> list[str]:
+        """Return what arguments are for `can_be_called`: anything where they are no plain variables."""
+        names = re.findall(r"(?:[^,(]|\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\))+", arguments)
+        variables = [self.variables.get(name.strip()) for name in names]
+        return [ANYTHING if v is None or v.emit() in self.pointers else self.types.kind(v.type) for v in variables]
+
     def _must_have(self, name: str, field: str) -> None:
         t = strip_reference(self.variables[name].type)
         if not self.types.is_whole(t) and field not in dict(self.types.fields(t)):
@@ -241,14 +248,16 @@ class Body:
             name, arguments = m.groups()
             name = _CONVERSIONS.get(name, name)
             element = name == "indexref" and re.fullmatch(r"\(?&\(\((var_\w+)\)\.[\w.]+\)\)?, var_\w+", arguments)
-            if name not in self.types.library or (name == "indexref" and not element):
+            if not can_be_called(name, self._kinds(arguments)) or (name == "indexref" and not element):
                 raise Unsupported(text)
             if name == "load":
                 return f"lanes::load({arguments}, exec)"
             if name in ("extract", "indexref"):
                 return f"lanes::{name}({self._known(arguments)})"
             return f"lanes::{name}({arguments})"
-        if (m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text)) and f"cast_{m[1]}" in self.types.library:
+        if m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text):
+            if not can_be_called(f"cast_{m[1]}", self._kinds(m[2])):
+                raise Unsupported(text)
             return f"lanes::cast_{m[1]}({m[2]})"
         if (m := re.fullmatch(r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)", text)) and m[3] in NUMBERS:
             return f"lanes::make_{m[1]}<{m[2]}, {NUMBERS[m[3]]}>({m[4]})"
@@ -259,7 +268,7 @@ class Body:
         if m := re.fullmatch(r"\((var_\w+) (==|!=|<|>|<=|>=) (var_\w+)\)", text):
             return f"lanes::Mask({m[1]} {m[2]} {m[3]})"
         if m := re.fullmatch(r"(var_\w+) (&&|\|\|) (var_\w+)", text):
-            return f"(lanes::Mask({m[1]}) {m[2][0]} lanes::Mask({m[3]}))"
+            return f"(lanes::to_bool({m[1]}) {m[2][0]} lanes::to_bool({m[3]}))"
         if (m := _STRUCT.fullmatch(text)) and m[1] in self.types.struct_names:
             if m[2]:
                 raise Unsupported(text)
