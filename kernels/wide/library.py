@@ -13,13 +13,18 @@ A_NUMBER = "number"
 """What one takes that is a vector's element, whatever that is."""
 
 _MACRO = re.compile(r"^#define (LANES_\w+)\((.*?)\)((?:.*\\\n)*.*)\n", re.MULTILINE)
-_FUNCTION = re.compile(
-    r"LANES_(?:INLINE|VECTOR|MATRIX)\b[^;{}()]*?\b(\w+)\(([^{};]*?)\)(?: -> [^{};]*)?\s*\{"
-)
+_FUNCTION = re.compile(r"LANES_(?:INLINE|VECTOR|MATRIX)\b[^;{}()]*?\b(\w+)\(([^{};]*?)\)(?: -> [^{};]*)?\s*\{")
 _KINDS = (("same<T>", A_NUMBER), ("Vector<", "vector"), ("Matrix<", "matrix"), ("shape_t", "shape"))
 _NUMBERS = {
     **{name: name for name in ("Floats", "Ints", "Uints", "Longs", "Doubles", "Mask")},
-    **{"float": "Floats", "int": "Ints", "unsigned": "Uints", "wp::int64": "Longs", "double": "Doubles", "bool": "Mask"},
+    **{
+        "float": "Floats",
+        "int": "Ints",
+        "unsigned": "Uints",
+        "wp::int64": "Longs",
+        "double": "Doubles",
+        "bool": "Mask",
+    },
 }
 
 

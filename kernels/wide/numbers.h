@@ -412,8 +412,8 @@ LANES_MATRIX Matrix<N, R, T> transpose(const Matrix<R, N, T>& a) {
 // Of nothing, of one number for all elements, of another vector, or of each element.
 template<class T, int N, class S> LANES_INLINE void fill(Vector<N, T>& r, const S& x) { LANES_FOR r.c[k] = T(x); }
 template<class T, int N> LANES_INLINE void fill(Vector<N, T>& r, const Vector<N, T>& x) { r = x; }
-template<int N> LANES_INLINE void fill(Vector<N, Doubles>& r, const Vector<N, Floats>& x) {
-    LANES_FOR r.c[k] = to_float64(x.c[k]);
+template<class T, int N, class S> LANES_INLINE void fill(Vector<N, T>& r, const Vector<N, S>& x) {
+    LANES_FOR r.c[k] = T(__builtin_convertvector(x.c[k].v, decltype(r.c[k].v)));
 }
 template<int N, class T, class... A> LANES_INLINE Vector<N, T> make_vec(A... a) {
     Vector<N, T> r;
