@@ -18,11 +18,12 @@ from wrt.build.integrators import integrator_features
 from wrt.kernels.features import Features
 from wrt.kernels.integrators import INTEGRATORS
 from wrt.kernels.render import make_render_kernel
-from wrt.kernels.wide import types
+from wrt.kernels.wide import library
+from wrt.kernels.wide.library import can_be_called, library_functions
 from wrt.kernels.wide.paths import TILE
 from wrt.kernels.wide.render import make_wide_render_kernel
 from wrt.kernels.wide.translate import wide_code
-from wrt.kernels.wide.types import Unsupported, library_functions
+from wrt.kernels.wide.types import Unsupported
 
 Bits = dict[str, NDArray[Any]]
 
@@ -158,8 +159,21 @@ def test_kernels_that_follow_no_paths_are_not(integrator: str) -> None:
 def test_a_function_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = make_render_kernel(FEATURES[0])
     known = library_functions()
-    assert {"normalize", "cast_int32", "indexref"} <= known
     for name, told in (("normalize", r"wp::normalize\("), ("cast_int32", r"wp::cast<wp::int32>\("), ("floor", "floor")):
-        monkeypatch.setattr(types, "library_functions", lambda name=name: known - {name})
+        assert name in known
+        without = {k: v for k, v in known.items() if k != name}
+        monkeypatch.setattr(library, "library_functions", lambda without=without: without)
         with pytest.raises(Unsupported, match=told):
             wide_code(kernel)
+
+
+def test_what_functions_take() -> None:
+    for call in ("mul(matrix, vector)", "add(Doubles, Doubles)", "sin(Floats)", "cross(vector, vector)", "abs(vector)"):
+        assert can_be_called(*parsed(call)), call
+    for call in ("mul(vector, matrix)", "sin(Doubles)", "bit_and(Floats, Floats)", "cross(vector)", "noise(Floats)"):
+        assert not can_be_called(*parsed(call)), call
+
+
+def parsed(call: str) -> tuple[str, list[str]]:
+    name, _, arguments = call[:-1].partition("(")
+    return name, arguments.split(", ")

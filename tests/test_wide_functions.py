@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
 from support.wide_scenes import HAS_LANES
 
+from wrt.kernels.wide.library import LIBRARY
 from wrt.kernels.wide.render import AT_FILE_LEVEL
-from wrt.kernels.wide.types import LIBRARY
 
 pytestmark = pytest.mark.skipif(not HAS_LANES, reason="the processor has no AVX-512")
 
@@ -40,6 +38,9 @@ CHECKS = [
     "lanes::int32_(x)", "lanes::uint32_(y)", "lanes::float32_(i)", "lanes::float32_(u)", "lanes::float32_(n)",
     "lanes::float32_(d)", "lanes::float64_(a)", "lanes::int64_(i)", "lanes::int32_(n)", "lanes::int32_(m)",
     "lanes::float32_(m)",
+    "lanes::div(u, w)", "lanes::floordiv(u, w)", "lanes::div(n, lanes::int64_(j))", "lanes::mod(n, lanes::int64_(j))",
+    "lanes::sign(i)", "lanes::floor(d)", "lanes::abs(n)", "lanes::bool_(a)", "lanes::bool_(i)", "lanes::bool_(d)",
+    "lanes::vec3d(v3)", "lanes::mat2(a)", "lanes::total(lanes::mod64(i), lanes::mod64(j), lanes::some_step(k))",
     "lanes::extract(v4, 0)", "lanes::extract(v4, -1)", "lanes::extract(v3, -3)", "lanes::extract(v4, lanes::mod4(k))",
     "lanes::extract(q, 1, -1)", "lanes::extract(q, -2, 0)", "lanes::extract(g, -1)",
     "lanes::extract(g, lanes::mod2(k))",
@@ -54,6 +55,17 @@ namespace lanes {
 CONVERSION(int32) CONVERSION(uint32) CONVERSION(float32) CONVERSION(int64) CONVERSION(float64)
 LANES_INLINE Ints mod4(Ints k) { return bit_and(k, Ints(3)); }
 LANES_INLINE Ints mod2(Ints k) { return bit_and(k, Ints(1)); }
+LANES_INLINE Ints mod64(Ints k) { return bit_and(k, Ints(63)); }
+LANES_INLINE Ints some_step(Ints k) { return add(bit_and(k, Ints(14)), Ints(-7)); }
+template<class T> LANES_INLINE Mask bool_(T a) { return to_bool(a); }
+LANES_INLINE auto vec3d(Vector<3, Floats> a) { return make_vec<3, Doubles>(a); }
+LANES_INLINE auto mat2(Floats a) { return make_mat<2, 2, Floats>(a); }
+LANES_INLINE Ints total(Ints begin, Ints end, Ints step) {
+    Range r = range(begin, end, step);
+    Ints sum = 0;
+    for (Mask exec = more(r); any(exec); exec = exec & more(r)) set(sum, add(sum, next(r, exec)), exec);
+    return sum;
+}
 }
 namespace wp {
 template<class T> int32 int32_(T a) { return int32(a); }
@@ -63,6 +75,16 @@ template<class T> int64 int64_(T a) { return int64(a); }
 template<class T> float64 float64_(T a) { return float64(a); }
 inline int mod4(int k) { return k & 3; }
 inline int mod2(int k) { return k & 1; }
+inline int mod64(int k) { return k & 63; }
+inline int some_step(int k) { return (k & 14) - 7; }
+template<class T> bool bool_(T a) { return bool(a); }
+inline auto mat2(float a) { return mat_t<2, 2, float>(a); }
+inline int total(int begin, int end, int step) {
+    range_t r = range(begin, end, step);
+    int sum = 0;
+    while (iter_cmp(r)) sum += iter_next(r);
+    return sum;
+}
 }
 // The same bits, or both not a number.
 template<class A, class B> bool same(A a, B other) {
@@ -206,7 +228,7 @@ template<class T> int moved(const T& x, const T& y, unsigned from, unsigned to) 
             for (int before = __builtin_popcount(to & ((1u << l) - 1)); before > 0; --before) rest &= rest - 1;
             source = __builtin_ctz(rest);
         }
-        wrong += source < 0 ? !same(lanes::lane(r, l), lanes::lane(y, l)) : !same(lanes::lane(r, l), lanes::lane(x, source));
+        wrong += !same(lanes::lane(r, l), source < 0 ? lanes::lane(y, l) : lanes::lane(x, source));
     }
     return wrong;
 }
@@ -226,7 +248,7 @@ template<class C, class I, class X> int assigned(const C& whole, I at, const X& 
 """
 MOVES = """
     const unsigned some = s.integer(2, 0) & 0xffff, room = s.integer(2, 1) & 0xffff;
-    const int most = __builtin_popcount(some) < __builtin_popcount(room) ? __builtin_popcount(some) : __builtin_popcount(room);
+    const int most = wp::min(__builtin_popcount(some), __builtin_popcount(room));
     const unsigned from = lanes::first_of(some, most), to = lanes::first_of(room, most);
 """
 MEMORY_CHECKS = {
@@ -315,5 +337,6 @@ def test_functions_of_lanes_are_those_of_one() -> None:
 
 
 def test_a_function_that_differs_is_noticed() -> None:
+    # Of 0 and -0 the first.
     wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")
     assert failures(["lanes::min(a, b)", "lanes::max(a, b)"], {}, wrong).keys() == {"lanes::min(a, b)"}

@@ -174,7 +174,8 @@ LANES_LEAST_AND_MOST(Doubles)
     LANES_INLINE Mask operator<=(T a, T b) { return Mask(__builtin_convertvector(a.v <= b.v, b16)); } \
     LANES_INLINE Mask operator>=(T a, T b) { return Mask(__builtin_convertvector(a.v >= b.v, b16)); } \
     LANES_INLINE Mask operator==(T a, T b) { return Mask(__builtin_convertvector(a.v == b.v, b16)); } \
-    LANES_INLINE Mask operator!=(T a, T b) { return Mask(__builtin_convertvector(a.v != b.v, b16)); }
+    LANES_INLINE Mask operator!=(T a, T b) { return Mask(__builtin_convertvector(a.v != b.v, b16)); } \
+    LANES_INLINE Mask to_bool(T a) { return a != T(0); }
 LANES_ARITHMETIC(Floats)
 LANES_ARITHMETIC(Ints)
 LANES_ARITHMETIC(Uints)
@@ -220,9 +221,12 @@ LANES_CONSTANT_BITS(wp::int64)
 
 LANES_INLINE Floats abs(Floats a) { return Floats(__builtin_elementwise_abs(a.v)); }
 LANES_INLINE Ints abs(Ints a) { return Ints(__builtin_elementwise_abs(a.v)); }
+LANES_INLINE Longs abs(Longs a) { return Longs(__builtin_elementwise_abs(a.v)); }
 LANES_INLINE Doubles abs(Doubles a) { return Doubles(__builtin_elementwise_abs(a.v)); }
 LANES_INLINE Floats sign(Floats a) { return Floats(a.v < 0.0f ? (f16)-1.0f : (f16)1.0f); }
+LANES_INLINE Ints sign(Ints a) { return Ints(a.v < 0 ? (i16)-1 : (i16)1); }
 LANES_INLINE Floats floor(Floats a) { return Floats(__builtin_elementwise_floor(a.v)); }
+LANES_INLINE Doubles floor(Doubles a) { return Doubles(__builtin_elementwise_floor(a.v)); }
 LANES_INLINE Floats ceil(Floats a) { return Floats(__builtin_elementwise_ceil(a.v)); }
 LANES_INLINE Floats sqrt(Floats a) { return Floats(__builtin_elementwise_sqrt(a.v)); }
 LANES_INLINE Doubles sqrt(Doubles a) { return Doubles(__builtin_elementwise_sqrt(a.v)); }
@@ -245,7 +249,11 @@ LANES_INLINE Ints floordiv(Ints a, Ints b) {
     const i16 quotient = div(a, b).v, rest = a.v - quotient * b.v;
     return Ints(quotient + ((rest != 0) & ((rest ^ b.v) < 0)));
 }
+LANES_INLINE Uints div(Uints a, Uints b) { return Uints(a.v / (b.v == 0u ? (u16)1u : b.v)); }
 LANES_INLINE Uints mod(Uints a, Uints b) { return Uints(a.v % (b.v == 0u ? (u16)1u : b.v)); }
+LANES_INLINE Uints floordiv(Uints a, Uints b) { return div(a, b); }
+LANES_INLINE Longs div(Longs a, Longs b) { return Longs(a.v / (b.v == 0 ? (l16)1 : b.v)); }
+LANES_INLINE Longs mod(Longs a, Longs b) { return Longs(a.v % (b.v == 0 ? (l16)1 : b.v)); }
 
 // What has no instruction, lane by lane, by Warp's own functions.
 #define LANES_OF_ONE(NAME) \
@@ -291,7 +299,6 @@ LANES_CONVERSION(to_int64, Longs, l16, long long)
 LANES_CONVERSION(to_float64, Doubles, d16, double)
 LANES_INLINE Mask to_bool(bool a) { return a; }
 LANES_INLINE Mask to_bool(Mask a) { return a; }
-LANES_INLINE Mask to_bool(Ints a) { return a != Ints(0); }
 LANES_INLINE Ints cast_int32(Floats a) { return Ints(__builtin_bit_cast(i16, a.v)); }
 LANES_INLINE Uints cast_uint32(Floats a) { return Uints(__builtin_bit_cast(u16, a.v)); }
 LANES_INLINE Floats cast_float32(Ints a) { return Floats(__builtin_bit_cast(f16, a.v)); }
@@ -406,8 +413,8 @@ LANES_MATRIX Matrix<N, R, T> transpose(const Matrix<R, N, T>& a) {
 // Of nothing, of one number for all elements, of another vector, or of each element.
 template<class T, int N, class S> LANES_INLINE void fill(Vector<N, T>& r, const S& x) { LANES_FOR r.c[k] = T(x); }
 template<class T, int N> LANES_INLINE void fill(Vector<N, T>& r, const Vector<N, T>& x) { r = x; }
-template<int N> LANES_INLINE void fill(Vector<N, Doubles>& r, const Vector<N, Floats>& x) {
-    LANES_FOR r.c[k] = to_float64(x.c[k]);
+template<class T, int N, class S> LANES_INLINE void fill(Vector<N, T>& r, const Vector<N, S>& x) {
+    LANES_FOR r.c[k] = T(__builtin_convertvector(x.c[k].v, decltype(r.c[k].v)));
 }
 template<int N, class T, class... A> LANES_INLINE Vector<N, T> make_vec(A... a) {
     Vector<N, T> r;
@@ -422,8 +429,12 @@ template<int N, class T, class... A> LANES_INLINE Vector<N, T> make_vec(A... a) 
 template<int R, int N, class T, class... A> LANES_INLINE Matrix<R, N, T> make_mat(A... a) {
     Matrix<R, N, T> r;
     if constexpr (sizeof...(a) == 0) clear(r);
-    int k = 0;
-    ((r.c[k / N][k % N] = T(a), ++k), ...);
+    else if constexpr (sizeof...(a) == 1) {
+        LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR r.c[j][k] = (T(a), ...);
+    } else {
+        int k = 0;
+        ((r.c[k / N][k % N] = T(a), ++k), ...);
+    }
     return r;
 }
 } // namespace lanes

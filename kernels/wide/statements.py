@@ -13,6 +13,7 @@ from typing import Any
 
 from warp._src.codegen import constant_str, strip_reference
 
+from wrt.kernels.wide.library import ANYTHING, can_be_called
 from wrt.kernels.wide.types import NUMBERS, Types, Unsupported, lines_of
 
 _LABEL = r"((?:for|while)_\d+)"
@@ -126,7 +127,7 @@ class Body:
 
     def _if(self, m: re.Match[str], i: int) -> str:
         self.blocks.append(i)
-        condition = f"{'~' if m[1] else ''}lanes::Mask({m[2]})"
+        condition = f"{'~' if m[1] else ''}lanes::to_bool({m[2]})"
         return f"{{ const lanes::Mask before_{i} = exec; exec = exec & {condition}; if (lanes::any(exec)) {{"
 
     def _end_if(self, m: re.Match[str], i: int) -> str:
@@ -157,7 +158,7 @@ class Body:
         return self._leave_unless(f"lanes::more({m[1]})", m[2])
 
     def _while(self, m: re.Match[str], i: int) -> str:
-        return self._leave_unless(f"lanes::Mask({m[1]})", m[2])
+        return self._leave_unless(f"lanes::to_bool({m[1]})", m[2])
 
     def _leave_unless(self, mask: str, loop: str) -> str:
         left = f"broken_{loop} = broken_{loop} | (exec & ~on); exec = exec & on;"
@@ -191,9 +192,11 @@ class Body:
         return f"lanes::set({m[1]}, {m[2]}, exec);"
 
     def _assign_inplace(self, m: re.Match[str], i: int) -> str:
+        self._must_take("assign_inplace", m[1], i)
         return f"lanes::assign_inplace({self._known(m[1])}, exec);"
 
     def _array_store(self, m: re.Match[str], i: int) -> str:
+        self._must_take("array_store", m[1], i)
         return f"lanes::array_store({self._pointed(m[1])}, exec);"
 
     def _store(self, m: re.Match[str], i: int) -> str:
@@ -207,6 +210,8 @@ class Body:
             self.pointers[name] = f"({value})"
             return ""
         v = self.variables[name]
+        if v.ctype() in ("wp::uint8", "wp::uint16") and not re.match(r"wp::(load|copy|where|extract)\(|var_", m[2]):
+            raise Unsupported(f"{self.lines[i]}: arithmetic of fewer than 32 bits")
         shared = self.types.is_shared(strip_reference(v.type)) or v.ctype() == "wp::shape_t"
         if not shared and (self.keep_all or name in self.outliving):
             return f"lanes::set({name}, {value}, exec);"
@@ -224,6 +229,16 @@ class Body:
         first, *others = arguments.split(", ")
         known = [str(self.constants[a]) if type(self.constants.get(a)) is int else a for a in others]
         return ", ".join([first, *known])
+
+    def _must_take(self, name: str, arguments: str, i: int) -> None:
+        if not can_be_called(name, self._kinds(arguments)):
+            raise Unsupported(self.lines[i])
+
+    def _kinds(self, arguments: str) -> list[str]:
+        """Return what arguments are for `can_be_called`: anything where they are no plain variables."""
+        names = re.findall(r"(?:[^,(]|\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\))+", arguments)
+        variables = [self.variables.get(name.strip()) for name in names]
+        return [ANYTHING if v is None or v.emit() in self.pointers else self.types.kind(v.type) for v in variables]
 
     def _must_have(self, name: str, field: str) -> None:
         t = strip_reference(self.variables[name].type)
@@ -246,25 +261,32 @@ class Body:
             name, arguments = m.groups()
             name = _CONVERSIONS.get(name, name)
             element = name == "indexref" and re.fullmatch(r"\(?&\(\((var_\w+)\)\.[\w.]+\)\)?, var_\w+", arguments)
-            if name not in self.types.library or (name == "indexref" and not element):
+            if not can_be_called(name, self._kinds(arguments)) or (name == "indexref" and not element):
                 raise Unsupported(text)
             if name == "load":
                 return f"lanes::load({arguments}, exec)"
             if name in ("extract", "indexref"):
                 return f"lanes::{name}({self._known(arguments)})"
             return f"lanes::{name}({arguments})"
-        if (m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text)) and f"cast_{m[1]}" in self.types.library:
+        if m := re.fullmatch(r"wp::cast<wp::(\w+)>\((.*)\)", text):
+            if not can_be_called(f"cast_{m[1]}", self._kinds(m[2])):
+                raise Unsupported(text)
             return f"lanes::cast_{m[1]}({m[2]})"
         if (m := re.fullmatch(r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)", text)) and m[3] in NUMBERS:
+            if (m[1] == "mat" or ", " in m[4]) and {"vector", "matrix"} & set(self._kinds(m[4])):
+                raise Unsupported(text)
             return f"lanes::make_{m[1]}<{m[2]}, {NUMBERS[m[3]]}>({m[4]})"
         if m := re.fullmatch(r"bool\((.*)\)", text):
             return f"lanes::to_bool({m[1]})"
         if text == "builtin_tid1d()":
             return "thread_"
         if m := re.fullmatch(r"\((var_\w+) (==|!=|<|>|<=|>=) (var_\w+)\)", text):
+            kinds = set(self._kinds(f"{m[1]}, {m[3]}"))
+            if not kinds <= {ANYTHING, *ORDERED} and not (m[2] in ("==", "!=") and kinds <= {"vector", "Mask"}):
+                raise Unsupported(text)
             return f"lanes::Mask({m[1]} {m[2]} {m[3]})"
         if m := re.fullmatch(r"(var_\w+) (&&|\|\|) (var_\w+)", text):
-            return f"(lanes::Mask({m[1]}) {m[2][0]} lanes::Mask({m[3]}))"
+            return f"(lanes::to_bool({m[1]}) {m[2][0]} lanes::to_bool({m[3]}))"
         if (m := _STRUCT.fullmatch(text)) and m[1] in self.types.struct_names:
             if m[2]:
                 raise Unsupported(text)
@@ -279,6 +301,9 @@ _CONVERSIONS = {
     "int": "to_int32",
     **{name: f"to_{name}" for name in ("float32", "int32", "uint32", "int64", "float64")},
 }
+
+ORDERED = ("Floats", "Ints", "Uints", "Longs", "Doubles")
+"""Kinds that have all comparisons."""
 
 _Write = Callable[[Body, "re.Match[str]", int], str]
 _STATEMENTS: list[tuple[re.Pattern[str], _Write]] = [

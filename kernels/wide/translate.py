@@ -11,10 +11,11 @@ from typing import Any
 import warp as wp
 from warp._src.context import ModuleBuilder
 
+from wrt.kernels.wide.library import LIBRARY
 from wrt.kernels.wide.natives import native_function
 from wrt.kernels.wide.paths import SampledPixels
 from wrt.kernels.wide.statements import Body
-from wrt.kernels.wide.types import LIBRARY, Types, Unsupported, lines_of
+from wrt.kernels.wide.types import Types, Unsupported, lines_of
 
 PATH_FUNCTION = "trace_path"
 """What functions are called that follow a path; see `make_trace`."""

@@ -1,12 +1,12 @@
 """What the types of a kernel become where one thread does the work of sixteen."""
 
-import functools
 import re
-from pathlib import Path
 from typing import Any
 
 from warp._src.codegen import Struct, Var, strip_reference
 from warp._src.types import is_array
+
+from wrt.kernels.wide.library import ANYTHING
 
 NUMBERS = {
     "wp::float32": "lanes::Floats",
@@ -20,14 +20,6 @@ NUMBERS = {
 }
 """Numbers of one lane in Warp's C++, and of sixteen in that of `numbers.h`."""
 
-LIBRARY = "".join((Path(__file__).parent / name).read_text(encoding="utf-8") for name in ("numbers.h", "memory.h"))
-"""The C++ that all wide code begins with."""
-
-_DEFINED = re.compile(
-    r"^ *(?:template<[^{;]*?> )?LANES_(?:INLINE|VECTOR|MATRIX)\b[^({;]*?\b(\w+)\("
-    r"|^LANES_(?:OF_ONE|OF_TWO|OF_EACH|OF_PAIRS|CONVERSION)\((\w+)",
-    re.MULTILINE,
-)
 _VECTOR = re.compile(r"wp::vec_t<(\d+), ?(\S+)>")
 _MATRIX = re.compile(r"wp::mat_t<(\d+), ?(\d+), ?(\S+)>")
 _CONSTRUCTION = re.compile(r"var_\w+ = ([A-Za-z_]\w*_[0-9a-f]{8})\(")
@@ -35,12 +27,6 @@ _CONSTRUCTION = re.compile(r"var_\w+ = ([A-Za-z_]\w*_[0-9a-f]{8})\(")
 
 class Unsupported(Exception):
     """A kernel does something that is not known for sixteen lanes."""
-
-
-@functools.cache
-def library_functions() -> frozenset[str]:
-    """Return the names of all functions in `LIBRARY`."""
-    return frozenset(m[1] or m[2] for m in _DEFINED.finditer(LIBRARY.replace("sizeof(T)", "")))
 
 
 def name_of(t: Any) -> str:
@@ -59,12 +45,10 @@ class Types:
     Attributes:
         structs: all, each after those of its fields.
         struct_names: theirs in C++.
-        library: the functions that there are in C++ for sixteen lanes.
     """
 
     def __init__(self, functions: list[Any]) -> None:
         """Take the functions and kernels that Warp has built, each with its `adj`."""
-        self.library = library_functions()
         self._functions = functions
         constructed = set()
         for function in functions:
@@ -115,6 +99,16 @@ class Types:
         if name == "wp::range_t":
             return "lanes::Range"
         raise Unsupported(f"type {name}")
+
+    def kind(self, t: Any) -> str:
+        """Return what a type is for `can_be_called`."""
+        wide = self.wide(t)
+        if wide == "wp::shape_t":
+            return "shape"
+        for start, kind in (("lanes::Vector", "vector"), ("lanes::Matrix", "matrix"), ("lanes::", wide[7:])):
+            if wide.startswith(start):
+                return kind
+        return ANYTHING
 
     def _in_order(self) -> list[Any]:
         """Return all structs, each after those of its fields."""
