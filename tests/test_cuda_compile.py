@@ -36,7 +36,7 @@ FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.bodies"
 }
 """Functions that make kernels; each is called below."""
 
-FACTORIES_FOR_CPU = {("wrt.kernels.wide.render", "make_wide_render_kernel")}
+FACTORIES_FOR_CPU = {("wrt.kernels.wide.render", "declare_wide_render_kernel")}
 """Functions that make kernels of vector code, which no GPU runs; tests/test_wide.py calls them."""
 
 MODELS = sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})

@@ -45,7 +45,7 @@ def test_threads_do_not_matter(scene: wrt.Scene) -> None:
 
 def test_passes_do_not_matter(scene: wrt.Scene, device: str) -> None:
     at_once = wrt.Renderer(scene, device=device, **OPTIONS)
-    at_once.device.launch(at_once._kernel, 40 * 24, [64, *at_once._inputs])
+    at_once.device.launch(at_once._kernel.usual, 40 * 24, [64, *at_once._inputs])
     singly = image_of(wrt.Renderer(scene, device=device, **OPTIONS), *range(1, 65))
     np.testing.assert_array_equal(at_once.image(), singly)
 

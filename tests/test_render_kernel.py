@@ -54,6 +54,9 @@ class Compiler:
         """End without anything compiled."""
         self.returncode = 1
 
+    def kill(self) -> None:
+        """End."""
+
 
 started: list[Compiler] = []
 

@@ -47,7 +47,7 @@ def differences(scene: wrt.Scene, spp: int = 4, **options: Any) -> list[str]:
     start = renderer.film.state()
     x0, y0, x1, y1 = renderer.crop
     tiles = -(-(x1 - x0) // TILE) * -(-(y1 - y0) // TILE)
-    one = bits(renderer, renderer._kernel, renderer.film.pixels, start, spp)
+    one = bits(renderer, renderer._kernel.usual, renderer.film.pixels, start, spp)
     many = bits(renderer, make_wide_render_kernel(features_of(renderer)), tiles, start, spp)
     assert one["total"].any()
     assert one["count"].min() >= spp
@@ -112,7 +112,7 @@ def test_pixels_that_have_samples_already() -> None:
     for name in ("total", "total_of_squares"):
         start[name][:] = rng.random(start[name].shape)
     start["count"][:], start["rejected"][:] = counts, counts // 3
-    one = bits(renderer, renderer._kernel, 45 * 31, start, 5)
+    one = bits(renderer, renderer._kernel.usual, 45 * 31, start, 5)
     many = bits(renderer, make_wide_render_kernel(features_of(renderer)), 3 * 2, start, 5)
     assert all(one[name].tobytes() == many[name].tobytes() for name in one)
     assert (one["count"] == np.maximum(counts, 5)).all()
@@ -126,7 +126,7 @@ def test_samples_that_are_not_finite() -> None:
     scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, emission=3e38)
     renderer = wrt.Renderer(scene, width=45, height=31, threads=1, strategy="bsdf")
     start = renderer.film.state()
-    one = bits(renderer, renderer._kernel, 45 * 31, start, 8)
+    one = bits(renderer, renderer._kernel.usual, 45 * 31, start, 8)
     many = bits(renderer, make_wide_render_kernel(features_of(renderer)), 3 * 2, start, 8)
     assert one["rejected"].any()
     assert all(one[name].tobytes() == many[name].tobytes() for name in one)

@@ -14,6 +14,7 @@ class RenderKernel:
     """The kernels of one picture.
 
     Attributes:
+        usual: the kernel that runs a thread for each pixel.
         scene: the record of the scene's arrays, to be set before the first pass.
     """
 
@@ -24,7 +25,7 @@ class RenderKernel:
         self.scene: Any = None
         self._device, self._features = device, features
         self._width, self._height = width, height
-        self._kernel = make_render_kernel(features)
+        self.usual = make_render_kernel(features)
         self._wide: WideKernel | None = None
 
     def compile(self, compile: Callable[[Any], None]) -> None:
@@ -32,7 +33,7 @@ class RenderKernel:
         from wrt.kernels.film import film_noise
 
         # The largest, then those needed last: meanwhile the tree is built, which compiles from the other end.
-        for kernel in (self._kernel, film_noise, *reversed(kernels_of_building())):
+        for kernel in (self.usual, film_noise, *reversed(kernels_of_building())):
             compile(kernel)
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
@@ -40,7 +41,7 @@ class RenderKernel:
         self._faster().prepare(seconds_left)
         wide = self._faster().kernel
         if wide is None:
-            self._device.launch(self._kernel, self._width * self._height, inputs)
+            self._device.launch(self.usual, self._width * self._height, inputs)
             return
         from wrt.kernels.wide.render import TILE
 
@@ -53,7 +54,7 @@ class RenderKernel:
     @property
     def in_use(self) -> Any:
         """The kernel that the next pass is rendered with."""
-        return self._faster().kernel or self._kernel
+        return self._faster().kernel or self.usual
 
     def _faster(self) -> WideKernel:
         if self._wide is None:

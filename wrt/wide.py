@@ -15,6 +15,7 @@ import os
 import signal
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,8 @@ class WideKernel:
             self._compiler = subprocess.Popen(command, env=environment, stdin=nothing, stdout=nothing, stderr=nothing)
         except (OSError, TypeError):  # the latter where no Python is known
             self._possible = False
+            return
+        weakref.finalize(self, _end, self._compiler)  # nobody else waits for it
 
     def _compiled(self) -> None:
         """Take note of how compiling has ended."""
@@ -126,6 +129,11 @@ class WideKernel:
         if self._builds is not None:
             self._builds.refresh()
         self._possible = self._is_compiled()
+
+
+def _end(compiler: subprocess.Popen[bytes]) -> None:
+    compiler.kill()
+    compiler.wait()
 
 
 def _is_lean() -> bool:
