@@ -2,8 +2,10 @@
 
 import functools
 import hashlib
+from typing import Any
 
 import warp as wp
+from warp._src.codegen import StructInstance
 
 from wrt.kernels.camera import Camera
 from wrt.kernels.features import Features
@@ -22,6 +24,19 @@ static inline int end_of_wide_code() {
     return 0;
 """
 """The text of a native function in whose place `CODE` stands at file level: the braces around it are closed first."""
+
+
+LARGEST_ARRAY = 2**31 - 1
+"""Bytes of an array in which lanes find their records: places have 32 bits, as the processor's gathers do."""
+
+
+def are_within_reach(*arguments: Any) -> bool:
+    """Return whether the arrays among a launch's arguments, and those in its structs, are small enough for lanes."""
+    arrays = [a for a in arguments if isinstance(a, wp.array)]
+    structs = [a for a in arguments if isinstance(a, StructInstance)]
+    return all(a.capacity <= LARGEST_ARRAY for a in arrays) and all(
+        are_within_reach(*(getattr(struct, name) for name in struct._cls.vars)) for struct in structs
+    )
 
 
 @functools.cache
