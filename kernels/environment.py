@@ -8,6 +8,7 @@ import warp as wp
 
 from wrt.kernels.scene_data import WRAP_CLAMP, WRAP_REPEAT, EnvironmentData
 from wrt.kernels.textures import bilinear, neighbors
+from wrt.kernels.trigonometry import arc_tangent, sine_cosine
 from wrt.kernels.warps import PI, TWO_PI
 
 
@@ -25,8 +26,9 @@ def image_point(uv: wp.vec2) -> ImagePoint:
     """Return the point at (u, v)."""
     point = ImagePoint()
     point.uv = uv
-    point.sine = wp.sin(uv[1] * PI)
-    point.cosine = wp.cos(uv[1] * PI)
+    polar = sine_cosine(uv[1] * PI)
+    point.sine = polar[0]
+    point.cosine = polar[1]
     return point
 
 
@@ -38,8 +40,8 @@ def point_towards(environment: EnvironmentData, d: wp.vec3) -> ImagePoint:
     # The sine tells a small angle exactly, which the cosine does not.
     point.sine = wp.sqrt(local[0] * local[0] + local[2] * local[2])
     point.cosine = local[1]
-    u = 0.5 + wp.atan2(local[0], -local[2]) / TWO_PI
-    point.uv = wp.vec2(u, wp.atan2(point.sine, local[1]) / PI)
+    u = 0.5 + arc_tangent(local[0], -local[2]) / TWO_PI
+    point.uv = wp.vec2(u, arc_tangent(point.sine, local[1]) / PI)
     return point
 
 
@@ -47,7 +49,8 @@ def point_towards(environment: EnvironmentData, d: wp.vec3) -> ImagePoint:
 def point_direction(environment: EnvironmentData, point: ImagePoint) -> wp.vec3:
     """Return the direction that looks at a point."""
     azimuth = (point.uv[0] - 0.5) * TWO_PI
-    local = wp.vec3(point.sine * wp.sin(azimuth), point.cosine, -point.sine * wp.cos(azimuth))
+    turned = sine_cosine(azimuth)
+    local = wp.vec3(point.sine * turned[0], point.cosine, -point.sine * turned[1])
     return wp.transpose(environment.rotation) * local
 
 

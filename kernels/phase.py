@@ -7,6 +7,7 @@ on average (Henyey and Greenstein, "Diffuse radiation in the galaxy", 1941, eq. 
 import warp as wp
 
 from wrt.kernels.geometry import make_frame, to_world
+from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import INV_PI, TWO_PI
 
 
@@ -29,6 +30,6 @@ def sample_phase(forward: wp.vec3, g: float, u: wp.vec2) -> wp.vec3:
     cosine = (s + g * (1.5 + 0.5 * s * s) + g * g * s + 0.5 * g * g * g * (s * s - 1.0)) / (d * d)
     cosine = wp.clamp(cosine, -1.0, 1.0)
     sine = wp.sqrt(1.0 - cosine * cosine)
-    phi = TWO_PI * u[1]
+    turned = sine_cosine(TWO_PI * u[1])
     frame = make_frame(forward)
-    return wp.normalize(to_world(frame, wp.vec3(sine * wp.cos(phi), sine * wp.sin(phi), cosine)))
+    return wp.normalize(to_world(frame, wp.vec3(sine * turned[1], sine * turned[0], cosine)))

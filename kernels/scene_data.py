@@ -223,6 +223,7 @@ class SceneData:
     placed: InstanceTree
     points: wp.array(dtype=wp.vec3)
     indices: wp.array(dtype=int)
+    corners: wp.array(dtype=wp.vec3i)  # of a triangle, its vertices: the same memory, for one load
     normals: wp.array(dtype=wp.vec3)
     uvs: wp.array(dtype=wp.vec2)
     colors: wp.array(dtype=wp.vec3)

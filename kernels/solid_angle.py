@@ -7,6 +7,7 @@ inside the sphere. Each `X_pdf` computes the same density by the same steps.
 import warp as wp
 
 from wrt.kernels.geometry import Frame, make_frame, to_world
+from wrt.kernels.trigonometry import arc_tangent, sine_cosine
 from wrt.kernels.warps import TWO_PI
 
 SMALL_SOLID_ANGLE = wp.constant(2.0e-3)
@@ -66,7 +67,7 @@ def rectangle_from(corner: wp.vec3, x: wp.vec3, y: wp.vec3, size: wp.vec2, p: wp
 @wp.func
 def _corner_angle(x: float, y: float, h: float) -> float:
     """Return the signed solid angle of the rectangle between the foot of the perpendicular and a corner."""
-    return wp.atan2(x * y, h * wp.sqrt(x * x + y * y + h * h))
+    return arc_tangent(x * y, h * wp.sqrt(x * x + y * y + h * h))
 
 
 @wp.func
@@ -103,8 +104,9 @@ def sample_rectangle(r: Rectangle, u: wp.vec2) -> wp.vec2:
     b1 = r.y1 / wp.sqrt(h2 + r.y1 * r.y1)
     # phi is a_u − π of the paper.
     phi = u[0] * omega + _corner_angle(r.x0, r.y1, r.h) - _corner_angle(r.x0, r.y0, r.h)
-    sine = wp.sin(phi)
-    up = wp.cos(phi) * b0 + b1
+    turned = sine_cosine(phi)
+    sine = turned[0]
+    up = turned[1] * b0 + b1
     across2 = up * up - sine * sine * h2 / (h2 + r.y0 * r.y0)
     x = r.h * sine * wp.sign(up) / wp.sqrt(wp.max(across2, 1.0e-30))
     x = wp.clamp(x, r.x0, r.x1)
@@ -208,10 +210,10 @@ def sample_disk(cone: EllipticCone, u: wp.vec2) -> Way:
     way = Way()
     if cone.b <= 0.0:
         return way
-    angle = TWO_PI * u[0]
+    turned = sine_cosine(TWO_PI * u[0])
     # a cos φ and b sin φ, up to a common factor
-    cosine = wp.cos(angle) / wp.sqrt(1.0 + cone.a * cone.a)
-    sine = wp.sin(angle) / wp.sqrt(1.0 + cone.b * cone.b)
+    cosine = turned[1] / wp.sqrt(1.0 + cone.a * cone.a)
+    sine = turned[0] / wp.sqrt(1.0 + cone.b * cone.b)
     norm2 = cosine * cosine + sine * sine
     x = cosine * cone.a
     y = sine * cone.b
@@ -242,8 +244,8 @@ def sample_cone(axis: wp.vec3, one_minus_cos: float, u: wp.vec2) -> wp.vec3:
     """Return a unit direction uniform in a cone about the unit vector `axis`."""
     below_one = u[0] * one_minus_cos
     r = wp.sqrt(wp.max(below_one * (2.0 - below_one), 0.0))
-    phi = TWO_PI * u[1]
-    local = wp.vec3(r * wp.cos(phi), r * wp.sin(phi), 1.0 - below_one)
+    turned = sine_cosine(TWO_PI * u[1])
+    local = wp.vec3(r * turned[1], r * turned[0], 1.0 - below_one)
     return wp.normalize(to_world(make_frame(axis), local))
 
 

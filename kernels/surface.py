@@ -43,10 +43,9 @@ class Surface:
 @wp.func
 def normal_of_mesh(scene: SceneData, hit: Hit, first: int) -> wp.vec3:
     """Return the interpolated normal of a mesh of which a copy's vertices begin `first` after those of the indices."""
-    i0 = scene.indices[3 * hit.triangle] + first
-    i1 = scene.indices[3 * hit.triangle + 1] + first
-    i2 = scene.indices[3 * hit.triangle + 2] + first
-    return scene.normals[i0] * (1.0 - hit.u - hit.v) + scene.normals[i1] * hit.u + scene.normals[i2] * hit.v
+    i = scene.corners[hit.triangle]
+    normal = scene.normals[i[0] + first] * (1.0 - hit.u - hit.v)
+    return normal + scene.normals[i[1] + first] * hit.u + scene.normals[i[2] + first] * hit.v
 
 
 @functools.cache
@@ -143,12 +142,10 @@ surface_at = make_surface_at("none")
 @wp.func
 def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
     """Return the surface with what only textured materials need."""
-    i0 = scene.indices[3 * hit.triangle]
-    i1 = scene.indices[3 * hit.triangle + 1]
-    i2 = scene.indices[3 * hit.triangle + 2]
+    i = scene.corners[hit.triangle]
     w0 = 1.0 - hit.u - hit.v
-    surface.uv = scene.uvs[i0] * w0 + scene.uvs[i1] * hit.u + scene.uvs[i2] * hit.v
-    surface.color = scene.colors[i0] * w0 + scene.colors[i1] * hit.u + scene.colors[i2] * hit.v
+    surface.uv = scene.uvs[i[0]] * w0 + scene.uvs[i[1]] * hit.u + scene.uvs[i[2]] * hit.v
+    surface.color = scene.colors[i[0]] * w0 + scene.colors[i[1]] * hit.u + scene.colors[i[2]] * hit.v
     return surface
 
 
@@ -159,10 +156,8 @@ def make_add_texture_coordinates(extras: bool) -> wp.Function:
     @wp.func(name="add_texture_coordinates_and_extras")
     def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
         surface = add_texture_coordinates(scene, hit, surface)
-        i0 = scene.indices[3 * hit.triangle]
-        i1 = scene.indices[3 * hit.triangle + 1]
-        i2 = scene.indices[3 * hit.triangle + 2]
-        more = scene.extras[i0] * (1.0 - hit.u - hit.v) + scene.extras[i1] * hit.u + scene.extras[i2] * hit.v
+        i = scene.corners[hit.triangle]
+        more = scene.extras[i[0]] * (1.0 - hit.u - hit.v) + scene.extras[i[1]] * hit.u + scene.extras[i[2]] * hit.v
         surface.second_uv = wp.vec2(more[0], more[1])
         surface.alpha = more[2]
         return surface
@@ -173,9 +168,10 @@ def make_add_texture_coordinates(extras: bool) -> wp.Function:
 @wp.func
 def uv_edges(scene: SceneData, hit: Hit) -> wp.mat22:
     """Return by how much u and v change along the edges e1 and e2 of the triangle, a row an edge."""
-    uv = scene.uvs[scene.indices[3 * hit.triangle]]
-    a = scene.uvs[scene.indices[3 * hit.triangle + 1]] - uv
-    b = scene.uvs[scene.indices[3 * hit.triangle + 2]] - uv
+    i = scene.corners[hit.triangle]
+    uv = scene.uvs[i[0]]
+    a = scene.uvs[i[1]] - uv
+    b = scene.uvs[i[2]] - uv
     return wp.mat22(a[0], a[1], b[0], b[1])
 
 

@@ -58,9 +58,10 @@ def clearance_of(triangle: Triangle, n: wp.vec3) -> float:
 def triangle_of_one_tree(scene: SceneData, triangle: int, instance: int, time: float) -> Triangle:
     """Return a triangle of a scene without instances."""
     result = Triangle()
-    result.p0 = scene.points[scene.indices[3 * triangle]]
-    result.e1 = scene.points[scene.indices[3 * triangle + 1]] - result.p0
-    result.e2 = scene.points[scene.indices[3 * triangle + 2]] - result.p0
+    corners = scene.corners[triangle]
+    result.p0 = scene.points[corners[0]]
+    result.e1 = scene.points[corners[1]] - result.p0
+    result.e2 = scene.points[corners[2]] - result.p0
     result.side = 1.0
     return result
 
@@ -76,9 +77,10 @@ def make_triangle_of(instances: str) -> wp.Function:
     @wp.func(name=f"triangle_of_{instances}")
     def triangle_of(scene: SceneData, triangle: int, instance: int, time: float) -> Triangle:
         record = scene.placed.instances[instance]
-        i0 = scene.indices[3 * triangle]
-        i1 = scene.indices[3 * triangle + 1]
-        i2 = scene.indices[3 * triangle + 2]
+        corners = scene.corners[triangle]
+        i0 = corners[0]
+        i1 = corners[1]
+        i2 = corners[2]
         p0 = scene.points[i0]
         p1 = scene.points[i1]
         p2 = scene.points[i2]

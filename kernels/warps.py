@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from wrt.kernels.trigonometry import sine_cosine
+
 PI = wp.constant(3.14159265358979)
 TWO_PI = wp.constant(6.28318530717959)
 BELOW_ONE = wp.constant(1.0 - 2.0**-24)  # the largest number that a sampler gives
@@ -28,9 +30,11 @@ def square_to_disk(u: wp.vec2) -> wp.vec2:
         return wp.vec2(0.0, 0.0)
     if wp.abs(a) > wp.abs(b):
         phi = 0.25 * PI * (b / a)
-        return wp.vec2(a * wp.cos(phi), a * wp.sin(phi))
+        turned = sine_cosine(phi)
+        return wp.vec2(a * turned[1], a * turned[0])
     phi = 0.5 * PI - 0.25 * PI * (a / b)
-    return wp.vec2(b * wp.cos(phi), b * wp.sin(phi))
+    turned = sine_cosine(phi)
+    return wp.vec2(b * turned[1], b * turned[0])
 
 
 @wp.func
@@ -46,8 +50,8 @@ def square_to_sphere(u: wp.vec2) -> wp.vec3:
     """Return a direction, density 1/4π (Archimedes: slices of a sphere of equal height have equal areas)."""
     z = 1.0 - 2.0 * u[0]
     r = wp.sqrt(wp.max(0.0, 1.0 - z * z))
-    phi = TWO_PI * u[1]
-    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), z)
+    turned = sine_cosine(TWO_PI * u[1])
+    return wp.vec3(r * turned[1], r * turned[0], z)
 
 
 @wp.func

@@ -44,11 +44,14 @@ PHASES: dict[str, tuple[str, ...]] = {
     "media": ("medium", "phase", "skin", "bodies"),
     "random numbers": ("sampler", "low_discrepancy"),
     "path": ("path", "integrators", "whitted", "ambient_occlusion", "shadow"),
-    "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface"),
+    "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface", "wide"),
 }
 """Files and folders of kernels/ by phase."""
 
-HELPERS = ("__init__", "features", "geometry", "scene_data", "warps")
+WIDE_TRAVERSAL = ("follow_alone", "follow_together")
+"""Functions of C++ in kernels/wide/rays.py."""
+
+HELPERS = ("__init__", "features", "geometry", "scene_data", "trigonometry", "warps")
 """What belongs to whoever calls it."""
 
 OTHER_KERNELS = (
@@ -86,15 +89,15 @@ def rendering(scene: str, size: int, threads: int | None) -> None:
     import wrt
 
     renderer = wrt.Renderer(CASES[scene].scene(size, Budget()), threads=threads)
+    renderer.compile()
     passes = renderer.passes(time=1e6)
     for progress in passes:
         if progress.seconds > 1.0:  # threads are there, passes have their size
             break
-    module = renderer._kernel.module
-    (loaded,) = module.execs.values()
-    hooks = loaded.get_kernel_hooks(renderer._kernel)
-    address = ctypes.cast(hooks.forward, ctypes.c_void_p).value
-    started = {"address": address, "object": str(loaded.binary_path), "kernel": renderer._kernel.get_mangled_name()}
+    kernel = renderer._kernel.in_use
+    (loaded,) = kernel.module.execs.values()
+    address = ctypes.cast(loaded.get_kernel_hooks(kernel).forward, ctypes.c_void_p).value
+    started = {"address": address, "object": str(loaded.binary_path), "kernel": kernel.get_mangled_name()}
     print(json.dumps(started), flush=True)
     import threading
 
@@ -160,8 +163,8 @@ def inlined(object_file: str, section: str, offsets: Sequence[int]) -> Iterator[
     source = Path(object_file.partition(".cpu")[0] + ".cpp")
     starts = []
     for number, line in enumerate(source.read_text(encoding="utf-8").splitlines(), 1):
-        if (found := re.match(r"[A-Za-z].*?\b(\w+)\(", line)) and not line.endswith(";"):
-            starts.append((number, plain_name(found[1])))
+        if (found := re.match(r"struct (\w+) {|[A-Za-z].*?\b(\w+)\(", line)) and not line.endswith(";"):
+            starts.append((number, plain_name(found[1] or found[2])))
     text = run(
         *("addr2line", "-a", "-i", "-e", object_file, "-j", section),
         given="".join(f"{offset:x}\n" for offset in offsets),
@@ -178,6 +181,7 @@ def inlined(object_file: str, section: str, offsets: Sequence[int]) -> Iterator[
 def plain_name(symbol: str) -> str:
     """Return the name of a function in kernels/ from Warp's name of it."""
     name = symbol.rpartition("__locals__")[2]
+    name = name.removeprefix("wide_")
     name = re.sub(r"(_[0-9a-f]{8})?_cpu_(kernel_)?forward(_tasks|_dispatch)?$", "", name)
     return re.sub(r"_\d+$", "", name)
 
@@ -185,7 +189,7 @@ def plain_name(symbol: str) -> str:
 def phases_of_functions() -> dict[str, str]:
     """Return the phase of every function in kernels/ by its name; functions of helpers have none."""
     phase_of_file = {file: phase for phase, files in PHASES.items() for file in files}
-    found = {}
+    found = dict.fromkeys(WIDE_TRAVERSAL, "traversal")
     for path in sorted(KERNELS.rglob("*.py")):
         phase = phase_of_file.get(path.relative_to(KERNELS).parts[0].removesuffix(".py"))
         if phase is not None:

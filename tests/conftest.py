@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,9 @@ Report = Callable[..., None]
 """report(claim, measured, expected=..., p=...): one row of the table at the end of the run."""
 
 _MEASURED = "measured"
+
+# Renders that would take long are stopped soon: no kernels are compiled for them meanwhile. Some tests ask for one.
+os.environ["WRT_WIDE"] = "0"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -176,7 +176,7 @@ def test_code_that_only_clang_knows_does_not_compile(tmp_path: Path) -> None:
 
 
 def test_no_kernel_is_left_out() -> None:
-    """What is written with @wp.kernel is compiled above: its module, or what a factory makes; or it is for CPUs alone."""
+    """What is written with @wp.kernel is in a module compiled above, or a factory called above, or for CPUs alone."""
     top_level, made = set(), set()
     for module in kernel_modules():
         tree = ast.parse(Path(str(module.__file__)).read_text())

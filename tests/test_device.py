@@ -64,7 +64,7 @@ def test_an_empty_slice_is_never_launched(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(wp, "launch", lambda kernel, dim, **_: dims.append(dim))
     for n in range(1, 200):
         dims.clear()
-        Device("cpu", threads=2).launch(None, n, [])
+        Device("cpu", threads=2).launch(count, n, [])
         assert min(dims) > 0
         assert sum(dims) == n
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -11,16 +12,26 @@ import pytest
 
 import wrt
 from wrt import normals
+from wrt.build.geometry import numbered
+from wrt.device import zeros
 from wrt.errors import InputError
 from wrt.formats import obj
 from wrt.process import importing
 
+MOUNTAINS = """
+shapes = [{ type = "many-triangles", triangles = 1000 }]
+environment = { type = "constant" }
+"""
 SOUP = np.arange(3 * 20 * 4**5).reshape(-1, 3)
 
 
-def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(tmp_path):
+@pytest.mark.parametrize("name", ["a.obj", "a.npz", "a.toml"])
+def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(name, tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
-    scene = wrt.load(tmp_path / "a.obj")
+    square = wrt.load_mesh(tmp_path / "a.obj")
+    np.savez(tmp_path / "a.npz", vertices=square.vertices, faces=square.faces)
+    (tmp_path / "a.toml").write_text(MOUNTAINS)
+    scene = wrt.load(tmp_path / name)
     mesh = scene.shapes[0].mesh
     before = mesh.vertices
     with pytest.raises(ValueError, match="read-only"):
@@ -32,6 +43,30 @@ def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(tmp_path
     renderer.update_vertices(0, before + np.float32(0.25))
     assert not np.shares_memory(mesh.vertices, renderer._built.data.points.numpy())
     np.testing.assert_array_equal(mesh.vertices, before)
+
+
+def resident() -> int:
+    """Return the bytes of memory that this process has."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_zeros_take_no_memory_until_they_are_written_however_often_there_were_some_before():
+    size = 24 << 20
+    for _ in range(3):
+        before = resident()
+        rows = zeros((size // 12, 3), np.float32)
+        assert resident() - before < size // 8
+        assert not rows.any()
+        rows += 1.0
+        assert resident() - before > size // 2
+        del rows
+    assert zeros((2, 3), np.int32).tolist() == [[0, 0, 0], [0, 0, 0]]
+
+
+def test_numbers_are_repeated():
+    rng = np.random.default_rng(1)
+    numbers, counts = rng.integers(-1, 3, 50).astype(np.int32), rng.integers(0, 4, 50)
+    np.testing.assert_array_equal(numbered(numbers, counts), np.repeat(numbers, counts))
 
 
 def test_arrays_of_a_person_are_not_shared():

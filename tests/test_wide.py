@@ -21,7 +21,7 @@ from wrt.kernels.render import make_render_kernel
 from wrt.kernels.wide import library
 from wrt.kernels.wide.library import can_be_called, library_functions
 from wrt.kernels.wide.paths import TILE
-from wrt.kernels.wide.render import are_within_reach, make_wide_render_kernel
+from wrt.kernels.wide.render import make_wide_render_kernel
 from wrt.kernels.wide.translate import wide_code
 from wrt.kernels.wide.types import Unsupported
 
@@ -130,16 +130,6 @@ def test_samples_that_are_not_finite() -> None:
     many = bits(renderer, make_wide_render_kernel(features_of(renderer)), 3 * 2, start, 8)
     assert one["rejected"].any()
     assert all(one[name].tobytes() == many[name].tobytes() for name in one)
-
-
-def test_arrays_that_are_too_large() -> None:
-    scene = SCENES["plain"][0]()
-    scene.camera = CAMERAS["disk"]
-    renderer = wrt.Renderer(scene, width=4, height=4, threads=1)
-    assert are_within_reach(*renderer._inputs)
-    # Nowhere, and never read: 2 GiB.
-    renderer._built.data.points = wp.array(ptr=64, shape=2**28, dtype=wp.vec3, device="cpu", capacity=2**31)
-    assert not are_within_reach(*renderer._inputs)
 
 
 # --- Translation -------------------------------------------------------------------------------------

@@ -16,6 +16,23 @@ from wrt.errors import InputError
 from wrt.files import PathLike, first_line, read_file, require_place, write_whole
 from wrt.formats.npy import read_archive
 
+SETTINGS_OF_PICTURE = (
+    "width",
+    "height",
+    "max_depth",
+    "max_scatterings",
+    "filter",
+    "sampler",
+    "crop",
+    "integrator",
+    "min_attenuation",
+    "ao_distance",
+    "layers",
+    "clamp_indirect",
+    "regularization",
+)
+"""What of `RenderSettings` changes a picture: checkpoints tell it."""
+
 FORMAT = 1
 _HEADER = "header"
 

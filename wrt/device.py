@@ -2,26 +2,43 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import queue
 import sys
 import threading
 import time
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.memory import forget_code, trim
 from wrt.values import integer
 
 SLICES_PER_THREAD = 16
 """Slices of a CPU launch per thread: enough that the last ones end together, few enough that the
 25 µs a launch costs stay under 0.1 % of a 0.3 s pass."""
 
+LARGE = 1 << 21
+"""Bytes of a huge page, from which on an array has pages of its own."""
+
 INTERRUPT_SECONDS = 0.1
 """An interrupt during a launch is seen after this at the latest."""
+
+
+LOAD_SECONDS = 0.2
+"""A module that took longer was compiled, which left behind 40 MB in the heap, and 27 MB of the compiler's own code."""
+
+_LOADING: dict[str, threading.Lock] = {}
+"""By the names of modules of kernels, what the one thread holds that loads it."""
 
 
 def available_threads() -> int:
@@ -62,6 +79,39 @@ def initialize_warp() -> None:
                     os.write(2, line)
     finally:
         os.close(kept)
+    _forget_start()
+
+
+@cache
+def _forget_start() -> None:
+    """Give back 90 MB of Warp's libraries, once: what runs when they are loaded lies all over them."""
+    forget_code(*_libraries())
+
+
+def _libraries() -> list[Path]:
+    """Return Warp's libraries; none where `wrt/lean` stands in for it."""
+    import warp as wp
+
+    file = getattr(wp, "__file__", None)
+    return [Path(file).parent / "bin" / name for name in ("warp.so", "warp-clang.so")] if file else []
+
+
+def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Return a NumPy array of zeros, which if it is large takes memory only where somebody writes to it.
+
+    NumPy's own does so only where the C library has no freed block for it, which it would clear.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if size < LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+        return np.zeros(shape, dtype)
+    return np.frombuffer(_pages(size), dtype).reshape(shape)
+
+
+def _pages(size: int) -> mmap.mmap:
+    """Return so many bytes of zeros in huge pages, which go back to the system as soon as nobody has them."""
+    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
 
 
 class Device:
@@ -133,22 +183,48 @@ class Device:
 
         if not self.is_cpu or count == 0 or not hasattr(mmap, "MADV_HUGEPAGE"):
             return wp.empty(count, dtype=dtype, device=self.name)
-        size = count * wp.types.type_size_in_bytes(dtype)
-        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-        memory.madvise(mmap.MADV_HUGEPAGE)
         number = {float: wp.float32, int: wp.int32}.get(dtype) or getattr(dtype, "_wp_scalar_type_", dtype)
-        rows = np.frombuffer(memory, wp.dtype_to_numpy(number))
+        rows = np.frombuffer(_pages(count * wp.types.type_size_in_bytes(dtype)), wp.dtype_to_numpy(number))
         return wp.array(
             rows if len(rows) == count else rows.reshape(count, -1), dtype=dtype, device=self.name, copy=False
         )
 
     def compile(self, kernel: Any) -> float:
-        """Load a kernel's module, compiling it where no cached build is found; return the seconds."""
+        """Load a kernel's module, compiling it where no cached build is found; return the seconds.
+
+        Where another thread is about that already, wait for it.
+        """
         import warp as wp
 
         start = time.perf_counter()
-        wp.load_module(kernel.module, device=self.name)
-        return time.perf_counter() - start
+        with _LOADING.setdefault(kernel.module.name, threading.Lock()):
+            wp.load_module(kernel.module, device=self.name)
+        seconds = time.perf_counter() - start
+        if seconds > LOAD_SECONDS:
+            trim()
+            forget_code(*_libraries())
+        return seconds
+
+    @contextmanager
+    def compiling(self) -> Iterator[Callable[[Any], None]]:
+        """Within the context, compile the kernels that the function it gives is called with; at its end all are.
+
+        On the CPU another thread does so beside what else goes on, if there is to be more than one: Warp lets one
+        thread at a time write code for its compiler, which then takes most of the time and no interpreter lock.
+        """
+        if not self.is_cpu or self.threads == 1:
+            kernels: list[Any] = []
+            yield kernels.append
+            for kernel in kernels:
+                self.compile(kernel)
+            return
+        pool = ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
+        try:
+            workers: set[Future[float]] = set()
+            yield lambda kernel: workers.add(pool.submit(self.compile, kernel))
+            _finish(workers)
+        finally:
+            pool.shutdown(cancel_futures=True)  # what it is at ends, so that nothing is left half done
 
     def launch(self, kernel: Any, count: int, inputs: list[Any]) -> None:
         """Run `kernel` over indices 0 to count − 1 and wait for it.
@@ -163,6 +239,8 @@ class Device:
             wp.launch(kernel, dim=count, inputs=[0, *inputs], device=self.name)
             wp.synchronize_device(self.name)
             return
+        # Here and not by each of the threads, which would compile it all at once, with headers read by each.
+        self.compile(kernel)
         size = max(1, -(-count // (self.threads * SLICES_PER_THREAD)))
         starts: queue.SimpleQueue[int] = queue.SimpleQueue()
         for start in range(0, count, size):
@@ -181,11 +259,16 @@ class Device:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt")
         workers = {self._pool.submit(work) for _ in range(self.threads)}
         try:
-            # Not without a timeout: such a wait cannot be interrupted on every system.
-            while workers:
-                ended, workers = wait(workers, timeout=INTERRUPT_SECONDS, return_when=FIRST_EXCEPTION)
-                for worker in ended:
-                    worker.result()
+            _finish(workers)
         finally:
             stop.set()
             wait(workers)
+
+
+def _finish(workers: set[Future[Any]]) -> None:
+    """Wait until all have ended or one has failed, whose exception is raised."""
+    # Not without a timeout: such a wait cannot be interrupted on every system.
+    while workers:
+        ended, workers = wait(workers, timeout=INTERRUPT_SECONDS, return_when=FIRST_EXCEPTION)
+        for worker in ended:
+            worker.result()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import gc
 import importlib
@@ -98,7 +99,8 @@ def no_collections() -> Iterator[None]:
 
 
 def end(status: int) -> NoReturn:
-    """End the process, without taking apart first what the system takes back anyway."""
+    """End the process, without taking apart first what the system takes back anyway, which temporary files are not."""
+    atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or not there
             stream.flush()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,35 +22,19 @@ from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_f
 from wrt.build.light_choice import LIGHT_CHOICES
 from wrt.build.scene_data import build_scene
 from wrt.camera import CAMERAS
-from wrt.checkpoint import read_checkpoint, require_same, write_checkpoint
+from wrt.checkpoint import SETTINGS_OF_PICTURE, read_checkpoint, require_same, write_checkpoint
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.files import PathLike
 from wrt.film import Film
 from wrt.fingerprint import scene_fingerprint
 from wrt.framing import frame_camera
+from wrt.render_kernel import RenderKernel
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.values import integer, number
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How light that both samplings find is weighed: shared, or left to one of them alone."""
-
-SETTINGS_OF_PICTURE = (
-    "width",
-    "height",
-    "max_depth",
-    "max_scatterings",
-    "filter",
-    "sampler",
-    "crop",
-    "integrator",
-    "min_attenuation",
-    "ao_distance",
-    "layers",
-    "clamp_indirect",
-    "regularization",
-)
-"""What of `RenderSettings` changes a picture: checkpoints tell it."""
 
 MAX_SPP = 2**31 - 1
 PASS_SECONDS = 0.4
@@ -183,35 +168,36 @@ class Renderer:
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.layers)
-        self._built = build_scene(
-            self.scene,
-            self.device,
-            texture_coordinates="uv" in self.settings.layers,
-            light_choice=light_choice,
-        )
-        self.seconds_compile, self._kernel, self._inputs = self._prepare()
+        with self.device.compiling() as compile:
+            uv, choose = "uv" in self.settings.layers, partial(self._choose_kernel, compile=compile)
+            self._built = build_scene(
+                self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
+            )
+            built = time.perf_counter()
+        self.seconds_compile = time.perf_counter() - built
+        self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
         self._updated = False
 
-    def _prepare(self) -> tuple[float, Any, list[Any]]:
-        import warp as wp
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
+        """Take the kernel for scenes with these features, and have all be compiled that is needed from here on."""
+        features = dataclasses.replace(features, sampler=self.settings.sampler)
+        features = integrator_features(features, self.integrator, self.settings)
+        self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height)
+        self._kernel.compile(compile)
 
-        from wrt.kernels.render import make_render_kernel
+    def _prepare(self) -> list[Any]:
+        """Return what the kernel takes after the number of samples."""
+        import warp as wp
 
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
         assert self.scene.camera is not None
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
-        features = dataclasses.replace(self._built.features, sampler=self.settings.sampler)
-        kernel = make_render_kernel(integrator_features(features, self.integrator, self.settings))
-        seconds = self.device.compile(kernel)
-        return (
-            seconds,
-            kernel,
-            [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data],
-        )
+        self._kernel.scene = self._built.data
+        return [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data]
 
     @property
     def width(self) -> int:
@@ -270,13 +256,14 @@ class Renderer:
         done = self.spp
         pass_index = 0
         step = 1
+        left = 0.0
         while done < target:
             pass_index += 1
             done = min(done + step, target)
             before = int(self.film.counts.sum(dtype=np.int64))
             started = time.perf_counter()
             try:
-                self.device.launch(self._kernel, self.film.pixels, [done, *self._inputs])
+                self._kernel.launch([done, *self._inputs], left)
             finally:
                 elapsed = time.perf_counter() - started
                 traced = int(self.film.counts.sum(dtype=np.int64)) - before
@@ -290,8 +277,20 @@ class Renderer:
             per_sample = elapsed * self.film.pixels / max(traced, 1)
             # At most double, so that the first pictures come quickly one after the other.
             step = max(1, min(2 * step, int(PASS_SECONDS / max(per_sample, 1e-9))))
+            left = (target - done) * per_sample
             if limit is not None:
                 step = max(1, min(step, int((limit - seconds) / max(per_sample, 1e-9))))
+                left = min(left, limit - seconds)
+
+    def compile(self) -> float:
+        """Compile now what makes passes faster, and return the seconds it took.
+
+        Else it is compiled while a picture renders that takes long enough, by another process, and passes change over
+        to it once it is there. The picture is the same, bit for bit.
+        """
+        started = time.perf_counter()
+        self._kernel.wait_for_wide()
+        return time.perf_counter() - started
 
     def _progress(
         self, index: int, done: int, spp: int | None, seconds: float, limit: float | None, paths: int, rays: int

@@ -16,6 +16,7 @@ from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.bsdf.sheen import sheen
 from wrt.kernels.microfacet import LEAST_ALPHA, ggx
 from wrt.kernels.microfacet.widening import widened_evenly
+from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import TWO_PI
 
 COAT_F0 = wp.constant(0.04)
@@ -218,8 +219,8 @@ def add_sheen(name: str, below: Layer, color: int, roughness: int, body: bool) -
             # Evenly over the hemisphere, as Estevez and Kulla recommend.
             z = 1.0 - u[0]
             radius = wp.sqrt(wp.max(0.0, 1.0 - z * z))
-            phi = TWO_PI * u[1]
-            return wp.vec3(radius * wp.cos(phi), radius * wp.sin(phi), z)
+            turned = sine_cosine(TWO_PI * u[1])
+            return wp.vec3(radius * turned[1], radius * turned[0], z)
         return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
 
     @wp.func(name=f"sheen_albedo_all_{name}")

@@ -15,6 +15,7 @@ For s > 0 s/t is cos Δφ sin α tan β, so that the roughness r = B/A gives the
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
+from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import INV_PI, TWO_PI
 
 REFLECTANCE = wp.constant(0)
@@ -123,20 +124,20 @@ def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return a direction by clipped linearly transformed cosine sampling, or a uniform one."""
     lobe = _cosine_of(wo, roughness_of(bsdf.slots[SIGMA][0]))
-    phi = TWO_PI * u[1]
+    turned = sine_cosine(TWO_PI * u[1])
     x = float(0.0)
     y = float(0.0)
     z = float(0.0)
     if u_lobe < lobe.uniform:
         z = 1.0 - u[0]
         radius = wp.sqrt(wp.max(0.0, 1.0 - z * z))
-        x = radius * wp.cos(phi)
-        y = radius * wp.sin(phi)
+        x = radius * turned[1]
+        y = radius * turned[0]
     else:
         # A point of the disk, moved into what the horizon's preimage leaves of it.
         radius = wp.sqrt(u[0])
-        v = radius * wp.sin(phi)
-        t = -wp.lerp(wp.sqrt(wp.max(0.0, 1.0 - v * v)), radius * wp.cos(phi), lobe.clipped)
+        v = radius * turned[0]
+        t = -wp.lerp(wp.sqrt(wp.max(0.0, 1.0 - v * v)), radius * turned[1], lobe.clipped)
         h = wp.sqrt(wp.max(0.0, 1.0 - t * t - v * v))
         x = lobe.a * t + lobe.b * h
         y = lobe.c * v

@@ -14,6 +14,7 @@ that B has a lower limit.
 import warp as wp
 
 from wrt.kernels.microfacet.numerics import log1p, power_integral, power_integral_inverse
+from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import TWO_PI
 
 LEAST_B = wp.constant(0.1)
@@ -56,5 +57,5 @@ def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
     k = 1.0 - shape[1]
     v = wp.min(power_integral_inverse(k, u[0] * power_integral(k, log1p(b))) / b, 1.0)
     r = wp.sqrt(v * (2.0 - v))
-    phi = TWO_PI * u[1]
-    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), 1.0 - v)
+    turned = sine_cosine(TWO_PI * u[1])
+    return wp.vec3(r * turned[1], r * turned[0], 1.0 - v)

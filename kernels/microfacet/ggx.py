@@ -6,6 +6,7 @@ of visible normals are exact.
 
 import warp as wp
 
+from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import PI, TWO_PI
 
 
@@ -58,7 +59,7 @@ def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
     below = u[1] * (1.0 + w[2])
     above = (1.0 - w[2]) + (1.0 - u[1]) * (1.0 + w[2])
     r = wp.sqrt(wp.max(below * above, 0.0))
-    phi = TWO_PI * u[0]
-    x = shape[0] * (w[0] + r * wp.cos(phi))
-    y = shape[1] * (w[1] + r * wp.sin(phi))
+    turned = sine_cosine(TWO_PI * u[0])
+    x = shape[0] * (w[0] + r * turned[1])
+    y = shape[1] * (w[1] + r * turned[0])
     return wp.normalize(wp.vec3(x, y, (1.0 - u[1]) * (1.0 + w[2])))

@@ -5,6 +5,7 @@ Without them a mirror-like lobe has no shape in float32: at roughness 1e-4 a cos
 
 import warp as wp
 
+from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import TWO_PI
 
 
@@ -69,5 +70,5 @@ def normal_of(tan2: float, u: float) -> wp.vec3:
     """Return the unit vector of this tan²θ and the azimuth 2π u."""
     z = 1.0 / wp.sqrt(1.0 + tan2)
     r = wp.sqrt(tan2) * z
-    phi = TWO_PI * u
-    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), z)
+    turned = sine_cosine(TWO_PI * u)
+    return wp.vec3(r * turned[1], r * turned[0], z)

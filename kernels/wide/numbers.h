@@ -5,6 +5,7 @@
 
 namespace lanes {
 #define LANES_INLINE static inline __attribute__((always_inline))
+#define LANES_CALLED static __attribute__((noinline))
 #define LANES_UNROLL _Pragma("clang loop unroll(full)")
 #define LANES_FOR LANES_UNROLL for (int k = 0; k < N; ++k)
 #define LANES_VECTOR template<int N, class T> LANES_INLINE

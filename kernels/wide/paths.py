@@ -4,7 +4,7 @@ A path is a loop, and paths end after different numbers of rounds. The function 
 round as its members, so that a round can be run for one group of sixteen paths after the other; the lanes of paths
 that go on are moved together in between, and a round is always one of nearly full groups (Wald 2011, "Active thread
 compaction for GPU path tracing"). The kernel becomes an object, too: with what a pixel keeps, and what it does before
-and after each of its paths. `DRIVER` runs them for a square of pixels, whose first rays lie side by side.
+and after each of its paths. `_DRIVER` runs them for a square of pixels, whose first rays lie side by side.
 """
 
 import re
@@ -12,11 +12,9 @@ from typing import Any
 
 from warp._src.codegen import constant_str
 
+from wrt.kernels.wide.render import TILE
 from wrt.kernels.wide.statements import NO_MORE, SET, VARIABLE, Body
 from wrt.kernels.wide.types import Types, Unsupported
-
-TILE = 16
-"""Pixels along each side of the square that one call of the kernel's function renders."""
 
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
@@ -75,6 +73,7 @@ class PathSteps:
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
         masks = "lanes::Mask exec = exec_in, returned_ = false"
         self.code = f"""
+namespace {{
 struct {self.name} {{
 {"".join(f"    const {types.wide(a.type)}& {a.emit()};" for a in fixed)}
 {"".join(f"    {types.wide(a.type)} {a.emit()};" for a in own)}
@@ -102,6 +101,7 @@ struct {self.name} {{
 }};
 LANES_INLINE void move({self.name}& to, const {self.name}& from, lanes::Move m) {{
     using lanes::move; {" ".join(f"move(to.{name}, from.{name}, m);" for name in moved)} }}
+}} // namespace
 """
 
 
@@ -180,10 +180,12 @@ class SampledPixels:
         )
         members += "".join(body.declaration(v) for v in kept)
         constants = _constants([v for v in body.adj.variables if v.constant is not None])
+        pixels = f"pixels_{kernel.key}"
         self.code = (
             steps.code
             + f"""
 typedef {types.wide(body.variables[result].type)} Result;
+namespace {{
 struct Path {{
     {steps.name} steps;
     lanes::Ints home;  // where it was begun
@@ -194,11 +196,11 @@ LANES_INLINE void move(Path& to, const Path& from, lanes::Move m) {{
     move(to.steps, from.steps, m);
     lanes::move(to.home, from.home, m);
 }}
-struct Pixels {{
+struct {pixels} {{
 {members}{constants}
     lanes::Mask owned_, sampled_, begun_;
     lanes::Ints thread_;
-    Pixels({taken}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in arguments)} {{}}
+    {pixels}({taken}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in arguments)} {{}}
     void begin(const lanes::Ints& threads, const lanes::Mask exec_in) {{
         lanes::Mask exec = exec_in;
         {masks}
@@ -230,6 +232,8 @@ struct Pixels {{
 {after}
     }}
 }};
+typedef {pixels} Pixels;
+}} // namespace
 """
             + _DRIVER.replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
@@ -272,7 +276,9 @@ static void render_tile(const int tile, const int width, const int height, ARGUM
     alignas(64) char pixel_memory[sizeof(Pixels) * GROUPS], path_memory[sizeof(Path) * GROUPS];
     Pixels* const pixels = (Pixels*)pixel_memory;
     Path* const paths = (Path*)path_memory;
-    Result results[GROUPS];
+    alignas(64) Result results[GROUPS];
+    constexpr int RESULT_ROWS = sizeof(Result) / (4 * lanes::WIDTH);
+    static_assert(sizeof(Result) % (4 * lanes::WIDTH) == 0, "a result is not of numbers of four bytes alone");
     lanes::Mask live[GROUPS];
     const lanes::i16 numbers = lanes::lane_numbers().v;
     const int across = (width + TILE - 1) / TILE;
@@ -302,9 +308,12 @@ static void render_tile(const int tile, const int width, const int height, ARGUM
                 const lanes::Mask going = paths[g].steps.step(live[g]), done = live[g] & ~going;
                 if (lanes::any(done)) {
                     const Result result = paths[g].steps.end(done);
+                    alignas(64) int homes[lanes::WIDTH];
+                    *(lanes::i16*)homes = paths[g].home.v;
                     LANES_EACH(l, done) {
-                        const int home = paths[g].home.v[l];
-                        set_lane(results[home / lanes::WIDTH], home % lanes::WIDTH, result.lane(l));
+                        int* const to = (int*)&results[homes[l] / lanes::WIDTH] + homes[l] % lanes::WIDTH;
+                        const int* const from = (const int*)&result + l;
+                        for (int row = 0; row < RESULT_ROWS; ++row) to[lanes::WIDTH * row] = from[lanes::WIDTH * row];
                     }
                     live[g] = going;
                 }

@@ -45,7 +45,8 @@ struct Lone {
 _FOLLOW_ALONE = (
     """
 template<bool any_hit>
-static __attribute__((noinline)) void follow_alone(const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
+LANES_CALLED void follow_alone(
+    const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
@@ -148,7 +149,7 @@ _FOLLOW_TOGETHER = (
     """
 // mixed: rays of any directions; else all of them are of one octant and one main axis.
 template<bool any_hit, bool mixed>
-static __attribute__((noinline)) void follow_together(
+LANES_CALLED void follow_together(
     const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
     using lanes::f16; using lanes::i16; using lanes::b16;
     #define ROW(numbers) (*(f16*)a.numbers)
@@ -190,7 +191,8 @@ static __attribute__((noinline)) void follow_together(
             const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
             // Mixed rays' axes are put in the order of the test first.
             const i16 main_axis = INTEGER_ROW(kzs);
-            const b16 is_x = __builtin_convertvector(main_axis == 0, b16), is_y = __builtin_convertvector(main_axis == 1, b16);
+            const b16 is_x = __builtin_convertvector(main_axis == 0, b16);
+            const b16 is_y = __builtin_convertvector(main_axis == 1, b16);
             const int kx = mixed ? 0 : a.kxs[one], ky = mixed ? 1 : a.kys[one], kz = mixed ? 2 : a.kzs[one];
             const auto in_order = [&](int axis, f16 x, f16 y, f16 z) __attribute__((always_inline)) -> f16 {
                 return axis == 0 ? (is_x ? y : (is_y ? z : x)) : axis == 1 ? (is_x ? z : (is_y ? x : y))
@@ -270,8 +272,9 @@ static __attribute__((noinline)) void follow_together(
 )
 
 _TRAVERSE = """
-static __attribute__((noinline)) lanes::Vector<4, lanes::Floats> NAME(
-    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin_, const lanes::Vector<3, lanes::Floats>& direction_,
+LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
+    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin_,
+    const lanes::Vector<3, lanes::Floats>& direction_,
     lanes::Floats t_min_, lanes::Floats t_max_, lanes::Mask any_hit_, lanes::Mask exec) {
     using lanes::f16; using lanes::i16;
     const int some = __builtin_ctz(lanes::bits(exec) | 0x8000);
@@ -307,7 +310,8 @@ RAY_SLAB
     INTEGER_ROW(kys) = ky;
     INTEGER_ROW(kzs) = kz;
     INTEGER_ROW(flips) = flip;
-    const unsigned runs = lanes::bits((length + 0.0f * (length + shifts) > 0.0f) & (t_max_.v >= t_min)) & lanes::bits(exec);
+    const i16 can_hit = (length + 0.0f * (length + shifts) > 0.0f) & (t_max_.v >= t_min);
+    const unsigned runs = lanes::bits(can_hit) & lanes::bits(exec);
     ROW(reach) = lanes::of_bits(runs).v ? t_max_.v : (f16)-1.0f;
     ROW(hit_us) = ROW(hit_vs) = (f16)0.0f;
     INTEGER_ROW(numbers) = (i16)NOTHING_HIT;

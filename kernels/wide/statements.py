@@ -82,6 +82,11 @@ class Body:
             if m:
                 self.where_set.setdefault(m[1], list(open_loops))
 
+    def changes(self, name: str) -> bool:
+        """Return whether anything may change a variable that was given."""
+        change = re.compile(rf"{name}(\.\w+)* = |wp::assign\w*\({name}\b|.*&\({name}\b|.*&{name}\b")
+        return any(change.match(line) for line in self.lines)
+
     def declaration(self, v: Any) -> str:
         """Return the declaration of a variable; nothing for those that C++ does without."""
         name, ctype = v.emit(), v.ctype()

@@ -105,6 +105,18 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     return BuiltBvh(data, starts, leaf_count, references, 4 * (len(data.nodes) + len(data.leaves)))
 
 
+def kernels_of_building() -> list[Any]:
+    """Return a kernel of each module that building a tree takes, in the order in which it does."""
+    from wrt.kernels import bvh_collapse, bvh_presplit, bvh_split, bvh_top
+
+    return [
+        bvh_split.make_boxes,
+        bvh_top.find_centers,
+        bvh_collapse.price_subtrees,
+        bvh_presplit.find_importance,
+    ]
+
+
 def _boxes(points: Any, indices: Any, device: Device) -> Any:
     """Return the boxes of triangles."""
     from wrt.kernels.bvh_split import make_boxes

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.device import Device
+from wrt.device import Device, zeros
 from wrt.errors import InputError
 from wrt.mesh import Mesh
 
@@ -57,14 +57,26 @@ def joined(meshes: Sequence[Mesh], name: str, width: int, default: float, device
 
     What is to be uploaded to the CPU, meshes share, whose own arrays cannot be written to: so it is in memory once.
     """
-    rows = np.empty((sum(len(mesh.vertices) for mesh in meshes), width), np.float32)
+    rows = zeros((sum(len(mesh.vertices) for mesh in meshes), width), np.float32)
     stop = 0
     for mesh in meshes:
         start, stop = stop, stop + len(mesh.vertices)
         own = getattr(mesh, name)
-        rows[start:stop] = default if own is None else own[:, :width]
-        if own is not None and own.shape[1] == width and device == "cpu":
-            mesh.share(name, rows[start:stop])
+        if own is not None:
+            rows[start:stop] = own[:, :width]
+            if own.shape[1] == width and device == "cpu":
+                mesh.share(name, rows[start:stop])
+        elif default:  # zeros that nobody writes take no memory
+            rows[start:stop] = default
+    return rows
+
+
+def numbered(numbers: NDArray[np.int32], counts: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return each number as many times as `counts` says; where it is 0, memory is taken only when it is written to."""
+    rows = zeros((int(counts.sum()),), np.int32)
+    for number, stop, count in zip(numbers.tolist(), np.cumsum(counts).tolist(), counts.tolist(), strict=True):
+        if number:
+            rows[stop - count : stop] = number
     return rows
 
 

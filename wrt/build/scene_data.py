@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from wrt.build.bodies import describe_bodies, set_camera_bodies
 from wrt.build.bvh import build_bvh
 from wrt.build.environment import environment_kind, resolve_environment, upload_environment
-from wrt.build.geometry import joined, upload, upload_triangles
+from wrt.build.geometry import joined, numbered, upload, upload_triangles
 from wrt.build.layout import Layout, lay_out
 from wrt.build.light_choice import upload_light_choice
 from wrt.build.lights import light_table
@@ -20,7 +21,7 @@ from wrt.build.placed import place
 from wrt.build.world import WorldMeshes
 from wrt.device import Device
 from wrt.errors import InputError
-from wrt.mesh import LARGEST, SMALLEST, columns
+from wrt.mesh import LARGEST, SMALLEST, Mesh, columns
 from wrt.scene import Scene
 
 
@@ -58,7 +59,12 @@ def _check_sizes(scene: Scene) -> None:
 
 
 def build_scene(
-    scene: Scene, device: Device, *, texture_coordinates: bool = False, light_choice: str = "auto"
+    scene: Scene,
+    device: Device,
+    *,
+    texture_coordinates: bool = False,
+    light_choice: str = "auto",
+    on_features: Callable[[Any], object] = lambda features: None,
 ) -> BuiltScene:
     """Upload a scene to a device and build its ray tree there.
 
@@ -67,6 +73,7 @@ def build_scene(
         device: where to.
         texture_coordinates: whether these are asked for even where no material does.
         light_choice: one of `wrt.build.light_choice.LIGHT_CHOICES`.
+        on_features: called with them as soon as they are known, before the tree is built.
 
     Raises:
         InputError: where the scene has no shapes, or more triangles or vertices than an int counts.
@@ -85,7 +92,9 @@ def build_scene(
     )
     data = SceneData()
     textured = materials.textured or materials.tangents or texture_coordinates
-    first_triangles, world = _upload_geometry(data, layout, device, textured=textured, extras=materials.extras)
+    places = _places(layout)
+    first_triangles = places.of_shapes
+    _upload_geometry(data, layout, places, device, textured=textured, extras=materials.extras)
     materials.upload(data, device)
     bodies = describe_bodies(scene)
     bodies.upload(data, device)
@@ -132,27 +141,58 @@ def build_scene(
         extras=materials.extras,
         mipmapped=materials.mipmapped,
     )
+    on_features(features)
+    world = _build_trees(data, layout, places, device)
     if features.bodies:
         set_camera_bodies(data, bodies, scene, features.instances, device)
     return BuiltScene(data, features, world)
 
 
-def _upload_geometry(
-    data: Any, layout: Layout, device: Device, *, textured: bool, extras: bool
-) -> tuple[NDArray[np.int64], WorldMeshes]:
-    """Upload all meshes, those in the world first, and their trees; return the first triangle of each shape."""
-    import warp as wp
+class _Places(NamedTuple):
+    """Where the vertices and triangles of a layout's meshes are among all, those in the world first.
 
-    name = device.name
+    Attributes:
+        copies: meshes whose vertices are numbered through.
+        faces: meshes whose triangles are.
+        first_vertices: of each of the latter.
+        first_triangles: of each of the latter.
+        counts: of their triangles.
+        of_shapes: first triangle of each shape.
+    """
+
+    copies: list[Mesh]
+    faces: list[Mesh]
+    first_vertices: NDArray[np.int64]
+    first_triangles: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    of_shapes: NDArray[np.int64]
+
+
+def _places(layout: Layout) -> _Places:
     world = layout.world_meshes
     copies = [*world, *(key for shared in layout.shared for key in shared.keys)]
     # All keys of a mesh have the faces of the first.
     faces = [*world, *(shared.keys[0] for shared in layout.shared)]
     bases = np.cumsum([0, *(len(m.vertices) for m in copies)])
     repeats = np.array([1] * len(world) + [len(shared.keys) for shared in layout.shared])
-    first_vertices = bases[np.cumsum(repeats) - repeats]
-    data.points, data.indices = upload_triangles(copies, faces, first_vertices, name)
+    counts = np.array([len(m.faces) for m in faces])
+    first_triangles = np.cumsum(counts) - counts
+    of_shapes = np.empty(len(layout.world_shapes) + len(layout.instances), np.int64)
+    of_shapes[layout.world_shapes] = first_triangles[: len(world)]
+    for instance in layout.instances:
+        of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
+    return _Places(copies, faces, bases[np.cumsum(repeats) - repeats], first_triangles, counts, of_shapes)
 
+
+def _upload_geometry(
+    data: Any, layout: Layout, places: _Places, device: Device, *, textured: bool, extras: bool
+) -> None:
+    """Upload all meshes."""
+    import warp as wp
+
+    name, copies = device.name, places.copies
+    data.points, data.indices = upload_triangles(copies, places.faces, places.first_vertices, name)
+    data.corners = wp.array(ptr=data.indices.ptr, dtype=wp.vec3i, shape=len(data.indices) // 3, device=name)
     data.normals = upload(joined(copies, "normals", 3, 0.0, name), wp.vec3, name)
     if textured:
         data.uvs = upload(joined(copies, "uvs", 2, 0.0, name), wp.vec2, name)
@@ -160,20 +200,19 @@ def _upload_geometry(
     if extras:
         more = [(columns(m, "uvs", 2, 4, 0.0), columns(m, "colors", 3, 4, 1.0)) for m in copies]
         data.extras = upload(np.concatenate([np.concatenate(each, axis=1) for each in more]), wp.vec3, name)
-
-    counts = np.array([len(m.faces) for m in faces])
-    first_triangles = np.cumsum(counts) - counts
     shape_numbers = np.array([*layout.world_shapes, *[-1] * len(layout.shared)], np.int32)
-    data.triangle_shape = upload(np.repeat(shape_numbers, counts), int, name)
+    data.triangle_shape = upload(numbered(shape_numbers, places.counts), int, name)
+
+
+def _build_trees(data: Any, layout: Layout, places: _Places, device: Device) -> WorldMeshes:
+    """Build the world's tree and those of shared meshes over what was uploaded; return the meshes in the world."""
+    count = len(layout.world_meshes)
+    first_vertices = places.first_vertices.tolist()
     tree = None
-    if world:
-        data.bvh = (tree := build_bvh(data.points, data.indices[: 3 * int(counts[: len(world)].sum())], device)).data
+    if count:
+        data.bvh = (tree := build_bvh(data.points, data.indices[: 3 * int(places.counts[:count].sum())], device)).data
     if layout.instances:
-        pools = list(zip(first_vertices[len(world) :].tolist(), first_triangles[len(world) :].tolist(), strict=True))
+        pools = list(zip(first_vertices[count:], places.first_triangles[count:].tolist(), strict=True))
         data.placed = place(layout, pools, tree, data.points, device)
-    of_shapes = np.empty(len(layout.world_shapes) + len(layout.instances), np.int64)
-    of_shapes[layout.world_shapes] = first_triangles[: len(world)]
-    for instance in layout.instances:
-        of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
-    first = dict(zip(layout.world_shapes, first_vertices[: len(world)].tolist(), strict=True))
-    return of_shapes, WorldMeshes(device, data, tree, first, alone=not layout.instances)
+    first = dict(zip(layout.world_shapes, first_vertices[:count], strict=True))
+    return WorldMeshes(device, data, tree, first, alone=not layout.instances)

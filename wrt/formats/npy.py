@@ -83,7 +83,7 @@ def read_array(data: bytes) -> NDArray[Any]:
         raise InputError(f"not a NumPy file: {first_line(error)}") from None
     if dtype.kind not in "biufU":
         raise InputError(f"an array must hold numbers, not {dtype}")
-    rest = data[file.tell() :]
+    rest = memoryview(data)[file.tell() :]
     size = math.prod(shape) * dtype.itemsize
     if any(not 0 <= n < 2**40 for n in shape) or len(rest) != size:
         raise InputError(f"an array of {shape} {dtype} takes {size} bytes, {len(rest)} are there")

@@ -421,7 +421,7 @@ class _Reader:
         self.triangles_used = True
         count = integer(triangles, "triangles", minimum=1, maximum=2**31 - 1)
         mesh: Mesh = terrain(count if self.triangles is None else self.triangles)
-        return mesh
+        return mesh.sealed()
 
     def transform(self, table: Table) -> NDArray[np.float64] | None:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""

@@ -9,7 +9,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -60,14 +60,38 @@ class Builds:
             path = _folder() / f"builds-{fingerprint(warp)}.json"
         except (OSError, RuntimeError):  # the latter where nobody has a home
             return None
-        modules = {}
+        builds = cls(path, warp, version, {})
+        builds.refresh()
+        return builds
+
+    def refresh(self) -> None:
+        """Read again what others may have noted."""
         with contextlib.suppress(OSError, ValueError):
-            modules = json.loads(path.read_bytes())
-        return cls(path, warp, version, modules if isinstance(modules, dict) else {})
+            modules = json.loads(self.path.read_bytes())
+            if isinstance(modules, dict):
+                self._modules |= modules
 
     def __bool__(self) -> bool:
         """Whether there is what every render needs at its end, when it would be late to miss that."""
         return FILM in self._modules
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Within the context, be the only process of this user that is in one; wait for others first."""
+        import fcntl
+
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with open(self.path.parent / "compiling.lock", "a") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+
+    def has(self, name: str) -> bool:
+        """Return whether a module was compiled and is still there."""
+        found = self._modules.get(name)
+        try:
+            return found is not None and os.path.getsize(found["file"]) == found["bytes"]
+        except OSError:
+            return False
 
     def load(self, name: str) -> None:
         """Load a module into this process.
@@ -80,14 +104,10 @@ class Builds:
                 self._loaded[name] = self._load(name)
 
     def _load(self, name: str) -> bytes:
-        found = self._modules.get(name)
-        try:
-            if found is None or os.path.getsize(found["file"]) != found["bytes"]:
-                raise Missing(name)
-        except OSError:
-            raise Missing(name) from None
+        if not self.has(name):
+            raise Missing(name)
         handle = f"wrt_{len(self._loaded)}".encode()
-        if self._native().wp_load_obj(os.fsencode(found["file"]), handle, False) != 0:
+        if self._native().wp_load_obj(os.fsencode(self._modules[name]["file"]), handle, False) != 0:
             raise Missing(name)
         return handle
 
@@ -196,7 +216,7 @@ def fingerprint(warp: Path) -> str:
     for root, folders, files in os.walk(folder):
         folders.sort()
         for name in sorted(files):
-            if name.endswith(".py"):
+            if name.endswith((".py", ".h")):
                 with open(os.path.join(root, name), "rb") as file:
                     things += [os.path.relpath(root, folder), name, file.read()]
     things += [str(warp), (warp / "config.py").read_bytes()]

@@ -50,6 +50,7 @@ class StandIn(ModuleType):
 
     Attributes:
         rendered: whether any ray of a picture has been traced.
+        builds: what was compiled.
     """
 
     def __init__(self, builds: Builds) -> None:
@@ -73,7 +74,7 @@ class StandIn(ModuleType):
         )
         self.utils = SimpleNamespace(array_scan=_scan)
         self.rendered = False
-        self._builds = builds
+        self.builds = builds
         self._modules: dict[str, SimpleNamespace] = {}
 
     def __getattr__(self, name: str) -> Any:
@@ -168,11 +169,11 @@ class StandIn(ModuleType):
         Raises:
             Missing: where nothing was.
         """
-        self._builds.load(module.name)
+        self.builds.load(module.name)
 
     def launch(self, kernel: DeclaredKernel, dim: int, inputs: Sequence[Any], device: str) -> None:
         """Run a kernel."""
-        kernel.launch(self._builds, dim, inputs)
+        kernel.launch(self.builds, dim, inputs)
         self.rendered = self.rendered or kernel.module.name.startswith(RENDER)
 
 

@@ -1,0 +1,153 @@
+"""Kernels are compiled beside other work: each once, whoever asks; after an error or an interrupt nothing goes on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import warp as wp
+from conftest import ROOT
+
+from wrt.device import Device
+
+PROGRAM = """
+import sys
+import numpy as np
+import warp as wp
+from wrt.device import Device
+
+def kernel_of(name, factor):
+    @wp.kernel(module=wp.get_module(name), enable_backward=False)
+    def scale(first: int, x: wp.array(dtype=float)):
+        x[first + wp.tid()] *= wp.static(factor)
+    return scale
+
+import warp._src.build as build
+compiled, build_cpu = [], build.build_cpu
+build.build_cpu = lambda path, *rest, **options: (compiled.append(path), build_cpu(path, *rest, **options))
+device = Device("cpu", threads=2)
+one, other = kernel_of("one", 2.0), kernel_of("other", 3.0)
+x = wp.ones(100, dtype=float, device="cpu")
+with device.compiling() as compile:
+    compile(other)
+    device.launch(one, 100, [x])
+device.launch(other, 100, [x])
+assert (x.numpy() == 6.0).all()
+assert len(compiled) == 2, compiled
+"""
+
+
+class Loads:
+    """What is asked of Warp: each module takes a while the first time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Take the place of Warp."""
+        self.begun: list[tuple[str, str]] = []
+        self.ended: list[str] = []
+        monkeypatch.setattr(wp, "load_module", self)
+        monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
+
+    def __call__(self, module: SimpleNamespace, device: str) -> None:
+        """Load a module."""
+        if module.name in self.ended:
+            return
+        self.begun.append((module.name, threading.current_thread().name))
+        if module.name == "broken":
+            raise RuntimeError("it does not compile")
+        time.sleep(0.2)
+        self.ended.append(module.name)
+
+
+@pytest.fixture
+def loads(monkeypatch: pytest.MonkeyPatch) -> Loads:
+    return Loads(monkeypatch)
+
+
+def kernel(name: str) -> SimpleNamespace:
+    return SimpleNamespace(module=SimpleNamespace(name=name))
+
+
+def test_a_launch_compiles_once_for_all_its_threads(loads: Loads) -> None:
+    Device("cpu", threads=4).launch(kernel("a"), 1000, [])
+    assert loads.begun == [("a", threading.main_thread().name)]
+
+
+def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
+    device = Device("cpu", threads=2)
+    with device.compiling() as compile:
+        for name in "abcd":
+            compile(kernel(name))
+        for name in "dcb":
+            device.launch(kernel(name), 10, [])
+    assert sorted(name for name, _ in loads.begun) == ["a", "b", "c", "d"]
+    assert sorted(loads.ended) == ["a", "b", "c", "d"]
+    assert len({thread for _, thread in loads.begun}) == 2
+    assert loads.begun[0][0] == "a"
+
+
+def test_one_thread_alone_does_all_there_is_when_it_comes_to_it(loads: Loads) -> None:
+    device = Device("cpu", threads=1)
+    with device.compiling() as compile:
+        compile(kernel("a"))
+        compile(kernel("b"))
+        device.compile(kernel("b"))
+    assert loads.begun == [(name, threading.main_thread().name) for name in "ba"]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_does_not_compile_is_told(threads: int, loads: Loads) -> None:
+    with pytest.raises(RuntimeError, match="does not compile"), Device("cpu", threads=threads).compiling() as compile:
+        compile(kernel("broken"))
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_after_an_error_what_was_begun_ends_and_nothing_else_begins(error: type[BaseException], loads: Loads) -> None:
+    def fail(compile: Callable[[object], None]) -> None:
+        for name in "abc":
+            compile(kernel(name))
+        while not loads.begun:
+            time.sleep(0.01)
+        raise error
+
+    with pytest.raises(error), Device("cpu", threads=2).compiling() as compile:
+        fail(compile)
+    assert [name for name, _ in loads.begun] == loads.ended == ["a"]
+    assert not any(thread.name.startswith("wrt-compile") for thread in threading.enumerate())
+
+
+def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[str] = []
+    monkeypatch.setattr("wrt.device.trim", lambda: given.append("heap"))
+    monkeypatch.setattr("wrt.device.forget_code", lambda *libraries: given.extend(each.name for each in libraries))
+    monkeypatch.setattr("wrt.device.LOAD_SECONDS", 0.1)
+    device = Device("cpu")
+    given.clear()
+    device.compile(kernel("a"))
+    assert given == ["heap", "warp.so", "warp-clang.so"]
+    device.compile(kernel("a"))  # only loaded
+    assert len(given) == 3
+
+
+@pytest.mark.slow
+def test_warp_compiles_in_two_threads_and_leaves_whole_files_alone(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM)
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), "WARP_CACHE_PATH": str(tmp_path / "cache")}
+    subprocess.run([sys.executable, str(tmp_path / "program.py")], env=variables, check=True)
+    folders = list(next((tmp_path / "cache").iterdir()).iterdir())
+    assert sorted(folder.name.rpartition("_")[0] for folder in folders) == ["wp_one", "wp_other"]
+    assert all({path.suffix for path in folder.iterdir()} >= {".o", ".meta"} for folder in folders)
+
+
+def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None:
+    # Warp's headers, read and written down for the modules that follow, are 5 MB a thread.
+    program = "import tempfile; from wrt.process import end; t = tempfile.TemporaryDirectory(dir='.'); end(3)"
+    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
+    assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=variables).returncode == 3
+    assert not list(tmp_path.iterdir())

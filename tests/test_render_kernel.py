@@ -1,0 +1,257 @@
+"""Passes change over to the faster kernel: when that is worth it, with the same bits, and never where it cannot be."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import ROOT
+
+import wrt
+from wrt import wide
+from wrt.device import Device
+from wrt.lean.builds import Builds
+from wrt.wide import COMPILING_SECONDS, LOADING_SECONDS, NEEDED, SWITCH, WideKernel, largest_array, processor_flags
+
+sixteen_lanes = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no such registers")
+
+
+class Noted:
+    """What stands in for the notes of builds: a kernel is there once it was compiled."""
+
+    compiled = False
+
+    def has(self, name: str) -> bool:
+        return self.compiled
+
+    def refresh(self) -> None:
+        """Nothing else is to be known."""
+
+
+class Compiler:
+    """What stands in for the process that compiles."""
+
+    returncode: int | None = None
+
+    def __init__(self, command: list[str], **_: Any) -> None:
+        self.command = command
+        started.append(self)
+
+    def poll(self) -> int | None:
+        return self.returncode
+
+    def wait(self) -> None:
+        """End without anything compiled."""
+        self.returncode = 1
+
+
+started: list[Compiler] = []
+
+
+@pytest.fixture(autouse=True)
+def switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Undo what holds for the other tests."""
+    monkeypatch.delenv(SWITCH)
+
+
+@pytest.fixture
+def notes(monkeypatch: pytest.MonkeyPatch) -> Noted:
+    """Return notes of builds, on a processor that can all, where nothing is really compiled."""
+    found = Noted()
+    started.clear()
+    monkeypatch.setattr(Builds, "known", lambda: found)
+    monkeypatch.setattr(wide, "processor_flags", lambda: NEEDED)
+    monkeypatch.setattr(subprocess, "Popen", Compiler)
+    monkeypatch.setattr(WideKernel, "_load", lambda kernel: setattr(kernel, "kernel", "loaded"))
+    return found
+
+
+def kernel_of(renderer: wrt.Renderer) -> WideKernel:
+    """Return the faster kernel of a scene, before anything was asked about it."""
+    kernel = renderer._kernel
+    return WideKernel(renderer.device, kernel._features, kernel.scene)
+
+
+@pytest.fixture(scope="module")
+def renderer() -> wrt.Renderer:
+    return wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)
+
+
+def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, renderer: wrt.Renderer) -> None:
+    kernel = kernel_of(renderer)
+    kernel.prepare(LOADING_SECONDS / 2)
+    kernel.prepare(COMPILING_SECONDS / 2)
+    assert not started
+    kernel.prepare(COMPILING_SECONDS * 2)
+    kernel.prepare(COMPILING_SECONDS * 2)
+    assert len(started) == 1
+    assert kernel.kernel is None
+    described = json.loads(started[0].command[3])
+    assert described == json.loads(json.dumps(dataclasses.asdict(kernel._features)))
+    started[0].returncode, notes.compiled = 0, True
+    kernel.prepare(LOADING_SECONDS / 2)
+    assert kernel.kernel is None
+    kernel.prepare(LOADING_SECONDS * 2)
+    assert kernel.kernel == "loaded"
+    assert len(started) == 1
+
+
+def test_what_is_compiled_is_loaded_at_once(notes: Noted, renderer: wrt.Renderer) -> None:
+    notes.compiled = True
+    kernel = kernel_of(renderer)
+    kernel.prepare(LOADING_SECONDS * 2)
+    assert (kernel.kernel, started) == ("loaded", [])
+
+
+def test_what_does_not_compile_is_not_tried_again(notes: Noted, renderer: wrt.Renderer) -> None:
+    kernel = kernel_of(renderer)
+    kernel.wait()
+    kernel.wait()
+    kernel.prepare(math.inf)
+    assert len(started) == 1
+    assert kernel.kernel is None
+
+
+@pytest.mark.parametrize("lacking", ["processor", "warp", "array", "integrator", "switch"])
+def test_where_it_cannot_be_had_nothing_is_tried(
+    lacking: str, notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel = kernel_of(renderer)
+    if lacking == "processor":
+        monkeypatch.setattr(wide, "processor_flags", lambda: NEEDED - {"avx512f"})
+    elif lacking == "warp":
+        monkeypatch.setattr(Builds, "known", lambda: None)
+    elif lacking == "array":
+        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(renderer._kernel.scene) - 1)
+    elif lacking == "switch":
+        monkeypatch.setenv(SWITCH, "0")
+    else:
+        kernel._features = dataclasses.replace(kernel._features, integrator="ao")
+    notes.compiled = True
+    kernel.wait()
+    kernel.prepare(math.inf)
+    assert (kernel.kernel, started) == (None, [])
+
+
+def test_a_device_other_than_the_cpu_has_none(notes: Noted, renderer: wrt.Renderer) -> None:
+    device = Device("cpu")
+    device.name = "cuda:0"
+    kernel = WideKernel(device, renderer._kernel._features, renderer._kernel.scene)
+    kernel.prepare(math.inf)
+    assert (kernel.kernel, started) == (None, [])
+
+
+def test_no_python_to_start_is_no_error(notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise FileNotFoundError(2, "no such file")
+
+    monkeypatch.setattr(subprocess, "Popen", fail)
+    kernel = kernel_of(renderer)
+    kernel.wait()
+    assert kernel.kernel is None
+
+
+def test_the_largest_array_is_found_wherever_it_is() -> None:
+    scene = wrt.load("cornell-box")
+    pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)
+    scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(wrt.ImageTexture(pixels)))
+    found = largest_array(wrt.Renderer(scene, width=8, height=8)._kernel.scene)
+    assert pixels.nbytes <= found <= 2 * pixels.nbytes
+
+
+@sixteen_lanes
+def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path) -> None:
+    """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first."""
+    scene = wrt.load("cornell-box")
+    size = {"width": 37, "height": 21}
+    usual = wrt.Renderer(scene, **size)
+    for _ in usual.passes(spp=9):
+        pass
+    assert "wide" not in usual._kernel.in_use.module.name
+    first = wrt.Renderer(scene, **size)
+    for _ in first.passes(spp=4):
+        pass
+    first.save_checkpoint(tmp_path / "half.wrt")
+    second = wrt.Renderer.resume(tmp_path / "half.wrt", scene)
+    assert second.compile() > 0.0
+    assert "wide" in second._kernel.in_use.module.name
+    for _ in second.passes(spp=9):
+        pass
+    np.testing.assert_array_equal(second.image(), usual.image())
+    np.testing.assert_array_equal(second.variance(), usual.variance())
+    assert first.rays + second.rays == usual.rays
+
+
+LEAN = """
+import sys
+import wrt.wide
+wrt.wide.LEAN_LOADING_SECONDS = float(sys.argv[1])
+from wrt.cli import main
+sys.argv = ["wrt", "render", "cornell-box", "--size", "40x30", "--spp", "40", "--quiet", "-o", sys.argv[2]]
+status = main()
+stand_in = sys.modules["warp"]
+print(status, [name for name in stand_in.builds._loaded if ".wide." in name])
+"""
+
+
+LONG = """
+import wrt
+for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passes(time=1e6):
+    print(progress.spp, flush=True)
+"""
+
+
+@sixteen_lanes
+def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
+    """Killed while another compiles, so that its own waits; nothing is left of it."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+    builds = Builds.known()
+    assert builds is not None
+    builds.path = tmp_path / "wrt" / builds.path.name
+    with builds.alone():
+        process = subprocess.Popen([sys.executable, "-c", LONG], env=environment, stdout=subprocess.PIPE, text=True)
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        assert process.stdout is not None
+        child = next(found[0] for _ in process.stdout if (found := children.read_text().split()))
+        process.kill()
+        process.communicate()
+        status, limit = Path(f"/proc/{child}/status"), time.monotonic() + 60.0
+        while status.exists() and "zombie" not in status.read_text() and time.monotonic() < limit:
+            time.sleep(0.05)
+        assert not status.exists() or "zombie" in status.read_text()
+
+
+@sixteen_lanes
+def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
+    wrt.Renderer(wrt.load("cornell-box"), width=20, height=19).compile()
+    kernels = Path(wp.config.kernel_cache_dir).parent
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "WARP_CACHE_PATH": str(kernels)}
+    environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")  # where nothing is known yet
+
+    def render(seconds: str, output: str) -> str:
+        command = [sys.executable, "-c", LEAN, seconds, output]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+        assert done.stderr == ""
+        return done.stdout.strip()
+
+    features = wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)._kernel._features
+    compiling = [sys.executable, "-m", "wrt.wide", json.dumps(dataclasses.asdict(features)), str(os.getpid())]
+    subprocess.run(compiling, env=environment, check=True)
+    subprocess.run(
+        [sys.executable, "-m", "wrt", "render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", "first.npy"],
+        cwd=tmp_path, env=environment, check=True, capture_output=True,
+    )  # fmt: skip
+    assert render("inf", "usual.npy") == "0 []"
+    loaded = render("-1", "wide.npy")
+    assert loaded.startswith("0 ['wrt.render.wide.")
+    assert (tmp_path / "wide.npy").read_bytes() == (tmp_path / "usual.npy").read_bytes()

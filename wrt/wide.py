@@ -1,0 +1,200 @@
+"""The faster render kernel of CPUs: when it is worth compiling, in a process of its own, and when to go over to it.
+
+`kernels/wide` makes it of the usual one, and the film's bits are the same, so a picture can change from one to the
+other between two passes. It takes longer to compile, so the usual one renders until it is there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import dataclasses
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from wrt.device import Device
+from wrt.lean.builds import Builds, loaded_by_warp
+
+NEEDED = frozenset(("avx512f", "avx512bw", "avx512dq", "avx512vl", "bmi2"))
+"""What the processor must know: sixteen numbers in a register, and masks for them."""
+
+SWITCH = "WRT_WIDE"
+"""A variable of the environment: 0 leaves all to the usual kernel."""
+
+LOADING_SECONDS, LEAN_LOADING_SECONDS = 2.0, 0.3
+"""Less rendering is not worth loading it: it must be written anew to be known again (0.5 s), but not without Warp."""
+
+COMPILING_SECONDS = 20.0
+"""Less rendering is not worth compiling it, which takes 6 to 15 s of one core."""
+
+MOST_BYTES = 2**31 - 1
+"""Of an array that kernels look into: places are 32-bit numbers."""
+
+_PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
+
+_UNLIKE_PATHS = ("whitted", "ao", "aov")
+"""Integrators whose kernels are not made of paths."""
+
+
+class WideKernel:
+    """The kernel for one scene, if it can be had.
+
+    Attributes:
+        kernel: it, once it is loaded.
+    """
+
+    def __init__(self, device: Device, features: Any, scene: Any) -> None:
+        """Take what the usual kernel was made for, and the record of the scene's arrays."""
+        self.kernel: Any = None
+        self._device, self._features, self._scene = device, features, scene
+        self._possible: bool | None = None if device.is_cpu else False  # None: not asked yet
+        self._compiler: subprocess.Popen[bytes] | None = None
+        self._builds: Builds | None = None
+
+    def prepare(self, seconds_left: float) -> None:
+        """Load it, or have it compiled, if that is worth it for what is left to render."""
+        if self._possible is False or self.kernel is not None:
+            return
+        if self._compiler is not None:
+            if self._compiler.poll() is None:
+                return
+            self._compiled()
+        if seconds_left > (LEAN_LOADING_SECONDS if _is_lean() else LOADING_SECONDS) and self._can_be_had():
+            if self._is_compiled():
+                self._load()
+            elif seconds_left > COMPILING_SECONDS:
+                self._compile()
+
+    def wait(self) -> None:
+        """Have it compiled if it is not, and load it; return when it is there or cannot be had."""
+        if self.kernel is None and self._can_be_had():
+            if self._compiler is None and not self._is_compiled():
+                self._compile()
+            if self._compiler is not None:
+                self._compiler.wait()
+            self.prepare(math.inf)
+
+    def _can_be_had(self) -> bool:
+        if self._possible is None:
+            suits = os.environ.get(SWITCH) != "0" and self._features.integrator not in _UNLIKE_PATHS
+            suits = suits and processor_flags() >= NEEDED
+            if suits and largest_array(self._scene) <= MOST_BYTES:
+                self._builds = sys.modules["warp"].builds if _is_lean() else Builds.known()
+            self._possible = self._builds is not None
+        return self._possible
+
+    def _is_compiled(self) -> bool:
+        from wrt.kernels.wide.render import module_name
+
+        return self._builds is not None and self._builds.has(module_name(self._features))
+
+    def _load(self) -> None:
+        from wrt.kernels.wide.render import declare_wide_render_kernel, make_wide_render_kernel
+
+        self._possible = False  # whatever happens, not again
+        kernel = (
+            declare_wide_render_kernel(self._features, "") if _is_lean() else make_wide_render_kernel(self._features)
+        )
+        self._device.compile(kernel)
+        self.kernel = kernel
+
+    def _compile(self) -> None:
+        """Begin compiling it, in another process."""
+        environment = dict(os.environ)
+        package = str(Path(__file__).resolve().parent.parent)
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, (package, environment.get("PYTHONPATH"))))
+        features = json.dumps(dataclasses.asdict(self._features))
+        command = [sys.executable, "-m", "wrt.wide", features, str(os.getpid())]
+        cache = getattr(sys.modules["warp"].config, "kernel_cache_dir", None)
+        if cache:
+            command.append(str(Path(cache).parent))  # to which Warp adds a folder of its version
+        nothing = subprocess.DEVNULL
+        try:
+            self._compiler = subprocess.Popen(command, env=environment, stdin=nothing, stdout=nothing, stderr=nothing)
+        except (OSError, TypeError):  # the latter where no Python is known
+            self._possible = False
+
+    def _compiled(self) -> None:
+        """Take note of how compiling has ended."""
+        self._compiler = None
+        if self._builds is not None:
+            self._builds.refresh()
+        self._possible = self._is_compiled()
+
+
+def _is_lean() -> bool:
+    """Return whether the module `warp` is only what stands in for it (`wrt/lean`)."""
+    return hasattr(sys.modules["warp"], "builds")
+
+
+def largest_array(record: Any) -> int:
+    """Return the bytes of the largest array that a record leads to, the ray tree's apart: rays count in 64 bits."""
+    import warp as wp
+
+    most = 0
+    for name in record._cls.vars if hasattr(record, "_cls") else record._record.fields:
+        value = getattr(record, name)
+        if hasattr(value, "_cls") or hasattr(value, "_record"):
+            most = max(most, largest_array(value) if name != "bvh" else 0)
+        elif hasattr(value, "ptr"):
+            most = max(most, math.prod(value.shape) * wp.types.type_size_in_bytes(value.dtype))
+    return most
+
+
+def processor_flags() -> frozenset[str]:
+    """Return what the processor says it knows; nothing where it cannot be asked."""
+    # A line at a time: there is a paragraph for each of what may be hundreds of cores.
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+        for line in file:
+            if line.startswith("flags"):
+                return frozenset(line.partition(":")[2].split())
+    return frozenset()
+
+
+def main(arguments: list[str]) -> int:
+    """Compile the kernel for features given as JSON, and note it for other processes.
+
+    It ends with the process that asked for it, whose number is the second argument; a third is the folder for what is
+    compiled. Of several that are asked at once, one compiles after the other.
+    """
+    import warp as wp
+
+    from wrt.kernels.features import Features
+    from wrt.kernels.wide.render import make_wide_render_kernel, module_name
+
+    _end_with_parent()
+    if os.getppid() != int(arguments[1]):
+        return 1  # it ended before this
+    os.nice(10)
+    if arguments[2:]:
+        wp.config.kernel_cache_dir = arguments[2]
+    described = json.loads(arguments[0])
+    features = Features(
+        **{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()}
+    )
+    builds = Builds.known()
+    if builds is None:
+        return 1
+    with builds.alone():
+        builds.refresh()
+        if not builds.has(module_name(features)):
+            Device("cpu").compile(make_wide_render_kernel(features))
+            builds.note(loaded_by_warp())
+    return 0
+
+
+def _end_with_parent() -> None:
+    """Have the system end this process when the one that started it ends, however that does."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
