@@ -55,6 +55,13 @@ EVERYTHING: dict[str, Any] = {
 """All that a path may meet beside what surfaces are."""
 
 
+@dataclasses.dataclass(frozen=True)
+class SixteenLanes:
+    """The kernel of `kernels/wide` for the same features."""
+
+    features: Any
+
+
 def largest_models() -> tuple[str, ...]:
     """Return each family of models once, in the variant that has most in it."""
     every = [cls() for cls in MATERIALS.values()]
@@ -95,6 +102,8 @@ def compile_cases() -> dict[str, Any]:
     cases["every model as it comes, textures and images"] = Features(usual, **surfaces)
     cases["every model at its largest, textures and images"] = Features(largest, **surfaces)
     cases["every model at its largest, everything"] = Features(largest, **surfaces, **EVERYTHING)
+    some = [name for name in cases if name.startswith(("scene", "every model as it comes"))]
+    cases |= {f"sixteen lanes, {name}": SixteenLanes(cases[name]) for name in some}
     for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
         kernels = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, wp.Kernel)]
         if any(kernel.module.name == found.name for kernel in kernels):
@@ -122,7 +131,10 @@ def kernel_module(case: Any) -> Any:
     from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
     from wrt.kernels.coat import make_coat_kernel
     from wrt.kernels.render import make_render_kernel
+    from wrt.kernels.wide.render import make_wide_render_kernel
 
+    if isinstance(case, SixteenLanes):
+        return make_wide_render_kernel(case.features).module
     if not isinstance(case, str):
         return make_render_kernel(case).module
     makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}

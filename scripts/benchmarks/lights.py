@@ -18,6 +18,7 @@ def lit_picture(scene: wrt.Scene, spp: int, **options: Any) -> tuple[np.ndarray,
     Two pictures of equal samples see the same lights, bit for bit; one that stops there shows nothing else.
     """
     renderer = wrt.Renderer(scene, sampler="independent", threads=1, **options)
+    renderer.compile()
     seconds = time.process_time()
     for _ in renderer.passes(spp=spp):
         pass

@@ -126,6 +126,7 @@ def measure_samples(options: argparse.Namespace) -> Row:
     seconds: dict[int, list[float]] = {}
     for seed in range(2 * options.repeats):
         renderer = wrt.Renderer(scene, device=options.device, seed=seed)
+        renderer.compile()
         before = 0
         started = time.perf_counter()
         for progress in renderer.passes(spp=2**6 - 1 if options.quick else 2**11 - 1):
