@@ -41,7 +41,7 @@ def upload_triangles(
 
     if sum(len(m.vertices) for m in vertices) >= 2**31 or 3 * sum(len(m.faces) for m in faces) >= 2**31:
         raise InputError("there are more than 2^31 triangle corners or vertices")
-    indices = np.empty((sum(len(m.faces) for m in faces), 3), np.int32)
+    indices = zeros((sum(len(m.faces) for m in faces), 3), np.int32)
     stop = 0
     for mesh, first in zip(faces, first_vertices.tolist(), strict=True):
         start, stop = stop, stop + len(mesh.faces)
