@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
-from support.wide_scenes import CAMERAS, HAS_LANES, SCENES
+from support.wide_scenes import CAMERAS, SCENES
 from test_cuda_compile import FEATURES
 
 import wrt
@@ -24,6 +24,7 @@ from wrt.kernels.wide.paths import TILE
 from wrt.kernels.wide.render import make_wide_render_kernel
 from wrt.kernels.wide.translate import wide_code
 from wrt.kernels.wide.types import Unsupported
+from wrt.wide import NEEDED, processor_flags
 
 Bits = dict[str, NDArray[Any]]
 
@@ -62,7 +63,7 @@ def shared(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # --- Pictures ----------------------------------------------------------------------------------------
 
-needs_lanes = pytest.mark.skipif(not HAS_LANES, reason="the processor has no AVX-512")
+needs_lanes = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no AVX-512")
 QUICK = ("plain", "moving")
 
 

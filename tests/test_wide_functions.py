@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
-from support.wide_scenes import HAS_LANES
 
 from wrt.kernels.wide.library import LIBRARY
 from wrt.kernels.wide.render import AT_FILE_LEVEL
+from wrt.wide import NEEDED, processor_flags
 
-pytestmark = pytest.mark.skipif(not HAS_LANES, reason="the processor has no AVX-512")
+pytestmark = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no AVX-512")
 
 # For each check what is done: `lanes` is the namespace of one of both. Names that end in `s` are vectors or matrices.
 # a, b, c: any floats; t: 0 to 1; x, y: floats that integers hold; d, e: doubles; i, j: integers, j not 0; k: 0 to 31;

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import wrt
 from wrt.layers import LAYERS
-
-_NEEDED = {"avx512f", "avx512bw", "avx512dq", "avx512vl"}
-_PROCESSOR = Path("/proc/cpuinfo")
-HAS_LANES = _PROCESSOR.exists() and set(_PROCESSOR.read_text(encoding="utf-8").split()) >= _NEEDED
-"""Whether the processor has the instructions that sixteen lanes are made for."""
 
 VIEW: dict[str, Any] = {"origin": (0.2, 1.5, 5.0), "target": (0.0, 0.6, 0.0)}
 WIDE_OPEN: dict[str, Any] = {**VIEW, "aperture_radius": 0.1, "focus_distance": 5.0}
