@@ -82,7 +82,7 @@ def notes(monkeypatch: pytest.MonkeyPatch) -> Noted:
 def kernel_of(renderer: wrt.Renderer) -> WideKernel:
     """Return the faster kernel of a scene, before anything was asked about it."""
     kernel = renderer._kernel
-    return WideKernel(renderer.device, kernel._features, kernel.scene)
+    return WideKernel(renderer.device, kernel._features, kernel.records)
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_what_does_not_compile_is_not_tried_again(notes: Noted, renderer: wrt.Re
     assert kernel.kernel is None
 
 
-@pytest.mark.parametrize("lacking", ["processor", "warp", "array", "integrator", "switch"])
+@pytest.mark.parametrize("lacking", ["processor", "warp", "array", "film", "integrator", "switch"])
 def test_where_it_cannot_be_had_nothing_is_tried(
     lacking: str, notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -135,7 +135,11 @@ def test_where_it_cannot_be_had_nothing_is_tried(
     elif lacking == "warp":
         monkeypatch.setattr(Builds, "known", lambda: None)
     elif lacking == "array":
-        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(renderer._kernel.scene) - 1)
+        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(kernel._records[0]) - 1)
+    elif lacking == "film":
+        large = wrt.Renderer(wrt.load("cornell-box"), width=500, height=400)
+        kernel = kernel_of(large)
+        monkeypatch.setattr(wide, "MOST_BYTES", 24 * 500 * 400 - 1)
     elif lacking == "switch":
         monkeypatch.setenv(SWITCH, "0")
     else:
@@ -149,7 +153,7 @@ def test_where_it_cannot_be_had_nothing_is_tried(
 def test_a_device_other_than_the_cpu_has_none(notes: Noted, renderer: wrt.Renderer) -> None:
     device = Device("cpu")
     device.name = "cuda:0"
-    kernel = WideKernel(device, renderer._kernel._features, renderer._kernel.scene)
+    kernel = WideKernel(device, renderer._kernel._features, renderer._kernel.records)
     kernel.prepare(math.inf)
     assert (kernel.kernel, started) == (None, [])
 
@@ -168,7 +172,7 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
     scene = wrt.load("cornell-box")
     pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)
     scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(wrt.ImageTexture(pixels)))
-    found = largest_array(wrt.Renderer(scene, width=8, height=8)._kernel.scene)
+    found = largest_array(wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
 
 

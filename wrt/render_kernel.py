@@ -15,14 +15,14 @@ class RenderKernel:
 
     Attributes:
         usual: the kernel that runs a thread for each pixel.
-        scene: the record of the scene's arrays, to be set before the first pass.
+        records: those of its arguments that lead to arrays, to be set before the first pass.
     """
 
     def __init__(self, device: Device, features: Any, width: int, height: int) -> None:
         """Take a scene's features, and the size of the film in pixels."""
         from wrt.kernels.render import make_render_kernel
 
-        self.scene: Any = None
+        self.records: tuple[Any, ...] = ()
         self._device, self._features = device, features
         self._width, self._height = width, height
         self.usual = make_render_kernel(features)
@@ -58,5 +58,5 @@ class RenderKernel:
 
     def _faster(self) -> WideKernel:
         if self._wide is None:
-            self._wide = WideKernel(self._device, self._features, self.scene)
+            self._wide = WideKernel(self._device, self._features, self.records)
         return self._wide

@@ -196,7 +196,7 @@ class Renderer:
         assert self.scene.camera is not None
         camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = wp.array(filter_table(self.settings.filter), dtype=float, device=self.device.name)
-        self._kernel.scene = self._built.data
+        self._kernel.records = (self._built.data, self.film.data, self.film.layers.data)
         return [self.seed, camera, table, self._built.data, path, self.film.data, self.film.layers.data]
 
     @property

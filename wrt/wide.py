@@ -50,10 +50,10 @@ class WideKernel:
         kernel: it, once it is loaded.
     """
 
-    def __init__(self, device: Device, features: Any, scene: Any) -> None:
-        """Take what the usual kernel was made for, and the record of the scene's arrays."""
+    def __init__(self, device: Device, features: Any, records: tuple[Any, ...]) -> None:
+        """Take what the usual kernel was made for, and those of its arguments that lead to arrays."""
         self.kernel: Any = None
-        self._device, self._features, self._scene = device, features, scene
+        self._device, self._features, self._records = device, features, records
         self._possible: bool | None = None if device.is_cpu else False  # None: not asked yet
         self._compiler: subprocess.Popen[bytes] | None = None
         self._builds: Builds | None = None
@@ -85,7 +85,7 @@ class WideKernel:
         if self._possible is None:
             suits = os.environ.get(SWITCH) != "0" and self._features.integrator not in _UNLIKE_PATHS
             suits = suits and processor_flags() >= NEEDED
-            if suits and largest_array(self._scene) <= MOST_BYTES:
+            if suits and max(map(largest_array, self._records)) <= MOST_BYTES:
                 self._builds = sys.modules["warp"].builds if _is_lean() else Builds.known()
             self._possible = self._builds is not None
         return self._possible
