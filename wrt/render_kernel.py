@@ -38,14 +38,14 @@ class RenderKernel:
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` tells if preparing to be faster is worth it."""
-        self._faster().prepare(seconds_left)
-        wide = self._faster().kernel
-        if wide is None:
+        faster = self._faster()
+        faster.prepare(seconds_left)
+        if faster.kernel is None:
             self._device.launch(self.usual, self._width * self._height, inputs)
             return
         from wrt.kernels.wide.render import TILE
 
-        self._device.launch(wide, -(-self._width // TILE) * -(-self._height // TILE), inputs)
+        self._device.launch(faster.kernel, -(-self._width // TILE) * -(-self._height // TILE), inputs)
 
     def wait_for_wide(self) -> None:
         """Return once the faster kernel is there, if it can be had."""

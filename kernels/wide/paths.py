@@ -25,8 +25,6 @@ class PathSteps:
 
     Attributes:
         name: of the C++ struct.
-        function: what it was made of.
-        fixed: those of its arguments that are the same for all paths.
         code: the struct, and `move` for it.
     """
 
@@ -37,13 +35,11 @@ class PathSteps:
             Unsupported: where it is not such a function.
         """
         body = Body(types, function)
-        self.function = function
         self.name = f"steps_{function.native_func}"
         first, last = _loop(body, _PATH_LOOP)
         returned = re.fullmatch(r"return (var_\w+);", body.lines[-1])
         if not returned:
             raise Unsupported(f"{function.key}: returns something else than a variable at its end")
-        self.fixed = fixed
         own = [a for a in body.adj.args if a not in fixed]
 
         # What is set in the loop and used in the same round alone need not be kept.
@@ -329,9 +325,8 @@ static void render_tile(const int tile, const int width, const int height, ARGUM
                         ++to;
                         continue;
                     }
-                    const int most = __builtin_popcount(from) < __builtin_popcount(room) ? __builtin_popcount(from)
-                                                                                         : __builtin_popcount(room);
-                    const unsigned leave = lanes::first_of(from, most), enter = lanes::first_of(room, most);
+                    const unsigned leave = lanes::first_of(from, __builtin_popcount(room));
+                    const unsigned enter = lanes::first_of(room, __builtin_popcount(from));
                     move(paths[to], paths[g], lanes::Move{(unsigned short)leave, (unsigned short)enter});
                     live[g] = lanes::of_bits(from & ~leave);
                     live[to] = live[to] | lanes::of_bits(enter);
