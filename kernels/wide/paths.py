@@ -158,7 +158,7 @@ class SampledPixels:
         close = _end_of_block(lines, call + 1, last - 1) if depth else call + 1
         if lines[close : close + depth] != ["}"] * depth:
             raise Unsupported(f"{kernel.key}: does more around where it calls {function.key}")
-        start += f"    path_.steps.begin({', '.join(own)}, exec); begun_ = exec;\n"
+        start += "".join(f"    given_.{name} = {name};\n" for name in own) + "    begun_ = exec;\n"
         start += body.code(close, close + depth)
         body.keep_all = False
         rest = body.code(call + 1, close)
@@ -175,6 +175,8 @@ class SampledPixels:
             f"    const {types.wide(a.type)}{'&' if types.is_shared(a.type) else ''} {a.emit()};\n" for a in arguments
         )
         members += "".join(body.declaration(v) for v in kept)
+        given = "".join(f"    {types.wide(body.variables[name].type)} {name};\n" for name in own)
+        carried = [v.emit() for v in kept if body.changes(v.emit(), *spans["finish"]) and "after" in used[v.emit()]]
         constants = _constants([v for v in body.adj.variables if v.constant is not None])
         pixels = f"pixels_{kernel.key}"
         self.code = (
@@ -182,18 +184,25 @@ class SampledPixels:
             + f"""
 typedef {types.wide(body.variables[result].type)} Result;
 namespace {{
+// What a path begins with.
+struct Given {{
+{given}}};
 struct Path {{
     {steps.name} steps;
     lanes::Ints home;  // where it was begun
     Path({", ".join(f"const {types.wide(a.type)}& {name}" for a, name in fixed)})
         : steps({", ".join(name for _, name in fixed)}) {{}}
 }};
+LANES_INLINE void begin(Path& path, const Given& given, const lanes::Mask exec) {{
+    path.steps.begin({", ".join(f"given.{name}" for name in own)}, exec);
+}}
 LANES_INLINE void move(Path& to, const Path& from, lanes::Move m) {{
     move(to.steps, from.steps, m);
     lanes::move(to.home, from.home, m);
 }}
 struct {pixels} {{
 {members}{constants}
+    Given given_;
     lanes::Mask owned_, sampled_, begun_;
     lanes::Ints thread_;
     {pixels}({taken}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in arguments)} {{}}
@@ -204,8 +213,17 @@ struct {pixels} {{
         thread_ = threads;
 {before}
     }}
-    // Begin the next sample of each pixel that has more; return the lanes whose paths have begun.
-    lanes::Mask start(Path& path_) {{
+    lanes::Ints left() const {{ return lanes::sub({samples}.end, {samples}.i); }}
+    // Leave out samples that others take: of `among` this is number `n`.
+    void share(int n, int among) {{
+        {samples}.i = lanes::add({samples}.i, lanes::mul({samples}.step, lanes::Ints(n)));
+        {samples}.step = lanes::mul({samples}.step, lanes::Ints(among));
+    }}
+    // Take over the sums of the sample before.
+    void carry(const {pixels}& from) {{
+{"".join(f"        {name} = from.{name};{chr(10)}" for name in carried)}    }}
+    // Begin the next sample of each pixel that has more: set `given_`, and the lanes whose paths begin.
+    void start() {{
         lanes::Mask exec = owned_ & lanes::more({samples});
         {masks}
         sampled_ = exec;
@@ -213,7 +231,6 @@ struct {pixels} {{
         if (lanes::any(exec)) {{
 {start}
         }}
-        return begun_;
     }}
     void finish(const Result& result_) {{
         lanes::Mask exec = sampled_;
@@ -233,7 +250,7 @@ typedef {pixels} Pixels;
 """
             + _DRIVER.replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
-            .replace("FIXED", ", ".join(f"pixels[count].{name}" for _, name in fixed))
+            .replace("FIXED", ", ".join(f"pool.pixels(g).{name}" for _, name in fixed))
         )
 
 
@@ -266,76 +283,166 @@ _DRIVER = """
 struct Here {};
 inline void* operator new(decltype(sizeof(0)), Here, void* p) { return p; }
 
-// Render a square of TILE x TILE pixels, of which some may be outside the picture; groups are squares of four by four.
-static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
-    constexpr int GROUPS = TILE * TILE / lanes::WIDTH;
+namespace {
+constexpr int GROUPS = TILE * TILE / lanes::WIDTH;
+
+// Paths of as many groups as a square of the picture has, and what becomes of them.
+struct Pool {
     alignas(64) char pixel_memory[sizeof(Pixels) * GROUPS], path_memory[sizeof(Path) * GROUPS];
-    Pixels* const pixels = (Pixels*)pixel_memory;
-    Path* const paths = (Path*)path_memory;
     alignas(64) Result results[GROUPS];
-    constexpr int RESULT_ROWS = sizeof(Result) / (4 * lanes::WIDTH);
-    static_assert(sizeof(Result) % (4 * lanes::WIDTH) == 0, "a result is not of numbers of four bytes alone");
     lanes::Mask live[GROUPS];
-    const lanes::i16 numbers = lanes::lane_numbers().v;
-    const int across = (width + TILE - 1) / TILE;
-    int count = 0;
-    for (int place = 0; place < GROUPS; ++place) {
-        const lanes::i16 x = TILE * (tile % across) + 4 * (place % 4) + (numbers & 3);
-        const lanes::i16 y = TILE * (tile / across) + 4 * (place / 4) + (numbers >> 2);
-        const lanes::Mask inside((x < width) & (y < height));
-        if (!lanes::any(inside)) continue;
-        new (Here(), &pixels[count]) Pixels(ARGUMENTS);
-        new (Here(), &paths[count]) Path(FIXED);
-        pixels[count++].begin(lanes::Ints(y * width + x), inside);
-    }
-    for (;;) {
-        bool more = false;
-        _Pragma("clang loop unroll(disable)") for (int g = 0; g < count; ++g) {
-            live[g] = pixels[g].start(paths[g]);
-            paths[g].home = lanes::Ints(lanes::WIDTH * g + numbers);
-            more |= lanes::any(pixels[g].sampled_);
+    int count;
+    Pixels& pixels(int g) { return ((Pixels*)pixel_memory)[g]; }
+    Path& path(int g) { return ((Path*)path_memory)[g]; }
+
+    // Begin a path in each lane, where it is: the pixels of a group are neighbours.
+    void begin_side_by_side() {
+        for (int g = 0; g < count; ++g) {
+            begin(path(g), pixels(g).given_, live[g] = pixels(g).begun_);
+            path(g).home = lanes::Ints(lanes::WIDTH * g + lanes::lane_numbers().v);
         }
-        if (!more) break;
+    }
+
+    // Begin paths of sixteen samples of sixteen pixels: those of one pixel in one group.
+    void begin_pixel_by_pixel() {
+        constexpr int ROWS = sizeof(Given) / (4 * lanes::WIDTH);
+        static_assert(sizeof(Given) % (4 * lanes::WIDTH) == 0, "what is given is not of numbers of four bytes alone");
+        const auto row_of = [&](int sample, int row) { return (const float*)&pixels(sample).given_ + lanes::WIDTH * row; };
+        alignas(64) Given given[4];
+        for (int g = 0; g < lanes::WIDTH; ++g) {
+            if (g % 4 == 0) {
+                _Pragma("clang loop unroll(disable)") for (int row = 0; row < ROWS; ++row) {
+                    const lanes::FourRows rows = lanes::transposed([&](int l) __attribute__((always_inline)) {
+                        return (lanes::f4) * (const lanes::f4_anywhere*)(row_of(l, row) + g);
+                    });
+                    for (int k = 0; k < 4; ++k) ((lanes::f16*)&given[k])[row] = rows.r[k];
+                }
+            }
+            unsigned samples = 0;
+            for (int l = 0; l < lanes::WIDTH; ++l) samples |= (lanes::bits(pixels(l).begun_) >> g & 1) << l;
+            begin(path(g), given[g % 4], live[g] = lanes::of_bits(samples));
+            path(g).home = lanes::Ints(lanes::WIDTH * lanes::lane_numbers().v + g);
+        }
+    }
+
+    // Follow all paths to their ends.
+    void follow() {
         int groups = count;  // of which paths may go on
         while (groups > 0) {
             int left = 0;
             _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
                 if (!lanes::any(live[g])) continue;
-                const lanes::Mask going = paths[g].steps.step(live[g]), done = live[g] & ~going;
-                if (lanes::any(done)) {
-                    const Result result = paths[g].steps.end(done);
-                    alignas(64) int homes[lanes::WIDTH];
-                    *(lanes::i16*)homes = paths[g].home.v;
-                    LANES_EACH(l, done) {
-                        int* const to = (int*)&results[homes[l] / lanes::WIDTH] + homes[l] % lanes::WIDTH;
-                        const int* const from = (const int*)&result + l;
-                        for (int row = 0; row < RESULT_ROWS; ++row) to[lanes::WIDTH * row] = from[lanes::WIDTH * row];
-                    }
-                    live[g] = going;
-                }
+                const lanes::Mask going = path(g).steps.step(live[g]), done = live[g] & ~going;
+                if (lanes::any(done)) leave(path(g), done);
+                live[g] = going;
                 left += __builtin_popcount(lanes::bits(going));
             }
             if (left == 0) break;
-            if (4 * left > 3 * lanes::WIDTH * groups) continue;
-            int to = 0;
-            for (int g = 0; g < groups; ++g) {
-                while (lanes::any(live[g]) && to < g) {
-                    const unsigned from = lanes::bits(live[g]), room = ~lanes::bits(live[to]) & 0xffff;
-                    if (room == 0) {
-                        ++to;
-                        continue;
-                    }
-                    const unsigned leave = lanes::first_of(from, __builtin_popcount(room));
-                    const unsigned enter = lanes::first_of(room, __builtin_popcount(from));
-                    move(paths[to], paths[g], lanes::Move{(unsigned short)leave, (unsigned short)enter});
-                    live[g] = lanes::of_bits(from & ~leave);
-                    live[to] = live[to] | lanes::of_bits(enter);
-                }
-            }
-            while (groups > 0 && !lanes::any(live[groups - 1])) --groups;
+            if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
         }
-        _Pragma("clang loop unroll(disable)") for (int g = 0; g < count; ++g) pixels[g].finish(results[g]);
     }
-    _Pragma("clang loop unroll(disable)") for (int g = 0; g < count; ++g) pixels[g].after();
+
+    void leave(Path& path, lanes::Mask done) {
+        constexpr int ROWS = sizeof(Result) / (4 * lanes::WIDTH);
+        static_assert(sizeof(Result) % (4 * lanes::WIDTH) == 0, "a result is not of numbers of four bytes alone");
+        const Result result = path.steps.end(done);
+        alignas(64) int homes[lanes::WIDTH];
+        *(lanes::i16*)homes = path.home.v;
+        LANES_EACH(l, done) {
+            int* const to = (int*)&results[homes[l] / lanes::WIDTH] + homes[l] % lanes::WIDTH;
+            const int* const from = (const int*)&result + l;
+            for (int row = 0; row < ROWS; ++row) to[lanes::WIDTH * row] = from[lanes::WIDTH * row];
+        }
+    }
+
+    // Move paths that go on together, into as few groups as hold them.
+    void close_up(int& groups) {
+        int to = 0;
+        for (int g = 0; g < groups; ++g) {
+            while (lanes::any(live[g]) && to < g) {
+                const unsigned from = lanes::bits(live[g]), room = ~lanes::bits(live[to]) & 0xffff;
+                if (room == 0) {
+                    ++to;
+                    continue;
+                }
+                const unsigned leave = lanes::first_of(from, __builtin_popcount(room));
+                const unsigned enter = lanes::first_of(room, __builtin_popcount(from));
+                move(path(to), path(g), lanes::Move{(unsigned short)leave, (unsigned short)enter});
+                live[g] = lanes::of_bits(from & ~leave);
+                live[to] = live[to] | lanes::of_bits(enter);
+            }
+        }
+        while (groups > 0 && !lanes::any(live[groups - 1])) --groups;
+    }
+};
+
+// A square of four by four pixels, of which some may be outside the picture.
+struct Block {
+    lanes::Ints threads;
+    lanes::Mask inside;
+    Block(const int tile, const int place, const int width, const int height) {
+        const lanes::i16 numbers = lanes::lane_numbers().v;
+        const int across = (width + TILE - 1) / TILE;
+        const lanes::i16 x = TILE * (tile % across) + 4 * (place % 4) + (numbers & 3);
+        const lanes::i16 y = TILE * (tile / across) + 4 * (place / 4) + (numbers >> 2);
+        threads = lanes::Ints(y * width + x);
+        inside = lanes::Mask((x < width) & (y < height));
+    }
+};
+} // namespace
+
+// Render a square of TILE x TILE pixels. 
+static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
+    Pool pool;
+    const auto add = [&](const Block& block) {
+        const int g = pool.count++;
+        new (Here(), &pool.pixels(g)) Pixels(ARGUMENTS);
+        pool.pixels(g).begin(block.threads, block.inside);
+        new (Here(), &pool.path(g)) Path(FIXED);
+    };
+    const auto start = [&]() -> bool {
+        bool more = false;
+        _Pragma("clang loop unroll(disable)") for (int g = 0; g < pool.count; ++g) {
+            pool.pixels(g).start();
+            more |= lanes::any(pool.pixels(g).sampled_);
+        }
+        return more;
+    };
+    pool.count = 0;
+    int most = 0;
+    for (int place = 0; place < GROUPS; ++place) {
+        const Block block(tile, place, width, height);
+        if (!lanes::any(block.inside)) continue;
+        add(block);
+        const lanes::Ints left = pool.pixels(pool.count - 1).left();
+        LANES_EACH(l, block.inside) if (left.v[l] > most) most = left.v[l];
+    }
+    if (most < lanes::WIDTH) {
+        while (start()) {
+            pool.begin_side_by_side();
+            pool.follow();
+            for (int g = 0; g < pool.count; ++g) pool.pixels(g).finish(pool.results[g]);
+        }
+        for (int g = 0; g < pool.count; ++g) pool.pixels(g).after();
+        return;
+    }
+    for (int place = 0; place < GROUPS; ++place) {
+        const Block block(tile, place, width, height);
+        if (!lanes::any(block.inside)) continue;
+        pool.count = 0;
+        for (int n = 0; n < lanes::WIDTH; ++n) {
+            add(block);
+            pool.pixels(n).share(n, lanes::WIDTH);
+        }
+        while (start()) {
+            pool.begin_pixel_by_pixel();
+            pool.follow();
+            for (int n = 0; n < lanes::WIDTH; ++n) {
+                pool.pixels(n).carry(pool.pixels((n + lanes::WIDTH - 1) % lanes::WIDTH));
+                pool.pixels(n).finish(pool.results[n]);
+            }
+        }
+        pool.pixels(lanes::WIDTH - 1).after();
+    }
 }
 """.replace("TILE", str(TILE))

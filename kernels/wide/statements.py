@@ -82,10 +82,10 @@ class Body:
             if m:
                 self.where_set.setdefault(m[1], list(open_loops))
 
-    def changes(self, name: str) -> bool:
-        """Return whether anything may change a variable that was given."""
+    def changes(self, name: str, first: int = 0, end: int | None = None) -> bool:
+        """Return whether a line from `first` to before `end` may change a variable that was set before."""
         change = re.compile(rf"{name}(\.\w+)* = |wp::assign\w*\({name}\b|.*&\({name}\b|.*&{name}\b")
-        return any(change.match(line) for line in self.lines)
+        return any(change.match(line) for line in self.lines[first:end])
 
     def declaration(self, v: Any) -> str:
         """Return the declaration of a variable; nothing for those that C++ does without."""
