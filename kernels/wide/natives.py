@@ -39,7 +39,7 @@ def native_function(types: Types, function: Any) -> str:
     arguments = function.adj.args
     if function.key in _WIDE:
         code = _WIDE[function.key].replace("COLUMNS", COLUMNS)
-        return re.sub(r"\bNAME\b", name, code).replace("BVH_TYPE", arguments[0].ctype())
+        return re.sub(r"\bNAME(?=\b|_)", name, code).replace("BVH_TYPE", arguments[0].ctype())
     result = function.adj.return_var[0]
     if not all(types.is_whole(a.type) for a in arguments):
         raise Unsupported(f"{function.key}: takes arrays of which each lane has its own")

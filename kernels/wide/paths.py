@@ -4,7 +4,7 @@ A path is a loop, and paths end after different numbers of rounds. The function 
 round as its members, so that a round can be run for one group of sixteen paths after the other; the lanes of paths
 that go on are moved together in between, and a round is always one of nearly full groups (Wald 2011, "Active thread
 compaction for GPU path tracing"). The kernel becomes an object, too: with what a pixel keeps, and what it does before
-and after each of its paths. `_DRIVER` runs them for a square of pixels, whose first rays lie side by side.
+and after each of its paths. `kernels/wide/pool.py` runs them for a square of pixels, whose first rays lie side by side.
 """
 
 import re
@@ -12,10 +12,12 @@ from typing import Any
 
 from warp._src.codegen import constant_str
 
-from wrt.kernels.wide.render import TILE
+from wrt.kernels.intersect import INFINITE_DISTANCE
+from wrt.kernels.wide.pool import DRIVER
 from wrt.kernels.wide.statements import NO_MORE, SET, VARIABLE, Body
 from wrt.kernels.wide.types import Types, Unsupported
 
+_TRACED = re.compile(r"(var_\w+) = (closest_hit\w*)\((var_\w+), (var_\w+)\);")
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
 
@@ -28,7 +30,7 @@ class PathSteps:
         code: the struct, and `move` for it.
     """
 
-    def __init__(self, types: Types, function: Any, fixed: list[Any]) -> None:
+    def __init__(self, types: Types, function: Any, fixed: list[Any], functions: dict[str, str]) -> None:
         """Take a function that Warp has built, and those of its arguments that are the same for all paths.
 
         Raises:
@@ -42,6 +44,12 @@ class PathSteps:
             raise Unsupported(f"{function.key}: returns something else than a variable at its end")
         own = [a for a in body.adj.args if a not in fixed]
 
+        traces = [(i, m) for i, line in enumerate(body.lines[:last]) if i > first and (m := _TRACED.fullmatch(line))]
+        if len(traces) != 1 or _depth(body.lines[first:traces[0][0]]):
+            raise Unsupported(f"{function.key}: not one place where each round traces its ray")
+        trace, m = traces[0]
+        hit, closest_hit, scene, ray = m.groups()
+
         # What is set in the loop and used in the same round alone need not be kept.
         rounds, kept, constants = [], [], []
         for v in body.adj.variables:
@@ -52,6 +60,12 @@ class PathSteps:
                 rounds.append(v)
             else:
                 kept.append(v)
+        if scene not in [a.emit() for a in fixed] or ray not in [v.emit() for v in (*own, *kept)]:
+            raise Unsupported(f"{function.key}: traces something else than its ray")
+        after_trace = set(VARIABLE.findall("\n".join(body.lines[trace:last])))
+        set_before = {m[1] for line in body.lines[first:trace] if (m := SET.fullmatch(line))}
+        across = [v for v in rounds if v.emit() in set_before and v.emit() in after_trace or v.emit() == hit]
+        rounds = [v for v in rounds if v not in across]
         local = "".join(body.declaration(v) for v in rounds)
         used_later = set(VARIABLE.findall("\n".join(body.lines[first:])))
         moved = [v.emit() for v in (*own, *kept) if v.emit() in used_later and body.declaration(v)]
@@ -61,7 +75,8 @@ class PathSteps:
         begin = body.code(0, first)
         body.keep_all = False
         body.loops.append(_PATH_LOOP)
-        step = body.code(first + 1, last - 1)
+        approach = body.code(first + 1, trace)
+        step = body.code(trace + 1, last - 1)
         body.loops.pop()
         end = body.code(last + 1, len(body.lines) - 1)
         result = returned[1]
@@ -69,18 +84,32 @@ class PathSteps:
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
         masks = "lanes::Mask exec = exec_in, returned_ = false"
         self.code = f"""
+typedef {types.wide(body.variables[ray].type)} WideRay;
+typedef {types.wide(body.variables[hit].type)} WideHit;
 namespace {{
 struct {self.name} {{
 {"".join(f"    const {types.wide(a.type)}& {a.emit()};" for a in fixed)}
 {"".join(f"    {types.wide(a.type)} {a.emit()};" for a in own)}
-{_constants(constants)}{"".join(body.declaration(v) for v in kept)}
+{_constants(constants)}{"".join(body.declaration(v) for v in (*kept, *across))}
     {self.name}({", ".join(fixed_in)}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in fixed)} {{}}
     void begin({", ".join(own_in)}, const lanes::Mask exec_in) {{
         {masks};
         {" ".join(f"lanes::set({a.emit()}, {a.emit()}_in, exec);" for a in own)}
 {begin}
     }}
-    // Run a round; return the lanes that go on.
+    const {types.wide(body.variables[ray].type)}& ray() const {{ return {ray}; }}
+    {types.wide(body.variables[hit].type)}& hit() {{ return {hit}; }}
+{_tracing(types, functions, closest_hit, scene)}
+    // Begin a round: return the lanes that then trace `ray()`, and want to know `hit()`.
+    lanes::Mask approach(const lanes::Mask exec_in) {{
+        {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
+{local}
+        do {{
+{approach}
+        }} while (false);
+        return exec_in & ~broken_{_PATH_LOOP};
+    }}
+    // Go on with the round, once `hit()` is set; return the lanes that begin another.
     lanes::Mask step(const lanes::Mask exec_in) {{
         {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
 {local}
@@ -108,7 +137,7 @@ class SampledPixels:
         code: C++ structs `Path` and `Pixels`, and the driver.
     """
 
-    def __init__(self, types: Types, kernel: Any, function: Any) -> None:
+    def __init__(self, types: Types, kernel: Any, function: Any, functions: dict[str, str]) -> None:
         """Take a kernel that Warp has built, and the function that follows its paths.
 
         Raises:
@@ -128,7 +157,7 @@ class SampledPixels:
         given = {a.emit() for a in body.adj.args}
         fixed = [(a, name) for a, name in zip(function.adj.args, passed, strict=True) if name in given]
         own = [name for name in passed if name not in given]
-        steps = PathSteps(types, function, [a for a, _ in fixed])
+        steps = PathSteps(types, function, [a for a, _ in fixed], functions)
 
         spans = {"before": (0, first), "start": (first + 2, call), "finish": (call + 1, last - 1)}
         spans["after"] = (last + 1, len(lines))
@@ -184,6 +213,7 @@ class SampledPixels:
             + f"""
 typedef {types.wide(body.variables[result].type)} Result;
 namespace {{
+typedef {steps.name}::Traced Traced;
 // What a path begins with.
 struct Given {{
 {given}}};
@@ -248,10 +278,44 @@ struct {pixels} {{
 typedef {pixels} Pixels;
 }} // namespace
 """
-            + _DRIVER.replace("ARGUMENTS_IN", taken)
+            + DRIVER.replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
             .replace("FIXED", ", ".join(f"pool.pixels(g).{name}" for _, name in fixed))
         )
+
+
+def _tracing(types: Types, functions: dict[str, str], call: str, scene: str) -> str:
+    """Return the members of `PathSteps` that trace rays of many groups; `functions` are the names of all by key."""
+    needed = ("_traverse", "_hit")
+    if call == functions.get("closest_hit") and all(key in functions for key in needed):
+        code = _TRACE_TOGETHER
+        for key in needed:
+            code = code.replace(key.upper(), f"wide_{functions[key]}")
+    else:
+        code = _TRACE_EACH.replace("CLOSEST_HIT", f"wide_{call}")
+    return code.replace("SCENE", scene).replace("FAR", f"{INFINITE_DISTANCE!r}f")
+
+
+# Down the tree of all triangles. Those rays that part from their groups are followed in turn, whichever they left.
+_TRACE_TOGETHER = """
+    typedef lanes::Journeys Traced;
+    void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const {
+        _TRAVERSE_set_out(SCENE.bvh, t, ray.origin, ray.direction, 0.0f, FAR, false, exec);
+    }
+    void follow(Traced* t, int count) const { follow_alone<false>(SCENE.bvh, t, count, 0.0f); }
+    WideHit found(const Traced& t, const lanes::Mask exec) const { return _HIT(_TRAVERSE_found(t, FAR), exec); }
+"""
+_TRACE_EACH = """
+    typedef WideHit Traced;
+    void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const { t = CLOSEST_HIT(SCENE, ray, exec); }
+    void follow(Traced* t, int count) const {}
+    WideHit found(const Traced& t, const lanes::Mask exec) const { return t; }
+"""
+
+
+def _depth(lines: list[str]) -> int:
+    """Return how many blocks are open after some lines."""
+    return sum(line.endswith("{") - (line == "}") for line in lines)
 
 
 def _end_of_block(lines: list[str], first: int, end: int) -> int:
@@ -277,172 +341,3 @@ def _loop(body: Body, loop: str) -> tuple[int, int]:
 
 def _constants(variables: list[Any]) -> str:
     return "".join(f"    static constexpr {v.ctype()} {v.emit()} = {constant_str(v.constant)};\n" for v in variables)
-
-
-_DRIVER = """
-struct Here {};
-inline void* operator new(decltype(sizeof(0)), Here, void* p) { return p; }
-
-namespace {
-constexpr int GROUPS = TILE * TILE / lanes::WIDTH;
-
-// Paths of as many groups as a square of the picture has, and what becomes of them.
-struct Pool {
-    alignas(64) char pixel_memory[sizeof(Pixels) * GROUPS], path_memory[sizeof(Path) * GROUPS];
-    alignas(64) Result results[GROUPS];
-    lanes::Mask live[GROUPS];
-    int count;
-    Pixels& pixels(int g) { return ((Pixels*)pixel_memory)[g]; }
-    Path& path(int g) { return ((Path*)path_memory)[g]; }
-
-    // Begin a path in each lane, where it is: the pixels of a group are neighbours.
-    void begin_side_by_side() {
-        for (int g = 0; g < count; ++g) {
-            begin(path(g), pixels(g).given_, live[g] = pixels(g).begun_);
-            path(g).home = lanes::Ints(lanes::WIDTH * g + lanes::lane_numbers().v);
-        }
-    }
-
-    // Begin paths of sixteen samples of sixteen pixels: those of one pixel in one group.
-    void begin_pixel_by_pixel() {
-        constexpr int ROWS = sizeof(Given) / (4 * lanes::WIDTH);
-        static_assert(sizeof(Given) % (4 * lanes::WIDTH) == 0, "what is given is not of numbers of four bytes alone");
-        const auto row_of = [&](int sample, int row) { return (const float*)&pixels(sample).given_ + lanes::WIDTH * row; };
-        alignas(64) Given given[4];
-        for (int g = 0; g < lanes::WIDTH; ++g) {
-            if (g % 4 == 0) {
-                _Pragma("clang loop unroll(disable)") for (int row = 0; row < ROWS; ++row) {
-                    const lanes::FourRows rows = lanes::transposed([&](int l) __attribute__((always_inline)) {
-                        return (lanes::f4) * (const lanes::f4_anywhere*)(row_of(l, row) + g);
-                    });
-                    for (int k = 0; k < 4; ++k) ((lanes::f16*)&given[k])[row] = rows.r[k];
-                }
-            }
-            unsigned samples = 0;
-            for (int l = 0; l < lanes::WIDTH; ++l) samples |= (lanes::bits(pixels(l).begun_) >> g & 1) << l;
-            begin(path(g), given[g % 4], live[g] = lanes::of_bits(samples));
-            path(g).home = lanes::Ints(lanes::WIDTH * lanes::lane_numbers().v + g);
-        }
-    }
-
-    // Follow all paths to their ends.
-    void follow() {
-        int groups = count;  // of which paths may go on
-        while (groups > 0) {
-            int left = 0;
-            _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
-                if (!lanes::any(live[g])) continue;
-                const lanes::Mask going = path(g).steps.step(live[g]), done = live[g] & ~going;
-                if (lanes::any(done)) leave(path(g), done);
-                live[g] = going;
-                left += __builtin_popcount(lanes::bits(going));
-            }
-            if (left == 0) break;
-            if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
-        }
-    }
-
-    void leave(Path& path, lanes::Mask done) {
-        constexpr int ROWS = sizeof(Result) / (4 * lanes::WIDTH);
-        static_assert(sizeof(Result) % (4 * lanes::WIDTH) == 0, "a result is not of numbers of four bytes alone");
-        const Result result = path.steps.end(done);
-        alignas(64) int homes[lanes::WIDTH];
-        *(lanes::i16*)homes = path.home.v;
-        LANES_EACH(l, done) {
-            int* const to = (int*)&results[homes[l] / lanes::WIDTH] + homes[l] % lanes::WIDTH;
-            const int* const from = (const int*)&result + l;
-            for (int row = 0; row < ROWS; ++row) to[lanes::WIDTH * row] = from[lanes::WIDTH * row];
-        }
-    }
-
-    // Move paths that go on together, into as few groups as hold them.
-    void close_up(int& groups) {
-        int to = 0;
-        for (int g = 0; g < groups; ++g) {
-            while (lanes::any(live[g]) && to < g) {
-                const unsigned from = lanes::bits(live[g]), room = ~lanes::bits(live[to]) & 0xffff;
-                if (room == 0) {
-                    ++to;
-                    continue;
-                }
-                const unsigned leave = lanes::first_of(from, __builtin_popcount(room));
-                const unsigned enter = lanes::first_of(room, __builtin_popcount(from));
-                move(path(to), path(g), lanes::Move{(unsigned short)leave, (unsigned short)enter});
-                live[g] = lanes::of_bits(from & ~leave);
-                live[to] = live[to] | lanes::of_bits(enter);
-            }
-        }
-        while (groups > 0 && !lanes::any(live[groups - 1])) --groups;
-    }
-};
-
-// A square of four by four pixels, of which some may be outside the picture.
-struct Block {
-    lanes::Ints threads;
-    lanes::Mask inside;
-    Block(const int tile, const int place, const int width, const int height) {
-        const lanes::i16 numbers = lanes::lane_numbers().v;
-        const int across = (width + TILE - 1) / TILE;
-        const lanes::i16 x = TILE * (tile % across) + 4 * (place % 4) + (numbers & 3);
-        const lanes::i16 y = TILE * (tile / across) + 4 * (place / 4) + (numbers >> 2);
-        threads = lanes::Ints(y * width + x);
-        inside = lanes::Mask((x < width) & (y < height));
-    }
-};
-} // namespace
-
-// Render a square of TILE x TILE pixels. 
-static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
-    Pool pool;
-    const auto add = [&](const Block& block) {
-        const int g = pool.count++;
-        new (Here(), &pool.pixels(g)) Pixels(ARGUMENTS);
-        pool.pixels(g).begin(block.threads, block.inside);
-        new (Here(), &pool.path(g)) Path(FIXED);
-    };
-    const auto start = [&]() -> bool {
-        bool more = false;
-        _Pragma("clang loop unroll(disable)") for (int g = 0; g < pool.count; ++g) {
-            pool.pixels(g).start();
-            more |= lanes::any(pool.pixels(g).sampled_);
-        }
-        return more;
-    };
-    pool.count = 0;
-    int most = 0;
-    for (int place = 0; place < GROUPS; ++place) {
-        const Block block(tile, place, width, height);
-        if (!lanes::any(block.inside)) continue;
-        add(block);
-        const lanes::Ints left = pool.pixels(pool.count - 1).left();
-        LANES_EACH(l, block.inside) if (left.v[l] > most) most = left.v[l];
-    }
-    if (most < lanes::WIDTH) {
-        while (start()) {
-            pool.begin_side_by_side();
-            pool.follow();
-            for (int g = 0; g < pool.count; ++g) pool.pixels(g).finish(pool.results[g]);
-        }
-        for (int g = 0; g < pool.count; ++g) pool.pixels(g).after();
-        return;
-    }
-    for (int place = 0; place < GROUPS; ++place) {
-        const Block block(tile, place, width, height);
-        if (!lanes::any(block.inside)) continue;
-        pool.count = 0;
-        for (int n = 0; n < lanes::WIDTH; ++n) {
-            add(block);
-            pool.pixels(n).share(n, lanes::WIDTH);
-        }
-        while (start()) {
-            pool.begin_pixel_by_pixel();
-            pool.follow();
-            for (int n = 0; n < lanes::WIDTH; ++n) {
-                pool.pixels(n).carry(pool.pixels((n + lanes::WIDTH - 1) % lanes::WIDTH));
-                pool.pixels(n).finish(pool.results[n]);
-            }
-        }
-        pool.pixels(lanes::WIDTH - 1).after();
-    }
-}
-""".replace("TILE", str(TILE))

@@ -34,9 +34,15 @@ struct Lists {
     unsigned some;
     int lengths[16], firsts[16], begins[16][MOST_LISTED], nodes[16][MOST_LISTED];
 };
+struct Journeys {
+    Rays rays;
+    Lists lists;
+};
 struct Lone {
     float t_max, hit_u, hit_v;
     int id_max, current, top, number;
+    Rays* all;
+    Lists* lists;
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
 };
 } // namespace lanes
@@ -45,8 +51,8 @@ struct Lone {
 _FOLLOW_ALONE = (
     """
 template<bool any_hit>
-LANES_CALLED void follow_alone(
-    const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
+LANES_CALLED void follow_alone(const BVH_TYPE& bvh, lanes::Journeys* next, const int count, const float t_min) {
+    const lanes::Journeys* const end = next + count;
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
@@ -57,6 +63,7 @@ LANES_CALLED void follow_alone(
         if (limit < 0.0f) return false;
         int limit_bits;
         memcpy(&limit_bits, &limit, 4);
+        lanes::Lists& lists = *r.lists;
         while (lists.firsts[n] < lists.lengths[n]) {
             const int k = lists.firsts[n]++;
             if (lists.begins[n][k] > limit_bits) continue;
@@ -67,20 +74,26 @@ LANES_CALLED void follow_alone(
     };
     const auto start = [&](lanes::Lone& r) {
         r.number = -1;
-        for (; lists.some; lists.some &= lists.some - 1) {
-            const int n = r.number = __builtin_ctz(lists.some);
-            r.t_max = a.reach[n];
-            r.hit_u = a.hit_us[n];
-            r.hit_v = a.hit_vs[n];
-            r.id_max = a.numbers[n];
-            r.top = 0;
-            if (next_listed(r)) {
-                lists.some &= lists.some - 1;
-                ++live;
-                return;
+        for (; next < end; ++next) {
+            lanes::Rays& a = next->rays;
+            lanes::Lists& lists = next->lists;
+            r.all = &a;
+            r.lists = &lists;
+            for (; lists.some; lists.some &= lists.some - 1) {
+                const int n = r.number = __builtin_ctz(lists.some);
+                r.t_max = a.reach[n];
+                r.hit_u = a.hit_us[n];
+                r.hit_v = a.hit_vs[n];
+                r.id_max = a.numbers[n];
+                r.top = 0;
+                if (next_listed(r)) {
+                    lists.some &= lists.some - 1;
+                    ++live;
+                    return;
+                }
+                r.number = -1;
+                lists.lengths[n] = lists.firsts[n] = 0;
             }
-            r.number = -1;
-            lists.lengths[n] = lists.firsts[n] = 0;
         }
     };
     lanes::Lone rays[IN_TURN];
@@ -90,6 +103,7 @@ LANES_CALLED void follow_alone(
             lanes::Lone& r = rays[i];
             if (r.number < 0) continue;
             const int n = r.number;
+            lanes::Rays& a = *r.all;
             float &t_max = r.t_max, &hit_u = r.hit_u, &hit_v = r.hit_v;
             int &id_max = r.id_max, &top = r.top;
             int *const begins = r.begins, *const waiting = r.waiting;
@@ -130,7 +144,7 @@ LANES_CALLED void follow_alone(
                     a.hit_us[n] = r.hit_u;
                     a.hit_vs[n] = r.hit_v;
                     a.numbers[n] = r.id_max;
-                    lists.lengths[n] = lists.firsts[n] = 0;
+                    r.lists->lengths[n] = r.lists->firsts[n] = 0;
                     --live;
                     start(r);
                 }
@@ -149,14 +163,18 @@ _FOLLOW_TOGETHER = (
     """
 // mixed: rays of any directions; else all of them are of one octant and one main axis.
 template<bool any_hit, bool mixed>
-LANES_CALLED void follow_together(
-    const BVH_TYPE& bvh, lanes::Rays& a, lanes::Lists& lists, float t_min) {
+LANES_CALLED void follow_together(const BVH_TYPE& bvh, lanes::Journeys& journeys, const float t_min) {
+    lanes::Rays& a = journeys.rays;
+    lanes::Lists& lists = journeys.lists;
     using lanes::f16; using lanes::i16; using lanes::b16;
     #define ROW(numbers) (*(f16*)a.numbers)
     #define INTEGER_ROW(numbers) (*(i16*)a.numbers)
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
+    const auto place_of = [&](int number) {
+        return number >= 0 ? all_nodes + (size_t)number * 56 : all_leaves + (size_t)(-1 - number) * (10 * LEAF_SIZE);
+    };
     constexpr int lone_rays = mixed ? LONE_MIXED_RAYS : LONE_RAYS;
     alignas(64) float begins[STACK_SIZE][16];
     int waiting[STACK_SIZE], top = 1;
@@ -183,7 +201,7 @@ LANES_CALLED void follow_together(
                 lists.some |= 1u << n;
                 full |= k == lanes::MOST_LISTED - 1;
             }
-            if (full) follow_alone<any_hit>(bvh, a, lists, t_min);
+            if (full) follow_alone<any_hit>(bvh, &journeys, 1, t_min);
             continue;
         }
         if (current < 0) {
@@ -264,7 +282,10 @@ LANES_CALLED void follow_together(
             const i16 met = tn <= tf;
             *(f16*)begins[top] = met ? tn : (f16)__builtin_inff();
             waiting[top] = children[k];
-            top += lanes::bits(met) != 0;
+            if (lanes::bits(met) == 0) continue;
+            ++top;
+            const float* const next = place_of(children[k]);
+            for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
         }
     }
 }
@@ -272,15 +293,14 @@ LANES_CALLED void follow_together(
 )
 
 _TRAVERSE = """
-LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
-    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin_,
-    const lanes::Vector<3, lanes::Floats>& direction_,
-    lanes::Floats t_min_, lanes::Floats t_max_, lanes::Mask any_hit_, lanes::Mask exec) {
+// Go as far as the rays of `exec` go together.
+LANES_CALLED void NAME_set_out(
+    const BVH_TYPE& bvh, lanes::Journeys& journeys, const lanes::Vector<3, lanes::Floats>& origin_,
+    const lanes::Vector<3, lanes::Floats>& direction_, const float t_min, const lanes::Floats t_max, const bool any_hit,
+    const lanes::Mask exec) {
     using lanes::f16; using lanes::i16;
-    const int some = __builtin_ctz(lanes::bits(exec) | 0x8000);
-    const float t_min = t_min_.v[some];
-    const bool any_hit = lanes::lane(any_hit_, some);
-    lanes::Rays a;
+    lanes::Rays& a = journeys.rays;
+    lanes::Lists& lists = journeys.lists;
     f16 inverse[3], direction[3];
     i16 flip = 7;
     f16 shifts = 0.0f;
@@ -310,13 +330,12 @@ RAY_SLAB
     INTEGER_ROW(kys) = ky;
     INTEGER_ROW(kzs) = kz;
     INTEGER_ROW(flips) = flip;
-    const i16 can_hit = (length + 0.0f * (length + shifts) > 0.0f) & (t_max_.v >= t_min);
+    const i16 can_hit = (length + 0.0f * (length + shifts) > 0.0f) & (t_max.v >= t_min);
     const unsigned runs = lanes::bits(can_hit) & lanes::bits(exec);
-    ROW(reach) = lanes::of_bits(runs).v ? t_max_.v : (f16)-1.0f;
+    ROW(reach) = lanes::of_bits(runs).v ? t_max.v : (f16)-1.0f;
     ROW(hit_us) = ROW(hit_vs) = (f16)0.0f;
     INTEGER_ROW(numbers) = (i16)NOTHING_HIT;
 
-    lanes::Lists lists;
     lists.some = 0;
     *(i16*)lists.lengths = *(i16*)lists.firsts = (i16)0;
     if (__builtin_popcount(runs) < FEW_RAYS) {
@@ -329,19 +348,36 @@ RAY_SLAB
     } else {
         const int one = __builtin_ctz(runs);
         const bool alike = (lanes::bits((flip == a.flips[one]) & (kz == a.kzs[one])) & runs) == runs;
-        if (any_hit) (alike ? follow_together<true, false> : follow_together<true, true>)(bvh, a, lists, t_min);
-        else (alike ? follow_together<false, false> : follow_together<false, true>)(bvh, a, lists, t_min);
+        if (any_hit) (alike ? follow_together<true, false> : follow_together<true, true>)(bvh, journeys, t_min);
+        else (alike ? follow_together<false, false> : follow_together<false, true>)(bvh, journeys, t_min);
     }
-    if (lists.some) (any_hit ? follow_alone<true> : follow_alone<false>)(bvh, a, lists, t_min);
+}
+
+// What rays have met that have come to their ends.
+LANES_CALLED lanes::Vector<4, lanes::Floats> NAME_found(const lanes::Journeys& journeys, const lanes::Floats t_max) {
+    using lanes::f16; using lanes::i16;
+    const lanes::Rays& a = journeys.rays;
     const i16 number = INTEGER_ROW(numbers);
     lanes::Vector<4, lanes::Floats> found;
     found.c[0].v = __builtin_bit_cast(f16, number == NOTHING_HIT ? (i16)-1 : number);
-    found.c[1].v = number == NOTHING_HIT ? t_max_.v : ROW(reach);
+    found.c[1].v = number == NOTHING_HIT ? t_max.v : ROW(reach);
     found.c[2].v = ROW(hit_us);
     found.c[3].v = ROW(hit_vs);
     #undef ROW
     #undef INTEGER_ROW
     return found;
+}
+
+LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
+    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin, const lanes::Vector<3, lanes::Floats>& direction,
+    lanes::Floats t_min_, lanes::Floats t_max, lanes::Mask any_hit_, lanes::Mask exec) {
+    const int some = __builtin_ctz(lanes::bits(exec) | 0x8000);
+    const float t_min = t_min_.v[some];
+    const bool any_hit = lanes::lane(any_hit_, some);
+    lanes::Journeys journeys;
+    NAME_set_out(bvh, journeys, origin, direction, t_min, t_max, any_hit, exec);
+    if (journeys.lists.some) (any_hit ? follow_alone<true> : follow_alone<false>)(bvh, &journeys, 1, t_min);
+    return NAME_found(journeys, t_max);
 }
 """
 

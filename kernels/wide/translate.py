@@ -51,7 +51,7 @@ def wide_code(kernel: wp.Kernel) -> str:
             out.append(native_function(types, function))
         else:
             out.append(_function(types, function))
-    out.append(SampledPixels(types, built, path).code)
+    out.append(SampledPixels(types, built, path, {f.key: f.native_func for f in functions}).code)
     return "".join(out)
 
 

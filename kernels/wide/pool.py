@@ -1,0 +1,244 @@
+"""Two hundred and fifty-six paths at a time: in which order they are begun, traced, moved together and ended.
+
+A pool holds sixteen groups of sixteen paths. Where a pass takes sixteen samples of a pixel or more, they are those of a
+square of four by four pixels, and a group begins with sixteen samples of one pixel: their rays stay side by side for
+longer, and all that the pool reads lies near together. Else they are of sixteen by sixteen pixels.
+
+Each round traces the rays of all paths. A group whose rays are of one octant goes down the tree as it is, the others'
+rays are sorted by octant first, as the boxes of the tree are tested in less instructions for rays of one (Wald 2001,
+"Interactive rendering with coherent ray tracing"). Which paths go together changes no bit of the film.
+"""
+
+from wrt.kernels.wide.render import TILE
+
+# C++: `Pixels`, `Path`, `Given`, `Result` and what is traced are those of `kernels/wide/paths.py`.
+DRIVER = """
+struct Here {};
+inline void* operator new(decltype(sizeof(0)), Here, void* p) { return p; }
+
+namespace {
+constexpr int GROUPS = TILE * TILE / lanes::WIDTH;
+
+// One lane of what is of numbers of four bytes alone.
+template<class T> LANES_INLINE void copy_lane(T& to, int lane, const T& from, int lane_from) {
+    static_assert(sizeof(T) % (4 * lanes::WIDTH) == 0, "numbers of other sizes");
+    _Pragma("clang loop unroll(full)") for (unsigned row = 0; row < sizeof(T) / (4 * lanes::WIDTH); ++row)
+        ((int*)&to)[lanes::WIDTH * row + lane] = ((const int*)&from)[lanes::WIDTH * row + lane_from];
+}
+
+// Paths of as many groups as a square of the picture has, and what becomes of them.
+struct Pool {
+    alignas(64) char pixel_memory[sizeof(Pixels) * GROUPS], path_memory[sizeof(Path) * GROUPS];
+    alignas(64) Result results[GROUPS];
+    lanes::Mask live[GROUPS];
+    int count;
+    Pixels& pixels(int g) { return ((Pixels*)pixel_memory)[g]; }
+    Path& path(int g) { return ((Path*)path_memory)[g]; }
+
+    // Begin a path in each lane, where it is: the pixels of a group are neighbours.
+    void begin_side_by_side() {
+        for (int g = 0; g < count; ++g) {
+            begin(path(g), pixels(g).given_, live[g] = pixels(g).begun_);
+            path(g).home = lanes::Ints(lanes::WIDTH * g + lanes::lane_numbers().v);
+        }
+    }
+
+    // Begin paths of sixteen samples of sixteen pixels: those of one pixel in one group.
+    void begin_pixel_by_pixel() {
+        constexpr int ROWS = sizeof(Given) / (4 * lanes::WIDTH);
+        static_assert(sizeof(Given) % (4 * lanes::WIDTH) == 0, "what is given is not of numbers of four bytes alone");
+        const auto row_of = [&](int sample, int row) { return (const float*)&pixels(sample).given_ + lanes::WIDTH * row; };
+        alignas(64) Given given[4];
+        for (int g = 0; g < lanes::WIDTH; ++g) {
+            if (g % 4 == 0) {
+                _Pragma("clang loop unroll(disable)") for (int row = 0; row < ROWS; ++row) {
+                    const lanes::FourRows rows = lanes::transposed([&](int l) __attribute__((always_inline)) {
+                        return (lanes::f4) * (const lanes::f4_anywhere*)(row_of(l, row) + g);
+                    });
+                    for (int k = 0; k < 4; ++k) ((lanes::f16*)&given[k])[row] = rows.r[k];
+                }
+            }
+            unsigned samples = 0;
+            for (int l = 0; l < lanes::WIDTH; ++l) samples |= (lanes::bits(pixels(l).begun_) >> g & 1) << l;
+            begin(path(g), given[g % 4], live[g] = lanes::of_bits(samples));
+            path(g).home = lanes::Ints(lanes::WIDTH * lanes::lane_numbers().v + g);
+        }
+    }
+
+    // Follow all paths to their ends.
+    void follow() {
+        int groups = count;  // of which paths may go on
+        while (groups > 0) {
+            int left = 0;
+            _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g)
+                if (lanes::any(live[g])) leave(g, path(g).steps.approach(live[g]));
+            trace(groups);
+            _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
+                if (!lanes::any(live[g])) continue;
+                leave(g, path(g).steps.step(live[g]));
+                left += __builtin_popcount(lanes::bits(live[g]));
+            }
+            if (left == 0) break;
+            if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
+        }
+    }
+
+    // Trace the rays of all paths: those of groups of one octant as they are, others with such of their octant.
+    void trace(int groups) {
+        struct Batch {
+            int count, group;  // the group that the rays are of, or -1
+            lanes::Mask exec;
+            unsigned char numbers[lanes::WIDTH];
+        };
+        alignas(64) char traced_memory[sizeof(Traced) * (GROUPS + 8)];
+        Traced* const traced = (Traced*)traced_memory;
+        Batch batches[GROUPS + 8];
+        unsigned char waiting[8][GROUPS * lanes::WIDTH];
+        int counts[8] = {}, count = 0;
+        const auto& steps = path(0).steps;
+        _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
+            if (!lanes::any(live[g])) continue;
+            const WideRay& ray = path(g).steps.ray();
+            lanes::i16 octants = 0;
+            for (int k = 0; k < 3; ++k) octants += (ray.direction.c[k].v < 0.0f) & (1 << k);
+            const unsigned runs = lanes::bits(live[g]);
+            if (!(runs & ~lanes::bits(lanes::Mask(octants == octants[__builtin_ctz(runs)])))) {
+                batches[count].group = g;
+                batches[count].exec = live[g];
+                steps.set_out(traced[count++], ray, live[g]);
+                continue;
+            }
+            alignas(64) int of[lanes::WIDTH];
+            *(lanes::i16*)of = octants;
+            LANES_EACH(l, live[g]) waiting[of[l]][counts[of[l]]++] = lanes::WIDTH * g + l;
+        }
+        for (int octant = 0; octant < 8; ++octant) {
+            for (int first = 0; first < counts[octant]; first += lanes::WIDTH) {
+                Batch& batch = batches[count];
+                batch.group = -1;
+                batch.count = counts[octant] - first < lanes::WIDTH ? counts[octant] - first : lanes::WIDTH;
+                batch.exec = lanes::of_bits((1u << batch.count) - 1);
+                alignas(64) WideRay rays;
+                for (int i = 0; i < batch.count; ++i) {
+                    const int n = batch.numbers[i] = waiting[octant][first + i];
+                    copy_lane(rays, i, path(n / lanes::WIDTH).steps.ray(), n % lanes::WIDTH);
+                }
+                steps.set_out(traced[count++], rays, batch.exec);
+            }
+        }
+        steps.follow(traced, count);
+        for (int i = 0; i < count; ++i) {
+            const Batch& batch = batches[i];
+            const WideHit hits = steps.found(traced[i], batch.exec);
+            if (batch.group >= 0) path(batch.group).steps.hit() = hits;
+            else for (int k = 0; k < batch.count; ++k) {
+                const int n = batch.numbers[k];
+                copy_lane(path(n / lanes::WIDTH).steps.hit(), n % lanes::WIDTH, hits, k);
+            }
+        }
+    }
+
+    void leave(const int g, const lanes::Mask going) {
+        const lanes::Mask done = live[g] & ~going;
+        live[g] = going;
+        if (lanes::any(done)) arrive(path(g), done);
+    }
+
+    void arrive(Path& path, lanes::Mask done) {
+        const Result result = path.steps.end(done);
+        alignas(64) int homes[lanes::WIDTH];
+        *(lanes::i16*)homes = path.home.v;
+        LANES_EACH(l, done) copy_lane(results[homes[l] / lanes::WIDTH], homes[l] % lanes::WIDTH, result, l);
+    }
+
+    // Move paths that go on together, into as few groups as hold them.
+    void close_up(int& groups) {
+        int to = 0;
+        for (int g = 0; g < groups; ++g) {
+            while (lanes::any(live[g]) && to < g) {
+                const unsigned from = lanes::bits(live[g]), room = ~lanes::bits(live[to]) & 0xffff;
+                if (room == 0) {
+                    ++to;
+                    continue;
+                }
+                const unsigned leave = lanes::first_of(from, __builtin_popcount(room));
+                const unsigned enter = lanes::first_of(room, __builtin_popcount(from));
+                move(path(to), path(g), lanes::Move{(unsigned short)leave, (unsigned short)enter});
+                live[g] = lanes::of_bits(from & ~leave);
+                live[to] = live[to] | lanes::of_bits(enter);
+            }
+        }
+        while (groups > 0 && !lanes::any(live[groups - 1])) --groups;
+    }
+};
+
+// A square of four by four pixels, of which some may be outside the picture.
+struct Block {
+    lanes::Ints threads;
+    lanes::Mask inside;
+    Block(const int tile, const int place, const int width, const int height) {
+        const lanes::i16 numbers = lanes::lane_numbers().v;
+        const int across = (width + TILE - 1) / TILE;
+        const lanes::i16 x = TILE * (tile % across) + 4 * (place % 4) + (numbers & 3);
+        const lanes::i16 y = TILE * (tile / across) + 4 * (place / 4) + (numbers >> 2);
+        threads = lanes::Ints(y * width + x);
+        inside = lanes::Mask((x < width) & (y < height));
+    }
+};
+} // namespace
+
+// Render a square of TILE x TILE pixels. 
+static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
+    Pool pool;
+    const auto add = [&](const Block& block) {
+        const int g = pool.count++;
+        new (Here(), &pool.pixels(g)) Pixels(ARGUMENTS);
+        pool.pixels(g).begin(block.threads, block.inside);
+        new (Here(), &pool.path(g)) Path(FIXED);
+    };
+    const auto start = [&]() -> bool {
+        bool more = false;
+        _Pragma("clang loop unroll(disable)") for (int g = 0; g < pool.count; ++g) {
+            pool.pixels(g).start();
+            more |= lanes::any(pool.pixels(g).sampled_);
+        }
+        return more;
+    };
+    pool.count = 0;
+    int most = 0;
+    for (int place = 0; place < GROUPS; ++place) {
+        const Block block(tile, place, width, height);
+        if (!lanes::any(block.inside)) continue;
+        add(block);
+        const lanes::Ints left = pool.pixels(pool.count - 1).left();
+        LANES_EACH(l, block.inside) if (left.v[l] > most) most = left.v[l];
+    }
+    if (most < lanes::WIDTH) {
+        while (start()) {
+            pool.begin_side_by_side();
+            pool.follow();
+            for (int g = 0; g < pool.count; ++g) pool.pixels(g).finish(pool.results[g]);
+        }
+        for (int g = 0; g < pool.count; ++g) pool.pixels(g).after();
+        return;
+    }
+    for (int place = 0; place < GROUPS; ++place) {
+        const Block block(tile, place, width, height);
+        if (!lanes::any(block.inside)) continue;
+        pool.count = 0;
+        for (int n = 0; n < lanes::WIDTH; ++n) {
+            add(block);
+            pool.pixels(n).share(n, lanes::WIDTH);
+        }
+        while (start()) {
+            pool.begin_pixel_by_pixel();
+            pool.follow();
+            for (int n = 0; n < lanes::WIDTH; ++n) {
+                pool.pixels(n).carry(pool.pixels((n + lanes::WIDTH - 1) % lanes::WIDTH));
+                pool.pixels(n).finish(pool.results[n]);
+            }
+        }
+        pool.pixels(lanes::WIDTH - 1).after();
+    }
+}
+""".replace("TILE", str(TILE))
