@@ -162,12 +162,12 @@ _PACKET = (
             const int bottom = top;
             float nearest[8];
             for (int k = 0; k < 8; ++k) {
-                const f8 near_x = node[near_row[0] + k] * inverse[0] - near_shift[0];
-                const f8 near_y = node[near_row[1] + k] * inverse[1] - near_shift[1];
-                const f8 near_z = node[near_row[2] + k] * inverse[2] - near_shift[2];
-                const f8 far_x = node[far_row[0] + k] * inverse[0] - far_shift[0];
-                const f8 far_y = node[far_row[1] + k] * inverse[1] - far_shift[1];
-                const f8 far_z = node[far_row[2] + k] * inverse[2] - far_shift[2];
+                const f8 near_x = LESS((f8)node[near_row[0] + k], inverse[0], near_shift[0]);
+                const f8 near_y = LESS((f8)node[near_row[1] + k], inverse[1], near_shift[1]);
+                const f8 near_z = LESS((f8)node[near_row[2] + k], inverse[2], near_shift[2]);
+                const f8 far_x = LESS((f8)node[far_row[0] + k], inverse[0], far_shift[0]);
+                const f8 far_y = LESS((f8)node[far_row[1] + k], inverse[1], far_shift[1]);
+                const f8 far_z = LESS((f8)node[far_row[2] + k], inverse[2], far_shift[2]);
                 const f8 tn = MOST(MOST(near_x, near_y), MOST(near_z, (f8)t_min));
                 const f8 tf = LEAST(LEAST(far_x, far_y), LEAST(far_z, still)) * pad;
                 const unsigned mask = RAY_MASK(tn <= tf);

@@ -274,8 +274,8 @@ LANES_CALLED void follow_together(const BVH_TYPE& bvh, lanes::Journeys& journeys
                     near = back[axis] ? upper : lower;
                     far = back[axis] ? lower : upper;
                 }
-                nears[axis] = near * ROW(inverses[axis]) - ROW(near_shifts[axis]);
-                fars[axis] = far * ROW(inverses[axis]) - ROW(far_shifts[axis]);
+                nears[axis] = LESS(near, ROW(inverses[axis]), ROW(near_shifts[axis]));
+                fars[axis] = LESS(far, ROW(inverses[axis]), ROW(far_shifts[axis]));
             }
             const f16 tn = MOST(MOST(nears[0], nears[1]), MOST(nears[2], (f16)t_min));
             const f16 tf = LEAST(LEAST(fars[0], fars[1]), LEAST(fars[2], still)) * pad;
