@@ -12,7 +12,7 @@ from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, WOOP_DISTAN
 
 # Measured: the rays that are followed in turn; those left of rays of one octant, and of others, at which they part;
 # rays at all for which going together is worth it.
-IN_TURN = 5
+IN_TURN = 8
 LONE_RAYS = 4
 LONE_MIXED_RAYS = 8
 FEW_RAYS = 6
@@ -172,9 +172,6 @@ LANES_CALLED void follow_together(const BVH_TYPE& bvh, lanes::Journeys& journeys
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
-    const auto place_of = [&](int number) {
-        return number >= 0 ? all_nodes + (size_t)number * 56 : all_leaves + (size_t)(-1 - number) * (10 * LEAF_SIZE);
-    };
     constexpr int lone_rays = mixed ? LONE_MIXED_RAYS : LONE_RAYS;
     alignas(64) float begins[STACK_SIZE][16];
     int waiting[STACK_SIZE], top = 1;
@@ -282,10 +279,7 @@ LANES_CALLED void follow_together(const BVH_TYPE& bvh, lanes::Journeys& journeys
             const i16 met = tn <= tf;
             *(f16*)begins[top] = met ? tn : (f16)__builtin_inff();
             waiting[top] = children[k];
-            if (lanes::bits(met) == 0) continue;
-            ++top;
-            const float* const next = place_of(children[k]);
-            for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
+            top += lanes::bits(met) != 0;
         }
     }
 }
