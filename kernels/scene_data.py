@@ -124,6 +124,7 @@ class ShapeRecord:
 
     material: int
     first_triangle: int
+    smooth: int  # whether its vertices have normals; those of others are 0
     first_light: int  # light number of its first triangle; -1 where it does not emit
     emission: wp.vec3
     emission_slot: int  # -1 where `emission` is the same everywhere

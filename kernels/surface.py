@@ -118,8 +118,10 @@ def make_surface_at(instances: str) -> wp.Function:
         else:
             surface.shape = scene.triangle_shape[hit.triangle]
 
-        shading = shading_normal(scene, hit, ray.time)
-        # Flat shapes carry zero normals; file normals may point either way.
+        shading = wp.vec3()
+        if scene.shapes[surface.shape].smooth != 0:
+            shading = shading_normal(scene, hit, ray.time)
+        # Normals of files may point either way.
         if wp.dot(shading, normal) < 0.0:
             shading = -shading
         surface.front = wp.dot(normal, ray.direction) < 0.0

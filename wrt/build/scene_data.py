@@ -118,6 +118,7 @@ def build_scene(
     shapes = np.zeros(len(scene.shapes), ShapeRecord.numpy_dtype())
     shapes["material"] = materials.of_shapes
     shapes["first_triangle"] = first_triangles
+    shapes["smooth"] = [shape.mesh.normals is not None for shape in scene.shapes]
     shapes["first_light"] = lights.first_lights
     shapes["emission_slot"] = materials.emission_slots
     for row, shape in zip(shapes, scene.shapes, strict=True):

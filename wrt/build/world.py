@@ -68,6 +68,10 @@ class WorldMeshes:
         if normals is not None:
             given = self._given(f"{shape.name}: normals", normals, count)
             wp.copy(self._data.normals, given, dest_offset=first, count=count)
+            if shape.mesh.normals is None:
+                shapes = self._data.shapes.numpy()
+                shapes["smooth"][number] = True
+                self._data.shapes.assign(shapes)
         elif shape.mesh.normals is not None:
             self._smooth(number, shape.mesh, first, count)
         refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
