@@ -22,7 +22,7 @@ from wrt.build.world import WorldMeshes
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.mesh import LARGEST, SMALLEST, Mesh, columns
-from wrt.scene import Scene
+from wrt.scene import Scene, Shape
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def build_scene(
     shapes = np.zeros(len(scene.shapes), ShapeRecord.numpy_dtype())
     shapes["material"] = materials.of_shapes
     shapes["first_triangle"] = first_triangles
-    shapes["smooth"] = [shape.mesh.normals is not None for shape in scene.shapes]
+    shapes["smooth"] = [_is_smooth(shape) for shape in scene.shapes]
     shapes["first_light"] = lights.first_lights
     shapes["emission_slot"] = materials.emission_slots
     for row, shape in zip(shapes, scene.shapes, strict=True):
@@ -183,6 +183,12 @@ def _places(layout: Layout) -> _Places:
     for instance in layout.instances:
         of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
     return _Places(copies, faces, bases[np.cumsum(repeats) - repeats], first_triangles, counts, of_shapes)
+
+
+def _is_smooth(shape: Shape) -> bool:
+    """Return whether a shape's vertices have normals, at any time."""
+    deforms = shape.deformation is not None and shape.deformation.normals is not None
+    return deforms or shape.mesh.normals is not None
 
 
 def _upload_geometry(
