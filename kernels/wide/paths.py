@@ -18,6 +18,9 @@ from wrt.kernels.wide.statements import NO_MORE, SET, VARIABLE, Body
 from wrt.kernels.wide.types import Types, Unsupported
 
 _TRACED = re.compile(r"(var_\w+) = (closest_hit\w*)\((var_\w+), (var_\w+)\);")
+POINTS_IN_CACHE = 20_000
+"""Of so many points or less it is not worth asking the processor to fetch them: 3 % slower in the Cornell box, while
+with 10 million triangles paths are 5 % faster."""
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
 
@@ -99,7 +102,7 @@ struct {self.name} {{
     }}
     const {types.wide(body.variables[ray].type)}& ray() const {{ return {ray}; }}
     {types.wide(body.variables[hit].type)}& hit() {{ return {hit}; }}
-{_tracing(types, functions, closest_hit, scene)}
+{_tracing(types, functions, closest_hit, scene).replace('HIT_', hit)}
     // Begin a round: return the lanes that then trace `ray()`, and want to know `hit()`.
     lanes::Mask approach(const lanes::Mask exec_in) {{
         {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
@@ -293,6 +296,7 @@ def _tracing(types: Types, functions: dict[str, str], call: str, scene: str) -> 
             code = code.replace(key.upper(), f"wide_{functions[key]}")
     else:
         code = _TRACE_EACH.replace("CLOSEST_HIT", f"wide_{call}")
+    code = code.replace("IN_CACHE", str(POINTS_IN_CACHE))
     return code.replace("SCENE", scene).replace("FAR", f"{INFINITE_DISTANCE!r}f")
 
 
@@ -303,13 +307,30 @@ _TRACE_TOGETHER = """
         _TRAVERSE_set_out(SCENE.bvh, t, ray.origin, ray.direction, 0.0f, FAR, false, exec);
     }
     void follow(Traced* t, int count) const { follow_alone<false>(SCENE.bvh, t, count, 0.0f); }
-    WideHit found(const Traced& t, const lanes::Mask exec) const { return _HIT(_TRAVERSE_found(t, FAR), exec); }
+    WideHit found(const Traced& t, const lanes::Mask exec) const {
+        const WideHit hits = _HIT(_TRAVERSE_found(t, FAR), exec);
+        if (SCENE.points.shape[0] > IN_CACHE) LANES_EACH(l, exec) {
+            const size_t triangle = hits.triangle.v[l] < 0 ? 0 : hits.triangle.v[l];
+            __builtin_prefetch((const int*)SCENE.corners.data + 3 * triangle);
+            __builtin_prefetch((const int*)SCENE.triangle_shape.data + triangle);
+        }
+        return hits;
+    }
+    // Have the processor fetch the points of triangles that were met.
+    void fetch_points(const lanes::Mask exec) const {
+        if (SCENE.points.shape[0] > IN_CACHE) LANES_EACH(l, exec) {
+            const size_t triangle = HIT_.triangle.v[l] < 0 ? 0 : HIT_.triangle.v[l];
+            const int* const corners = (const int*)SCENE.corners.data + 3 * triangle;
+            for (int k = 0; k < 3; ++k) __builtin_prefetch((const float*)SCENE.points.data + 3 * (size_t)corners[k]);
+        }
+    }
 """
 _TRACE_EACH = """
     typedef WideHit Traced;
     void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const { t = CLOSEST_HIT(SCENE, ray, exec); }
     void follow(Traced* t, int count) const {}
     WideHit found(const Traced& t, const lanes::Mask exec) const { return t; }
+    void fetch_points(const lanes::Mask exec) const {}
 """
 
 

@@ -73,6 +73,7 @@ struct Pool {
             _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g)
                 if (lanes::any(live[g])) leave(g, path(g).steps.approach(live[g]));
             trace(groups);
+            for (int g = 0; g < groups; ++g) path(g).steps.fetch_points(live[g]);
             _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
                 if (!lanes::any(live[g])) continue;
                 leave(g, path(g).steps.step(live[g]));
