@@ -179,6 +179,28 @@ def moving_scene(shutter: tuple[float, float]) -> wrt.Scene:
     return scene
 
 
+def test_a_deformation_may_bring_normals_to_a_flat_mesh(device: str) -> None:
+    quad = wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    tilted = np.tile(np.float32([0.6, 0.0, 0.8]), (len(quad.vertices), 1))
+    deformation = wrt.Deformation((0.0, 1.0), np.stack([quad.vertices, 0.5 * quad.vertices]), np.stack([tilted] * 2))
+
+    def picture(mesh: wrt.Mesh, deformation: wrt.Deformation, shutter_close: float) -> NDArray:
+        camera = wrt.OrthographicCamera(
+            (0, 0, 3), (0, 0, 0), view_height=2.5, shutter_open=0.0, shutter_close=shutter_close
+        )
+        scene = wrt.Scene(camera=camera)
+        scene.add(mesh, material=wrt.Diffuse(0.8), deformation=deformation)
+        scene.add_light(wrt.DirectionalLight((-0.7, 0.0, -0.7), irradiance=2.0))
+        return wrt.render(scene, width=24, height=24, spp=4, device=device)
+
+    for shutter_close in (0.0, 1.0):
+        found = picture(quad, deformation, shutter_close)
+        smooth = dataclasses.replace(quad, normals=tilted)
+        np.testing.assert_array_equal(found, picture(smooth, deformation, shutter_close))
+        flat = wrt.Deformation(deformation.times, deformation.vertices)
+        assert np.abs(found - picture(quad, flat, shutter_close)).max() > 0.02
+
+
 @pytest.mark.slow
 def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> None:
     """Still ones have all triangles where they are in one tree, and know nothing of motion."""

@@ -177,8 +177,14 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
 
 
 @sixteen_lanes
-def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path) -> None:
-    """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first."""
+@pytest.mark.slow
+def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first.
+
+    Compiling takes no notice of what else is called `wrt` where the user is.
+    """
+    (tmp_path / "wrt.py").write_text("raise SystemExit('not this one')")
+    monkeypatch.chdir(tmp_path)
     scene = wrt.load("cornell-box")
     size = {"width": 37, "height": 21}
     usual = wrt.Renderer(scene, **size)

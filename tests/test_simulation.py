@@ -65,6 +65,16 @@ def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: 
     np.testing.assert_allclose(rendered(renderer).mean(), first.mean(), rtol=1e-4)
 
 
+def test_a_flat_mesh_may_be_given_normals(device: str) -> None:
+    smooth = hilly(0.2, smooth=True)
+    renderer = renderer_of(hilly(0.2, smooth=False), device)
+    flat = rendered(renderer)
+    renderer.update_vertices(1, smooth.vertices, smooth.normals)
+    expected = rendered(renderer_of(smooth, device))
+    assert np.abs(flat - expected).max() > 0.1
+    np.testing.assert_array_equal(rendered(renderer), expected)
+
+
 def test_normals_follow_with_the_creases_that_there_were(device: str) -> None:
     # A cube with creases: each corner is there three times, with a normal for each side.
     cube = with_normals(wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), 30.0)

@@ -9,6 +9,9 @@ from wrt.build.bvh import kernels_of_building
 from wrt.device import Device
 from wrt.wide import WideKernel
 
+SAMPLES_TOGETHER = 16
+"""Passes are of multiples of so many samples, where they are of more: some kernels take as many of a pixel at once."""
+
 
 class RenderKernel:
     """The kernels of one picture.

@@ -29,7 +29,7 @@ from wrt.files import PathLike
 from wrt.film import Film
 from wrt.fingerprint import scene_fingerprint
 from wrt.framing import frame_camera
-from wrt.render_kernel import RenderKernel
+from wrt.render_kernel import SAMPLES_TOGETHER, RenderKernel
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.values import integer, number
 
@@ -277,6 +277,7 @@ class Renderer:
             per_sample = elapsed * self.film.pixels / max(traced, 1)
             # At most double, so that the first pictures come quickly one after the other.
             step = max(1, min(2 * step, int(PASS_SECONDS / max(per_sample, 1e-9))))
+            step -= step % SAMPLES_TOGETHER if step > SAMPLES_TOGETHER else 0
             left = (target - done) * per_sample
             if limit is not None:
                 step = max(1, min(step, int((limit - seconds) / max(per_sample, 1e-9))))

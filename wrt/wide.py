@@ -107,17 +107,17 @@ class WideKernel:
 
     def _compile(self) -> None:
         """Begin compiling it, in another process."""
-        environment = dict(os.environ)
         package = str(Path(__file__).resolve().parent.parent)
-        environment["PYTHONPATH"] = os.pathsep.join(filter(None, (package, environment.get("PYTHONPATH"))))
         features = json.dumps(dataclasses.asdict(self._features))
-        command = [sys.executable, "-m", "wrt.wide", features, str(os.getpid())]
+        # Not `-m`, which would import what is called `wrt` in the folder that the user is in.
+        begin = f"import sys; sys.path[0] = {package!r}; from wrt.wide import main; sys.exit(main(sys.argv))"
+        command = [sys.executable, "-c", begin, features, str(os.getpid())]
         cache = getattr(sys.modules["warp"].config, "kernel_cache_dir", None)
         if cache:
             command.append(str(Path(cache).parent))  # to which Warp adds a folder of its version
         nothing = subprocess.DEVNULL
         try:
-            self._compiler = subprocess.Popen(command, env=environment, stdin=nothing, stdout=nothing, stderr=nothing)
+            self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
         except (OSError, TypeError):  # the latter where no Python is known
             self._possible = False
             return
@@ -168,8 +168,9 @@ def processor_flags() -> frozenset[str]:
 def main(arguments: list[str]) -> int:
     """Compile the kernel for features given as JSON, and note it for other processes.
 
-    It ends with the process that asked for it, whose number is the second argument; a third is the folder for what is
-    compiled. Of several that are asked at once, one compiles after the other.
+    Of the arguments the first is the program's name, as everywhere, the second the features. It ends with the process
+    that asked for it, whose number is the third; a fourth is the folder for what is compiled. Of several that are asked
+    at once, one compiles after the other.
     """
     import warp as wp
 
@@ -177,12 +178,12 @@ def main(arguments: list[str]) -> int:
     from wrt.kernels.wide.render import make_wide_render_kernel, module_name
 
     _end_with_parent()
-    if os.getppid() != int(arguments[1]):
+    if os.getppid() != int(arguments[2]):
         return 1  # it ended before this
     os.nice(10)
-    if arguments[2:]:
-        wp.config.kernel_cache_dir = arguments[2]
-    described = json.loads(arguments[0])
+    if arguments[3:]:
+        wp.config.kernel_cache_dir = arguments[3]
+    described = json.loads(arguments[1])
     features = Features(
         **{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()}
     )
@@ -205,4 +206,4 @@ def _end_with_parent() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(sys.argv))

@@ -48,7 +48,7 @@ class PathSteps:
         own = [a for a in body.adj.args if a not in fixed]
 
         traces = [(i, m) for i, line in enumerate(body.lines[:last]) if i > first and (m := _TRACED.fullmatch(line))]
-        if len(traces) != 1 or _depth(body.lines[first:traces[0][0]]):
+        if len(traces) != 1 or _depth(body.lines[first : traces[0][0]]):
             raise Unsupported(f"{function.key}: not one place where each round traces its ray")
         trace, m = traces[0]
         hit, closest_hit, scene, ray = m.groups()
@@ -102,7 +102,7 @@ struct {self.name} {{
     }}
     const {types.wide(body.variables[ray].type)}& ray() const {{ return {ray}; }}
     {types.wide(body.variables[hit].type)}& hit() {{ return {hit}; }}
-{_tracing(types, functions, closest_hit, scene).replace('HIT_', hit)}
+{_tracing(types, functions, closest_hit, scene).replace("HIT_", hit)}
     // Begin a round: return the lanes that then trace `ray()`, and want to know `hit()`.
     lanes::Mask approach(const lanes::Mask exec_in) {{
         {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;

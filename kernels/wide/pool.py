@@ -47,7 +47,9 @@ struct Pool {
     void begin_pixel_by_pixel() {
         constexpr int ROWS = sizeof(Given) / (4 * lanes::WIDTH);
         static_assert(sizeof(Given) % (4 * lanes::WIDTH) == 0, "what is given is not of numbers of four bytes alone");
-        const auto row_of = [&](int sample, int row) { return (const float*)&pixels(sample).given_ + lanes::WIDTH * row; };
+        const auto row_of = [&](int sample, int row) {
+            return (const float*)&pixels(sample).given_ + lanes::WIDTH * row;
+        };
         alignas(64) Given given[4];
         for (int g = 0; g < lanes::WIDTH; ++g) {
             if (g % 4 == 0) {
@@ -67,20 +69,20 @@ struct Pool {
 
     // Follow all paths to their ends.
     void follow() {
-        int groups = count;  // of which paths may go on
-        while (groups > 0) {
-            int left = 0;
+        int groups = count, left = 0;  // of which paths may go on, and how many do
+        for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
+        while (left > 0) {
+            if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
             _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g)
                 if (lanes::any(live[g])) leave(g, path(g).steps.approach(live[g]));
             trace(groups);
+            left = 0;
             for (int g = 0; g < groups; ++g) path(g).steps.fetch_points(live[g]);
             _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
                 if (!lanes::any(live[g])) continue;
                 leave(g, path(g).steps.step(live[g]));
                 left += __builtin_popcount(lanes::bits(live[g]));
             }
-            if (left == 0) break;
-            if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
         }
     }
 
@@ -188,7 +190,7 @@ struct Block {
 };
 } // namespace
 
-// Render a square of TILE x TILE pixels. 
+// Render a square of TILE x TILE pixels.
 static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
     Pool pool;
     const auto add = [&](const Block& block) {

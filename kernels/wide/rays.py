@@ -363,8 +363,9 @@ LANES_CALLED lanes::Vector<4, lanes::Floats> NAME_found(const lanes::Journeys& j
 }
 
 LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
-    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin, const lanes::Vector<3, lanes::Floats>& direction,
-    lanes::Floats t_min_, lanes::Floats t_max, lanes::Mask any_hit_, lanes::Mask exec) {
+    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin,
+    const lanes::Vector<3, lanes::Floats>& direction, lanes::Floats t_min_, lanes::Floats t_max,
+    lanes::Mask any_hit_, lanes::Mask exec) {
     const int some = __builtin_ctz(lanes::bits(exec) | 0x8000);
     const float t_min = t_min_.v[some];
     const bool any_hit = lanes::lane(any_hit_, some);
