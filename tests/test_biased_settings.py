@@ -82,6 +82,7 @@ def test_clamping_keeps_colours(device: str) -> None:
 # --- Roughening along the path ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_regularization_lowers_the_noise_of_glossy_caustics(device: str, report: Report) -> None:
     off = render(hall(ROUGH), 64, device=device)
     zero = render(hall(ROUGH), 64, regularization=0.0, device=device)
@@ -105,6 +106,7 @@ def test_regularization_is_the_roughness_that_it_says(device: str) -> None:
     assert (render(hall(rougher), 64, **own).image()[:8] != seen_first[:8]).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("metal", [wrt.Diffuse(0.5), wrt.Mirror(0.9)], ids=["matt", "smooth"])
 def test_without_rough_surfaces_nothing_changes(metal: wrt.Material, device: str) -> None:
     plain, on = (render(hall(metal), 8, regularization=r, device=device).image() for r in (0.0, 0.5))

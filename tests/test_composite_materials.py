@@ -302,6 +302,7 @@ def test_direct_light_on_a_mixture_is_the_mean_of_that_on_its_parts(device: str,
         assert result.agrees(), result.message
 
 
+@pytest.mark.slow
 def test_a_mixture_of_one_material_is_that_material(device: str) -> None:
     """Bit for bit: the choice takes random numbers of its own."""
     mixed = render(ball_scene(wrt.Mix(A, A, weight=0.3)), device, spp=16).image()

@@ -140,6 +140,7 @@ def test_impossible_values_are_refused(bad: dict) -> None:
         wrt.Glossy(**bad)
 
 
+@pytest.mark.slow
 def test_all_estimators_find_the_same_blur(device: str) -> None:
     """A lamp in a blurred mirror, by light sampling, by the BSDF and by both."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 1.0, 2.0), target=(0.0, 0.0, 0.0), fov_degrees=40))

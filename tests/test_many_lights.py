@@ -87,6 +87,7 @@ def test_the_tree_shows_what_power_shows(strategy: str, device: str, report: Rep
     assert test.agrees(), test.message
 
 
+@pytest.mark.slow
 def test_a_share_that_is_five_percent_wrong_is_noticed(device: str) -> None:
     tree = rendered("tree", "mis", device, 1024, 1)
     power = rendered("power", "mis", device, 1024, 2)

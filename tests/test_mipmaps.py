@@ -174,6 +174,7 @@ def test_close_up_nothing_changes(device: str) -> None:
     assert bilinear.std() > 0.05
 
 
+@pytest.mark.slow
 def test_passes_leave_no_trace_and_layers_see_the_same(device: str) -> None:
     scene = floor(clouds(), ALONG, filter="trilinear")
     layers = ("albedo", "alpha")

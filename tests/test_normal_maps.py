@@ -320,6 +320,7 @@ def mapped_room() -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_picture_agrees_with_mitsuba(device: str, report: Report) -> None:
     pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     from support.mitsuba_scene import render_reference

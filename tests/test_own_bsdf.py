@@ -207,6 +207,7 @@ def test_what_cannot_be_registered_is_refused() -> None:
         wrt.Renderer(scene, width=4, height=4)
 
 
+@pytest.mark.slow
 def test_ones_own_may_be_registered_again(device: str) -> None:
     """As a cell of a notebook that is edited and run again: new functions by the same names, and no old kernel."""
     renderers, images = [], []

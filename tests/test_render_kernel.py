@@ -224,6 +224,7 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 """
 
 
+@pytest.mark.slow
 @sixteen_lanes
 def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
     """Killed while another compiles, so that its own waits; nothing is left of it."""
@@ -244,6 +245,7 @@ def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) 
         assert not status.exists() or "zombie" in status.read_text()
 
 
+@pytest.mark.slow
 @sixteen_lanes
 def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
     wrt.Renderer(wrt.load("cornell-box"), width=20, height=19).compile()

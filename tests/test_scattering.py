@@ -45,6 +45,7 @@ def test_a_furnace_with_absorption_is_not_white(device: str) -> None:
     assert (mean < 1.0 - 5.0 * error).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 @pytest.mark.parametrize("g", [0.0, 0.7])
 def test_single_scattering_in_a_thin_slab(g: float, strategy: str, device: str, report: Report) -> None:
@@ -97,6 +98,7 @@ def test_emission_while_it_scatters(device: str, report: Report) -> None:
     assert (np.abs(mean - expected) < 0.02 * expected).all()
 
 
+@pytest.mark.slow
 def test_a_wall_in_fog_under_roulette(device: str) -> None:
     """Roulette changes no mean: a medium in a furnace of walls that emit 1 and reflect 0.5, where radiance is 2."""
     outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -143,6 +145,7 @@ def test_color_and_albedo_are_inverse() -> None:
         assert abs(color_of_albedo(albedo) - (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.17 * s)) < 2.5e-3
 
 
+@pytest.mark.slow
 def test_path_lets_media_absorb_alone(device: str) -> None:
     scene = stage(sky=1.0)
     medium = wrt.Medium(absorption=1.0, scattering=5.0)
