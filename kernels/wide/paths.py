@@ -102,7 +102,7 @@ struct {self.name} {{
     }}
     const {types.wide(body.variables[ray].type)}& ray() const {{ return {ray}; }}
     {types.wide(body.variables[hit].type)}& hit() {{ return {hit}; }}
-{_tracing(types, functions, closest_hit, scene).replace("HIT_", hit)}
+{_tracing(functions, closest_hit, scene, hit)}
     // Begin a round: return the lanes that then trace `ray()`, and want to know `hit()`.
     lanes::Mask approach(const lanes::Mask exec_in) {{
         {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
@@ -287,28 +287,29 @@ typedef {pixels} Pixels;
         )
 
 
-def _tracing(types: Types, functions: dict[str, str], call: str, scene: str) -> str:
-    """Return the members of `PathSteps` that trace rays of many groups; `functions` are the names of all by key."""
-    needed = ("_traverse", "_hit")
-    if call == functions.get("closest_hit") and all(key in functions for key in needed):
+def _tracing(functions: dict[str, str], call: str, scene: str, hit: str) -> str:
+    """Return the members of `PathSteps` that trace rays of many groups.
+
+    `functions` are the names of all by key, `call` is the one that traces a ray, `scene` and `hit` are variables.
+    """
+    names = {"SCENE": scene, "MET": hit, "FAR": f"{INFINITE_DISTANCE!r}f", "IN_CACHE": str(POINTS_IN_CACHE)}
+    code = _TRACE_EACH
+    if call == functions.get("closest_hit") and {"_traverse", "_hit"} <= set(functions):
         code = _TRACE_TOGETHER
-        for key in needed:
-            code = code.replace(key.upper(), f"wide_{functions[key]}")
-    else:
-        code = _TRACE_EACH.replace("CLOSEST_HIT", f"wide_{call}")
-    code = code.replace("IN_CACHE", str(POINTS_IN_CACHE))
-    return code.replace("SCENE", scene).replace("FAR", f"{INFINITE_DISTANCE!r}f")
+        names |= {"TRAVERSE": f"wide_{functions['_traverse']}", "AS_HIT": f"wide_{functions['_hit']}"}
+    names["CLOSEST"] = f"wide_{call}"
+    return re.sub(rf"\b({'|'.join(names)})(?=\b|_)", lambda m: names[m[1]], code)
 
 
 # Down the tree of all triangles. Those rays that part from their groups are followed in turn, whichever they left.
 _TRACE_TOGETHER = """
     typedef lanes::Journeys Traced;
     void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const {
-        _TRAVERSE_set_out(SCENE.bvh, t, ray.origin, ray.direction, 0.0f, FAR, false, exec);
+        TRAVERSE_set_out(SCENE.bvh, t, ray.origin, ray.direction, 0.0f, FAR, false, exec);
     }
     void follow(Traced* t, int count) const { follow_alone<false>(SCENE.bvh, t, count, 0.0f); }
     WideHit found(const Traced& t, const lanes::Mask exec) const {
-        const WideHit hits = _HIT(_TRAVERSE_found(t, FAR), exec);
+        const WideHit hits = AS_HIT(TRAVERSE_found(t, FAR), exec);
         if (SCENE.points.shape[0] > IN_CACHE) LANES_EACH(l, exec) {
             const size_t triangle = hits.triangle.v[l] < 0 ? 0 : hits.triangle.v[l];
             __builtin_prefetch((const int*)SCENE.corners.data + 3 * triangle);
@@ -319,7 +320,7 @@ _TRACE_TOGETHER = """
     // Have the processor fetch the points of triangles that were met.
     void fetch_points(const lanes::Mask exec) const {
         if (SCENE.points.shape[0] > IN_CACHE) LANES_EACH(l, exec) {
-            const size_t triangle = HIT_.triangle.v[l] < 0 ? 0 : HIT_.triangle.v[l];
+            const size_t triangle = MET.triangle.v[l] < 0 ? 0 : MET.triangle.v[l];
             const int* const corners = (const int*)SCENE.corners.data + 3 * triangle;
             for (int k = 0; k < 3; ++k) __builtin_prefetch((const float*)SCENE.points.data + 3 * (size_t)corners[k]);
         }
@@ -327,7 +328,7 @@ _TRACE_TOGETHER = """
 """
 _TRACE_EACH = """
     typedef WideHit Traced;
-    void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const { t = CLOSEST_HIT(SCENE, ray, exec); }
+    void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const { t = CLOSEST(SCENE, ray, exec); }
     void follow(Traced* t, int count) const {}
     WideHit found(const Traced& t, const lanes::Mask exec) const { return t; }
     void fetch_points(const lanes::Mask exec) const {}

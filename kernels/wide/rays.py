@@ -4,7 +4,8 @@ All go down the tree together first, the way `kernels/packets.py` does: each box
 triangle. Rays of one octant and one main axis share which sides of a box are near; the others choose for themselves,
 which costs twice the instructions and is still less than going alone where most of them come along, as at the root.
 Where few are left, the node is put on a list of each of them; what is on the lists they follow alone, some in turn
-(`kernels/interleaved.py`). The answers are those of `kernels/bvh.py`, bit for bit.
+(`kernels/interleaved.py`), those of many groups if they are given together. The answers are those of `kernels/bvh.py`,
+bit for bit.
 """
 
 from wrt.kernels.bvh import RAY_SLAB, STACK_SIZE, native_code
@@ -34,6 +35,7 @@ struct Lists {
     unsigned some;
     int lengths[16], firsts[16], begins[16][MOST_LISTED], nodes[16][MOST_LISTED];
 };
+// A group of rays on their way.
 struct Journeys {
     Rays rays;
     Lists lists;
