@@ -33,6 +33,20 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(Table())
 
 
+LONGEST = (
+    "test_wide.py",
+    "test_cuda_compile.py",
+    "test_gallery.py",
+    "test_render_kernel.py",
+    "test_against_mitsuba.py",
+)
+"""Files that take minutes, which begin first: else one process is left with them at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONGEST)
+
+
 def _devices(config: pytest.Config) -> list[str]:
     choice = config.getoption("--device")
     if choice == "cpu":
