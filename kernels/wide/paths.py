@@ -86,6 +86,17 @@ class PathSteps:
         fixed_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in fixed]
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
         masks = "lanes::Mask exec = exec_in, returned_ = false"
+
+        def half(name: str, code: str) -> str:
+            return f"""    lanes::Mask {name}(const lanes::Mask exec_in) {{
+        {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
+{local}
+        do {{
+{code}
+        }} while (false);
+        return exec_in & ~broken_{_PATH_LOOP};
+    }}"""
+
         self.code = f"""
 typedef {types.wide(body.variables[ray].type)} WideRay;
 typedef {types.wide(body.variables[hit].type)} WideHit;
@@ -104,23 +115,9 @@ struct {self.name} {{
     {types.wide(body.variables[hit].type)}& hit() {{ return {hit}; }}
 {_tracing(functions, closest_hit, scene, hit)}
     // Begin a round: return the lanes that then trace `ray()`, and want to know `hit()`.
-    lanes::Mask approach(const lanes::Mask exec_in) {{
-        {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
-{local}
-        do {{
-{approach}
-        }} while (false);
-        return exec_in & ~broken_{_PATH_LOOP};
-    }}
+{half("approach", approach)}
     // Go on with the round, once `hit()` is set; return the lanes that begin another.
-    lanes::Mask step(const lanes::Mask exec_in) {{
-        {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
-{local}
-        do {{
-{step}
-        }} while (false);
-        return exec_in & ~broken_{_PATH_LOOP};
-    }}
+{half("step", step)}
     {types.wide(body.variables[result].type)} end(const lanes::Mask exec_in) {{
         {masks};
 {end}
@@ -173,7 +170,7 @@ class SampledPixels:
             if m[1] in body.pointers:
                 for name in VARIABLE.findall(m[2]):
                     used.setdefault(name, set()).update(used.get(m[1], set()))
-        for name in (*own, result, samples):
+        for name in (result, samples):
             used.setdefault(name, set()).update({"start", "finish"})
         variables = [v for v in body.adj.variables if v.constant is None]
         kept = [v for v in variables if len(used.get(v.emit(), ())) > 1]
