@@ -12,10 +12,11 @@ from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.features import Features
 from wrt.kernels.geometry import Ray, Receiver, to_local
 from wrt.kernels.intersect import INFINITE_DISTANCE
+from wrt.kernels.light_shapes import light_shape_blocks
 from wrt.kernels.lights import make_lights
 from wrt.kernels.phase import phase
 from wrt.kernels.scene_data import BodyStack, SceneData
-from wrt.kernels.shadow import make_visibility
+from wrt.kernels.shadow import dims_light, make_visibility
 from wrt.kernels.skin import Skin, no_skin
 from wrt.kernels.surface import Surface
 
@@ -27,10 +28,15 @@ STRATEGY_BSDF = wp.constant(2)
 
 @wp.struct
 class DirectLight:
-    """What arrives straight from a lamp and is scattered on along a path, and how many rays that took."""
+    """What arrives straight from a lamp and is scattered on along a path, and how many rays that took.
+
+    Where `distance` is not negative, it does so only if nothing is on `way` before it.
+    """
 
     radiance: wp.vec3
     rays: int
+    way: Ray
+    distance: float
 
 
 @wp.func
@@ -71,6 +77,7 @@ def make_light_in_medium(features: Features) -> wp.Function:
         strategy: int,
     ) -> DirectLight:
         result = DirectLight()
+        result.distance = -1.0
         light = sample_light(scene, receiver, u_light)
         density = phase(wp.dot(forward, light.wi), g)
         arriving = light.radiance * density
@@ -93,11 +100,14 @@ def make_light_at_surface(features: Features) -> wp.Function:
     """Return the device function for the light that a surface scatters towards wo, from both of its sides.
 
     Its arguments are (scene, receiver, surface, beyond, bsdf, wo, inside, after, u_light, strategy):
-    `receiver` is on the viewer's side, in the bodies `inside`, and `beyond` on the other, in `after`.
+    `receiver` is on the viewer's side, in the bodies `inside`, and `beyond` on the other, in `after`. Whether something
+    is in the way it leaves to be asked where that is all that can happen to light.
     """
     bsdf_evaluate, bsdf_pdf, _, _, _ = make_bsdf(features.models)
     sample_light = make_lights(features).sample_light
     visibility = make_visibility(features)
+    dims = dims_light(features)
+    light_shapes = features.light_shapes
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
@@ -114,6 +124,7 @@ def make_light_at_surface(features: Features) -> wp.Function:
         strategy: int,
     ) -> DirectLight:
         result = DirectLight()
+        result.distance = -1.0
         light = sample_light(scene, receiver, u_light)
         wi = to_local(surface.frame, light.wi)
         # A shading normal must not let light through: both normals must agree on the side.
@@ -140,9 +151,17 @@ def make_light_at_surface(features: Features) -> wp.Function:
                             distance = wp.length(way)
                             shadow.direction = way / distance
                 result.rays = 1
-                result.radiance = wp.cw_mul(
-                    arriving, visibility(scene, shadow, distance, light.point, within, no_skin())
-                )
+                if wp.static(dims):
+                    seen = visibility(scene, shadow, distance, light.point, within, no_skin())
+                    result.radiance = wp.cw_mul(arriving, seen)
+                else:
+                    shaded = bool(False)
+                    if wp.static(light_shapes):
+                        shaded = light_shape_blocks(scene, shadow, distance, light.point)
+                    if not shaded:
+                        result.radiance = arriving
+                        result.way = shadow
+                        result.distance = distance
         return result
 
     return light_at_surface

@@ -43,6 +43,7 @@ from wrt.kernels.sampler import (
     vertex_block,
 )
 from wrt.kernels.scene_data import BodyStack, SceneData
+from wrt.kernels.shadow import dims_light
 from wrt.kernels.skin import make_skin_near, no_skin, or_skin
 from wrt.kernels.surface import Surface, align_tangents, leave, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.triangles import WIDELY
@@ -89,6 +90,8 @@ def make_trace_path(features: Features) -> wp.Function:
     choose_material = make_choose_material(features.extras, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.extras)
     closest_hit = make_intersect(features.instances, features.light_shapes).closest_hit
+    occluded = make_intersect(features.instances).occluded
+    dims = dims_light(features)
     _, _, choice_probability, environment_light_pdf, emission_at = make_lights(features)
     transmits = any(model_of(name).transmits for name in features.models)
     light_at_surface = make_light_at_surface(features)
@@ -354,6 +357,9 @@ def make_trace_path(features: Features) -> wp.Function:
                     indirect = True
 
             # Emitter sampling
+            asked = wp.vec3(0.0)  # light that arrives if nothing is on the ray `shadow` before `free`
+            shadow = Ray()
+            free = float(-1.0)
             if scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf):
                 receiver.position = near
                 receiver.normal = surface.frame.n
@@ -374,7 +380,12 @@ def make_trace_path(features: Features) -> wp.Function:
                     settings.strategy,
                 )
                 rays += lit.rays
-                radiance += wp.cw_mul(throughput, lit.radiance)
+                if wp.static(dims):
+                    radiance += wp.cw_mul(throughput, lit.radiance)
+                else:
+                    asked = wp.cw_mul(throughput, lit.radiance)
+                    shadow = lit.way
+                    free = lit.distance
 
             # BSDF sampling
             s = bsdf_sample(bsdf, wo, wp.vec2(u[0], u[1]), u[2])
@@ -404,8 +415,7 @@ def make_trace_path(features: Features) -> wp.Function:
             if wp.static(regularized):
                 scattered = scattered or s.pdf > 0.0
             direction = to_world(surface.frame, s.wi)
-            if wp.dot(direction, surface.normal) * side <= 0.0:
-                break
+            goes_on = wp.dot(direction, surface.normal) * side > 0.0
             if side > 0.0:
                 ray.origin = near
             else:
@@ -420,13 +430,19 @@ def make_trace_path(features: Features) -> wp.Function:
 
             # Stopping criterion: the throughput without the squeeze of solid angles inside glass
             survival = wp.max(throughput) * eta_scale
-            if survival == 0.0:
-                break
             if depth >= ROULETTE_DEPTH:
                 survival = wp.min(survival, ROULETTE_LIMIT)
-                if u[3] >= survival:
-                    break
+                goes_on = goes_on and u[3] < survival
                 throughput = throughput / survival
+            goes_on = goes_on and survival > 0.0
+
+            # Whether the light is seen, last: least is to be remembered of the surface by now
+            if wp.static(not dims):
+                blocked = occluded(scene, shadow, free)
+                if not blocked:
+                    radiance += asked
+            if not goes_on:
+                break
 
         if wp.static(clamped):
             if indirect:

@@ -18,6 +18,11 @@ from wrt.kernels.skin import Skin, or_skin
 from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 
 
+def dims_light(features: Features) -> bool:
+    """Return whether anything can take a part of light, instead of all or nothing."""
+    return features.layered or features.bodies or has_panes(features.models)
+
+
 @functools.cache
 def make_visibility(features: Features) -> wp.Function:
     """Return the device function (scene, ray, distance, light_point, inside, skin) -> share of light that arrives.
@@ -115,4 +120,4 @@ def make_visibility(features: Features) -> wp.Function:
                 return wp.vec3(0.0)
         return wp.vec3(wp.where(occluded(scene, ray, distance), 0.0, 1.0))
 
-    return through if features.layered or bodies or has_panes(features.models) else unblocked
+    return through if dims_light(features) else unblocked

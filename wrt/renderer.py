@@ -275,8 +275,8 @@ class Renderer:
             if limit is not None and seconds >= limit:
                 return
             per_sample = elapsed * self.film.pixels / max(traced, 1)
-            # At most double, so that the first pictures come quickly one after the other.
-            step = max(1, min(2 * step, int(PASS_SECONDS / max(per_sample, 1e-9))))
+            # As many as there are at most, so that the first pictures come quickly one after the other.
+            step = max(1, min(done, int(PASS_SECONDS / max(per_sample, 1e-9))))
             step -= step % SAMPLES_TOGETHER if step > SAMPLES_TOGETHER else 0
             left = (target - done) * per_sample
             if limit is not None:

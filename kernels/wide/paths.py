@@ -12,15 +12,11 @@ from typing import Any
 
 from warp._src.codegen import constant_str
 
-from wrt.kernels.intersect import INFINITE_DISTANCE
 from wrt.kernels.wide.pool import DRIVER
+from wrt.kernels.wide.questions import ASKED, Question, question_code
 from wrt.kernels.wide.statements import NO_MORE, SET, VARIABLE, Body
 from wrt.kernels.wide.types import Types, Unsupported
 
-_TRACED = re.compile(r"(var_\w+) = (closest_hit\w*)\((var_\w+), (var_\w+)\);")
-POINTS_IN_CACHE = 20_000
-"""Of so many points or less it is not worth asking the processor to fetch them: 3 % slower in the Cornell box, while
-with 10 million triangles paths are 5 % faster."""
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
 
@@ -30,7 +26,8 @@ class PathSteps:
 
     Attributes:
         name: of the C++ struct.
-        code: the struct, and `move` for it.
+        code: the struct, `move` for it, and what it asks.
+        round: C++ of a round, for a pool.
     """
 
     def __init__(self, types: Types, function: Any, fixed: list[Any], functions: dict[str, str]) -> None:
@@ -47,11 +44,13 @@ class PathSteps:
             raise Unsupported(f"{function.key}: returns something else than a variable at its end")
         own = [a for a in body.adj.args if a not in fixed]
 
-        traces = [(i, m) for i, line in enumerate(body.lines[:last]) if i > first and (m := _TRACED.fullmatch(line))]
-        if len(traces) != 1 or _depth(body.lines[first : traces[0][0]]):
-            raise Unsupported(f"{function.key}: not one place where each round traces its ray")
-        trace, m = traces[0]
-        hit, closest_hit, scene, ray = m.groups()
+        asked = [(i, ASKED.fullmatch(line)) for i, line in enumerate(body.lines[:last]) if i > first]
+        asked = [(i, m) for i, m in asked if m and _depth(body.lines[first:i]) == 0]
+        questions = [Question(*m.groups()) for _, m in asked]
+        if not questions or questions[0].distance or not all(q.distance for q in questions[1:]):
+            raise Unsupported(f"{function.key}: traces other rays than one to what is next, then some to lights")
+        starts, ends = [first, *(i for i, _ in asked)], [*(i for i, _ in asked), last - 1]
+        parts = [(start + 1, end) for start, end in zip(starts, ends, strict=True)]
 
         # What is set in the loop and used in the same round alone need not be kept.
         rounds, kept, constants = [], [], []
@@ -63,12 +62,13 @@ class PathSteps:
                 rounds.append(v)
             else:
                 kept.append(v)
-        if scene not in [a.emit() for a in fixed] or ray not in [v.emit() for v in (*own, *kept)]:
-            raise Unsupported(f"{function.key}: traces something else than its ray")
-        after_trace = set(VARIABLE.findall("\n".join(body.lines[trace:last])))
-        set_before = {m[1] for line in body.lines[first:trace] if (m := SET.fullmatch(line))}
-        across = [v for v in rounds if v.emit() in set_before and v.emit() in after_trace or v.emit() == hit]
+        used = [body.used(start, end) for start, end in parts]
+        asking = {name for q in questions for name in (q.answer, q.ray, q.distance)}
+        across = [v for v in rounds if v.emit() in asking or sum(v.emit() in names for names in used) > 1]
         rounds = [v for v in rounds if v not in across]
+        members = {v.emit() for v in (*own, *kept, *across)}
+        if not {q.scene for q in questions} <= {a.emit() for a in fixed} or not asking - {None} <= members:
+            raise Unsupported(f"{function.key}: traces something else than its rays")
         local = "".join(body.declaration(v) for v in rounds)
         used_later = set(VARIABLE.findall("\n".join(body.lines[first:])))
         moved = [v.emit() for v in (*own, *kept) if v.emit() in used_later and body.declaration(v)]
@@ -78,8 +78,7 @@ class PathSteps:
         begin = body.code(0, first)
         body.keep_all = False
         body.loops.append(_PATH_LOOP)
-        approach = body.code(first + 1, trace)
-        step = body.code(trace + 1, last - 1)
+        codes = [body.code(start, end) for start, end in parts]
         body.loops.pop()
         end = body.code(last + 1, len(body.lines) - 1)
         result = returned[1]
@@ -87,37 +86,48 @@ class PathSteps:
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
         masks = "lanes::Mask exec = exec_in, returned_ = false"
 
-        def half(name: str, code: str) -> str:
-            return f"""    lanes::Mask {name}(const lanes::Mask exec_in) {{
-        {masks}, broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
+        def part(number: int) -> str:
+            answers = ""
+            if number > 1:
+                q = questions[number - 1]
+                answers = f"{q.answer} = lanes::Mask(answer_{number - 1}.v >= 0);"
+            return f"""    lanes::Mask part_{number}(const lanes::Mask live) {{
+        lanes::Mask exec = {"waiting" if number else "live"}, returned_ = false;
+        lanes::Mask broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
+        if (!lanes::any(exec)) return live;
+        {answers}
 {local}
         do {{
-{code}
+{codes[number]}
         }} while (false);
-        return exec_in & ~broken_{_PATH_LOOP};
-    }}"""
+        waiting = exec;
+        return live & ~broken_{_PATH_LOOP};
+    }}
+"""
 
+        def question(number: int) -> str:
+            q = questions[number]
+            ray = types.wide(body.variables[q.ray].type)
+            answer = "lanes::Ints" if number else types.wide(body.variables[q.answer].type)
+            member = f"answer_{number}" if number else q.answer
+            return question_code(q, f"Question{number}", self.name, member, (ray, answer), functions)
+
+        further = "".join(f"    lanes::Ints answer_{k};\n" for k in range(1, len(questions)))
         self.code = f"""
-typedef {types.wide(body.variables[ray].type)} WideRay;
-typedef {types.wide(body.variables[hit].type)} WideHit;
 namespace {{
 struct {self.name} {{
 {"".join(f"    const {types.wide(a.type)}& {a.emit()};" for a in fixed)}
 {"".join(f"    {types.wide(a.type)} {a.emit()};" for a in own)}
 {_constants(constants)}{"".join(body.declaration(v) for v in (*kept, *across))}
-    {self.name}({", ".join(fixed_in)}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in fixed)} {{}}
+    lanes::Mask waiting;  // for an answer
+{further}    {self.name}({", ".join(fixed_in)}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in fixed)} {{}}
     void begin({", ".join(own_in)}, const lanes::Mask exec_in) {{
         {masks};
         {" ".join(f"lanes::set({a.emit()}, {a.emit()}_in, exec);" for a in own)}
 {begin}
     }}
-    const {types.wide(body.variables[ray].type)}& ray() const {{ return {ray}; }}
-    {types.wide(body.variables[hit].type)}& hit() {{ return {hit}; }}
-{_tracing(functions, closest_hit, scene, hit)}
-    // Begin a round: return the lanes that then trace `ray()`, and want to know `hit()`.
-{half("approach", approach)}
-    // Go on with the round, once `hit()` is set; return the lanes that begin another.
-{half("step", step)}
+    // A round up to where a question is asked, from there to the next, ...: each returns the lanes that go on.
+{"".join(part(number) for number in range(len(parts)))}
     {types.wide(body.variables[result].type)} end(const lanes::Mask exec_in) {{
         {masks};
 {end}
@@ -126,8 +136,13 @@ struct {self.name} {{
 }};
 LANES_INLINE void move({self.name}& to, const {self.name}& from, lanes::Move m) {{
     using lanes::move; {" ".join(f"move(to.{name}, from.{name}, m);" for name in moved)} }}
+{"".join(question(number) for number in range(len(questions)))}
 }} // namespace
 """
+        run = "            run<&Steps::part_{}>(groups);\n"
+        self.round = run.format(0)
+        for k in range(len(questions)):
+            self.round += f"            trace<Question{k}>(groups);\n" + run.format(k + 1)
 
 
 class SampledPixels:
@@ -213,7 +228,7 @@ class SampledPixels:
             + f"""
 typedef {types.wide(body.variables[result].type)} Result;
 namespace {{
-typedef {steps.name}::Traced Traced;
+typedef {steps.name} Steps;
 // What a path begins with.
 struct Given {{
 {given}}};
@@ -278,58 +293,11 @@ struct {pixels} {{
 typedef {pixels} Pixels;
 }} // namespace
 """
-            + DRIVER.replace("ARGUMENTS_IN", taken)
+            + DRIVER.replace("ROUND\n", steps.round)
+            .replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
             .replace("FIXED", ", ".join(f"pool.pixels(g).{name}" for _, name in fixed))
         )
-
-
-def _tracing(functions: dict[str, str], call: str, scene: str, hit: str) -> str:
-    """Return the members of `PathSteps` that trace rays of many groups.
-
-    `functions` are the names of all by key, `call` is the one that traces a ray, `scene` and `hit` are variables.
-    """
-    names = {"SCENE": scene, "MET": hit, "FAR": f"{INFINITE_DISTANCE!r}f", "IN_CACHE": str(POINTS_IN_CACHE)}
-    code = _TRACE_EACH
-    if call == functions.get("closest_hit") and {"_traverse", "_hit"} <= set(functions):
-        code = _TRACE_TOGETHER
-        names |= {"TRAVERSE": f"wide_{functions['_traverse']}", "AS_HIT": f"wide_{functions['_hit']}"}
-    names["CLOSEST"] = f"wide_{call}"
-    return re.sub(rf"\b({'|'.join(names)})(?=\b|_)", lambda m: names[m[1]], code)
-
-
-# Down the tree of all triangles. Those rays that part from their groups are followed in turn, whichever they left.
-_TRACE_TOGETHER = """
-    typedef lanes::Journeys Traced;
-    void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const {
-        TRAVERSE_set_out(SCENE.bvh, t, ray.origin, ray.direction, 0.0f, FAR, false, exec);
-    }
-    void follow(Traced* t, int count) const { follow_alone<false>(SCENE.bvh, t, count, 0.0f); }
-    WideHit found(const Traced& t, const lanes::Mask exec) const {
-        const WideHit hits = AS_HIT(TRAVERSE_found(t, FAR), exec);
-        if (SCENE.points.shape[0] > IN_CACHE) LANES_EACH(l, exec) {
-            const size_t triangle = hits.triangle.v[l] < 0 ? 0 : hits.triangle.v[l];
-            __builtin_prefetch((const int*)SCENE.corners.data + 3 * triangle);
-            __builtin_prefetch((const int*)SCENE.triangle_shape.data + triangle);
-        }
-        return hits;
-    }
-    // Have the processor fetch the points of triangles that were met.
-    void fetch_points(const lanes::Mask exec) const {
-        if (SCENE.points.shape[0] > IN_CACHE) LANES_EACH(l, exec) {
-            const size_t triangle = MET.triangle.v[l] < 0 ? 0 : MET.triangle.v[l];
-            const int* const corners = (const int*)SCENE.corners.data + 3 * triangle;
-            for (int k = 0; k < 3; ++k) __builtin_prefetch((const float*)SCENE.points.data + 3 * (size_t)corners[k]);
-        }
-    }
-"""
-_TRACE_EACH = """
-    typedef WideHit Traced;
-    void set_out(Traced& t, const WideRay& ray, const lanes::Mask exec) const { t = CLOSEST(SCENE, ray, exec); }
-    void follow(Traced* t, int count) const {}
-    WideHit found(const Traced& t, const lanes::Mask exec) const { return t; }
-    void fetch_points(const lanes::Mask exec) const {}
-"""
 
 
 def _depth(lines: list[str]) -> int:

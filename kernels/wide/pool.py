@@ -73,21 +73,21 @@ struct Pool {
         for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
         while (left > 0) {
             if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
-            _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g)
-                if (lanes::any(live[g])) leave(g, path(g).steps.approach(live[g]));
-            trace(groups);
+ROUND
             left = 0;
-            for (int g = 0; g < groups; ++g) path(g).steps.fetch_points(live[g]);
-            _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
-                if (!lanes::any(live[g])) continue;
-                leave(g, path(g).steps.step(live[g]));
-                left += __builtin_popcount(lanes::bits(live[g]));
-            }
+            for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
         }
     }
 
-    // Trace the rays of all paths: those of groups of one octant as they are, others with such of their octant.
-    void trace(int groups) {
+    // A part of a round, of all paths.
+    template<lanes::Mask (Steps::*part)(lanes::Mask)> void run(int groups) {
+        _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g)
+            if (lanes::any(live[g])) leave(g, (path(g).steps.*part)(live[g]));
+    }
+
+    // Answer a question of all paths: rays of groups of one octant go as they are, others with such of their octant.
+    template<class Question> void trace(int groups) {
+        typedef typename Question::Traced Traced;
         struct Batch {
             int count, group;  // the group that the rays are of, or -1
             lanes::Mask exec;
@@ -96,24 +96,29 @@ struct Pool {
         alignas(64) char traced_memory[sizeof(Traced) * (GROUPS + 8)];
         Traced* const traced = (Traced*)traced_memory;
         Batch batches[GROUPS + 8];
+        alignas(64) lanes::Floats reaches[GROUPS + 8];
         unsigned char waiting[8][GROUPS * lanes::WIDTH];
         int counts[8] = {}, count = 0;
-        const auto& steps = path(0).steps;
+        const Steps& steps = path(0).steps;
         _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
             if (!lanes::any(live[g])) continue;
-            const WideRay& ray = path(g).steps.ray();
+            const typename Question::Ray& ray = Question::ray(path(g).steps);
+            const lanes::Floats reach = Question::reach(path(g).steps);
+            const lanes::Mask exec = live[g] & path(g).steps.waiting & lanes::Mask(reach.v >= 0.0f);
+            const unsigned runs = lanes::bits(exec);
+            if (runs == 0) continue;
             lanes::i16 octants = 0;
             for (int k = 0; k < 3; ++k) octants += (ray.direction.c[k].v < 0.0f) & (1 << k);
-            const unsigned runs = lanes::bits(live[g]);
             if (!(runs & ~lanes::bits(lanes::Mask(octants == octants[__builtin_ctz(runs)])))) {
                 batches[count].group = g;
-                batches[count].exec = live[g];
-                steps.set_out(traced[count++], ray, live[g]);
+                batches[count].exec = exec;
+                reaches[count] = reach;
+                Question::set_out(steps, traced[count++], ray, reach, exec);
                 continue;
             }
             alignas(64) int of[lanes::WIDTH];
             *(lanes::i16*)of = octants;
-            LANES_EACH(l, live[g]) waiting[of[l]][counts[of[l]]++] = lanes::WIDTH * g + l;
+            LANES_EACH(l, exec) waiting[of[l]][counts[of[l]]++] = lanes::WIDTH * g + l;
         }
         for (int octant = 0; octant < 8; ++octant) {
             for (int first = 0; first < counts[octant]; first += lanes::WIDTH) {
@@ -121,24 +126,28 @@ struct Pool {
                 batch.group = -1;
                 batch.count = counts[octant] - first < lanes::WIDTH ? counts[octant] - first : lanes::WIDTH;
                 batch.exec = lanes::of_bits((1u << batch.count) - 1);
-                alignas(64) WideRay rays;
+                alignas(64) typename Question::Ray rays;
                 for (int i = 0; i < batch.count; ++i) {
-                    const int n = batch.numbers[i] = waiting[octant][first + i];
-                    copy_lane(rays, i, path(n / lanes::WIDTH).steps.ray(), n % lanes::WIDTH);
+                    const int n = batch.numbers[i] = waiting[octant][first + i], lane = n % lanes::WIDTH;
+                    const Steps& asking = path(n / lanes::WIDTH).steps;
+                    copy_lane(rays, i, Question::ray(asking), lane);
+                    copy_lane(reaches[count], i, Question::reach(asking), lane);
                 }
-                steps.set_out(traced[count++], rays, batch.exec);
+                Question::set_out(steps, traced[count], rays, reaches[count], batch.exec);
+                ++count;
             }
         }
-        steps.follow(traced, count);
+        Question::follow(steps, traced, count);
         for (int i = 0; i < count; ++i) {
             const Batch& batch = batches[i];
-            const WideHit hits = steps.found(traced[i], batch.exec);
-            if (batch.group >= 0) path(batch.group).steps.hit() = hits;
+            const typename Question::Answer answer = Question::found(steps, traced[i], reaches[i], batch.exec);
+            if (batch.group >= 0) Question::answer(path(batch.group).steps) = answer;
             else for (int k = 0; k < batch.count; ++k) {
                 const int n = batch.numbers[k];
-                copy_lane(path(n / lanes::WIDTH).steps.hit(), n % lanes::WIDTH, hits, k);
+                copy_lane(Question::answer(path(n / lanes::WIDTH).steps), n % lanes::WIDTH, answer, k);
             }
         }
+        for (int g = 0; g < groups; ++g) Question::prepare(path(g).steps, live[g]);
     }
 
     void leave(const int g, const lanes::Mask going) {

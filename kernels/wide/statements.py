@@ -87,6 +87,14 @@ class Body:
         change = re.compile(rf"{name}(\.\w+)* = |wp::assign\w*\({name}\b|.*&\({name}\b|.*&{name}\b")
         return any(change.match(line) for line in self.lines[first:end])
 
+    def used(self, first: int, end: int) -> set[str]:
+        """Return the variables of lines from `first` to before `end`, and those that pointers among them lead to."""
+        names = set(VARIABLE.findall("\n".join(self.lines[first:end])))
+        for line in reversed(self.lines[:end]):
+            if (m := SET.fullmatch(line)) and m[1] in self.pointers and m[1] in names:
+                names.update(VARIABLE.findall(m[2]))
+        return names
+
     def declaration(self, v: Any) -> str:
         """Return the declaration of a variable; nothing for those that C++ does without."""
         name, ctype = v.emit(), v.ctype()
