@@ -90,7 +90,9 @@ _WEIGH = """
     const V power = ROW(14);
 """
 
-_WEIGHTS = (
+#   in:  as of _WEIGH
+#   out: weights: eight floats; nearest: the least of distance squared
+WEIGHTS = (
     """
     alignas(32) float weights[8];
     float nearest = 3e38f;
@@ -164,7 +166,7 @@ _SAMPLE = (
     do {
         const float* const node = nodes + (size_t)current * 128;
 """
-    + _WEIGHTS
+    + WEIGHTS
     + """
         double sums[9];
         sums[0] = 0.0;
@@ -216,7 +218,7 @@ _PROBABILITY = (
         const int current = place / 8, chosen = place % 8;
         const float* const node = nodes + (size_t)current * 128;
 """
-    + _WEIGHTS
+    + WEIGHTS
     + """
         if (!(weights[chosen] > 0.0f)) return 0.0f;
         double sum = 0.0;
@@ -239,7 +241,7 @@ _FAR = (
     """
     const float* const node = (const float*)tree.nodes.data;
 """
-    + _WEIGHTS
+    + WEIGHTS
     + """
     double near = 0.0;
     for (int k = 0; k < 8; ++k) near += (double)weights[k];
@@ -251,7 +253,8 @@ _FAR = (
 )
 
 
-def _native(code: str) -> str:
+def light_tree_code(code: str) -> str:
+    """Return the body of a function of C++ with constants in the place of their names, and types before it."""
     types = """
 #if VECTOR_CODE
     typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
@@ -267,17 +270,17 @@ def _native(code: str) -> str:
     return code.replace("BELOW_ONE", "0.999999999999")
 
 
-@wp.func_native(_native(_SAMPLE))
-def _sample(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> wp.vec4: ...
+@wp.func_native(light_tree_code(_SAMPLE))
+def _sample_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> wp.vec4: ...
 
 
-@wp.func_native(_native(_PROBABILITY))
+@wp.func_native(light_tree_code(_PROBABILITY))
 def light_tree_probability(tree: LightTree, light: int, position: wp.vec3, normal: wp.vec3, receives: int) -> float:
     """Return the probability with which `sample_light_tree` chooses a light: the walk, from the light up."""
     ...
 
 
-@wp.func_native(_native(_FAR))
+@wp.func_native(light_tree_code(_FAR))
 def far_light_probability(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int) -> float:
     """Return the probability with which `sample_light_tree` answers FAR_LIGHT."""
     ...
@@ -294,7 +297,7 @@ def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, recei
         receives: a RECEIVES constant.
         u: two numbers in [0, 1) of 24 bits.
     """
-    found = _sample(tree, position, normal, receives, u)
+    found = _sample_tree(tree, position, normal, receives, u)
     choice = TreeChoice()
     choice.light = wp.cast(found[0], wp.int32)
     choice.probability = found[1]

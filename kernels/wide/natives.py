@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 from wrt.kernels.low_discrepancy import COLUMNS
+from wrt.kernels.wide.light_tree import SAMPLE_TREE
 from wrt.kernels.wide.rays import RAYS
 from wrt.kernels.wide.types import Types, Unsupported
 
@@ -28,6 +29,7 @@ LANES_INLINE lanes::Uints NAME(lanes::Uints index, lanes::Ints dimension, lanes:
 
 _WIDE = {
     "_traverse": RAYS,
+    "_sample_tree": SAMPLE_TREE,
     "reverse_bits": _REVERSE_BITS,
     "further_dimension": _FURTHER_DIMENSION,
 }
@@ -39,7 +41,7 @@ def native_function(types: Types, function: Any) -> str:
     arguments = function.adj.args
     if function.key in _WIDE:
         code = _WIDE[function.key].replace("COLUMNS", COLUMNS)
-        return re.sub(r"\bNAME(?=\b|_)", name, code).replace("BVH_TYPE", arguments[0].ctype())
+        return re.sub(r"\bNAME(?=\b|_)", name, code).replace("TREE_TYPE", arguments[0].ctype())
     result = function.adj.return_var[0]
     if not all(types.is_whole(a.type) for a in arguments):
         raise Unsupported(f"{function.key}: takes arrays of which each lane has its own")

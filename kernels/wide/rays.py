@@ -53,7 +53,7 @@ struct Lone {
 _FOLLOW_ALONE = (
     """
 template<bool any_hit>
-LANES_CALLED void follow_alone(const BVH_TYPE& bvh, lanes::Journeys* next, const int count, const float t_min) {
+LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, const int count, const float t_min) {
     const lanes::Journeys* const end = next + count;
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
@@ -165,7 +165,7 @@ _FOLLOW_TOGETHER = (
     """
 // mixed: rays of any directions; else all of them are of one octant and one main axis.
 template<bool any_hit, bool mixed>
-LANES_CALLED void follow_together(const BVH_TYPE& bvh, lanes::Journeys& journeys, const float t_min) {
+LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journeys, const float t_min) {
     lanes::Rays& a = journeys.rays;
     lanes::Lists& lists = journeys.lists;
     using lanes::f16; using lanes::i16; using lanes::b16;
@@ -291,7 +291,7 @@ LANES_CALLED void follow_together(const BVH_TYPE& bvh, lanes::Journeys& journeys
 _TRAVERSE = """
 // Go as far as the rays of `exec` go together.
 LANES_CALLED void NAME_set_out(
-    const BVH_TYPE& bvh, lanes::Journeys& journeys, const lanes::Vector<3, lanes::Floats>& origin_,
+    const TREE_TYPE& bvh, lanes::Journeys& journeys, const lanes::Vector<3, lanes::Floats>& origin_,
     const lanes::Vector<3, lanes::Floats>& direction_, const float t_min, const lanes::Floats t_max, const bool any_hit,
     const lanes::Mask exec) {
     using lanes::f16; using lanes::i16;
@@ -365,7 +365,7 @@ LANES_CALLED lanes::Vector<4, lanes::Floats> NAME_found(const lanes::Journeys& j
 }
 
 LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
-    const BVH_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin,
+    const TREE_TYPE& bvh, const lanes::Vector<3, lanes::Floats>& origin,
     const lanes::Vector<3, lanes::Floats>& direction, lanes::Floats t_min_, lanes::Floats t_max,
     lanes::Mask any_hit_, lanes::Mask exec) {
     const int some = __builtin_ctz(lanes::bits(exec) | 0x8000);
@@ -385,5 +385,5 @@ def _with_constants(code: str) -> str:
     return code.replace("RAY_SLAB", RAY_SLAB.replace("NUMBER", "f16"))
 
 
-# C++ at file level: `NAME` is that of the function, `BVH_TYPE` of the tree's struct.
+# C++ at file level: `NAME` is that of the function, `TREE_TYPE` of the tree's struct.
 RAYS = _TYPES + native_code(_with_constants(_FOLLOW_ALONE + _FOLLOW_TOGETHER + _TRAVERSE))
