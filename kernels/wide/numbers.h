@@ -127,6 +127,11 @@ LANES_MATRIX void clear(Matrix<R, N, T>& x) {
 // Set the lanes of `exec`; all lanes have the same arrays.
 template<class T, class S> LANES_INLINE void set(T& to, const S& from, Mask exec) { to = blend(exec, T(from), to); }
 template<class S> LANES_INLINE void set(wp::array_t<S>& to, const wp::array_t<S>& from, Mask) { to = from; }
+// The same, where all lanes outside of `set_before` may have anything: large structs are rather copied than blended.
+template<class T, class S> LANES_INLINE void set_first(T& to, const S& from, Mask exec, Mask set_before) {
+    if (bits(set_before) == 0) to = T(from);
+    else set(to, from, exec);
+}
 template<class S> LANES_INLINE wp::array_t<S> blend(Mask, const wp::array_t<S>& a, const wp::array_t<S>& b) {
     return a.data ? a : b;
 }

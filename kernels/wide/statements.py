@@ -39,6 +39,7 @@ class Body:
         loops: the loops that are open.
         blocks: the `if`s that are open.
         pointers: what variables that point somewhere stand for.
+        result: what `return` is followed by where the function may end once all lanes have returned.
     """
 
     def __init__(self, types: Types, function: Any) -> None:
@@ -64,6 +65,7 @@ class Body:
         self.blocks: list[int] = []
         self.loops: list[str] = []
         self.keep_all = False
+        self.result: str | None = None
 
     def _follow_variables(self) -> None:
         open_loops: list[str] = []
@@ -105,7 +107,8 @@ class Body:
         return f"    {self.types.wide(v.type)} {name};\n"
 
     def whole(self) -> str:
-        """Return the body of a function whose lanes are `exec_in`; it leaves `result_`."""
+        """Return the body of a function whose lanes are `exec_in`; it leaves `result_`, if it has a result."""
+        self.result = " result_" if self.adj.return_var else ""
         declarations = [self.declaration(v) for v in self.adj.variables]
         masks = "    lanes::Mask exec = exec_in, returned_ = false;\n"
         return "".join(declarations) + masks + self.code(0, len(self.lines))
@@ -139,7 +142,12 @@ class Body:
         return f"{{ const lanes::Mask before_{i} = exec; exec = exec & {condition}; if (lanes::any(exec)) {{"
 
     def _end_if(self, m: re.Match[str], i: int) -> str:
-        return f"}} exec = before_{self.blocks.pop()} & {self._still_here()}; }}"
+        start = self.blocks.pop()
+        end = f"}} exec = before_{start} & {self._still_here()}; }}"
+        if self.result is not None and not self.blocks and not self.loops:
+            if any(line.startswith("return") for line in self.lines[start:i]):
+                end += f" if (!lanes::any(exec)) return{self.result};"
+        return end
 
     def _start_loop(self, m: re.Match[str], i: int) -> str:
         loop = m[1]
@@ -188,7 +196,7 @@ class Body:
         return f"{mask} = {mask} | exec; exec = false;"
 
     def _return(self, m: re.Match[str], i: int) -> str:
-        result = f"lanes::set(result_, {m[1]}, exec); " if m[1] else ""
+        result = f"lanes::set_first(result_, {m[1]}, exec, returned_); " if m[1] else ""
         return f"{result}returned_ = returned_ | exec; exec = false;"
 
     def _range(self, m: re.Match[str], i: int) -> str:
