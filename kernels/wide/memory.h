@@ -283,14 +283,31 @@ LANES_INLINE Ints lane_numbers() { return Ints((i16){0, 1, 2, 3, 4, 5, 6, 7, 8, 
 struct Move {
     unsigned short from, to;
 };
-template<class E, class V> LANES_INLINE void move(Number<E, V>& to, const Number<E, V>& x, Move m) {
+// The lanes of which bits are set, one after the other.
+LANES_INLINE i16 packed(i16 x, unsigned lanes) {
 #if defined(__AVX512F__)
+    return __builtin_ia32_compresssi512_mask(x, (i16)0, (unsigned short)lanes);
+#else
+    i16 r = 0;
+    for (int k = 0; lanes; lanes &= lanes - 1) r[k++] = x[__builtin_ctz(lanes)];
+    return r;
+#endif
+}
+// What `packed` made, back in the lanes of which bits are set, the others of `to`.
+LANES_INLINE i16 spread(i16 packed, i16 to, unsigned lanes) {
+#if defined(__AVX512F__)
+    return __builtin_ia32_expandsi512_mask(packed, to, (unsigned short)lanes);
+#else
+    for (int k = 0; lanes; lanes &= lanes - 1) to[__builtin_ctz(lanes)] = packed[k++];
+    return to;
+#endif
+}
+template<class E, class V> LANES_INLINE void move(Number<E, V>& to, const Number<E, V>& x, Move m) {
     if constexpr (sizeof(V) == 64) {
-        const i16 packed = __builtin_ia32_compresssi512_mask(__builtin_bit_cast(i16, x.v), (i16)0, m.from);
-        to.v = __builtin_bit_cast(V, __builtin_ia32_expandsi512_mask(packed, __builtin_bit_cast(i16, to.v), m.to));
+        const i16 moved = packed(__builtin_bit_cast(i16, x.v), m.from);
+        to.v = __builtin_bit_cast(V, spread(moved, __builtin_bit_cast(i16, to.v), m.to));
         return;
     }
-#endif
     for (; m.from; m.from &= m.from - 1, m.to &= m.to - 1) to.v[__builtin_ctz(m.to)] = x.v[__builtin_ctz(m.from)];
 }
 LANES_INLINE void move(Mask& to, const Mask& x, Move m) {

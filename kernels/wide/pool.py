@@ -87,22 +87,32 @@ ROUND
 
     // Answer a question of all paths: rays of groups of one octant go as they are, others with such of their octant.
     template<class Question> void trace(int groups) {
+        typedef typename Question::Ray Ray;
+        typedef typename Question::Answer Answer;
         typedef typename Question::Traced Traced;
+        typedef lanes::i16 anywhere __attribute__((aligned(4)));
+        constexpr int RAY_ROWS = sizeof(Ray) / sizeof(lanes::i16), ANSWER_ROWS = sizeof(Answer) / sizeof(lanes::i16);
+        static_assert(sizeof(Ray) + sizeof(Answer) == sizeof(lanes::i16) * (RAY_ROWS + ANSWER_ROWS), "other sizes");
+        constexpr int ROOM = lanes::WIDTH * (GROUPS + 2 * 8);
         struct Batch {
-            int count, group;  // the group that the rays are of, or -1
+            int group, first;  // the group that the rays are of, or where they are among those that are sorted
             lanes::Mask exec;
-            unsigned char numbers[lanes::WIDTH];
+            lanes::Floats reach;
+        };
+        struct Mixed {
+            int group;
+            unsigned lanes[8];  // by octant, bits
         };
         alignas(64) char traced_memory[sizeof(Traced) * (GROUPS + 8)];
         Traced* const traced = (Traced*)traced_memory;
         Batch batches[GROUPS + 8];
-        alignas(64) lanes::Floats reaches[GROUPS + 8];
-        unsigned char waiting[8][GROUPS * lanes::WIDTH];
-        int counts[8] = {}, count = 0;
+        Mixed mixed[GROUPS];
+        alignas(64) int sorted[RAY_ROWS + 1][ROOM], answers[ANSWER_ROWS][ROOM];
+        int counts[8] = {}, count = 0, mixed_count = 0;
         const Steps& steps = path(0).steps;
         _Pragma("clang loop unroll(disable)") for (int g = 0; g < groups; ++g) {
             if (!lanes::any(live[g])) continue;
-            const typename Question::Ray& ray = Question::ray(path(g).steps);
+            const Ray& ray = Question::ray(path(g).steps);
             const lanes::Floats reach = Question::reach(path(g).steps);
             const lanes::Mask exec = live[g] & path(g).steps.waiting & lanes::Mask(reach.v >= 0.0f);
             const unsigned runs = lanes::bits(exec);
@@ -112,39 +122,69 @@ ROUND
             if (!(runs & ~lanes::bits(lanes::Mask(octants == octants[__builtin_ctz(runs)])))) {
                 batches[count].group = g;
                 batches[count].exec = exec;
-                reaches[count] = reach;
+                batches[count].reach = reach;
                 Question::set_out(steps, traced[count++], ray, reach, exec);
                 continue;
             }
-            alignas(64) int of[lanes::WIDTH];
-            *(lanes::i16*)of = octants;
-            LANES_EACH(l, exec) waiting[of[l]][counts[of[l]]++] = lanes::WIDTH * g + l;
+            mixed[mixed_count].group = g;
+            for (int k = 0; k < 8; ++k) {
+                const unsigned some = lanes::bits(lanes::Mask(octants == k)) & runs;
+                mixed[mixed_count].lanes[k] = some;
+                counts[k] += __builtin_popcount(some);
+            }
+            ++mixed_count;
         }
-        for (int octant = 0; octant < 8; ++octant) {
-            for (int first = 0; first < counts[octant]; first += lanes::WIDTH) {
+        // Sort them. After each octant is room for what is written of lanes that are not in use.
+        int starts[8], ends[8];
+        for (int k = 0, end = 0; k < 8; ++k) {
+            starts[k] = ends[k] = end;
+            if (counts[k] > 0) end += (counts[k] + 2 * lanes::WIDTH - 1) / lanes::WIDTH * lanes::WIDTH;
+        }
+        _Pragma("clang loop unroll(disable)") for (int i = 0; i < mixed_count; ++i) {
+            const Steps& asking = path(mixed[i].group).steps;
+            const lanes::i16* const rows = (const lanes::i16*)&Question::ray(asking);
+            const lanes::i16 reach = __builtin_bit_cast(lanes::i16, Question::reach(asking).v);
+            _Pragma("clang loop unroll(disable)") for (int k = 0; k < 8; ++k) {
+                const unsigned some = mixed[i].lanes[k];
+                if (some == 0) continue;
+                for (int row = 0; row <= RAY_ROWS; ++row)
+                    *(anywhere*)(sorted[row] + ends[k]) = lanes::packed(row < RAY_ROWS ? rows[row] : reach, some);
+                ends[k] += __builtin_popcount(some);
+            }
+        }
+        for (int k = 0; k < 8; ++k) {
+            for (int first = starts[k]; first < ends[k]; first += lanes::WIDTH) {
+                alignas(64) Ray ray;
+                for (int row = 0; row < RAY_ROWS; ++row)
+                    ((lanes::i16*)&ray)[row] = *(const lanes::i16*)(sorted[row] + first);
                 Batch& batch = batches[count];
                 batch.group = -1;
-                batch.count = counts[octant] - first < lanes::WIDTH ? counts[octant] - first : lanes::WIDTH;
-                batch.exec = lanes::of_bits((1u << batch.count) - 1);
-                alignas(64) typename Question::Ray rays;
-                for (int i = 0; i < batch.count; ++i) {
-                    const int n = batch.numbers[i] = waiting[octant][first + i], lane = n % lanes::WIDTH;
-                    const Steps& asking = path(n / lanes::WIDTH).steps;
-                    copy_lane(rays, i, Question::ray(asking), lane);
-                    copy_lane(reaches[count], i, Question::reach(asking), lane);
-                }
-                Question::set_out(steps, traced[count], rays, reaches[count], batch.exec);
-                ++count;
+                batch.first = first;
+                const int left = ends[k] - first;
+                batch.exec = lanes::of_bits(left < lanes::WIDTH ? (1u << left) - 1 : 0xffff);
+                batch.reach.v = *(const lanes::f16*)(sorted[RAY_ROWS] + first);
+                Question::set_out(steps, traced[count++], ray, batch.reach, batch.exec);
             }
         }
         Question::follow(steps, traced, count);
         for (int i = 0; i < count; ++i) {
             const Batch& batch = batches[i];
-            const typename Question::Answer answer = Question::found(steps, traced[i], reaches[i], batch.exec);
-            if (batch.group >= 0) Question::answer(path(batch.group).steps) = answer;
-            else for (int k = 0; k < batch.count; ++k) {
-                const int n = batch.numbers[k];
-                copy_lane(Question::answer(path(n / lanes::WIDTH).steps), n % lanes::WIDTH, answer, k);
+            const Answer answer = Question::found(steps, traced[i], batch.reach, batch.exec);
+            if (batch.group >= 0) {
+                Question::answer(path(batch.group).steps) = answer;
+                continue;
+            }
+            for (int row = 0; row < ANSWER_ROWS; ++row)
+                *(lanes::i16*)(answers[row] + batch.first) = ((const lanes::i16*)&answer)[row];
+        }
+        for (int i = 0; i < mixed_count; ++i) {
+            lanes::i16* const rows = (lanes::i16*)&Question::answer(path(mixed[i].group).steps);
+            for (int k = 0; k < 8; ++k) {
+                const unsigned some = mixed[i].lanes[k];
+                if (some == 0) continue;
+                for (int row = 0; row < ANSWER_ROWS; ++row)
+                    rows[row] = lanes::spread(*(const anywhere*)(answers[row] + starts[k]), rows[row], some);
+                starts[k] += __builtin_popcount(some);
             }
         }
         for (int g = 0; g < groups; ++g) Question::prepare(path(g).steps, live[g]);
