@@ -22,6 +22,7 @@ import functools
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.warps import INV_PI, PI, TWO_PI, lattice_point
 
@@ -81,7 +82,7 @@ def table_place(tables: wp.array(dtype=float), table: int, x: float, y: float, a
     place.column = wp.clamp(int(column), 0, COLUMNS - 2)
     place.beyond = wp.clamp(column - float(place.column), 0.0, 1.0)
     place.scale = ROW_SCALE * toward
-    place.rows_per_log = float(ROWS - 1) / wp.log(1.0 + 1.0 / place.scale)
+    place.rows_per_log = float(ROWS - 1) / logarithm(1.0 + 1.0 / place.scale)
     return place
 
 
@@ -95,7 +96,7 @@ def read_row(tables: wp.array(dtype=float), first: int, row: int, place: TablePl
 @wp.func
 def row_of(mu: float, place: TablePlace) -> float:
     """Return the row of a cosine."""
-    return wp.min(place.rows_per_log * wp.log(1.0 + mu / place.scale), float(ROWS - 1))
+    return wp.min(place.rows_per_log * logarithm(1.0 + mu / place.scale), float(ROWS - 1))
 
 
 @wp.func
@@ -162,7 +163,7 @@ def sample_multiple_bounces(tables: wp.array(dtype=float), table: int, alpha: fl
     below = read_row(tables, table + CUMULATIVE, low, place)
     part = (u[1] - below) / wp.max(read_row(tables, table + CUMULATIVE, high, place) - below, 1.0e-20)
     row = float(low) + wp.clamp(part, 0.0, 1.0)
-    z = wp.min(place.scale * (wp.exp(row / place.rows_per_log) - 1.0), 1.0)
+    z = wp.min(place.scale * (exponential(row / place.rows_per_log) - 1.0), 1.0)
     r = wp.sqrt((1.0 - z) * (1.0 + z))
     return wp.vec3(r * cos_phi, r * sin_phi, z)
 

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from wrt.kernels.bodies import innermost
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.microfacet.numerics import expm1_ratio
 from wrt.kernels.scene_data import BodyStack, SceneData
 
@@ -22,7 +23,9 @@ def medium_of(scene: SceneData, inside: BodyStack) -> int:
 def transmittance(extinction: wp.vec3, distance: float) -> wp.vec3:
     """Return the share of light that goes on straight after a distance: exp(−extinction · distance), Beer's law."""
     return wp.vec3(
-        wp.exp(-extinction[0] * distance), wp.exp(-extinction[1] * distance), wp.exp(-extinction[2] * distance)
+        exponential(-extinction[0] * distance),
+        exponential(-extinction[1] * distance),
+        exponential(-extinction[2] * distance),
     )
 
 
@@ -32,7 +35,7 @@ def mean_free_length(extinction: float, distance: float) -> float:
     x = extinction * distance
     if x < 1.0:
         return distance * expm1_ratio(-x)
-    return (1.0 - wp.exp(-x)) / extinction
+    return (1.0 - exponential(-x)) / extinction
 
 
 @wp.func
@@ -104,7 +107,7 @@ def fly(
     flight = Flight()
     flight.distance = reach
     if extinction[channel] > 0.0:
-        flight.distance = wp.min(reach, -wp.log(1.0 - u_distance) / extinction[channel])
+        flight.distance = wp.min(reach, -logarithm(1.0 - u_distance) / extinction[channel])
     flight.scattered = flight.distance < reach
     left = transmittance(extinction, flight.distance)
     if flight.scattered:

@@ -11,6 +11,7 @@ direction's albedo exceeds 1, f is divided by it, which is reciprocal and leaves
 import warp as wp
 
 from wrt.kernels.albedo_fits import SHEEN_CUT
+from wrt.kernels.exponential import exponential
 from wrt.kernels.warps import TWO_PI
 
 
@@ -31,8 +32,8 @@ def sheen_lambda(mu: float, roughness: float) -> float:
     r = 1.0 - roughness * roughness
     k = r * r
     if mu < 0.5:
-        return wp.exp(_curve(mu, k))
-    return wp.exp(2.0 * _curve(0.5, k) - _curve(1.0 - wp.min(mu, 1.0), k))
+        return exponential(_curve(mu, k))
+    return exponential(2.0 * _curve(0.5, k) - _curve(1.0 - wp.min(mu, 1.0), k))
 
 
 @wp.func

@@ -13,6 +13,7 @@ that B has a lower limit.
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential
 from wrt.kernels.microfacet.numerics import log1p, power_integral, power_integral_inverse
 from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import TWO_PI
@@ -36,7 +37,7 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
     c = shape[1]
     log_y = log1p(b)
     area = (1.0 + b) * power_integral(1.0 - c, log_y) - power_integral(2.0 - c, log_y)
-    return b / TWO_PI * (b / area) * wp.exp(-c * log1p(b * _one_minus_cos(m)))
+    return b / TWO_PI * (b / area) * exponential(-c * log1p(b * _one_minus_cos(m)))
 
 
 @wp.func
@@ -47,7 +48,7 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
     b = wp.max(shape[0], LEAST_B)
     c = shape[1]
     area = power_integral(1.0 - c, log1p(b))
-    return b / (TWO_PI * area) * wp.exp(-c * log1p(b * _one_minus_cos(m)))
+    return b / (TWO_PI * area) * exponential(-c * log1p(b * _one_minus_cos(m)))
 
 
 @wp.func

@@ -5,6 +5,7 @@ Anisotropic: shape = (αu, αv, 0), of root-mean-square slopes αu/√2 along x 
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.warps import PI
 
 INV_SQRT_PI = wp.constant(0.564189583547756)
@@ -25,7 +26,7 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
     e = (x * x + y * y) / wp.max(cos2, 1.0e-30)
     if e > 80.0:
         return 0.0
-    return wp.exp(-e) / (PI * shape[0] * shape[1] * cos2 * cos2)
+    return exponential(-e) / (PI * shape[0] * shape[1] * cos2 * cos2)
 
 
 @wp.func
@@ -43,7 +44,7 @@ def stretched_cotangent(w: wp.vec3, shape: wp.vec3) -> float:
 def smith_lambda(w: wp.vec3, shape: wp.vec3) -> float:
     """Return Λ(w) (Heitz 2014, section 5), with erf(a) − 1 = −erfc(a)."""
     a = wp.max(stretched_cotangent(w, shape), 1.0e-15)
-    return 0.5 * wp.max(INV_SQRT_PI * wp.exp(-a * a) / a - wp.erfc(a), 0.0)
+    return 0.5 * wp.max(INV_SQRT_PI * exponential(-a * a) / a - wp.erfc(a), 0.0)
 
 
 @wp.func
@@ -52,7 +53,7 @@ def projected_area(w: wp.vec3, shape: wp.vec3) -> float:
     x = shape[0] * w[0]
     y = shape[1] * w[1]
     a = stretched_cotangent(w, shape)
-    return 0.5 * (w[2] * (1.0 + wp.erf(a)) + INV_SQRT_PI * wp.sqrt(x * x + y * y) * wp.exp(-a * a))
+    return 0.5 * (w[2] * (1.0 + wp.erf(a)) + INV_SQRT_PI * wp.sqrt(x * x + y * y) * exponential(-a * a))
 
 
 @wp.func
@@ -64,7 +65,7 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 @wp.func
 def _visible_below(x: float, cos_o: float, sin_o: float) -> float:
     """Return twice the visible area of slopes up to x at α = 1, ∫ (cosθ − x sinθ) 2 exp(−x²)/√π dx."""
-    return cos_o * wp.erfc(-x) + sin_o * INV_SQRT_PI * wp.exp(-x * x)
+    return cos_o * wp.erfc(-x) + sin_o * INV_SQRT_PI * exponential(-x * x)
 
 
 @wp.func
@@ -86,10 +87,10 @@ def sample_visible_slope(u: float, cos_o: float, sin_o: float) -> float:
     x = float(x)
     for _ in range(STEPS):
         area = _visible_below(x, cos_o, sin_o)
-        density = 2.0 * INV_SQRT_PI * (cos_o - x * sin_o) * wp.exp(-x * x)
+        density = 2.0 * INV_SQRT_PI * (cos_o - x * sin_o) * exponential(-x * x)
         step = target - area
         if before:
-            step = wp.log(target / area) * area
+            step = logarithm(target / area) * area
         step = step / wp.max(density, 1.0e-20)
         moved = wp.clamp(x + step, -5.0, most)
         change = wp.abs(moved - x)

@@ -6,6 +6,7 @@ that α (Walter 2007, section 5.2): cosⁿθ = (1 + tan²θ)^(−n/2) → exp(�
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.microfacet import beckmann
 from wrt.kernels.microfacet.numerics import expm1, log1p, normal_of, tan2_theta
 from wrt.kernels.warps import INV_PI
@@ -22,7 +23,7 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
     if m[2] <= 0.0:
         return 0.0
     inv_alpha2 = 1.0 / (shape[0] * shape[0])
-    return INV_PI * inv_alpha2 * wp.exp((1.0 - inv_alpha2) * log1p(tan2_theta(m)))
+    return INV_PI * inv_alpha2 * exponential((1.0 - inv_alpha2) * log1p(tan2_theta(m)))
 
 
 @wp.func
@@ -34,4 +35,4 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 @wp.func
 def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
     """Return a normal of density D cosθ: cosθ = u^(1/(n + 2)) (Walter 2007)."""
-    return normal_of(expm1(-shape[0] * shape[0] * wp.log(1.0 - u[0])), u[1])
+    return normal_of(expm1(-shape[0] * shape[0] * logarithm(1.0 - u[0])), u[1])

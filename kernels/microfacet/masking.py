@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.microfacet.beckmann import stretched_cotangent
 from wrt.kernels.microfacet.numerics import log1p
 
@@ -49,12 +50,12 @@ def beta_from_one(a: float, b: float) -> float:
     x = low + 2.0
     y = high + 2.0
     s = x + y
-    log_beta = (x - 0.5) * wp.log(x / s) + (y - 0.5) * log1p(-x / s) - 0.5 * wp.log(s)
+    log_beta = (x - 0.5) * logarithm(x / s) + (y - 0.5) * log1p(-x / s) - 0.5 * logarithm(s)
     log_beta += HALF_LOG_TWO_PI + _stirling(x) + _stirling(y) - _stirling(s)
     n = low + high
-    log_beta += wp.log(n / low) + wp.log((n + 1.0) / (low + 1.0))
-    log_beta += wp.log((n + 2.0) / high) + wp.log((n + 3.0) / (high + 1.0))
-    return wp.min(wp.exp(log_beta), 1.0)
+    log_beta += logarithm(n / low) + logarithm((n + 1.0) / (low + 1.0))
+    log_beta += logarithm((n + 2.0) / high) + logarithm((n + 3.0) / (high + 1.0))
+    return wp.min(exponential(log_beta), 1.0)
 
 
 @wp.func

@@ -5,6 +5,7 @@ Without them a mirror-like lobe has no shape in float32: at roughness 1e-4 a cos
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.trigonometry import sine_cosine
 from wrt.kernels.warps import TWO_PI
 
@@ -19,7 +20,7 @@ def log1p_ratio(x: float) -> float:
     y = 1.0 + x
     if y == 1.0:
         return 1.0
-    return wp.log(y) / (y - 1.0)
+    return logarithm(y) / (y - 1.0)
 
 
 @wp.func
@@ -31,12 +32,12 @@ def log1p(x: float) -> float:
 @wp.func
 def expm1_ratio(x: float) -> float:
     """Return (eˣ − 1) / x, and 1 at 0 (Higham, 1.14.1)."""
-    y = wp.exp(x)
+    y = exponential(x)
     if y == 1.0:
         return 1.0
     if wp.abs(x) > 1.0:
         return (y - 1.0) / x
-    return (y - 1.0) / wp.log(y)
+    return (y - 1.0) / logarithm(y)
 
 
 @wp.func

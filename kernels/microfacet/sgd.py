@@ -14,6 +14,7 @@ At p = 0 that is Beckmann's distribution of roughness √α.
 
 import warp as wp
 
+from wrt.kernels.exponential import exponential, logarithm
 from wrt.kernels.microfacet.numerics import log1p, normal_of, power_integral, power_integral_inverse, tan2_theta
 from wrt.kernels.warps import INV_PI
 
@@ -29,7 +30,7 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
     if m[2] <= 0.0 or e > 80.0:
         return 0.0
     cos2 = m[2] * m[2]
-    return INV_PI * shape[2] * wp.exp(-e - shape[1] * log1p(e / alpha)) / (cos2 * cos2)
+    return INV_PI * shape[2] * exponential(-e - shape[1] * log1p(e / alpha)) / (cos2 * cos2)
 
 
 @wp.func
@@ -37,7 +38,7 @@ def _areas(shape: wp.vec3) -> wp.vec2:
     """Return the integrals of the two parts of what `sample_normal` draws from, over s = x / α²."""
     alpha = shape[0]
     log_end = log1p(1.0 / alpha)
-    return wp.vec2(power_integral(1.0 - shape[1], log_end), INV_E * wp.exp(-shape[1] * log_end) / alpha)
+    return wp.vec2(power_integral(1.0 - shape[1], log_end), INV_E * exponential(-shape[1] * log_end) / alpha)
 
 
 @wp.func
@@ -53,7 +54,7 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
         exponent -= e
     areas = _areas(shape)
     # From a density in x to one in solid angle: dx = 2 sinθ / cos³θ dθ = dω / (π cos³θ).
-    return INV_PI * wp.exp(exponent) / ((areas[0] + areas[1]) * alpha * alpha * m[2] * m[2] * m[2])
+    return INV_PI * exponential(exponent) / ((areas[0] + areas[1]) * alpha * alpha * m[2] * m[2] * m[2])
 
 
 @wp.func
@@ -71,5 +72,5 @@ def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
         s = wp.min(power_integral_inverse(1.0 - shape[1], place), 1.0 / alpha)
     else:
         rest = wp.max(1.0 - (place - areas[0]) / areas[1], 6.0e-8)
-        s = (1.0 - wp.log(rest)) / alpha
+        s = (1.0 - logarithm(rest)) / alpha
     return normal_of(s * alpha * alpha, u[1])

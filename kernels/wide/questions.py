@@ -1,4 +1,4 @@
-"""What paths ask the ray tree, for all groups of a pool: C++ between `kernels/wide/paths.py` and `kernels/wide/pool.py`.
+"""What paths ask the ray tree, for all groups of a pool: C++ between those of `paths.py` and `pool.py`.
 
 A question is a type: whose rays are traced, how far, and where the answers go. Down the tree of all triangles groups
 are traced by `kernels/wide/rays.py`, and those rays that part from their groups are followed in turn, whichever they
