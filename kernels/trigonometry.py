@@ -1,7 +1,7 @@
 """Sine, cosine and arc tangent without a call, so that many threads can go through them at once.
 
-Warp's are calls of the C library on the CPU. These are right to two units in the last place: polynomials of the Cephes
-Mathematical Library (Moshier 1992), after Cody and Waite's (1980) reduction of the argument.
+Warp's are calls of the C library on the CPU. These are right to two units in the last place, the arc tangent to three:
+polynomials of the Cephes Mathematical Library (Moshier 1992), after Cody and Waite's (1980) reduction of the argument.
 """
 
 import warp as wp

@@ -51,7 +51,7 @@ PHASES: dict[str, tuple[str, ...]] = {
 WIDE_TRAVERSAL = ("follow_alone", "follow_together")
 """Functions of C++ in kernels/wide/rays.py."""
 
-HELPERS = ("__init__", "features", "geometry", "scene_data", "trigonometry", "warps")
+HELPERS = ("__init__", "exponential", "features", "geometry", "scene_data", "trigonometry", "warps")
 """What belongs to whoever calls it."""
 
 OTHER_KERNELS = (
