@@ -368,16 +368,7 @@ def make_trace_path(features: Features) -> wp.Function:
                     if bsdf_transmits(bsdf):
                         receiver.receives = RECEIVES_BOTH
                 lit = light_at_surface(
-                    scene,
-                    receiver,
-                    surface,
-                    beyond,
-                    bsdf,
-                    wo,
-                    inside,
-                    after,
-                    u_light,
-                    settings.strategy,
+                    scene, receiver, surface, beyond, bsdf, wo, inside, after, u_light, settings.strategy
                 )
                 rays += lit.rays
                 if wp.static(dims):
