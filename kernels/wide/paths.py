@@ -3,9 +3,9 @@
 A path is a loop, and paths end after different numbers of rounds. The function becomes an object with what outlives a
 round as its members, so that a round can be run for one group of sixteen paths after the other; the lanes of paths
 that go on are moved together in between, and a round is always one of nearly full groups (Wald 2011, "Active thread
-compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all groups are traced
-together: on the way to the next surface, and to a light where nothing can take a part of what comes from it. The kernel
-becomes an object, too: with what a pixel keeps, and what it does before and after each of its paths.
+compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all groups are
+traced together: on the way to the next surface, and to a light where nothing can take a part of what comes from it. The
+kernel becomes an object, too: with what a pixel keeps, and what it does before and after each of its paths.
 `kernels/wide/pool.py` runs them for a square of pixels, whose first rays lie side by side.
 """
 
