@@ -50,12 +50,23 @@ FEATURES = [
     Features(("diffuse",), False, "none", instances="moving"),
     Features(("diffuse",), False, "none", instances="deforming"),
     # Two models with all that a scene can have besides; then each material's as it comes. All in one took minutes.
-    Features(("diffuse", "rough_dielectric:ggx:smith"), True, "image", layered=True, tangents=True, light_shapes=True),
+    Features(
+        ("diffuse", "rough_dielectric:ggx:smith"),
+        True,
+        "image",
+        layered=True,
+        tangents=True,
+        extras=True,
+        light_shapes=True,
+    ),
     *(Features((model,), False, "none") for model in MODELS if model != "diffuse"),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
-    Features(("diffuse",), True, "image", layered=True, tangents=True, extras=True),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
-    *(Features(("conductor", "dielectric"), True, "image", True, True, integrator=name) for name in INTEGRATORS),
+    *(
+        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
+        for name in INTEGRATORS
+        if name != "path"
+    ),
     Features(
         ("dielectric", "diffuse"),
         True,
