@@ -180,13 +180,8 @@ class SampledPixels:
         spans["after"] = (last + 1, len(lines))
         used: dict[str, set[str]] = {}
         for phase, (begin, end) in spans.items():
-            for line in lines[begin:end]:
-                for name in VARIABLE.findall(line):
-                    used.setdefault(name, set()).add(phase)
-        for _, m in sets:
-            if m[1] in body.pointers:
-                for name in VARIABLE.findall(m[2]):
-                    used.setdefault(name, set()).update(used.get(m[1], set()))
+            for name in body.used(begin, end):
+                used.setdefault(name, set()).add(phase)
         for name in (result, samples):
             used.setdefault(name, set()).update({"start", "finish"})
         variables = [v for v in body.adj.variables if v.constant is None]
