@@ -52,7 +52,11 @@ class PathSteps:
         if not questions or questions[0].distance or not all(q.distance for q in questions[1:]):
             raise Unsupported(f"{function.key}: traces other rays than one to what is next, then some to lights")
         starts, ends = [first, *(i for i, _ in asked)], [*(i for i, _ in asked), last - 1]
-        parts = [(start + 1, end) for start, end in zip(starts, ends, strict=True)]
+        parts = [list(range(start + 1, end)) for start, end in zip(starts, ends, strict=True)]
+        # What the first question does not need, such as random numbers, waits until it is known whose paths go on.
+        later = body.later(first + 1, ends[0], ends[1])
+        parts[0] = [i for i in parts[0] if i not in later]
+        parts[1] = [i for k in parts[1] for i in (*(j for j in sorted(later) if later[j] == k), k)]
 
         # What is set in the loop and used in the same round alone need not be kept.
         rounds, kept, constants = [], [], []
@@ -64,7 +68,7 @@ class PathSteps:
                 rounds.append(v)
             else:
                 kept.append(v)
-        used = [body.used(start, end) for start, end in parts]
+        used = [body.used(part) for part in parts]
         asking = {name for q in questions for name in (q.answer, q.ray, q.distance)}
         across = [v for v in rounds if v.emit() in asking or sum(v.emit() in names for names in used) > 1]
         rounds = [v for v in rounds if v not in across]
@@ -77,12 +81,13 @@ class PathSteps:
         moved = [name for name in moved if not types.is_shared(body.variables[name].type)]
 
         body.keep_all = True
-        begin = body.code(0, first)
+        begin = body.code(range(first))
         body.keep_all = False
         body.loops.append(_PATH_LOOP)
-        codes = [body.code(start, end) for start, end in parts]
+        body.cut = _PATH_LOOP
+        codes = [body.code(part) for part in parts]
         body.loops.pop()
-        end = body.code(last + 1, len(body.lines) - 1)
+        end = body.code(range(last + 1, len(body.lines) - 1))
         result = returned[1]
         fixed_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in fixed]
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
@@ -180,7 +185,7 @@ class SampledPixels:
         spans["after"] = (last + 1, len(lines))
         used: dict[str, set[str]] = {}
         for phase, (begin, end) in spans.items():
-            for name in body.used(begin, end):
+            for name in body.used(range(begin, end)):
                 used.setdefault(name, set()).add(phase)
         for name in (result, samples):
             used.setdefault(name, set()).update({"start", "finish"})
@@ -191,22 +196,22 @@ class SampledPixels:
             return "".join(body.declaration(v) for v in variables if used.get(v.emit()) == {phase})
 
         body.keep_all = True
-        before = local("before") + body.code(0, first)
+        before = local("before") + body.code(range(first))
         body.loops.append(_SAMPLE_LOOP)
-        start = local("start") + body.code(first + 2, call)
+        start = local("start") + body.code(range(first + 2, call))
         # What follows the call within the same `if` waits until the path has ended.
         depth = len(body.blocks)
         close = _end_of_block(lines, call + 1, last - 1) if depth else call + 1
         if lines[close : close + depth] != ["}"] * depth:
             raise Unsupported(f"{kernel.key}: does more around where it calls {function.key}")
         start += "".join(f"    given_.{name} = {name};\n" for name in own) + "    begun_ = exec;\n"
-        start += body.code(close, close + depth)
+        start += body.code(range(close, close + depth))
         body.keep_all = False
-        rest = body.code(call + 1, close)
+        rest = body.code(range(call + 1, close))
         finish = local("finish") + (f"    exec = begun_; if (lanes::any(exec)) {{\n{rest}    }}\n" if rest else "")
-        finish += "    exec = sampled_;\n" + body.code(close + depth, last - 1)
+        finish += "    exec = sampled_;\n" + body.code(range(close + depth, last - 1))
         body.loops.pop()
-        after = local("after") + body.code(last + 1, len(lines))
+        after = local("after") + body.code(range(last + 1, len(lines)))
 
         arguments = body.adj.args
         taken = ", ".join(f"const {a.ctype()}& {a.emit()}_in" for a in arguments)

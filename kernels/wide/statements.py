@@ -8,7 +8,7 @@ spare the lanes that are elsewhere, so most statements stay what they were.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from warp._src.codegen import constant_str, strip_reference
@@ -23,6 +23,7 @@ SET = re.compile(r"(var_\w+) = (.*);")
 VARIABLE = re.compile(r"var_\w+")
 NEXT = re.compile(r"(var_\w+) = wp::iter_next\((var_\w+)\);")
 NO_MORE = re.compile(rf"if \(iter_cmp\((var_\w+)\) == 0\) goto end_{_LABEL};")
+_LEAVE = re.compile(r"return|goto ")
 _RANGE = re.compile(r"(var_\w+) = wp::range\((.*)\);")
 _STRUCT = re.compile(r"([A-Za-z_]\w*_[0-9a-f]{8})\((.*)\)")
 
@@ -40,6 +41,7 @@ class Body:
         blocks: the `if`s that are open.
         pointers: what variables that point somewhere stand for.
         result: what `return` is followed by where the function may end once all lanes have returned.
+        cut: the loop of which a part of a round is a block of its own, which ends once all lanes have left it.
     """
 
     def __init__(self, types: Types, function: Any) -> None:
@@ -66,6 +68,7 @@ class Body:
         self.loops: list[str] = []
         self.keep_all = False
         self.result: str | None = None
+        self.cut: str | None = None
 
     def _follow_variables(self) -> None:
         open_loops: list[str] = []
@@ -89,13 +92,38 @@ class Body:
         change = re.compile(rf"{name}(\.\w+)* = |wp::assign\w*\({name}\b|.*&\({name}\b|.*&{name}\b")
         return any(change.match(line) for line in self.lines[first:end])
 
-    def used(self, first: int, end: int) -> set[str]:
-        """Return the variables of lines from `first` to before `end`, and those that pointers among them lead to."""
-        names = set(VARIABLE.findall("\n".join(self.lines[first:end])))
-        for line in reversed(self.lines[:end]):
+    def used(self, numbers: Sequence[int]) -> set[str]:
+        """Return the variables of lines, by their numbers, and those that pointers among them lead to."""
+        names = set(VARIABLE.findall("\n".join(self.lines[i] for i in numbers)))
+        for line in reversed(self.lines[: max(numbers, default=-1) + 1]):
             if (m := SET.fullmatch(line)) and m[1] in self.pointers and m[1] in names:
                 names.update(VARIABLE.findall(m[2]))
         return names
+
+    def later(self, first: int, end: int, last: int) -> dict[int, int]:
+        """Return which lines from `first` to before `end` can wait, each with the line that it then comes before.
+
+        That is the first line from `end` to before `last` that uses what they set, or the outermost `if` around it.
+        """
+        outermost, depth, start = {}, 0, end
+        for i in range(end, last):
+            start = i if depth == 0 else start
+            outermost[i] = start
+            depth += self.lines[i].endswith("{") - (self.lines[i] == "}")
+        users: dict[str, list[int]] = {}
+        for i in range(first, last):
+            for name in set(VARIABLE.findall(self.lines[i])):
+                users.setdefault(name, []).append(i)
+        places: dict[int, int] = {}
+        for i in reversed(range(first, end)):
+            m = SET.fullmatch(self.lines[i])
+            if not m or m[1] in self.pointers or m[1] in self.outliving:
+                continue
+            uses = [places.get(k, outermost.get(k, end)) for k in users[m[1]] if k > i]
+            place = min(uses, default=end)
+            if place > end and not any(self.changes(name, i + 1, place) for name in VARIABLE.findall(m[2])):
+                places[i] = place
+        return places
 
     def declaration(self, v: Any) -> str:
         """Return the declaration of a variable; nothing for those that C++ does without."""
@@ -111,11 +139,11 @@ class Body:
         self.result = " result_" if self.adj.return_var else ""
         declarations = [self.declaration(v) for v in self.adj.variables]
         masks = "    lanes::Mask exec = exec_in, returned_ = false;\n"
-        return "".join(declarations) + masks + self.code(0, len(self.lines))
+        return "".join(declarations) + masks + self.code(range(len(self.lines)))
 
-    def code(self, first: int, end: int) -> str:
-        """Return the statements from one number to another."""
-        return "".join(f"    {self.statement(i)}\n" for i in range(first, end))
+    def code(self, numbers: Sequence[int]) -> str:
+        """Return statements, by their numbers."""
+        return "".join(f"    {self.statement(i)}\n" for i in numbers)
 
     def _still_here(self) -> str:
         """Return the mask of those that neither returned nor left the round of the innermost loop."""
@@ -147,6 +175,8 @@ class Body:
         if self.result is not None and not self.blocks and not self.loops:
             if any(line.startswith("return") for line in self.lines[start:i]):
                 end += f" if (!lanes::any(exec)) return{self.result};"
+        if self.loops == [self.cut] and not self.blocks and any(map(_LEAVE.match, self.lines[start:i])):
+            end += " if (!lanes::any(exec)) break;"
         return end
 
     def _start_loop(self, m: re.Match[str], i: int) -> str:
