@@ -104,6 +104,7 @@ def make_trace_path(features: Features) -> wp.Function:
     tangents = features.tangents
     panes = has_panes(features.models)
     is_pane = make_is_pane(features.models)
+    lets_pass = layered or panes or features.nested
     bodies = features.bodies
     nested = features.nested
     with_index = make_with_index(features.models)
@@ -215,14 +216,7 @@ def make_trace_path(features: Features) -> wp.Function:
                                     receiver.position = ray.origin
                                     receiver.receives = RECEIVES_ANYWHERE
                                     lit = light_in_medium(
-                                        scene,
-                                        receiver,
-                                        ray.direction,
-                                        record.g,
-                                        inside,
-                                        skin,
-                                        u_light,
-                                        settings.strategy,
+                                        scene, receiver, ray.direction, record.g, inside, skin, u_light, settings.strategy
                                     )
                                     rays += lit.rays
                                     radiance += wp.cw_mul(throughput, lit.radiance)
@@ -269,7 +263,8 @@ def make_trace_path(features: Features) -> wp.Function:
                     break
 
             # Surface, and what is behind it
-            skin.hit.triangle = NO_HIT
+            if wp.static(scattering):
+                skin.hit.triangle = NO_HIT
             after = inside
             surface = surface_at(scene, ray, hit)
             if wp.static(bodies):
@@ -411,13 +406,16 @@ def make_trace_path(features: Features) -> wp.Function:
                 ray.origin = near
             else:
                 ray.origin = beyond
-                inside = after
+                if wp.static(bodies):
+                    inside = after
             ray.direction = wp.normalize(direction)
             if wp.static(media):
                 gap = gap_behind(surface, ray.origin, ray.direction)
                 left = hit
-            passed = 0.0
-            footprint = wp.vec2(0.0)
+            if wp.static(lets_pass):
+                passed = 0.0
+            if wp.static(mipmapped or tangents):
+                footprint = wp.vec2(0.0)
 
             # Stopping criterion: the throughput without the squeeze of solid angles inside glass
             survival = wp.max(throughput) * eta_scale

@@ -2,8 +2,8 @@
 
 A path is a loop, and paths end after different numbers of rounds. The function becomes an object with what outlives a
 round as its members, so that a round can be run for one group of sixteen paths after the other; the lanes of paths
-that go on are moved together in between, and a round is always one of nearly full groups (Wald 2011, "Active thread
-compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all groups are
+that go on are moved together in between, and before surfaces are shaded, so that groups are nearly full (Wald 2011,
+"Active thread compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all groups are
 traced together: on the way to the next surface, and to a light where nothing can take a part of what comes from it. The
 kernel becomes an object, too: with what a pixel keeps, and what it does before and after each of its paths.
 `kernels/wide/pool.py` runs them for a square of pixels, whose first rays lie side by side.
@@ -21,6 +21,8 @@ from wrt.kernels.wide.types import Types, Unsupported
 
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
+_SHADED = re.compile(r" = surface_at\w*\(")
+"""The first of a round's statements for paths that have met a surface; others have ended before."""
 
 
 class PathSteps:
@@ -57,6 +59,9 @@ class PathSteps:
         later = body.later(first + 1, ends[0], ends[1])
         parts[0] = [i for i in parts[0] if i not in later]
         parts[1] = [i for k in parts[1] for i in (*(j for j in sorted(later) if later[j] == k), k)]
+        misses, hits = _before_shading(body, parts[1])
+        parts[1:2] = [misses, hits]
+        asked_before = [None, questions[0], None, *questions[1:]]  # each part
 
         # What is set in the loop and used in the same round alone need not be kept.
         rounds, kept, constants = [], [], []
@@ -68,6 +73,11 @@ class PathSteps:
                 rounds.append(v)
             else:
                 kept.append(v)
+        # Nor what the beginning alone uses, nor what is the same for all paths at all times.
+        later_on = body.used(range(first, len(body.lines)))
+        begins = [v for v in kept if v.emit() not in later_on]
+        same = [v for v in kept if v not in begins and body.same_for_all(v.emit(), first)]
+        kept = [v for v in kept if v not in begins and v not in same]
         used = [body.used(part) for part in parts]
         asking = {name for q in questions for name in (q.answer, q.ray, q.distance)}
         across = [v for v in rounds if v.emit() in asking or sum(v.emit() in names for names in used) > 1]
@@ -76,13 +86,17 @@ class PathSteps:
         if not {q.scene for q in questions} <= {a.emit() for a in fixed} or not asking - {None} <= members:
             raise Unsupported(f"{function.key}: traces something else than its rays")
         local = "".join(body.declaration(v) for v in rounds)
-        used_later = set(VARIABLE.findall("\n".join(body.lines[first:])))
-        moved = [v.emit() for v in (*own, *kept) if v.emit() in used_later and body.declaration(v)]
+        halves = (used[0] | used[1], set().union(*used[2:]))
+        shaded = [v for v in across if all(v.emit() in names for names in halves)]
+        moved = [v.emit() for v in (*own, *kept, *shaded) if v.emit() in later_on and body.declaration(v)]
         moved = [name for name in moved if not types.is_shared(body.variables[name].type)]
 
         body.keep_all = True
-        begin = body.code(range(first))
+        begin = "".join(map(body.declaration, begins)) + "".join(map(body.declaration, same)) + body.code(range(first))
         body.keep_all = False
+        names = {v.emit() for v in same}
+        again = body.code([i for i in range(first) if body.set_by(i) in names])
+        again = "".join(map(body.declaration, same)) + again
         body.loops.append(_PATH_LOOP)
         body.cut = _PATH_LOOP
         codes = [body.code(part) for part in parts]
@@ -95,15 +109,16 @@ class PathSteps:
 
         def part(number: int) -> str:
             answers = ""
-            if number > 1:
-                q = questions[number - 1]
-                answers = f"{q.answer} = lanes::Mask(answer_{number - 1}.v >= 0);"
+            q = asked_before[number]
+            if q and q.distance:
+                answers = f"{q.answer} = lanes::Mask(answer_{questions.index(q)}.v >= 0);"
             return f"""    lanes::Mask part_{number}(const lanes::Mask live) {{
         lanes::Mask exec = {"waiting" if number else "live"}, returned_ = false;
         lanes::Mask broken_{_PATH_LOOP} = false, continued_{_PATH_LOOP} = false;
         if (!lanes::any(exec)) return live;
         {answers}
 {local}
+{again}
         do {{
 {codes[number]}
         }} while (false);
@@ -137,19 +152,23 @@ struct {self.name} {{
 {"".join(part(number) for number in range(len(parts)))}
     {types.wide(body.variables[result].type)} end(const lanes::Mask exec_in) {{
         {masks};
+{again}
 {end}
         return {result};
     }}
 }};
 LANES_INLINE void move({self.name}& to, const {self.name}& from, lanes::Move m) {{
-    using lanes::move; {" ".join(f"move(to.{name}, from.{name}, m);" for name in moved)} }}
+    using lanes::move; {" ".join(f"move(to.{name}, from.{name}, m);" for name in (*moved, "waiting"))} }}
 {"".join(question(number) for number in range(len(questions)))}
 }} // namespace
 """
-        run = "            run<&Steps::part_{}>(groups);\n"
-        self.round = run.format(0)
-        for k in range(len(questions)):
-            self.round += f"            trace<Question{k}>(groups);\n" + run.format(k + 1)
+        self.round = ""
+        for number, q in enumerate(asked_before):
+            if q:
+                self.round += f"            trace<Question{questions.index(q)}>(groups);\n"
+            if number == 2:
+                self.round += "            close_up_where_sparse(groups);\n"
+            self.round += f"            run<&Steps::part_{number}>(groups);\n"
 
 
 class SampledPixels:
@@ -300,6 +319,18 @@ typedef {pixels} Pixels;
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
             .replace("FIXED", ", ".join(f"pool.pixels(g).{name}" for _, name in fixed))
         )
+
+
+def _before_shading(body: Body, part: list[int]) -> tuple[list[int], list[int]]:
+    """Return the lines of a part up to where paths have ended that met nothing to be shaded, and those after it."""
+    met = next((n for n, i in enumerate(part) if _SHADED.search(body.lines[i])), 0)
+    depth, cut = 0, 0
+    for n, i in enumerate(part[:met]):
+        line = body.lines[i]
+        depth += line.endswith("{") - (line == "}")
+        if line == "}" and depth == 0:
+            cut = n + 1
+    return part[:cut], part[cut:]
 
 
 def _depth(lines: list[str]) -> int:

@@ -69,14 +69,18 @@ struct Pool {
 
     // Follow all paths to their ends.
     void follow() {
-        int groups = count, left = 0;  // of which paths may go on, and how many do
-        for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
-        while (left > 0) {
-            if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
+        int groups = count;  // of which paths may go on
+        while (close_up_where_sparse(groups)) {
 ROUND
-            left = 0;
-            for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
         }
+    }
+
+    // Return whether any path goes on.
+    bool close_up_where_sparse(int& groups) {
+        int left = 0;
+        for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
+        if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
+        return left > 0;
     }
 
     // A part of a round, of all paths.

@@ -23,6 +23,7 @@ SET = re.compile(r"(var_\w+) = (.*);")
 VARIABLE = re.compile(r"var_\w+")
 NEXT = re.compile(r"(var_\w+) = wp::iter_next\((var_\w+)\);")
 NO_MORE = re.compile(rf"if \(iter_cmp\((var_\w+)\) == 0\) goto end_{_LABEL};")
+_SETS = re.compile(r"(var_\w+)(?:\.\w+)* = |wp::assign\((var_\w+),")
 _LEAVE = re.compile(r"return|goto ")
 _RANGE = re.compile(r"(var_\w+) = wp::range\((.*)\);")
 _STRUCT = re.compile(r"([A-Za-z_]\w*_[0-9a-f]{8})\((.*)\)")
@@ -99,6 +100,19 @@ class Body:
             if (m := SET.fullmatch(line)) and m[1] in self.pointers and m[1] in names:
                 names.update(VARIABLE.findall(m[2]))
         return names
+
+    def set_by(self, i: int) -> str | None:
+        """Return the variable that a statement sets, or a member of it."""
+        m = _SETS.match(self.lines[i])
+        return m and (m[1] or m[2])
+
+    def same_for_all(self, name: str, end: int) -> bool:
+        """Return whether a variable is set before a line alone, and from constants."""
+        setting = [i for i in range(len(self.lines)) if self.set_by(i) == name]
+        changed = [i for i in range(len(self.lines)) if self.changes(name, i, i + 1)]
+        if not setting or {*setting, *changed} != set(setting) or setting[-1] >= end:
+            return False
+        return all(set(VARIABLE.findall(self.lines[i])) <= {name, *self.constants} for i in setting)
 
     def later(self, first: int, end: int, last: int) -> dict[int, int]:
         """Return which lines from `first` to before `end` can wait, each with the line that it then comes before.
