@@ -17,6 +17,8 @@ IN_TURN = 8
 LONE_RAYS = 4
 LONE_MIXED_RAYS = 8
 FEW_RAYS = 6
+# Of a smaller tree it is not worth asking the processor to fetch the next node of a ray.
+FLOATS_IN_CACHE = 250_000
 
 _TYPES = """
 namespace lanes {
@@ -24,7 +26,8 @@ LANES_INLINE unsigned bits(i16 m) { return __builtin_bit_cast(unsigned short, __
 
 // What the tests of `kernels/simd.py` need of sixteen rays, and what they have met.
 struct alignas(64) Rays {
-    float origins[3][16], inverses[3][16], near_shifts[3][16], far_shifts[3][16], shears[3][16];
+    float origins[3][16], shears[3][16];  // in the order of the triangle test, the main axis last
+    float inverses[3][16], near_shifts[3][16], far_shifts[3][16];
     int near_rows[3][16], far_rows[3][16], kxs[16], kys[16], kzs[16], flips[16];
     float reach[16], hit_us[16], hit_vs[16];  // a ray that is done reaches nothing
     int numbers[16];
@@ -50,6 +53,13 @@ struct Lone {
 } // namespace lanes
 """.replace("STACK_SIZE", str(STACK_SIZE))
 
+def _of_origin_in_order(code: str) -> str:
+    """Return a triangle test whose `origin` has the main axis last."""
+    for place, axis in enumerate(("kx", "ky", "kz")):
+        code = code.replace(f"origin[{axis}]", f"origin[{place}]")
+    return code
+
+
 _FOLLOW_ALONE = (
     """
 template<bool any_hit>
@@ -58,6 +68,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
+    const bool fetches = bvh.nodes.shape[0] + bvh.leaves.shape[0] > FLOATS_IN_CACHE;
     int live = 0;
     const auto next_listed = [&](lanes::Lone& r) -> bool {
         const int n = r.number;
@@ -125,7 +136,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 const int kx = a.kxs[n], ky = a.kys[n], kz = a.kzs[n];
                 const float* leaf = all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
 """
-    + TRIANGLE_TEST
+    + _of_origin_in_order(TRIANGLE_TEST)
     + """
                 if (any_hit && id_max != NOTHING_HIT) {
                     top = 0;
@@ -152,7 +163,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 }
                 const float* next = r.current >= 0 ? all_nodes + (size_t)r.current * 56
                                                    : all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
-                for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
+                if (fetches) for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
                 break;
             }
         }
@@ -163,8 +174,8 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
 
 _FOLLOW_TOGETHER = (
     """
-// mixed: rays of any directions; else all of them are of one octant and one main axis.
-template<bool any_hit, bool mixed>
+// Of rays of one octant, or of any (`octants`); of one main axis, or of any (`axes`).
+template<bool any_hit, bool octants, bool axes>
 LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journeys, const float t_min) {
     lanes::Rays& a = journeys.rays;
     lanes::Lists& lists = journeys.lists;
@@ -174,7 +185,7 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
-    constexpr int lone_rays = mixed ? LONE_MIXED_RAYS : LONE_RAYS;
+    constexpr int lone_rays = octants ? LONE_MIXED_RAYS : LONE_RAYS;
     alignas(64) float begins[STACK_SIZE][16];
     int waiting[STACK_SIZE], top = 1;
     waiting[0] = 0;
@@ -206,34 +217,31 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
         if (current < 0) {
             const float* leaf = all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE);
             const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
-            // Mixed rays' axes are put in the order of the test first.
+            // The axes of rays of any main axis are put in the order of the test.
             const i16 main_axis = INTEGER_ROW(kzs);
             const b16 is_x = __builtin_convertvector(main_axis == 0, b16);
             const b16 is_y = __builtin_convertvector(main_axis == 1, b16);
-            const int kx = mixed ? 0 : a.kxs[one], ky = mixed ? 1 : a.kys[one], kz = mixed ? 2 : a.kzs[one];
+            const int kx = axes ? 0 : a.kxs[one], ky = axes ? 1 : a.kys[one], kz = axes ? 2 : a.kzs[one];
             const auto in_order = [&](int axis, f16 x, f16 y, f16 z) __attribute__((always_inline)) -> f16 {
                 return axis == 0 ? (is_x ? y : (is_y ? z : x)) : axis == 1 ? (is_x ? z : (is_y ? x : y))
                                                                : (is_x ? x : (is_y ? y : z));
             };
             f16 origin[3], shear[3];
-            for (int k = 0; k < 3; ++k) {
-                origin[k] = mixed ? in_order(k, ROW(origins[0]), ROW(origins[1]), ROW(origins[2])) : ROW(origins[k]);
-                shear[k] = ROW(shears[k]);
-            }
+            for (int k = 0; k < 3; ++k) origin[k] = ROW(origins[k]), shear[k] = ROW(shears[k]);
             f16 best = limit, best_u = ROW(hit_us), best_v = ROW(hit_vs);
             i16 best_id = INTEGER_ROW(numbers);
             _Pragma("clang loop unroll(disable)") for (int j = 0; j < LEAF_SIZE; ++j) {
                 #pragma clang fp contract(off)
                 const auto corner = [&](int vertex, int axis) __attribute__((always_inline)) -> f16 {
                     const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
-                    if (!mixed) return (f16)c[LEAF_SIZE * axis];
+                    if (!axes) return (f16)c[LEAF_SIZE * axis];
                     return in_order(axis, (f16)c[0], (f16)c[LEAF_SIZE], (f16)c[2 * LEAF_SIZE]);
                 };
                 #define VECTOR f16
                 #define INTEGERS i16
                 #define CORNER(vertex, axis) corner(vertex, axis)
 """
-    + WOOP_EDGES
+    + _of_origin_in_order(WOOP_EDGES)
     + """
                 if (lanes::bits(inside) == 0) continue;
 """
@@ -268,7 +276,7 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
             f16 nears[3], fars[3];
             for (int axis = 0; axis < 3; ++axis) {
                 f16 near = (f16)node[near_row[axis] + k], far = (f16)node[far_row[axis] + k];
-                if (mixed) {
+                if (octants) {
                     const f16 lower = (f16)node[8 * axis + k], upper = (f16)node[24 + 8 * axis + k];
                     near = back[axis] ? upper : lower;
                     far = back[axis] ? lower : upper;
@@ -289,6 +297,14 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
 )
 
 _TRAVERSE = """
+template<bool any_hit>
+static void follow_any_together(
+    const TREE_TYPE& bvh, lanes::Journeys& journeys, const float t_min, const bool octants, const bool axes) {
+    if (octants) follow_together<any_hit, true, true>(bvh, journeys, t_min);
+    else if (axes) follow_together<any_hit, false, true>(bvh, journeys, t_min);
+    else follow_together<any_hit, false, false>(bvh, journeys, t_min);
+}
+
 // Go as far as the rays of `exec` go together.
 LANES_CALLED void NAME_set_out(
     const TREE_TYPE& bvh, lanes::Journeys& journeys, const lanes::Vector<3, lanes::Floats>& origin_,
@@ -297,7 +313,7 @@ LANES_CALLED void NAME_set_out(
     using lanes::f16; using lanes::i16;
     lanes::Rays& a = journeys.rays;
     lanes::Lists& lists = journeys.lists;
-    f16 inverse[3], direction[3];
+    f16 origin[3], inverse[3], direction[3];
     i16 flip = 7;
     f16 shifts = 0.0f;
     LANES_UNROLL for (int k = 0; k < 3; ++k) {
@@ -307,7 +323,7 @@ RAY_SLAB
         inverse[k] = inverse_d;
         flip += backwards * (1 << k);
         shifts += shift + error;
-        ROW(origins[k]) = o;
+        origin[k] = o;
         ROW(inverses[k]) = inverse_d;
         ROW(near_shifts[k]) = shift + error;
         ROW(far_shifts[k]) = shift - error;
@@ -318,6 +334,9 @@ RAY_SLAB
     const i16 kz = dx > dy ? (dx > dz ? (i16)0 : (i16)2) : (dy > dz ? (i16)1 : (i16)2);
     const i16 kx = kz == 2 ? (i16)0 : kz + 1, ky = kx == 2 ? (i16)0 : kx + 1;
     const auto along = [](i16 axis, const f16* v) { return axis == 0 ? v[0] : (axis == 1 ? v[1] : v[2]); };
+    ROW(origins[0]) = along(kx, origin);
+    ROW(origins[1]) = along(ky, origin);
+    ROW(origins[2]) = along(kz, origin);
     const f16 inverse_z = along(kz, inverse);
     ROW(shears[0]) = along(kx, direction) * inverse_z;
     ROW(shears[1]) = along(ky, direction) * inverse_z;
@@ -343,9 +362,9 @@ RAY_SLAB
         }
     } else {
         const int one = __builtin_ctz(runs);
-        const bool alike = (lanes::bits((flip == a.flips[one]) & (kz == a.kzs[one])) & runs) == runs;
-        if (any_hit) (alike ? follow_together<true, false> : follow_together<true, true>)(bvh, journeys, t_min);
-        else (alike ? follow_together<false, false> : follow_together<false, true>)(bvh, journeys, t_min);
+        const bool octants = lanes::bits(flip != a.flips[one]) & runs, axes = lanes::bits(kz != a.kzs[one]) & runs;
+        if (any_hit) follow_any_together<true>(bvh, journeys, t_min, octants, axes);
+        else follow_any_together<false>(bvh, journeys, t_min, octants, axes);
     }
 }
 
@@ -380,7 +399,7 @@ LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
 
 
 def _with_constants(code: str) -> str:
-    for name in ("IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS"):
+    for name in ("IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS", "FLOATS_IN_CACHE"):
         code = code.replace(name, str(globals()[name]))
     return code.replace("RAY_SLAB", RAY_SLAB.replace("NUMBER", "f16"))
 
