@@ -135,7 +135,7 @@ _PACKET = (
 """
         + WOOP_DISTANCE
         + """
-                    const i8 nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
+                    const i8 nearer = meets & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
                     if (RAY_MASK(nearer) == 0) continue;
 """
         + WOOP_ERROR

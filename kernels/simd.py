@@ -86,25 +86,26 @@ PUSH_CHILDREN = """
 """
 
 # Woop, Benthin and Wald (2013). Every vertex is moved and sheared by arithmetic of its own, so
-# triangles that share an edge see the same numbers; and products are rounded before they are
-# subtracted (MUL is never contracted), so the sign of an edge function may vanish but is never
+# triangles that share an edge see the same numbers; and products of the edge functions are rounded before they
+# are subtracted (MUL is never contracted), so the sign of an edge function may vanish but is never
 # wrong. A vanishing one counts as inside on both sides: nothing slips between two triangles.
 #   in:  CORNER(vertex, axis), origin, shear: vectors or numbers; kx, ky, kz
-#   out of the first part: u, v, w, det: VECTOR; inside: INTEGERS, not 0 where the line meets the triangle
-#   out of the second: t, inverse_det
+#   out of the first part: u, v, w: VECTOR; inside: INTEGERS, 0 where the line misses the triangle
+#   out of the second: t, inverse_det: VECTOR; meets: INTEGERS, not 0 where the line meets it
 WOOP_EDGES = """
     const VECTOR az = CORNER(0, kz) - origin[kz], bz = CORNER(1, kz) - origin[kz], cz = CORNER(2, kz) - origin[kz];
-    const VECTOR ax = (CORNER(0, kx) - origin[kx]) - MUL(shear[0], az);
-    const VECTOR ay = (CORNER(0, ky) - origin[ky]) - MUL(shear[1], az);
-    const VECTOR bx = (CORNER(1, kx) - origin[kx]) - MUL(shear[0], bz);
-    const VECTOR by = (CORNER(1, ky) - origin[ky]) - MUL(shear[1], bz);
-    const VECTOR cx = (CORNER(2, kx) - origin[kx]) - MUL(shear[0], cz);
-    const VECTOR cy = (CORNER(2, ky) - origin[ky]) - MUL(shear[1], cz);
+    const VECTOR ax = MINUS(CORNER(0, kx) - origin[kx], shear[0], az);
+    const VECTOR ay = MINUS(CORNER(0, ky) - origin[ky], shear[1], az);
+    const VECTOR bx = MINUS(CORNER(1, kx) - origin[kx], shear[0], bz);
+    const VECTOR by = MINUS(CORNER(1, ky) - origin[ky], shear[1], bz);
+    const VECTOR cx = MINUS(CORNER(2, kx) - origin[kx], shear[0], cz);
+    const VECTOR cy = MINUS(CORNER(2, ky) - origin[ky], shear[1], cz);
     const VECTOR u = MUL(cx, by) - MUL(cy, bx), v = MUL(ax, cy) - MUL(ay, cx), w = MUL(bx, ay) - MUL(by, ax);
-    const VECTOR det = (u + v) + w;
-    const INTEGERS inside = ((LEAST(LEAST(u, v), w) >= 0.0f) | (MOST(MOST(u, v), w) <= 0.0f)) & (SIZE(det) > 1e-28f);
+    const INTEGERS inside = (LEAST(LEAST(u, v), w) >= 0.0f) | (MOST(MOST(u, v), w) <= 0.0f);
 """
 WOOP_DISTANCE = """
+    const VECTOR det = (u + v) + w;
+    const INTEGERS meets = inside & (SIZE(det) > 1e-28f);
     const VECTOR inverse_det = 1.0f / det;
     const VECTOR t = MUL(MUL((MUL(u, az) + MUL(v, bz)) + MUL(w, cz), shear[2]), inverse_det);
 """
@@ -145,7 +146,7 @@ _TRIANGLE_TEST = (
 """
     + WOOP_TEST
     + """
-    const iL hit = inside & (t >= t_min) & (t <= t_max);
+    const iL hit = meets & (t >= t_min) & (t <= t_max);
     hits = LEAF_MASK(hit);
     if (hits) {
 """
@@ -169,7 +170,7 @@ _TRIANGLE_TEST = (
 """
     + WOOP_TEST
     + """
-        if (!(inside & (t >= t_min) & (t <= t_max))) continue;
+        if (!(meets & (t >= t_min) & (t <= t_max))) continue;
 """
     + WOOP_ERROR
     + """
@@ -218,11 +219,13 @@ _PRELUDE = (
     #define LOAD8(p) (*(const f8*)(p))
     #define LOWEST_BIT(m) __builtin_ctz(m)
     #define MUL(a, b) ((a) * (b))
-    // a * b - c, rounded once where that is one instruction.
+    // a * b - c and a - b * c, rounded once where that is one instruction.
 #if defined(__FMA__)
     #define LESS(a, b, c) __builtin_elementwise_fma(a, (decltype(a))(b), -(decltype(a))(c))
+    #define MINUS(a, b, c) __builtin_elementwise_fma(-(VECTOR)(b), c, a)
 #else
     #define LESS(a, b, c) ((a) * (b) - (c))
+    #define MINUS(a, b, c) ((a) - (b) * (c))
 #endif
     // One instruction each; clang's own functions take three, to ignore NaN, of which there is none that counts.
     #define LEAST(a, b) least_of(a, b)
@@ -249,6 +252,7 @@ _PRELUDE = (
 #else
     #define LOWEST_BIT(m) (__ffs(m) - 1)
     #define MUL(a, b) __fmul_rn(a, b)
+    #define MINUS(a, b, c) fmaf(-(b), c, a)
     #define LEAST(a, b) fminf(a, b)
     #define MOST(a, b) fmaxf(a, b)
     #define SIZE(a) fabsf(a)
@@ -262,6 +266,7 @@ _POSTLUDE = """
 #undef LEAF_MASK
 #undef MUL
 #undef LESS
+#undef MINUS
 #undef LEAST
 #undef MOST
 #undef SIZE

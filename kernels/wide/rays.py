@@ -247,7 +247,7 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
 """
     + WOOP_DISTANCE
     + """
-                const i16 nearer = inside & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id))) & within;
+                const i16 nearer = meets & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id))) & within;
                 if (lanes::bits(nearer) == 0) continue;
 """
     + WOOP_ERROR
