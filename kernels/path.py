@@ -207,6 +207,7 @@ def make_trace_path(features: Features) -> wp.Function:
                                 ray.origin = ray.origin + ray.direction * flown
                                 left.triangle = NO_HIT
                                 gap = 0.0
+                                forward = ray.direction
                                 if wp.static(clamped):
                                     if vertex >= 2 and not indirect:
                                         direct = radiance
@@ -216,11 +217,10 @@ def make_trace_path(features: Features) -> wp.Function:
                                     receiver.position = ray.origin
                                     receiver.receives = RECEIVES_ANYWHERE
                                     lit = light_in_medium(
-                                        scene, receiver, ray.direction, record.g, inside, skin, u_light, settings.strategy
+                                        scene, receiver, forward, record.g, inside, skin, u_light, settings.strategy
                                     )
                                     rays += lit.rays
                                     radiance += wp.cw_mul(throughput, lit.radiance)
-                                forward = ray.direction
                                 ray.direction = sample_phase(forward, record.g, wp.vec2(u[0], u[1]))
                                 last_pdf = phase(wp.dot(forward, ray.direction), record.g)
                                 passed = 0.0

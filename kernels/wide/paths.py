@@ -3,9 +3,10 @@
 A path is a loop, and paths end after different numbers of rounds. The function becomes an object with what outlives a
 round as its members, so that a round can be run for one group of sixteen paths after the other; the lanes of paths
 that go on are moved together in between, and before surfaces are shaded, so that groups are nearly full (Wald 2011,
-"Active thread compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all groups are
-traced together: on the way to the next surface, and to a light where nothing can take a part of what comes from it. The
-kernel becomes an object, too: with what a pixel keeps, and what it does before and after each of its paths.
+"Active thread compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all
+groups are traced together: on the way to the next surface, and to a light where nothing can take a part of what comes
+from it. The kernel becomes an object, too: with what a pixel keeps, and what it does before and after each of its
+paths.
 `kernels/wide/pool.py` runs them for a square of pixels, whose first rays lie side by side.
 """
 
@@ -16,12 +17,12 @@ from warp._src.codegen import constant_str
 
 from wrt.kernels.wide.pool import DRIVER
 from wrt.kernels.wide.questions import ASKED, Question, question_code
-from wrt.kernels.wide.statements import NO_MORE, SET, VARIABLE, Body
+from wrt.kernels.wide.statements import NO_MORE, SET, Body
 from wrt.kernels.wide.types import Types, Unsupported
 
 _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
-_SHADED = re.compile(r" = surface_at\w*\(")
+_SHADED = re.compile(r" = \w*surface_at\w*\(")
 """The first of a round's statements for paths that have met a surface; others have ended before."""
 
 
@@ -141,7 +142,7 @@ struct {self.name} {{
 {"".join(f"    const {types.wide(a.type)}& {a.emit()};" for a in fixed)}
 {"".join(f"    {types.wide(a.type)} {a.emit()};" for a in own)}
 {_constants(constants)}{"".join(body.declaration(v) for v in (*kept, *across))}
-    lanes::Mask waiting;  // for an answer
+    lanes::Mask waiting = false;  // for an answer
 {further}    {self.name}({", ".join(fixed_in)}) : {", ".join(f"{a.emit()}({a.emit()}_in)" for a in fixed)} {{}}
     void begin({", ".join(own_in)}, const lanes::Mask exec_in) {{
         {masks};

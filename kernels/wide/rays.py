@@ -53,6 +53,7 @@ struct Lone {
 } // namespace lanes
 """.replace("STACK_SIZE", str(STACK_SIZE))
 
+
 def _of_origin_in_order(code: str) -> str:
     """Return a triangle test whose `origin` has the main axis last."""
     for place, axis in enumerate(("kx", "ky", "kz")):

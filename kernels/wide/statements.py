@@ -24,6 +24,7 @@ VARIABLE = re.compile(r"var_\w+")
 NEXT = re.compile(r"(var_\w+) = wp::iter_next\((var_\w+)\);")
 NO_MORE = re.compile(rf"if \(iter_cmp\((var_\w+)\) == 0\) goto end_{_LABEL};")
 _SETS = re.compile(r"(var_\w+)(?:\.\w+)* = |wp::assign\((var_\w+),")
+_STORES = re.compile(r"wp::(?:store|array_store|assign\w*)\(")
 _LEAVE = re.compile(r"return|goto ")
 _RANGE = re.compile(r"(var_\w+) = wp::range\((.*)\);")
 _STRUCT = re.compile(r"([A-Za-z_]\w*_[0-9a-f]{8})\((.*)\)")
@@ -109,20 +110,24 @@ class Body:
     def same_for_all(self, name: str, end: int) -> bool:
         """Return whether a variable is set before a line alone, and from constants."""
         setting = [i for i in range(len(self.lines)) if self.set_by(i) == name]
-        changed = [i for i in range(len(self.lines)) if self.changes(name, i, i + 1)]
-        if not setting or {*setting, *changed} != set(setting) or setting[-1] >= end:
+        if not setting or setting[-1] >= end or self.changes(name, setting[-1] + 1):
             return False
-        return all(set(VARIABLE.findall(self.lines[i])) <= {name, *self.constants} for i in setting)
+        into = {name}  # and what points there
+        for line in self.lines:
+            if (m := SET.fullmatch(line)) and m[1] in self.pointers and into & {*VARIABLE.findall(m[2])}:
+                into.add(m[1])
+            if _STORES.match(line) and (into - {name}) & {*VARIABLE.findall(line)}:
+                return False
+        return all({*VARIABLE.findall(self.lines[i])} <= {name, *self.constants} for i in setting)
 
     def later(self, first: int, end: int, last: int) -> dict[int, int]:
         """Return which lines from `first` to before `end` can wait, each with the line that it then comes before.
 
         That is the first line from `end` to before `last` that uses what they set, or the outermost `if` around it.
         """
-        outermost, depth, start = {}, 0, end
-        for i in range(end, last):
-            start = i if depth == 0 else start
-            outermost[i] = start
+        outermost, depth = {}, 0
+        for i in range(first, last):
+            outermost[i] = i if depth == 0 else outermost[i - 1]
             depth += self.lines[i].endswith("{") - (self.lines[i] == "}")
         users: dict[str, list[int]] = {}
         for i in range(first, last):
@@ -131,10 +136,9 @@ class Body:
         places: dict[int, int] = {}
         for i in reversed(range(first, end)):
             m = SET.fullmatch(self.lines[i])
-            if not m or m[1] in self.pointers or m[1] in self.outliving:
+            if not m or m[1] in self.outliving or outermost[i] != i or self.pointers.keys() & {*VARIABLE.findall(m[0])}:
                 continue
-            uses = [places.get(k, outermost.get(k, end)) for k in users[m[1]] if k > i]
-            place = min(uses, default=end)
+            place = min((places.get(k, outermost[k]) for k in users[m[1]] if k > i), default=end)
             if place > end and not any(self.changes(name, i + 1, place) for name in VARIABLE.findall(m[2])):
                 places[i] = place
         return places
