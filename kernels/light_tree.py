@@ -59,18 +59,19 @@ class TreeChoice:
 # docs/performance.md.
 #
 #   in:  node: const float*; position, normal: vectors; receives
-#   out: importance, distance2 (for the far field of a group, and finite at its centre), power
+#   out: importance, distance2 (for the far field of a group, and finite at its centre), inverse_mean (1 over the root
+#        of that), power
 _WEIGH = """
     const V dx = ROW(0) - position[0], dy = ROW(1) - position[1], dz = ROW(2) - position[2];
-    const V center2 = dx * dx + dy * dy + dz * dz, radius2 = ROW(6) * ROW(6);
+    const V radius = SIZE(ROW(6)), center2 = dx * dx + dy * dy + dz * dz, radius2 = radius * radius;
     const V inverse = 1.0f / ROOT(MOST(center2, (V)1e-36f));
     const V distance2 = MOST(center2 + 0.25f * radius2, (V)1e-36f), inverse_mean = 1.0f / ROOT(distance2);
-    const V sin_u = LEAST(ROW(6) * inverse + 1e-3f, (V)1.0f), cos_u = ROOT(1.0f - sin_u * sin_u);
+    const V sin_u = LEAST(radius * inverse + 1e-3f, (V)1.0f), cos_u = ROOT(1.0f - sin_u * sin_u);
     // At the lights: the angle to the axis, then less the spread, then less u.
     V depth = -(dx * ROW(7) + dy * ROW(8) + dz * ROW(9));
-    depth = WHERE(ROW(12) != 0.0f, SIZE(depth), depth);
+    depth = WHERE(ROW(6) < 0.0f, SIZE(depth), depth);
     const V cos_w = LEAST(depth * inverse, (V)1.0f), sin_w = ROOT(MOST(1.0f - cos_w * cos_w, (V)0.0f));
-    const V cos_o = ROW(10), sin_o = ROOT(MOST(1.0f - cos_o * cos_o, (V)0.0f));
+    const V cos_o = ROW(10), sin_o = ROW(12);
     const V cos_x = WHERE(cos_w > cos_o, (V)1.0f, cos_w * cos_o + sin_w * sin_o);
     const V sin_x = WHERE(cos_w > cos_o, (V)0.0f, sin_w * cos_o - cos_w * sin_o);
     const V cos_emitted = WHERE(cos_x > cos_u, (V)1.0f, cos_x * cos_u + sin_x * sin_u);
@@ -110,7 +111,8 @@ WEIGHTS = (
     + """
     nearest = __builtin_reduce_min(WHERE(power > 0.0f, distance2, (V)3e38f));
     importance *= power;
-    *(f8*)weights = WHERE(importance > 0.0f, MOST(importance * (nearest / distance2), (V)1e-36f), (V)0.0f);
+    const V nearness = nearest * inverse_mean * inverse_mean;
+    *(f8*)weights = WHERE(importance > 0.0f, MOST(importance * nearness, (V)1e-36f), (V)0.0f);
     }
 #else
     {
@@ -121,17 +123,18 @@ WEIGHTS = (
     #define LEAST(a, b) fminf(a, b)
     #define MOST(a, b) fmaxf(a, b)
     #define SIZE(a) fabsf(a)
-    float distances[8];
+    float inverses[8];
     for (int lane = 0; lane < 8; ++lane) {
 """
     + _WEIGH
     + """
         weights[lane] = importance * power;
-        distances[lane] = distance2;
+        inverses[lane] = inverse_mean;
         if (power > 0.0f) nearest = fminf(nearest, distance2);
     }
     for (int lane = 0; lane < 8; ++lane)
-        if (weights[lane] > 0.0f) weights[lane] = fmaxf(weights[lane] * (nearest / distances[lane]), 1e-36f);
+        if (weights[lane] > 0.0f)
+            weights[lane] = fmaxf(weights[lane] * (nearest * inverses[lane] * inverses[lane]), 1e-36f);
     }
 #endif
     #undef V

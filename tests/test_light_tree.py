@@ -213,15 +213,16 @@ def test_nodes_hold_what_is_below_them(kind: str) -> None:
 
 def assert_holds(child: NDArray, lights: LightBounds) -> None:
     """Check one child's numbers against all lights below it."""
-    center, half, radius, axis = child[:3], child[3:6], child[6], child[7:10]
+    center, half, radius, axis = child[:3], child[3:6], abs(child[6]), child[7:10]
     assert (np.abs(lights.center - center) + lights.half <= half).all()
     assert (np.linalg.norm(lights.center - center, axis=1) + lights.radius <= radius).all()
     cosine = lights.axis @ axis
-    cosine = np.where(lights.two_sided & bool(child[12]), np.abs(cosine), cosine)
+    cosine = np.where(lights.two_sided & (child[6] < 0.0), np.abs(cosine), cosine)
     spread = np.arccos(np.clip(cosine, -1.0, 1.0)) + np.arccos(lights.cos_spread)
     assert (np.arccos(np.clip(child[10], -1.0, 1.0)) >= np.minimum(spread, np.pi) - 1e-6).all()
     assert (child[11] <= lights.cos_falloff).all()
-    assert child[12] == lights.two_sided.any()
+    assert (child[6] < 0.0) == lights.two_sided.any()
+    assert abs(child[12] - np.sqrt(max(0.0, 1.0 - child[10] ** 2))) <= 1e-6 + 1e-7 / max(child[12], 1e-4)
     along = np.abs((lights.center - center) @ axis)
     assert (child[13] >= along + np.minimum(lights.depth, lights.radius) * np.abs(cosine) - 1e-6 * radius).all()
 

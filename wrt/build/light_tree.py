@@ -20,9 +20,9 @@ Indices = NDArray[np.int64]
 
 WIDTH = 8
 ROWS = 16
-"""Rows of eight numbers in a node: centre x y z, half the box's sides x y z, radius, axis x y z, cosines of spread and
-of falloff, whether both sides shine, extent from the centre along the axis, power, and the child: a node's number, or
-−1 minus that of a light."""
+"""Rows of eight numbers in a node: centre x y z, half the box's sides x y z, radius (negative where both sides shine),
+axis x y z, cosines of spread and of falloff, sine of spread, extent from the centre along the axis, power, and the
+child: a node's number, or −1 minus that of a light."""
 
 _BINS = 16
 _FEW_BINS = 8
@@ -323,15 +323,17 @@ def _bounds_of_ranges(lights: LightBounds, begin: Indices, end: Indices) -> Arra
     depth = np.maximum.reduceat(np.abs((offset * axis[run]).sum(axis=1)) + along, starts)
     angle = np.arccos(cosine) + np.arccos(np.clip(below.cos_spread, -1.0, 1.0))
     spread = np.maximum.reduceat(angle, starts)
+    cos_spread = np.where(spread < np.pi, np.maximum(np.cos(np.minimum(spread, np.pi)) - 1e-7, -1.0), -1.0)
+    two_sided = np.maximum.reduceat(below.two_sided, starts)
     return np.concatenate(
         [
             center,
             half,
-            (radius * (1.0 + 1e-6) + slack)[:, None],
+            ((radius * (1.0 + 1e-6) + slack) * np.where(two_sided, -1.0, 1.0))[:, None],
             axis,
-            np.where(spread < np.pi, np.cos(np.minimum(spread, np.pi)) - 1e-7, -1.0)[:, None],
+            cos_spread[:, None],
             np.minimum.reduceat(below.cos_falloff, starts)[:, None],
-            np.maximum.reduceat(below.two_sided, starts)[:, None],
+            np.sqrt(1.0 - cos_spread**2)[:, None],
             # Nothing is known of how far behind the lights a point is where their normals differ.
             np.where(spread < _FLAT, depth * (1.0 + 1e-6) + slack, np.inf)[:, None],
             np.add.reduceat(below.power, starts)[:, None],
