@@ -11,7 +11,7 @@ paths.
 """
 
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 from warp._src.codegen import constant_str
 
@@ -24,6 +24,20 @@ _PATH_LOOP = "while_0"
 _SAMPLE_LOOP = "for_0"
 _SHADED = re.compile(r" = \w*surface_at\w*\(")
 """The first of a round's statements for paths that have met a surface; others have ended before."""
+
+
+class _Part(NamedTuple):
+    """A part of a round.
+
+    Attributes:
+        question: which is asked before it, if one is.
+        shades: whether it begins to shade what paths have met; those that met nothing have ended before.
+        lines: its statements, by their numbers.
+    """
+
+    question: Question | None
+    shades: bool
+    lines: list[int]
 
 
 class PathSteps:
@@ -49,20 +63,10 @@ class PathSteps:
             raise Unsupported(f"{function.key}: returns something else than a variable at its end")
         own = [a for a in body.adj.args if a not in fixed]
 
-        asked = [(i, ASKED.fullmatch(line)) for i, line in enumerate(body.lines[:last]) if i > first]
-        asked = [(i, m) for i, m in asked if m and _depth(body.lines[first:i]) == 0]
-        questions = [Question(*m.groups()) for _, m in asked]
+        parts = _parts(body, first, last)
+        questions = [part.question for part in parts if part.question]
         if not questions or questions[0].distance or not all(q.distance for q in questions[1:]):
             raise Unsupported(f"{function.key}: traces other rays than one to what is next, then some to lights")
-        starts, ends = [first, *(i for i, _ in asked)], [*(i for i, _ in asked), last - 1]
-        parts = [list(range(start + 1, end)) for start, end in zip(starts, ends, strict=True)]
-        # What the first question does not need, such as random numbers, waits until it is known whose paths go on.
-        later = body.later(first + 1, ends[0], ends[1])
-        parts[0] = [i for i in parts[0] if i not in later]
-        parts[1] = [i for k in parts[1] for i in (*(j for j in sorted(later) if later[j] == k), k)]
-        misses, hits = _before_shading(body, parts[1])
-        parts[1:2] = [misses, hits]
-        asked_before = [None, questions[0], None, *questions[1:]]  # each part
 
         # What is set in the loop and used in the same round alone need not be kept.
         rounds, kept, constants = [], [], []
@@ -79,7 +83,7 @@ class PathSteps:
         begins = [v for v in kept if v.emit() not in later_on]
         same = [v for v in kept if v not in begins and body.same_for_all(v.emit(), first)]
         kept = [v for v in kept if v not in begins and v not in same]
-        used = [body.used(part) for part in parts]
+        used = [body.used(part.lines) for part in parts]
         asking = {name for q in questions for name in (q.answer, q.ray, q.distance)}
         across = [v for v in rounds if v.emit() in asking or sum(v.emit() in names for names in used) > 1]
         rounds = [v for v in rounds if v not in across]
@@ -87,9 +91,10 @@ class PathSteps:
         if not {q.scene for q in questions} <= {a.emit() for a in fixed} or not asking - {None} <= members:
             raise Unsupported(f"{function.key}: traces something else than its rays")
         local = "".join(body.declaration(v) for v in rounds)
-        halves = (used[0] | used[1], set().union(*used[2:]))
-        shaded = [v for v in across if all(v.emit() in names for names in halves)]
-        moved = [v.emit() for v in (*own, *kept, *shaded) if v.emit() in later_on and body.declaration(v)]
+        shading = next(number for number, part in enumerate(parts) if part.shades)
+        met, shaded = set().union(*used[:shading]), set().union(*used[shading:])
+        moved = [v.emit() for v in (*own, *kept) if v.emit() in later_on and body.declaration(v)]
+        moved += [v.emit() for v in across if v.emit() in met & shaded]
         moved = [name for name in moved if not types.is_shared(body.variables[name].type)]
 
         body.keep_all = True
@@ -100,7 +105,7 @@ class PathSteps:
         again = "".join(map(body.declaration, same)) + again
         body.loops.append(_PATH_LOOP)
         body.cut = _PATH_LOOP
-        codes = [body.code(part) for part in parts]
+        codes = [body.code(part.lines) for part in parts]
         body.loops.pop()
         end = body.code(range(last + 1, len(body.lines) - 1))
         result = returned[1]
@@ -108,9 +113,9 @@ class PathSteps:
         own_in = [f"const {types.wide(a.type)}& {a.emit()}_in" for a in own]
         masks = "lanes::Mask exec = exec_in, returned_ = false"
 
-        def part(number: int) -> str:
+        def part_code(number: int) -> str:
             answers = ""
-            q = asked_before[number]
+            q = parts[number].question
             if q and q.distance:
                 answers = f"{q.answer} = lanes::Mask(answer_{questions.index(q)}.v >= 0);"
             return f"""    lanes::Mask part_{number}(const lanes::Mask live) {{
@@ -149,8 +154,8 @@ struct {self.name} {{
         {" ".join(f"lanes::set({a.emit()}, {a.emit()}_in, exec);" for a in own)}
 {begin}
     }}
-    // A round up to where a question is asked, from there to the next, ...: each returns the lanes that go on.
-{"".join(part(number) for number in range(len(parts)))}
+    // The parts of a round: each returns the lanes that go on.
+{"".join(part_code(number) for number in range(len(parts)))}
     {types.wide(body.variables[result].type)} end(const lanes::Mask exec_in) {{
         {masks};
 {again}
@@ -164,10 +169,10 @@ LANES_INLINE void move({self.name}& to, const {self.name}& from, lanes::Move m) 
 }} // namespace
 """
         self.round = ""
-        for number, q in enumerate(asked_before):
-            if q:
-                self.round += f"            trace<Question{questions.index(q)}>(groups);\n"
-            if number == 2:
+        for number, part in enumerate(parts):
+            if part.question:
+                self.round += f"            trace<Question{questions.index(part.question)}>(groups);\n"
+            if part.shades:
                 self.round += "            close_up_where_sparse(groups);\n"
             self.round += f"            run<&Steps::part_{number}>(groups);\n"
 
@@ -322,16 +327,25 @@ typedef {pixels} Pixels;
         )
 
 
-def _before_shading(body: Body, part: list[int]) -> tuple[list[int], list[int]]:
-    """Return the lines of a part up to where paths have ended that met nothing to be shaded, and those after it."""
-    met = next((n for n, i in enumerate(part) if _SHADED.search(body.lines[i])), 0)
-    depth, cut = 0, 0
-    for n, i in enumerate(part[:met]):
-        line = body.lines[i]
-        depth += line.endswith("{") - (line == "}")
-        if line == "}" and depth == 0:
-            cut = n + 1
-    return part[:cut], part[cut:]
+def _parts(body: Body, first: int, last: int) -> list[_Part]:
+    """Return the parts of the loop that begins and ends with two lines."""
+    asked = [(i, m) for i in range(first + 1, last) if (m := ASKED.fullmatch(body.lines[i]))]
+    asked = [(i, m) for i, m in asked if _depth(body.lines[first:i]) == 0]
+    starts, ends = [first, *(i for i, _ in asked)], [*(i for i, _ in asked), last - 1]
+    questions = [None, *(Question(*m.groups()) for _, m in asked)]
+    lines = [list(range(start + 1, end)) for start, end in zip(starts, ends, strict=True)]
+    parts = [_Part(q, False, numbers) for q, numbers in zip(questions, lines, strict=True)]
+    if not asked:
+        return parts
+    # What the first question does not need, such as random numbers, waits until it is known whose paths go on.
+    later = body.later(first + 1, ends[0], ends[1])
+    begun = [i for i in lines[0] if i not in later]
+    following = [i for k in lines[1] for i in (*(j for j in sorted(later) if later[j] == k), k)]
+    met = next((n for n, i in enumerate(following) if _SHADED.search(body.lines[i])), 0)
+    blocks = [n for n in range(met) if body.lines[following[n]] == "}"]
+    cut = max((n + 1 for n in blocks if _depth([body.lines[i] for i in following[: n + 1]]) == 0), default=0)
+    ended, shaded = _Part(questions[1], False, following[:cut]), _Part(None, True, following[cut:])
+    return [_Part(None, False, begun), ended, shaded, *parts[2:]]
 
 
 def _depth(lines: list[str]) -> int:
