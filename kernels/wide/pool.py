@@ -6,8 +6,8 @@ longer, and all that the pool reads lies near together. Else they are of sixteen
 
 Each round traces the rays of all paths. A group whose rays are of one octant goes down the tree as it is, the others'
 rays are sorted by octant first, as the boxes of the tree are tested in less instructions for rays of one (Wald 2001,
-"Interactive rendering with coherent ray tracing"). Where less than three quarters of the lanes are in use, after paths that
-met nothing have ended and after each round, the others close up. Which paths go together changes no bit of the film.
+"Interactive rendering with coherent ray tracing"). Once paths that met nothing have ended, and after each round, the
+others close up if less than three quarters of the lanes are in use. Which paths go together changes no bit of the film.
 """
 
 from wrt.kernels.wide.render import TILE
