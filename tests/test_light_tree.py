@@ -222,6 +222,7 @@ def assert_holds(child: NDArray, lights: LightBounds) -> None:
     assert (np.arccos(np.clip(child[10], -1.0, 1.0)) >= np.minimum(spread, np.pi) - 1e-6).all()
     assert (child[11] <= lights.cos_falloff).all()
     assert (child[6] < 0.0) == lights.two_sided.any()
+    # The cosine is rounded to 6e-8 of itself, the sine then by that over the sine.
     assert abs(child[12] - np.sqrt(max(0.0, 1.0 - child[10] ** 2))) <= 1e-6 + 1e-7 / max(child[12], 1e-4)
     along = np.abs((lights.center - center) @ axis)
     assert (child[13] >= along + np.minimum(lights.depth, lights.radius) * np.abs(cosine) - 1e-6 * radius).all()

@@ -6,8 +6,7 @@ that go on are moved together in between, and before surfaces are shaded, so tha
 "Active thread compaction for GPU path tracing"). A round is cut into parts where it traces rays, so that those of all
 groups are traced together: on the way to the next surface, and to a light where nothing can take a part of what comes
 from it. The kernel becomes an object, too: with what a pixel keeps, and what it does before and after each of its
-paths.
-`kernels/wide/pool.py` runs them for a square of pixels, whose first rays lie side by side.
+paths. `kernels/wide/pool.py` runs them for a square of pixels, whose first rays lie side by side.
 """
 
 import re
@@ -330,7 +329,8 @@ typedef {pixels} Pixels;
 def _parts(body: Body, first: int, last: int) -> list[_Part]:
     """Return the parts of the loop that begins and ends with two lines."""
     asked = [(i, m) for i in range(first + 1, last) if (m := ASKED.fullmatch(body.lines[i]))]
-    asked = [(i, m) for i, m in asked if _depth(body.lines[first:i]) == 0]
+    outermost = body.outermost(first + 1, last)
+    asked = [(i, m) for i, m in asked if outermost[i] == i]
     starts, ends = [first, *(i for i, _ in asked)], [*(i for i, _ in asked), last - 1]
     questions = [None, *(Question(*m.groups()) for _, m in asked)]
     lines = [list(range(start + 1, end)) for start, end in zip(starts, ends, strict=True)]
@@ -342,15 +342,10 @@ def _parts(body: Body, first: int, last: int) -> list[_Part]:
     begun = [i for i in lines[0] if i not in later]
     following = [i for k in lines[1] for i in (*(j for j in sorted(later) if later[j] == k), k)]
     met = next((n for n, i in enumerate(following) if _SHADED.search(body.lines[i])), 0)
-    blocks = [n for n in range(met) if body.lines[following[n]] == "}"]
-    cut = max((n + 1 for n in blocks if _depth([body.lines[i] for i in following[: n + 1]]) == 0), default=0)
+    around = [outermost[i] for i in following]
+    cut = max((n + 1 for n in range(met) if around[n] != following[n] and around[n] != around[n + 1]), default=0)
     ended, shaded = _Part(questions[1], False, following[:cut]), _Part(None, True, following[cut:])
     return [_Part(None, False, begun), ended, shaded, *parts[2:]]
-
-
-def _depth(lines: list[str]) -> int:
-    """Return how many blocks are open after some lines."""
-    return sum(line.endswith("{") - (line == "}") for line in lines)
 
 
 def _end_of_block(lines: list[str], first: int, end: int) -> int:

@@ -120,15 +120,21 @@ class Body:
                 return False
         return all({*VARIABLE.findall(self.lines[i])} <= {name, *self.constants} for i in setting)
 
+    def outermost(self, first: int, end: int) -> dict[int, int]:
+        """Return for each line from `first` to before `end` where the outermost `if` or loop around it begins."""
+        found, depth = {}, 0
+        for i in range(first, end):
+            line = self.lines[i]
+            found[i] = i if depth == 0 else found[i - 1]
+            depth += bool(line.endswith("{") or START.fullmatch(line)) - bool(line == "}" or END.fullmatch(line))
+        return found
+
     def later(self, first: int, end: int, last: int) -> dict[int, int]:
         """Return which lines from `first` to before `end` can wait, each with the line that it then comes before.
 
-        That is the first line from `end` to before `last` that uses what they set, or the outermost `if` around it.
+        That is the first line from `end` to before `last` that uses what they set, or what is outermost around it.
         """
-        outermost, depth = {}, 0
-        for i in range(first, last):
-            outermost[i] = i if depth == 0 else outermost[i - 1]
-            depth += self.lines[i].endswith("{") - (self.lines[i] == "}")
+        outermost = self.outermost(first, last)
         users: dict[str, list[int]] = {}
         for i in range(first, last):
             for name in set(VARIABLE.findall(self.lines[i])):
