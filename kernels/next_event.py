@@ -14,6 +14,7 @@ from wrt.kernels.geometry import Ray, Receiver, to_local
 from wrt.kernels.intersect import INFINITE_DISTANCE
 from wrt.kernels.light_shapes import light_shape_blocks
 from wrt.kernels.lights import make_lights
+from wrt.kernels.medium import make_extinction, transmittance
 from wrt.kernels.phase import phase
 from wrt.kernels.scene_data import BodyStack, SceneData
 from wrt.kernels.shadow import dims_light, make_visibility
@@ -108,6 +109,8 @@ def make_light_at_surface(features: Features) -> wp.Function:
     visibility = make_visibility(features)
     dims = dims_light(features)
     light_shapes = features.light_shapes
+    media = features.media != "none"
+    extinction_of = make_extinction(features.media)
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
@@ -160,6 +163,9 @@ def make_light_at_surface(features: Features) -> wp.Function:
                         shaded = light_shape_blocks(scene, shadow, distance, light.point)
                     if not shaded:
                         result.radiance = arriving
+                        if wp.static(media):
+                            left = transmittance(extinction_of(scene, within), distance)
+                            result.radiance = wp.cw_mul(arriving, left)
                         result.way = shadow
                         result.distance = distance
         return result

@@ -19,8 +19,8 @@ from wrt.kernels.surface import Surface, align_tangents, make_add_texture_coordi
 
 
 def dims_light(features: Features) -> bool:
-    """Return whether anything can take a part of light, instead of all or nothing."""
-    return features.layered or features.bodies or has_panes(features.models)
+    """Return whether a surface can take a part of light, instead of all or nothing."""
+    return features.layered or features.nested or has_panes(features.models)
 
 
 @functools.cache
@@ -33,6 +33,7 @@ def make_visibility(features: Features) -> wp.Function:
     and `skin` is the surface right beside its origin.
     """
     textured = features.textured
+    layered = features.layered
     _, closest_hit_before, next_hit, occluded = make_intersect(features.instances)
     surface_at = make_surface_at(features.instances)
     add_texture_coordinates = make_add_texture_coordinates(features.extras)
@@ -73,8 +74,11 @@ def make_visibility(features: Features) -> wp.Function:
         scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin
     ) -> wp.vec3:
         share = wp.vec3(1.0)
-        if light_point.triangle >= 0:
-            share -= not_there_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
+        if wp.static(layered):
+            if light_point.triangle >= 0:
+                share -= not_there_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
+                if wp.max(share) <= 0.0:
+                    return wp.vec3(0.0)
         if wp.static(light_shapes):
             if light_shape_blocks(scene, ray, distance, light_point):
                 return wp.vec3(0.0)
@@ -85,7 +89,7 @@ def make_visibility(features: Features) -> wp.Function:
         hit = closest_hit_before(scene, ray, distance)
         if wp.static(scattering):
             hit = or_skin(skin, ray, hit)
-        while wp.max(share) > 0.0 and passed < MOST_PASSED:
+        while passed < MOST_PASSED:
             if wp.static(media):
                 share = wp.cw_mul(share, transmittance(extinction_of(scene, within), hit.t - come))
                 come = hit.t
@@ -107,17 +111,28 @@ def make_visibility(features: Features) -> wp.Function:
                     within = after
             if there:
                 share = wp.cw_mul(share, passed_at(scene, hit, surface, ray.direction))
+                if wp.max(share) <= 0.0:
+                    break
             hit = next_hit(scene, ray, hit, distance)
             passed += 1
         return wp.vec3(0.0)
 
-    @wp.func(name=f"unblocked{'_shapes' if light_shapes else ''}")
+    @wp.func(name=f"unblocked_{features.media}{'_shapes' if light_shapes else ''}")
     def unblocked(
         scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin
     ) -> wp.vec3:
         if wp.static(light_shapes):
             if light_shape_blocks(scene, ray, distance, light_point):
                 return wp.vec3(0.0)
-        return wp.vec3(wp.where(occluded(scene, ray, distance), 0.0, 1.0))
+        if wp.static(scattering):
+            nothing = Hit()
+            nothing.triangle = NO_HIT
+            if or_skin(skin, ray, nothing).triangle != NO_HIT:
+                return wp.vec3(0.0)
+        if occluded(scene, ray, distance):
+            return wp.vec3(0.0)
+        if wp.static(media):
+            return transmittance(extinction_of(scene, inside), distance)
+        return wp.vec3(1.0)
 
     return through if dims_light(features) else unblocked
