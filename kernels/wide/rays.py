@@ -17,8 +17,6 @@ IN_TURN = 8
 LONE_RAYS = 4
 LONE_MIXED_RAYS = 8
 FEW_RAYS = 6
-# Of a smaller tree it is not worth asking the processor to fetch the next node of a ray.
-FLOATS_IN_CACHE = 250_000
 
 _TYPES = """
 namespace lanes {
@@ -69,7 +67,6 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
-    const bool fetches = bvh.nodes.shape[0] + bvh.leaves.shape[0] > FLOATS_IN_CACHE;
     int live = 0;
     const auto next_listed = [&](lanes::Lone& r) -> bool {
         const int n = r.number;
@@ -164,7 +161,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 }
                 const float* next = r.current >= 0 ? all_nodes + (size_t)r.current * 56
                                                    : all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
-                if (fetches) for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
+                for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
                 break;
             }
         }
@@ -401,7 +398,7 @@ LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
 
 
 def _with_constants(code: str) -> str:
-    for name in ("IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS", "FLOATS_IN_CACHE"):
+    for name in ("IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS"):
         code = code.replace(name, str(globals()[name]))
     return code.replace("RAY_SLAB", RAY_SLAB.replace("NUMBER", "f16"))
 
