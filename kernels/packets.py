@@ -125,7 +125,7 @@ _PACKET = (
                 i8 best_id = *(const i8*)numbers;
                 for (int j = 0; j < LEAF_SIZE; ++j) {
                     #pragma clang fp contract(off)
-                    if (j > 0 && ids[j] == ids[j - 1]) break;  // the rest of the leaf is not used
+                    if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of it
                     #define VECTOR f8
                     #define INTEGERS i8
                     #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]

@@ -97,6 +97,22 @@ def test_hits_are_those_of_whole_triangles(
         np.testing.assert_array_equal(cut.any_hit(*rays), expected.triangle >= 0)
 
 
+@pytest.mark.parametrize("name", ["slivers among a ball", "soup"])
+def test_packets_hit_what_they_hit_of_whole_triangles(
+    name: str, device: str, forced: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rays that go together meet every triangle of a leaf, also those after two pieces of one triangle."""
+    mesh = mesh_of(SCENES[name]())
+    cut, plain = wrt.Intersector(mesh, device=device), whole(mesh, device, monkeypatch)
+    across, up = np.meshgrid(np.linspace(-0.5, 0.5, 300), np.linspace(-0.5, 0.5, 300))
+    directions = np.stack([across, up, np.full_like(up, -1.0)], axis=-1).reshape(-1, 3)
+    origins = np.tile(mesh.bounds.mean(axis=0) + [0.0, 0.0, 3.0], (len(directions), 1))
+    expected = plain.closest_hit(origins, directions)
+    assert (expected.triangle >= 0).sum() > 10_000
+    assert_same(cut.closest_hit(origins, directions), expected)
+    np.testing.assert_array_equal(cut.any_hit(origins, directions), expected.triangle >= 0)
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_nothing_escapes_where_pieces_meet(scale: float, device: str, forced: None) -> None:
     """A hundred thousand rays from inside a coarse ball, of which every triangle is cut."""

@@ -14,7 +14,7 @@ from support.wide_scenes import CAMERAS, SCENES
 from test_cuda_compile import FEATURES
 
 import wrt
-from wrt.build import layout
+from wrt.build import bvh, layout
 from wrt.build.integrators import integrator_features
 from wrt.kernels.features import Features
 from wrt.kernels.integrators import INTEGRATORS
@@ -81,6 +81,18 @@ def test_the_same_bits(name: str, shared: None) -> None:
     for camera in cameras:
         scene.camera = CAMERAS[camera]
         assert differences(scene, **options) == [], camera
+
+
+@needs_lanes
+def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of which a leaf may hold two, before other triangles."""
+    monkeypatch.setattr(bvh, "MORE_PIECES", 5.0)
+    monkeypatch.setattr(bvh, "WORTH_CUTTING", np.inf)
+    scene = SCENES["plain"][0]()
+    corners = np.random.default_rng(4).uniform(-1.0, 1.0, (2_000, 1, 3)) * [3.0, 2.0, 3.0]
+    corners = corners + np.random.default_rng(5).normal(size=(2_000, 3, 3)) * 0.3
+    scene.add(wrt.Mesh(corners.reshape(-1, 3), np.arange(6_000).reshape(-1, 3)), material=wrt.Diffuse(0.5))
+    assert differences(scene) == []
 
 
 @needs_lanes

@@ -230,7 +230,7 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
             i16 best_id = INTEGER_ROW(numbers);
             _Pragma("clang loop unroll(disable)") for (int j = 0; j < LEAF_SIZE; ++j) {
                 #pragma clang fp contract(off)
-                if (j > 0 && ids[j] == ids[j - 1]) break;  // the rest of the leaf is not used
+                if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of it
                 const auto corner = [&](int vertex, int axis) __attribute__((always_inline)) -> f16 {
                     const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
                     if (!axes) return (f16)c[LEAF_SIZE * axis];
