@@ -1,10 +1,11 @@
-"""Measure wrt: pictures beside other renderers, how it scales, rays beside Embree, compiling, many lights, loading.
+"""Measure wrt: pictures beside other renderers, how it scales, rays beside Embree, compiling, lights, loading, changes.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
     python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N]
     python scripts/benchmark.py compile [--kernels TEXT ...] [--docs]
     python scripts/benchmark.py lights [--lights N ...] [--seconds S]
+    python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
     python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
 
 Each prints what it finds, and writes it as JSON with --json FILE. With --docs, results go to docs/measured and their
@@ -21,7 +22,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import compiling, lights, loading, rays, render, scaling
+from benchmarks import checkouts, compiling, lights, loading, rays, render, scaling
 from benchmarks.measure import machine
 from benchmarks.report import TEXTS, write_documents
 
@@ -32,6 +33,7 @@ MODULES = {
     "compile": compiling,
     "lights": lights,
     "loading": loading,
+    "checkouts": checkouts,
 }
 
 
@@ -58,6 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "compile": compiling.benchmark_compile,
         "lights": lights.benchmark_lights,
         "loading": loading.benchmark_loading,
+        "checkouts": checkouts.benchmark_checkouts,
     }
     result = benchmarks[options.command](options) | machine()
     pictures = result.pop("pictures", {})

@@ -11,7 +11,7 @@ from pathlib import Path
 import benchmark
 import numpy as np
 import pytest
-from benchmarks import agreement, figures, measure, render, report, scaling, scenes
+from benchmarks import agreement, checkouts, figures, measure, render, report, scaling, scenes
 from conftest import ROOT, Report
 from peers import peer
 from peers.picture_tests import image_z_test
@@ -180,6 +180,28 @@ def test_a_renderer_in_a_process_of_its_own(tmp_path: Path) -> None:
     options = argparse.Namespace(device="cpu")
     line = peer.first_picture_command(peer.OWN, tmp_path, peer.Environments(), options.device, tmp_path / "first.png")
     assert line[2:4] == ["wrt", "render"]
+
+
+def test_checkouts_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two of the same, in turn; and what is no checkout, or one whose worker does not tell what is needed."""
+    options = ["--scenes", "cornell", "--size", "24", "--seconds", "0.01", "--rounds", "3"]
+    saved = tmp_path / "found.json"
+    assert benchmark.main(["checkouts", str(ROOT), *options, "--json", str(saved)]) == 0
+    (row,) = json.loads(saved.read_text(encoding="utf-8"))["rows"]
+    assert (row["scene"], row["checkout"], len(row["ratios"])) == ("cornell", str(ROOT), 3)
+    assert 0.0 < min(row["ratios"]) <= row["ratio"] <= max(row["ratios"])
+    assert "`cornell`" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="no checkout of wrt"):
+        benchmark.main(["checkouts", str(tmp_path), *options])
+    worker = tmp_path / "scripts" / "peers" / "wrt_worker.py"
+    worker.parent.mkdir(parents=True)
+    worker.write_text("import sys\nsys.exit('too old')\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match="ended: too old"):
+        benchmark.main(["checkouts", str(tmp_path), *options])
+    worker.write_text("print('{}', flush=True)\nfor _ in open(0):\n    print('{}', flush=True)\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match="seconds of CPU"):
+        benchmark.main(["checkouts", str(tmp_path), *options])
+    assert checkouts.quartiles([3.0]) == (3.0, 3.0, 3.0)
 
 
 def test_what_a_renderer_said_last_is_told(tmp_path: Path) -> None:

@@ -22,7 +22,10 @@ STARTED = time.perf_counter()
 
 
 class Worker(Protocol):
-    """A renderer with its scene loaded."""
+    """A renderer with its scene loaded.
+
+    One that knows the seconds of CPU of its last render, all threads', may keep them as `cpu_seconds`.
+    """
 
     def about(self) -> dict[str, Any]:
         """Return versions, and what it needed to get here: seconds by name."""
@@ -71,6 +74,8 @@ def serve(make: Callable[[Path, str], Worker]) -> None:
         result: dict[str, Any] = {}
         if question["do"] == "render":
             result["seconds"] = worker.render(question["spp"], question["seed"])
+            if hasattr(worker, "cpu_seconds"):
+                result["cpu_seconds"] = worker.cpu_seconds
             if question.get("save"):
                 import numpy as np
 

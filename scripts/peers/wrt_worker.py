@@ -47,9 +47,10 @@ class WrtWorker:
             self.renderer = wrt.Renderer(self.scene, device=self.device, seed=seed)
             self.renderer.compile()
         self.first = False
-        started = time.perf_counter()
+        started, cpu_started = time.perf_counter(), time.process_time()
         for _ in self.renderer.passes(spp=spp):
             pass
+        self.cpu_seconds = time.process_time() - cpu_started
         return time.perf_counter() - started
 
     def picture(self) -> Any:
