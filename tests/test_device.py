@@ -59,6 +59,27 @@ def test_launches_are_few_and_share_the_work(monkeypatch: pytest.MonkeyPatch) ->
     assert threading.main_thread().name not in {name for _, _, name in starts}
 
 
+@pytest.mark.parametrize(("spared", "running"), [(0, 3), (1, 2), (5, 1)])
+def test_threads_are_spared_but_one(spared: int, running: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All slices are run, by the threads that are left: each waits in its first slice until all have one."""
+    names: set[str] = set()
+    met = threading.Barrier(running)
+    launch = wp.launch
+
+    def recorded(kernel: wp.Kernel, dim: int, inputs: list, **options: object) -> None:
+        if threading.current_thread().name not in names:
+            names.add(threading.current_thread().name)
+            met.wait(timeout=60.0)
+        launch(kernel, dim=dim, inputs=inputs, **options)
+
+    device = Device("cpu", threads=3)
+    counts = wp.zeros(1016, dtype=int, device="cpu")
+    monkeypatch.setattr(wp, "launch", recorded)
+    device.launch(count, 1000, [counts], spared=spared)
+    assert (counts.numpy()[8:-8] == 1).all()
+    assert len(names) == running
+
+
 def test_an_empty_slice_is_never_launched(monkeypatch: pytest.MonkeyPatch) -> None:
     dims: list[int] = []
     monkeypatch.setattr(wp, "launch", lambda kernel, dim, **_: dims.append(dim))

@@ -21,6 +21,7 @@ import wrt
 from wrt import wide
 from wrt.device import Device
 from wrt.lean.builds import Builds
+from wrt.render_kernel import RenderKernel
 from wrt.wide import COMPILING_SECONDS, LOADING_SECONDS, NEEDED, SWITCH, WideKernel, largest_array, processor_flags
 
 sixteen_lanes = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no such registers")
@@ -107,6 +108,21 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     kernel.prepare(LOADING_SECONDS * 2)
     assert kernel.kernel == "loaded"
     assert len(started) == 1
+
+
+def test_a_thread_rests_while_it_is_compiled(
+    notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spared: list[int] = []
+    kernel = RenderKernel(renderer.device, renderer._kernel._features, 20, 19)
+    kernel.records = renderer._kernel.records
+    take_note = spared.append
+    monkeypatch.setattr(Device, "launch", lambda *_, spared=0: take_note(spared))
+    for left in (0.0, math.inf, math.inf):
+        kernel.launch([], left)
+    started[0].returncode = 1
+    kernel.launch([], math.inf)
+    assert spared == [0, 1, 1, 0]
 
 
 def test_what_is_compiled_is_loaded_at_once(notes: Noted, renderer: wrt.Renderer) -> None:

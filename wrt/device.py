@@ -226,8 +226,8 @@ class Device:
         finally:
             pool.shutdown(cancel_futures=True)  # what it is at ends, so that nothing is left half done
 
-    def launch(self, kernel: Any, count: int, inputs: list[Any]) -> None:
-        """Run `kernel` over indices 0 to count − 1 and wait for it.
+    def launch(self, kernel: Any, count: int, inputs: list[Any], *, spared: int = 0) -> None:
+        """Run `kernel` over indices 0 to count − 1 and wait for it, on all threads but those to be spared.
 
         The kernel's first argument is the index of its thread 0. On the CPU, where Warp runs one
         launch on one core, slices of the range run side by side. After KeyboardInterrupt the
@@ -257,7 +257,7 @@ class Device:
 
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt")
-        workers = {self._pool.submit(work) for _ in range(self.threads)}
+        workers = {self._pool.submit(work) for _ in range(max(1, self.threads - spared))}
         try:
             _finish(workers)
         finally:

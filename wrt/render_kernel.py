@@ -44,7 +44,7 @@ class RenderKernel:
         faster = self._faster()
         faster.prepare(seconds_left)
         if faster.kernel is None:
-            self._device.launch(self.usual, self._width * self._height, inputs)
+            self._device.launch(self.usual, self._width * self._height, inputs, spared=int(faster.is_being_compiled))
             return
         from wrt.kernels.wide.render import TILE
 

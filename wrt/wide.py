@@ -32,10 +32,10 @@ LOADING_SECONDS, LEAN_LOADING_SECONDS = 2.0, 0.3
 """Less rendering is not worth loading it: it must be written anew to be known again (0.5 s), but not without Warp."""
 
 COMPILING_SECONDS = 30.0
-"""Less rendering is not worth compiling it, which takes 8 to 20 s of one core while all cores render.
+"""Less rendering is not worth compiling it, which takes 8 to 20 s of one core.
 
-It is not put behind those in the system's order (`nice`): on two cores that all render it would get a twentieth of
-them, and come after minutes (Cornell box, 60 s: 232 samples instead of 343)."""
+It is not put behind those that render in the system's order (`nice`), but one of them rests: on two cores that both
+rendered it got a twentieth of them, and came after minutes (Cornell box, 60 s: 232 samples instead of 343)."""
 
 MOST_BYTES = 2**31 - 1
 """Of an array that kernels look into: places are 32-bit numbers."""
@@ -74,6 +74,11 @@ class WideKernel:
                 self._load()
             elif seconds_left > COMPILING_SECONDS:
                 self._compile()
+
+    @property
+    def is_being_compiled(self) -> bool:
+        """Whether another process is at it."""
+        return self._compiler is not None
 
     def wait(self) -> None:
         """Have it compiled if it is not, and load it; return when it is there or cannot be had."""
