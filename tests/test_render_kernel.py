@@ -233,6 +233,32 @@ print(status, [name for name in stand_in.builds._loaded if ".wide." in name])
 """
 
 
+CODE = """
+import hashlib
+import sys
+import wrt
+from wrt.kernels.render import make_render_kernel
+from wrt.kernels.wide.translate import wide_code
+for name in sys.argv[1:]:
+    features = wrt.Renderer(wrt.load(name), width=8, height=8)._kernel._features
+    code = wide_code(make_render_kernel(features))
+print(hashlib.sha256(code.encode()).hexdigest())
+"""
+
+
+def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
+    """Else what one process has compiled would not be what the next looks for."""
+
+    def code(*scenes: str) -> str:
+        command = [sys.executable, "-c", CODE, *scenes]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        return subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout.split()[
+            -1
+        ]
+
+    assert code("still-life") == code("cornell-box", "teapot", "still-life")
+
+
 COMPILING = """
 import os
 import sys

@@ -6,6 +6,7 @@ anew for sixteen threads (`statements.py`), with paths that end at different tim
 rays traced side by side (`rays.py`). The kernels themselves know nothing of it, and the film's bits stay the same.
 """
 
+import re
 from typing import Any
 
 import warp as wp
@@ -52,7 +53,27 @@ def wide_code(kernel: wp.Kernel) -> str:
         else:
             out.append(_function(types, function))
     out.append(SampledPixels(types, built, path, {f.key: f.native_func for f in functions}).code)
-    return "".join(out)
+    return _numbered_anew("".join(out), [f.native_func for f in functions])
+
+
+def _numbered_anew(code: str, names: list[str]) -> str:
+    """Return the code with functions of one name numbered in the order in which they are there.
+
+    Warp numbers them in the order in which a process has made them, whatever for. What one process has compiled
+    would then be another one to the next.
+    """
+    counts: dict[str, int] = {}
+    numbered = {}
+    for name in names:
+        base = re.sub(r"_\d+$", "", name)
+        numbered[name] = f"{base}_{counts.setdefault(base, 0)}"
+        counts[base] += 1
+
+    def anew(identifier: re.Match[str]) -> str:
+        before, name, after = identifier.groups()
+        return f"{before}{numbered[name]}{after}" if name in numbered else identifier[0]
+
+    return re.sub(r"\b(wide_|steps_|)(\w+_\d+)((?:_of_one|_set_out|_found)?)\b", anew, code)
 
 
 def _function(types: Types, function: Any) -> str:
