@@ -113,16 +113,15 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
 def test_a_thread_rests_while_it_is_compiled(
     notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spared: list[int] = []
+    rested: list[int] = []
     kernel = RenderKernel(renderer.device, renderer._kernel._features, 20, 19)
     kernel.records = renderer._kernel.records
-    take_note = spared.append
-    monkeypatch.setattr(Device, "launch", lambda *_, spared=0: take_note(spared))
+    monkeypatch.setattr(Device, "launch", lambda *_, spared=0: rested.append(spared))
     for left in (0.0, math.inf, math.inf):
         kernel.launch([], left)
     started[0].returncode = 1
     kernel.launch([], math.inf)
-    assert spared == [0, 1, 1, 0]
+    assert rested == [0, 1, 1, 0]
 
 
 def test_what_is_compiled_is_loaded_at_once(notes: Noted, renderer: wrt.Renderer) -> None:
@@ -252,9 +251,8 @@ def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
     def code(*scenes: str) -> str:
         command = [sys.executable, "-c", CODE, *scenes]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        return subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout.split()[
-            -1
-        ]
+        done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+        return done.stdout.split()[-1]
 
     assert code("still-life") == code("cornell-box", "teapot", "still-life")
 

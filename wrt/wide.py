@@ -34,8 +34,8 @@ LOADING_SECONDS, LEAN_LOADING_SECONDS = 2.0, 0.3
 COMPILING_SECONDS = 30.0
 """Less rendering is not worth compiling it, which takes 8 to 20 s of one core.
 
-It is not put behind those that render in the system's order (`nice`), but one of them rests: on two cores that both
-rendered it got a twentieth of them, and came after minutes (Cornell box, 60 s: 232 samples instead of 343)."""
+It is not put behind the threads that render in the system's order (`nice`), and one of them rests. Behind them, on two
+cores, it had not ended after 60 s (Cornell box: 232 samples; 343 where it was not behind, even with none at rest)."""
 
 MOST_BYTES = 2**31 - 1
 """Of an array that kernels look into: places are 32-bit numbers."""

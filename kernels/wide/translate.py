@@ -7,6 +7,7 @@ rays traced side by side (`rays.py`). The kernels themselves know nothing of it,
 """
 
 import re
+from collections import Counter
 from typing import Any
 
 import warp as wp
@@ -62,11 +63,11 @@ def _numbered_anew(code: str, names: list[str]) -> str:
     Warp numbers them in the order in which a process has made them, whatever for. What one process has compiled
     would then be another one to the next.
     """
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     numbered = {}
     for name in names:
         base = re.sub(r"_\d+$", "", name)
-        numbered[name] = f"{base}_{counts.setdefault(base, 0)}"
+        numbered[name] = f"{base}_{counts[base]}"
         counts[base] += 1
 
     def anew(identifier: re.Match[str]) -> str:

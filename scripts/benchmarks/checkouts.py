@@ -11,9 +11,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from peers.peer import OWN, Environments, Peer, PeerError, Session, prepare
 
-from benchmarks.render import next_seed
+from benchmarks.render import next_seed, samples_for
 from benchmarks.scenes import CASES, Budget
 
 _LEAST_SPP = 16
@@ -26,19 +27,16 @@ def benchmark_checkouts(options: argparse.Namespace) -> dict[str, Any]:
     Short renders in turn, of the same samples. Each ratio is that of two renders one after the other, so what slows the
     machine for longer than that slows both. Seconds are of CPU: what other work takes of the machine is not counted.
     """
-    workers = [OWN, *(worker_of(checkout) for checkout in options.checkouts)]
+    workers = [OWN, *(worker_of(checkout, k) for k, checkout in enumerate(options.checkouts))]
     print("| scene | spp | M paths/s | over | ratio | quartiles |\n| --- | --- | --- | --- | --- | --- |")
     rows = []
     for name in options.scenes:
         scene = CASES[name].scene(options.size, Budget(options.share))
         with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
-            sessions = []
-            for k, worker in enumerate(workers):
-                folder = Path(temporary) / str(k)
-                folder.mkdir()
-                prepare(worker, scene, folder)
-                sessions.append(stack.enter_context(session_of(worker, folder, options)))
-            spp = samples_for(sessions[0], options.seconds)
+            folder = Path(temporary)
+            prepare(OWN, scene, folder)
+            sessions = [stack.enter_context(session_of(worker, folder, options)) for worker in workers]
+            spp = max(_LEAST_SPP, samples_for(sessions[0], options.seconds))
             seconds = [[cpu_seconds(session, spp) for session in sessions] for _ in range(1 + options.rounds)][1:]
         rate = options.size**2 * spp / statistics.median(row[0] for row in seconds) / 1e6 * options.threads
         for k, checkout in enumerate(options.checkouts, start=1):
@@ -49,18 +47,18 @@ def benchmark_checkouts(options: argparse.Namespace) -> dict[str, Any]:
     return {"benchmark": "checkouts", "size": options.size, "threads": options.threads, "rows": rows}
 
 
-def worker_of(checkout: Path) -> Peer:
-    """Return wrt as a folder has it."""
+def worker_of(checkout: Path, number: int) -> Peer:
+    """Return wrt as a folder has it, by a name of its own."""
     worker = checkout.resolve() / "scripts" / "peers" / OWN.script
     if not worker.is_file():
         raise SystemExit(f"{checkout}: no checkout of wrt, as it has no scripts/peers/{OWN.script}")
-    return dataclasses.replace(OWN, script=str(worker))
+    return dataclasses.replace(OWN, name=f"{OWN.name}-{number}", script=str(worker))
 
 
 def session_of(worker: Peer, folder: Path, options: argparse.Namespace) -> Session:
     """Return the process of a checkout, with the scene in a folder."""
     try:
-        return Session(worker, folder, Environments(), options.device, options.threads)
+        return Session(worker, folder, Environments(), threads=options.threads)
     except PeerError as error:
         raise SystemExit(f"{worker.script}: {error}") from None
 
@@ -73,19 +71,9 @@ def cpu_seconds(session: Session, spp: int) -> float:
     return float(answer["cpu_seconds"])
 
 
-def samples_for(session: Session, seconds: float) -> int:
-    """Return the samples per pixel, a multiple of the least, that take a session about so long."""
-    spp = _LEAST_SPP
-    while (taken := cpu_seconds(session, spp)) < 0.25 * seconds:
-        spp *= 2
-    return max(1, round(spp * seconds / taken / _LEAST_SPP)) * _LEAST_SPP
-
-
 def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
     """Return the lower quartile, the median and the upper quartile of values."""
-    if len(values) < 2:
-        return values[0], values[0], values[0]
-    low, median, high = statistics.quantiles(values, n=4, method="inclusive")
+    low, median, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
     return low, median, high
 
 
@@ -93,9 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Tell what the command line takes."""
     parser.add_argument("checkouts", type=Path, nargs="+", metavar="FOLDER", help="another checkout of wrt")
     parser.add_argument("--scenes", nargs="+", choices=list(CASES), default=list(CASES), metavar="NAME")
-    parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--size", type=int, default=256, help="pixels a side")
-    parser.add_argument("--seconds", type=float, default=0.35, help="of CPU for each render (default %(default)s)")
+    parser.add_argument("--seconds", type=float, default=0.35, help="for each render, about (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=21, help="renders of each (default %(default)s)")
     parser.add_argument("--share", type=float, default=1.0, help="of the triangles and lights of each scene")
