@@ -119,7 +119,18 @@ def test_after_an_error_what_was_begun_ends_and_nothing_else_begins(error: type[
     with pytest.raises(error), Device("cpu", threads=2).compiling() as compile:
         fail(compile)
     assert [name for name, _ in loads.begun] == loads.ended == ["a"]
-    assert not any(thread.name.startswith("wrt-compile") for thread in threading.enumerate())
+
+
+def test_the_thread_that_compiles_is_always_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Warp writes its headers down, in a form quick to read, for each thread anew.
+    threads: list[threading.Thread] = []  # themselves, not their numbers, which others get after them
+    monkeypatch.setattr(wp, "load_module", lambda *_, **__: threads.append(threading.current_thread()))
+    for _ in range(3):
+        with Device("cpu", threads=2).compiling() as compile:
+            compile(kernel("a"))
+    assert len(threads) == 3
+    assert len(set(threads)) == 1
+    assert threads[0] is not threading.current_thread()
 
 
 def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,6 +37,10 @@ INTERRUPT_SECONDS = 0.1
 LOAD_SECONDS = 0.2
 """A module that took longer was compiled, which left behind 40 MB in the heap, and 27 MB of the compiler's own code."""
 
+_COMPILER = ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
+"""The one thread that compiles beside others: Warp writes its headers down in a form quick to read once a thread, which
+is nearly half of what compiling an ordinary render kernel takes."""
+
 _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
 
@@ -218,13 +222,12 @@ class Device:
             for kernel in kernels:
                 self.compile(kernel)
             return
-        pool = ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
+        workers: set[Future[float]] = set()
         try:
-            workers: set[Future[float]] = set()
-            yield lambda kernel: workers.add(pool.submit(self.compile, kernel))
+            yield lambda kernel: workers.add(_COMPILER.submit(self.compile, kernel))
             _finish(workers)
         finally:
-            pool.shutdown(cancel_futures=True)  # what it is at ends, so that nothing is left half done
+            wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
 
     def launch(self, kernel: Any, count: int, inputs: list[Any], *, spared: int = 0) -> None:
         """Run `kernel` over indices 0 to count − 1 and wait for it, on all threads but those to be spared.
