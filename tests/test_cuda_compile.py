@@ -49,7 +49,7 @@ FEATURES = [
     Features(("diffuse",), False, "none", instances="still"),
     Features(("diffuse",), False, "none", instances="moving"),
     Features(("diffuse",), False, "none", instances="deforming"),
-    # Two models with all that a scene can have besides; then each material's as it comes. All in one took minutes.
+    # Two models with all that a scene can have besides. All in one took minutes.
     Features(
         ("diffuse", "rough_dielectric:ggx:smith"),
         True,
@@ -59,25 +59,14 @@ FEATURES = [
         extras=True,
         light_shapes=True,
     ),
-    *(Features((model,), False, "none") for model in MODELS if model != "diffuse"),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(
-        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
+        Features(("conductor", "dielectric"), True, "constant", layered=True, integrator=name)
         for name in INTEGRATORS
         if name != "path"
     ),
-    Features(
-        ("dielectric", "diffuse"),
-        True,
-        "image",
-        True,
-        True,
-        mipmapped=True,
-        clamped=True,
-        regularized=True,
-        layers=True,
-    ),
+    Features(("mirror",), True, "none", mipmapped=True, clamped=True, regularized=True, layers=True),
     Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
     Features(
         ("dielectric", "null", "principled:transmission", "rough_dielectric:ggx:smith"),
@@ -92,6 +81,10 @@ FEATURES = [
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")
         for distribution in DISTRIBUTIONS
     ),
+]
+"""All that a scene can have, each once: a kernel takes 2 to 20 seconds to compile, most of it for what all have."""
+FEATURES += [
+    Features((model,), False, "none") for model in MODELS if not any(model in features.models for features in FEATURES)
 ]
 
 

@@ -128,16 +128,17 @@ def sphere(n: int, seed: int) -> NDArray[np.float64]:
 
 
 def chi_square(
-    case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19, **integration: Any
+    case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19, error: float = 0.1
 ) -> ChiSquareResult:
     """Compare the histogram of samples that are not deltas with the integral of the density over its bins.
 
-    `integration` is what `integrate_pdf_over_bins` takes.
+    That is exact to so many samples (`error`) in each part of a bin, whose own are off by the root of their number.
     """
     wo = viewer(degrees)
     found = case.sample(wo, uniforms(samples, 3, seed=int(degrees)), device)
     smooth = ~found["delta"].astype(bool) & (found["pdf"] > 0.0)
-    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1], **integration)
+    options: dict[str, Any] = {"tolerance": error / samples, "min_levels": 1}
+    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1], **options)
     return chi_square_test(sphere_histogram(found["wi"][smooth]), expected, tests=tests, samples=samples)
 
 
