@@ -44,6 +44,33 @@ assert len(compiled) == 2, compiled
 """
 
 
+FORKED = """
+import os
+import signal
+import time
+from types import SimpleNamespace
+import warp as wp
+from wrt.device import Device
+
+device = Device("cpu", threads=2)
+kernel = SimpleNamespace(module=SimpleNamespace(name="a"))
+
+def work():
+    with device.compiling() as compile:
+        compile(kernel)
+    device.launch(kernel, 100, [])
+
+wp.load_module = wp.launch = lambda *_, **__: time.sleep(0.01)  # so that all threads have something to do
+work()
+child = os.fork()
+if not child:
+    signal.alarm(20)
+    work()
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+"""
+
+
 class Loads:
     """What is asked of Warp: each module takes a while the first time."""
 
@@ -131,6 +158,11 @@ def test_the_thread_that_compiles_is_always_the_same(monkeypatch: pytest.MonkeyP
     assert len(threads) == 3
     assert len(set(threads)) == 1
     assert threads[0] is not threading.current_thread()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no system that forks")
+def test_a_fork_works_by_threads_of_its_own() -> None:
+    subprocess.run([sys.executable, "-c", FORKED], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
 
 
 def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:

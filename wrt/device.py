@@ -37,12 +37,18 @@ INTERRUPT_SECONDS = 0.1
 LOAD_SECONDS = 0.2
 """A module that took longer was compiled, which left behind 40 MB in the heap, and 27 MB of the compiler's own code."""
 
-_COMPILER = ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
-"""The one thread that compiles beside others: Warp writes its headers down in a form quick to read once a thread, which
-is nearly half of what compiling an ordinary render kernel takes."""
-
 _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
+
+
+@cache
+def _compiler(process: int) -> ThreadPoolExecutor:
+    """Return the one thread of a process that compiles beside others.
+
+    Warp writes its headers down once a thread, in a form quick to read, which is nearly half of what compiling an
+    ordinary render kernel takes. It asks for the process's number: a fork has no threads but the one that made it.
+    """
+    return ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
 
 
 def available_threads() -> int:
@@ -157,6 +163,7 @@ class Device:
             self.name = "cpu"
             self.threads = threads or available_threads()
         self._pool: ThreadPoolExecutor | None = None
+        self._process = os.getpid()
 
     @property
     def is_cpu(self) -> bool:
@@ -222,9 +229,10 @@ class Device:
             for kernel in kernels:
                 self.compile(kernel)
             return
+        pool = _compiler(os.getpid())
         workers: set[Future[float]] = set()
         try:
-            yield lambda kernel: workers.add(_COMPILER.submit(self.compile, kernel))
+            yield lambda kernel: workers.add(pool.submit(self.compile, kernel))
             _finish(workers)
         finally:
             wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
@@ -258,8 +266,8 @@ class Device:
                     return
                 wp.launch(kernel, dim=min(size, count - start), inputs=[start, *inputs], device="cpu")
 
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt")
+        if self._pool is None or self._process != os.getpid():  # a fork has none of the threads
+            self._pool, self._process = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt"), os.getpid()
         workers = {self._pool.submit(work) for _ in range(max(1, self.threads - spared))}
         try:
             _finish(workers)
