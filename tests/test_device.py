@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 import wrt
-from wrt.device import SLICES_PER_THREAD, Device, available_threads
+from wrt.device import SLICES_PER_THREAD, SMALLEST_SLICE, Device, _slices, available_threads
 
 
 @wp.kernel(enable_backward=False)
@@ -55,8 +55,22 @@ def test_launches_are_few_and_share_the_work(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(wp, "launch", recorded)
     assert (launched(Device("cpu", threads=3), 10_000)[8:-8] == 1).all()
-    assert len(starts) <= 3 * SLICES_PER_THREAD
+    assert len(starts) <= 3 * (SLICES_PER_THREAD + 5)
     assert threading.main_thread().name not in {name for _, _, name in starts}
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 16, 64])
+@pytest.mark.parametrize("n", [0, 1, 63, 1000, 65_536])
+def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) -> None:
+    slices = list(_slices(n, threads))
+    sizes = [size for _, size in slices]
+    assert [start for start, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
+    assert sum(sizes) == n
+    assert sizes == sorted(sizes, reverse=True)
+    if n == 65_536:
+        assert sizes[0] == -(-n // (threads * SLICES_PER_THREAD))
+        assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * sizes[0]
+        assert len(sizes) < threads * (SLICES_PER_THREAD + 10)
 
 
 @pytest.mark.parametrize(("spared", "running"), [(0, 3), (1, 2), (5, 1)])
