@@ -67,6 +67,7 @@ def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) 
     assert [start for start, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
     assert sum(sizes) == n
     assert sizes == sorted(sizes, reverse=True)
+    assert min([size for _, size in _slices(n, threads, least=40)][:-1], default=40) >= 40
     if n == 65_536:
         assert sizes[0] == -(-n // (threads * SLICES_PER_THREAD))
         assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * sizes[0]

@@ -240,12 +240,13 @@ class Device:
         finally:
             wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
 
-    def launch(self, kernel: Any, count: int, inputs: list[Any], *, spared: int = 0) -> None:
+    def launch(self, kernel: Any, count: int, inputs: list[Any], *, spared: int = 0, least: int = 1) -> None:
         """Run `kernel` over indices 0 to count − 1 and wait for it, on all threads but those to be spared.
 
         The kernel's first argument is the index of its thread 0. On the CPU, where Warp runs one
         launch on one core, slices of the range run side by side. After KeyboardInterrupt the
-        running slices end, no other starts, and the interrupt goes on to the caller.
+        running slices end, no other starts, and the interrupt goes on to the caller. Where indices
+        take so little that starting their slices would take longer, `least` tells of how many a slice must be.
         """
         import warp as wp
 
@@ -256,7 +257,7 @@ class Device:
         # Here and not by each of the threads, which would compile it all at once, with headers read by each.
         self.compile(kernel)
         slices: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
-        for each in _slices(count, self.threads):
+        for each in _slices(count, self.threads, least):
             slices.put(each)
         stop = threading.Event()
 
@@ -278,13 +279,13 @@ class Device:
             wait(workers)
 
 
-def _slices(count: int, threads: int) -> Iterator[tuple[int, int]]:
+def _slices(count: int, threads: int, least: int = 1) -> Iterator[tuple[int, int]]:
     """Yield where slices of a launch begin, and their sizes.
 
     They are alike, but none is more than one thread's share of what is left (Polychronopoulos and Kuck 1987).
     """
-    most = max(1, -(-count // (threads * SLICES_PER_THREAD)))
-    least, start = max(1, int(most * SMALLEST_SLICE)), 0
+    most = max(least, -(-count // (threads * SLICES_PER_THREAD)))
+    least, start = max(least, int(most * SMALLEST_SLICE)), 0
     while start < count:
         left = count - start
         size = min(most, max(least, left // threads), left)
