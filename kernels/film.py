@@ -46,13 +46,11 @@ def film_noise(
         if n > wp.float64(1.0):
             total = film.total[pixel]
             squares = film.total_of_squares[pixel]
-            # Two quotients for all channels: this runs after every pass.
-            share = wp.float64(1.0) / n
-            of_mean = wp.float64(1.0) / (n - wp.float64(1.0))
             for c in range(3):
-                m = total[c] * share
+                m = total[c] / n
                 mean += m
-                error += wp.sqrt(wp.max(squares[c] * share - m * m, wp.float64(0.0)) * of_mean)
+                variance = wp.max(squares[c] / n - m * m, wp.float64(0.0)) / (n - wp.float64(1.0))
+                error += wp.sqrt(variance)
     mean_out[row] = mean
     error_out[row] = error
 

@@ -49,9 +49,9 @@ FEATURES = [
     Features(("diffuse",), False, "none", instances="still"),
     Features(("diffuse",), False, "none", instances="moving"),
     Features(("diffuse",), False, "none", instances="deforming"),
-    # All that a scene can have but its models. With them it took minutes.
+    # Two models with all that a scene can have besides. All in one took minutes.
     Features(
-        ("diffuse",),
+        ("diffuse", "rough_dielectric:ggx:smith"),
         True,
         "image",
         layered=True,
@@ -62,14 +62,24 @@ FEATURES = [
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(
-        Features(("conductor", "dielectric"), True, "constant", layered=True, integrator=name)
+        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
         for name in INTEGRATORS
         if name != "path"
     ),
-    Features(("mirror",), True, "none", mipmapped=True, clamped=True, regularized=True, layers=True),
+    Features(
+        ("dielectric", "diffuse"),
+        True,
+        "image",
+        True,
+        True,
+        mipmapped=True,
+        clamped=True,
+        regularized=True,
+        layers=True,
+    ),
     Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
     Features(
-        ("dielectric", "null", "rough_dielectric:ggx:smith"),
+        ("dielectric", "null", "principled:transmission", "rough_dielectric:ggx:smith"),
         False,
         "none",
         media="scattering",
@@ -82,7 +92,7 @@ FEATURES = [
         for distribution in DISTRIBUTIONS
     ),
 ]
-"""All that a scene can have, each once: a kernel takes 4 to 40 seconds to compile, most of it for what all have."""
+# Then each material's model as it comes, where none of those has it.
 FEATURES += [
     Features((model,), False, "none") for model in MODELS if not any(model in features.models for features in FEATURES)
 ]

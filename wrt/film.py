@@ -18,7 +18,7 @@ BYTES_PER_PIXEL = 64
 """Memory of a film: two sums of three doubles, two counts and a tally."""
 
 NOISE_PIXELS = 1 << 14
-"""Whose noise takes about as long as it takes to begin with them (0.1 ms)."""
+"""At least, in a slice of the launch that finds their noise: several times the work of starting one."""
 
 
 class Film:

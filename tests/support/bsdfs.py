@@ -128,17 +128,16 @@ def sphere(n: int, seed: int) -> NDArray[np.float64]:
 
 
 def chi_square(
-    case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19, error: float = 0.1
+    case: Case, degrees: float, device: str, *, tests: int, samples: int = 2**19, **integration: Any
 ) -> ChiSquareResult:
     """Compare the histogram of samples that are not deltas with the integral of the density over its bins.
 
-    That is exact to so many samples (`error`) in each part of a bin, whose own are off by the root of their number.
+    `integration` is what `integrate_pdf_over_bins` takes.
     """
     wo = viewer(degrees)
     found = case.sample(wo, uniforms(samples, 3, seed=int(degrees)), device)
     smooth = ~found["delta"].astype(bool) & (found["pdf"] > 0.0)
-    options: dict[str, Any] = {"tolerance": error / samples, "min_levels": 1}
-    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1], **options)
+    expected = samples * integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1], **integration)
     return chi_square_test(sphere_histogram(found["wi"][smooth]), expected, tests=tests, samples=samples)
 
 

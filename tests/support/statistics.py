@@ -78,15 +78,14 @@ def chi_square_test(
         raise ValueError(f"{counts.size} observed cells for {means.size} expected ones")
     if not np.isfinite(means).all() or (means < 0.0).any():
         return ChiSquareResult(False, 0.0, 0, np.inf, "the density is negative or not finite somewhere")
-    stray = counts[means == 0.0].sum()
     if samples is not None:
-        # Where means add up to a little more than all samples, none are expected to be missing: that cell is pooled.
         counts = np.append(counts, samples - counts.sum())
         means = np.append(means, max(samples - means.sum(), 0.0))
     total = counts.sum()
     if abs(means.sum() - total) > total_tolerance * total:
         message = f"the density integrates to {means.sum() / total:.6f}, not 1"
         return ChiSquareResult(False, 0.0, 0, np.inf, message)
+    stray = counts[means == 0.0].sum()
     if stray > 0:
         return ChiSquareResult(False, 0.0, 0, np.inf, f"{stray:.0f} of {total:.0f} samples where the density is zero")
 
