@@ -44,6 +44,23 @@ assert len(compiled) == 2, compiled
 """
 
 
+HEADERS = """
+import sys
+from pathlib import Path
+import warp as wp
+from wrt.device import Device
+
+@wp.kernel(enable_backward=False)
+def double(first: int, x: wp.array(dtype=float)):
+    x[first + wp.tid()] *= 2.0
+
+wp.config.kernel_cache_dir = sys.argv[1]
+Device("cpu").compile(double)
+(headers,) = Path(wp._src.context.runtime.get_clang_pch_dir()).iterdir()
+print("lent" if headers.is_symlink() else "written")
+"""
+
+
 FORKED = """
 import os
 import signal
@@ -186,6 +203,25 @@ def test_warp_compiles_in_two_threads_and_leaves_whole_files_alone(tmp_path: Pat
     folders = list(next((tmp_path / "cache").iterdir()).iterdir())
     assert sorted(folder.name.rpartition("_")[0] for folder in folders) == ["wp_one", "wp_other"]
     assert all({path.suffix for path in folder.iterdir()} >= {".o", ".meta"} for folder in folders)
+
+
+@pytest.mark.slow
+def test_warps_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(HEADERS)
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
+
+    def compile_once(number: int) -> str:
+        command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / f"kernels{number}")]
+        return subprocess.run(command, env=variables, check=True, capture_output=True, text=True).stdout.strip()
+
+    assert compile_once(0) == "written"
+    assert compile_once(1) == "lent"
+    (kept,) = tmp_path.glob("wrt/headers-*/*")
+    whole = kept.read_bytes()
+    kept.write_bytes(whole[: len(whole) // 2])
+    assert compile_once(2) == "written"
+    (kept,) = tmp_path.glob("wrt/headers-*/*")
+    assert len(kept.read_bytes()) == len(whole)
 
 
 def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None:

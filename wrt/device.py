@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.headers import keep_headers, lend_headers
 from wrt.memory import forget_code, trim
 from wrt.values import integer
 
@@ -212,9 +213,11 @@ class Device:
 
         start = time.perf_counter()
         with _LOADING.setdefault(kernel.module.name, threading.Lock()):
+            lend_headers()
             wp.load_module(kernel.module, device=self.name)
         seconds = time.perf_counter() - start
         if seconds > LOAD_SECONDS:
+            keep_headers()
             trim()
             forget_code(*_libraries())
         return seconds

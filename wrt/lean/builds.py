@@ -57,7 +57,7 @@ class Builds:
             version = _version(warp)
             if version not in TESTED:
                 return None
-            path = _folder() / f"builds-{fingerprint(warp)}.json"
+            path = kept_folder() / f"builds-{fingerprint(warp)}.json"
         except (OSError, RuntimeError):  # the latter where nobody has a home
             return None
         builds = cls(path, warp, version, {})
@@ -188,7 +188,7 @@ def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
     return found
 
 
-def _folder() -> Path:
+def kept_folder() -> Path:
     """Return where things are kept from one process to the next."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "wrt"
 
@@ -219,13 +219,26 @@ def fingerprint(warp: Path) -> str:
             if name.endswith((".py", ".h")):
                 with open(os.path.join(root, name), "rb") as file:
                     things += [os.path.relpath(root, folder), name, file.read()]
-    things += [str(warp), (warp / "config.py").read_bytes()]
+    things += [sys.version]
+    things += sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_"))
+    return _digest([*things, *_warp_and_processor(warp)])
+
+
+def digest_of_warp(warp: Path) -> str:
+    """Return a digest of Warp and the processor."""
+    return _digest(_warp_and_processor(warp))
+
+
+def _warp_and_processor(warp: Path) -> list[object]:
+    things: list[object] = [str(warp), (warp / "config.py").read_bytes()]
     for name in ("warp.so", "warp-clang.so"):
         found = (warp / "bin" / name).stat()
         things += [name, found.st_size, found.st_mtime_ns]
-    things += [sys.version, sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_"))]
     processor = Path("/proc/cpuinfo").read_bytes().partition(b"\n\n")[0]
     kind = (b"vendor", b"cpu family", b"model", b"flags")
-    things += [line for line in processor.splitlines() if line.startswith(kind)]
+    return things + [line for line in processor.splitlines() if line.startswith(kind)]
+
+
+def _digest(things: list[object]) -> str:
     # What Python tells changed sources by: hashlib takes longer to import than all this.
     return importlib.util.source_hash(repr(things).encode("utf-8", "surrogateescape")).hex()

@@ -1,0 +1,95 @@
+"""Warp's headers, in the form its compiler reads quickly, from one process to the next.
+
+Warp writes them down anew in every thread that compiles, which is nearly half of what compiling an ordinary render
+kernel takes. They are of one Warp and one processor; the names of the files tell the other settings, and the compiler
+refuses what was written before a header changed, so that Warp does without.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sys
+import threading
+import zlib
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from wrt.lean.builds import TESTED, digest_of_warp, kept_folder
+
+KEPT = 4
+"""Folders, of so many versions of Warp and kinds of processor."""
+
+
+class _Thread(threading.local):
+    """What has been done in this thread."""
+
+    lent = False
+
+    def __init__(self) -> None:
+        self.kept: set[str] = set()
+
+
+_THREAD = _Thread()
+
+
+def lend_headers() -> None:
+    """Let Warp's compiler find in this thread what another process has written down."""
+    if _THREAD.lent:
+        return
+    _THREAD.lent = True
+    with contextlib.suppress(OSError, RuntimeError):  # the latter where nobody has a home
+        if (folder := _of_thread()) is not None:
+            for kept in _kept().glob("*.pch-*"):
+                name, _, digest = kept.name.rpartition("-")
+                if digest == _digest(kept):
+                    (folder / name).symlink_to(kept)
+
+
+def keep_headers() -> None:
+    """Keep what Warp's compiler has written down in this thread, for other processes."""
+    with contextlib.suppress(OSError, RuntimeError):
+        if (folder := _of_thread()) is None:
+            return
+        for written in folder.glob("*.pch"):
+            if not written.is_symlink() and written.name not in _THREAD.kept:
+                _THREAD.kept.add(written.name)
+                _keep(written, _kept())
+
+
+def _keep(written: Path, folder: Path) -> None:
+    """Copy a file, whole or not at all, whoever else is writing; remove what is of the oldest Warps or processors."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for before in folder.glob(f"{written.name}-*"):
+        before.unlink(missing_ok=True)
+    temporary = folder / os.urandom(8).hex()
+    try:
+        shutil.copyfile(written, temporary)
+        temporary.replace(folder / f"{written.name}-{_digest(written)}")
+    finally:
+        temporary.unlink(missing_ok=True)
+    others = sorted(folder.parent.glob("headers-*"), key=lambda path: path.stat().st_mtime)
+    for other in others[:-KEPT]:
+        shutil.rmtree(other, ignore_errors=True)
+
+
+def _digest(file: Path) -> str:
+    """Return what tells a file from a damaged one, which could end the compiler and this process with it."""
+    return f"{zlib.crc32(file.read_bytes()):08x}"
+
+
+def _of_thread() -> Path | None:
+    """Return the folder in which Warp looks in this thread; None with a Warp that is not known well, or without."""
+    context: Any = sys.modules.get("warp._src.context")
+    if context is None or sys.modules["warp"].config.version not in TESTED:
+        return None
+    folder = context.runtime.get_clang_pch_dir()
+    return None if folder is None else Path(folder)
+
+
+@cache
+def _kept() -> Path:
+    """Return the folder of what is kept for this Warp and this processor."""
+    return kept_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"
