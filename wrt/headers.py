@@ -19,6 +19,9 @@ from typing import Any
 
 from wrt.lean.builds import TESTED, digest_of_warp, kept_folder
 
+WRITTEN = "builtin_*.pch"
+"""Names of files that Warp writes for the CPU; what its compiler for CUDA writes lies in the same folder."""
+
 KEPT = 4
 """Folders, of so many versions of Warp and kinds of processor."""
 
@@ -42,7 +45,7 @@ def lend_headers() -> None:
     _THREAD.lent = True
     with contextlib.suppress(OSError, RuntimeError):  # the latter where nobody has a home
         if (folder := _of_thread()) is not None:
-            for kept in _kept().glob("*.pch-*"):
+            for kept in _kept().glob(f"{WRITTEN}-*"):
                 name, _, digest = kept.name.rpartition("-")
                 if digest == _digest(kept):
                     (folder / name).symlink_to(kept)
@@ -53,7 +56,7 @@ def keep_headers() -> None:
     with contextlib.suppress(OSError, RuntimeError):
         if (folder := _of_thread()) is None:
             return
-        for written in folder.glob("*.pch"):
+        for written in folder.glob(WRITTEN):
             if not written.is_symlink() and written.name not in _THREAD.kept:
                 _THREAD.kept.add(written.name)
                 _keep(written, _kept())
