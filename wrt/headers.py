@@ -1,8 +1,8 @@
 """Warp's headers, in the form its compiler reads quickly, from one process to the next.
 
 Warp writes them down anew in every thread that compiles, which is nearly half of what compiling an ordinary render
-kernel takes. They are of one Warp and one processor; the names of the files tell the other settings, and the compiler
-refuses what was written before a header changed, so that Warp does without.
+kernel takes. They are of one Warp and one processor; the names of the files tell the other settings. What was written
+before a header changed is not lent: the compiler would refuse it, and Warp say so and do without.
 """
 
 from __future__ import annotations
@@ -94,5 +94,8 @@ def _of_thread() -> Path | None:
 
 @cache
 def _kept() -> Path:
-    """Return the folder of what is kept for this Warp and this processor."""
-    return kept_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"
+    """Return the folder of what is kept for this Warp, its headers as they are, and this processor."""
+    warp = Path(sys.modules["warp"].__file__ or "").parent
+    found = [(path.name, path.stat()) for path in sorted((warp / "native").rglob("*.h"))]
+    times = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in found])
+    return kept_folder() / f"headers-{digest_of_warp(warp)}-{zlib.crc32(times.encode()):08x}"
