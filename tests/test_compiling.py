@@ -15,6 +15,7 @@ import pytest
 import warp as wp
 from conftest import ROOT
 
+from wrt import headers
 from wrt.device import Device
 
 PROGRAM = """
@@ -222,6 +223,18 @@ def test_warps_headers_are_kept_for_other_processes_and_written_anew_where_damag
     assert compile_once(2) == "written"
     (kept,) = tmp_path.glob("wrt/headers-*/*")
     assert len(kept.read_bytes()) == len(whole)
+
+
+def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("__init__.py", "config.py", "bin/warp.so", "bin/warp-clang.so", "native/vec.h"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.setitem(sys.modules, "warp", SimpleNamespace(__file__=str(tmp_path / "__init__.py")))
+    folder_now = headers._kept.__wrapped__
+    before = folder_now()
+    assert folder_now() == before
+    os.utime(tmp_path / "native/vec.h", (1, 1))
+    assert folder_now() != before
 
 
 def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None:
