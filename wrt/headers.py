@@ -8,15 +8,16 @@ before a header changed is not lent: the compiler would refuse it, and Warp say 
 from __future__ import annotations
 
 import contextlib
-import os
+import functools
 import shutil
 import sys
 import threading
 import zlib
-from functools import cache
 from pathlib import Path
 from typing import Any
 
+from wrt.errors import InputError
+from wrt.files import write_whole
 from wrt.lean.builds import TESTED, digest_of_warp, kept_folder
 
 WRITTEN = "builtin_*.pch"
@@ -26,21 +27,12 @@ KEPT = 4
 """Folders, of so many versions of Warp and kinds of processor."""
 
 
-class _Thread(threading.local):
-    """What has been done in this thread."""
-
-    lent = False
-
-    def __init__(self) -> None:
-        self.kept: set[str] = set()
-
-
-_THREAD = _Thread()
+_THREAD = threading.local()
 
 
 def lend_headers() -> None:
     """Let Warp's compiler find in this thread what another process has written down."""
-    if _THREAD.lent:
+    if hasattr(_THREAD, "lent"):
         return
     _THREAD.lent = True
     with contextlib.suppress(OSError, RuntimeError):  # the latter where nobody has a home
@@ -49,30 +41,28 @@ def lend_headers() -> None:
                 name, _, digest = kept.name.rpartition("-")
                 if digest == _digest(kept):
                     (folder / name).symlink_to(kept)
+                else:
+                    kept.unlink()
 
 
 def keep_headers() -> None:
     """Keep what Warp's compiler has written down in this thread, for other processes."""
-    with contextlib.suppress(OSError, RuntimeError):
+    with contextlib.suppress(OSError, RuntimeError, InputError):
         if (folder := _of_thread()) is None:
             return
         for written in folder.glob(WRITTEN):
-            if not written.is_symlink() and written.name not in _THREAD.kept:
-                _THREAD.kept.add(written.name)
-                _keep(written, _kept())
+            kept = _kept() / f"{written.name}-{_digest(written)}"
+            if not written.is_symlink() and not kept.exists():
+                _keep(written, kept)
 
 
-def _keep(written: Path, folder: Path) -> None:
-    """Copy a file, whole or not at all, whoever else is writing; remove what is of the oldest Warps or processors."""
+def _keep(written: Path, kept: Path) -> None:
+    """Copy a file; remove others in its place, and what is of the oldest Warps or processors."""
+    folder = kept.parent
     folder.mkdir(parents=True, exist_ok=True)
     for before in folder.glob(f"{written.name}-*"):
         before.unlink(missing_ok=True)
-    temporary = folder / os.urandom(8).hex()
-    try:
-        shutil.copyfile(written, temporary)
-        temporary.replace(folder / f"{written.name}-{_digest(written)}")
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_whole(kept, functools.partial(shutil.copyfile, written))
     others = sorted(folder.parent.glob("headers-*"), key=lambda path: path.stat().st_mtime)
     for other in others[:-KEPT]:
         shutil.rmtree(other, ignore_errors=True)
@@ -92,10 +82,7 @@ def _of_thread() -> Path | None:
     return None if folder is None else Path(folder)
 
 
-@cache
+@functools.cache
 def _kept() -> Path:
     """Return the folder of what is kept for this Warp, its headers as they are, and this processor."""
-    warp = Path(sys.modules["warp"].__file__ or "").parent
-    found = [(path.name, path.stat()) for path in sorted((warp / "native").rglob("*.h"))]
-    times = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in found])
-    return kept_folder() / f"headers-{digest_of_warp(warp)}-{zlib.crc32(times.encode()):08x}"
+    return kept_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"

@@ -225,8 +225,9 @@ def fingerprint(warp: Path) -> str:
 
 
 def digest_of_warp(warp: Path) -> str:
-    """Return a digest of Warp and the processor."""
-    return _digest(_warp_and_processor(warp))
+    """Return a digest of Warp, its headers as they are, and the processor."""
+    headers = [(path.name, path.stat()) for path in sorted((warp / "native").rglob("*.h"))]
+    return _digest([*_warp_and_processor(warp), *((name, at.st_size, at.st_mtime_ns) for name, at in headers)])
 
 
 def _warp_and_processor(warp: Path) -> list[object]:
