@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,12 +17,14 @@ from test_cuda_compile import FEATURES
 import wrt
 from wrt.build import bvh, layout
 from wrt.build.integrators import integrator_features
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.bsdf.record import MAX_SLOTS
 from wrt.kernels.features import Features
 from wrt.kernels.integrators import INTEGRATORS
 from wrt.kernels.render import make_render_kernel
 from wrt.kernels.wide import library
 from wrt.kernels.wide.library import can_be_called, library_functions
-from wrt.kernels.wide.render import TILE, make_wide_render_kernel
+from wrt.kernels.wide.render import TILE, make_wide_render_kernel, with_few_slots
 from wrt.kernels.wide.translate import wide_code
 from wrt.kernels.wide.types import Unsupported
 from wrt.wide import NEEDED, processor_flags
@@ -166,6 +169,17 @@ def test_every_kernel_that_follows_paths_is_translated(features: Features) -> No
     code = wide_code(make_render_kernel(features))
     assert "static void render_tile(" in code
     assert code.count("{") == code.count("}")
+
+
+def test_materials_have_as_many_values_as_are_read() -> None:
+    features = Features(("diffuse", "conductor"), False, "none")
+    code = wide_code(make_render_kernel(features))
+    few = with_few_slots(code, features)
+    for name in ("Matrix", "mat_t", "make_mat"):
+        whole = re.compile(rf"{name}<{MAX_SLOTS}, ?3,")
+        assert whole.search(code)
+        assert not whole.search(few)
+    assert f"Matrix<{max(model_of(name).slots for name in features.models)}, 3," in few
 
 
 @pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name != "path"])

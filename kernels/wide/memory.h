@@ -2,7 +2,7 @@
 
 namespace lanes {
 // Elements of vectors and matrices, at a place that is known or that each lane has for itself; a known one that is
-// negative counts from the end.
+// negative counts from the end. Rows that a matrix has not are zero: of a material's values, few may be kept.
 
 LANES_VECTOR T extract(const Vector<N, T>& a, int k) { return a.c[k < 0 ? k + N : k]; }
 LANES_VECTOR T extract(const Vector<N, T>& a, Ints i) {
@@ -10,12 +10,13 @@ LANES_VECTOR T extract(const Vector<N, T>& a, Ints i) {
     LANES_UNROLL for (int k = 1; k < N; ++k) r = blend(i == Ints(k), a.c[k], r);
     return r;
 }
-LANES_MATRIX T extract(const Matrix<R, N, T>& a, int j, int k) { return a.c[j < 0 ? j + R : j][k < 0 ? k + N : k]; }
 LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, int j) {
     Vector<N, T> r;
-    LANES_FOR r.c[k] = a.c[j < 0 ? j + R : j][k];
+    clear(r);
+    if (j < R) LANES_FOR r.c[k] = a.c[j < 0 ? j + R : j][k];
     return r;
 }
+LANES_MATRIX T extract(const Matrix<R, N, T>& a, int j, int k) { return extract(a, j).c[k < 0 ? k + N : k]; }
 LANES_MATRIX Vector<N, T> extract(const Matrix<R, N, T>& a, Ints i) {
     Vector<N, T> r = extract(a, 0);
     LANES_UNROLL for (int j = 1; j < R; ++j) LANES_FOR r.c[k] = blend(i == Ints(j), a.c[j][k], r.c[k]);
