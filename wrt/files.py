@@ -84,7 +84,7 @@ def require_place(path: Path) -> None:
         raise InputError(f"{path}: the folder {str(folder)!r} may not be written to")
 
 
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
     """Have `write` make a file that then takes the place of `path`, or leave things as they were.
 
     Raises:
@@ -103,6 +103,18 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         raise InputError(f"{path}: cannot be written: {first_line(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def keep_latest(folder: Path, pattern: str, count: int) -> None:
+    """Remove what a pattern names in a folder, files or folders, but those that were written last."""
+    found = sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)
+    for path in found[:-count]:
+        if path.is_dir():
+            import shutil
+
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def why_not(path: Path, error: InputError) -> str:

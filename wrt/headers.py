@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from wrt.errors import InputError
-from wrt.files import write_whole
+from wrt.files import keep_latest, write_whole
 from wrt.lean.builds import TESTED, digest_of_warp, kept_folder
 
 WRITTEN = "builtin_*.pch"
@@ -63,9 +63,7 @@ def _keep(written: Path, kept: Path) -> None:
     for before in folder.glob(f"{written.name}-*"):
         before.unlink(missing_ok=True)
     write_whole(kept, functools.partial(shutil.copyfile, written))
-    others = sorted(folder.parent.glob("headers-*"), key=lambda path: path.stat().st_mtime)
-    for other in others[:-KEPT]:
-        shutil.rmtree(other, ignore_errors=True)
+    keep_latest(folder.parent, "headers-*", KEPT)
 
 
 def _digest(file: Path) -> str:

@@ -13,6 +13,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from wrt.errors import InputError
+from wrt.files import keep_latest, write_whole
+
 TESTED = ("1.19.0",)
 """Versions of Warp whose memory layout `wrt/lean` has been tested against; with others, Warp itself is imported."""
 
@@ -145,18 +148,12 @@ class Builds:
         if not modules:
             return
         self._modules |= modules
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, InputError):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            # Whole or not at all, whoever else is writing. What two write at once, one of them notes again next time.
-            temporary = self.path.with_suffix(f".{os.urandom(4).hex()}")
-            try:
-                temporary.write_text(json.dumps(self._modules), encoding="utf-8")
-                temporary.replace(self.path)
-            finally:
-                temporary.unlink(missing_ok=True)
-            others = sorted(self.path.parent.glob("builds-*.json"), key=lambda path: path.stat().st_mtime)
-            for other in others[:-KEPT]:
-                other.unlink(missing_ok=True)
+            # What two write at once, one of them notes again next time.
+            text = json.dumps(self._modules)
+            write_whole(self.path, lambda file: file.write_text(text, encoding="utf-8"))
+            keep_latest(self.path.parent, "builds-*.json", KEPT)
 
 
 def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
