@@ -44,7 +44,8 @@ PHASES: dict[str, tuple[str, ...]] = {
     "media": ("medium", "phase", "skin", "bodies"),
     "random numbers": ("sampler", "low_discrepancy"),
     "path": ("path", "integrators", "whitted", "ambient_occlusion", "shadow"),
-    "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface", "wide"),
+    "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface"),
+    "everything else": ("wide",),
 }
 """Files and folders of kernels/ by phase."""
 
