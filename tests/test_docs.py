@@ -73,8 +73,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     def small_start(self: wrt.Renderer, scene: wrt.Scene, **options: Any) -> None:
         start(self, scene, **{**options, "width": 16, "height": 12})
 
-    def few_passes(self: wrt.Renderer, *, spp: int | None = None, time: float | None = None) -> Any:
-        del time
+    def few_passes(self: wrt.Renderer, *, spp: int | None = None, **_: Any) -> Any:
         return passes(self, spp=max(1, (spp or 64) // 64))
 
     monkeypatch.setattr(wrt.Renderer, "__init__", small_start)

@@ -163,6 +163,7 @@ def render(
     Raises:
         InputError: where something given cannot be used.
     """
+    from wrt.pace import LONGEST_PASS
     from wrt.renderer import Renderer
 
     renderer = Renderer(
@@ -177,6 +178,6 @@ def render(
         sampler=sampler,
         integrator=integrator,
     )
-    for _ in renderer.passes(spp=spp, time=time):
+    for _ in renderer.passes(spp=spp, time=time, pass_seconds=LONGEST_PASS):  # nobody looks at it in between
         pass
     return renderer.image()

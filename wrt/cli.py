@@ -269,6 +269,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
     """Render; what was `said` before is not said again."""
     import dataclasses
 
+    from wrt.pace import LONGEST_PASS
     from wrt.progress import ProgressBar, once, short_warnings
 
     output, checkpoint = _check_paths(options)
@@ -306,7 +307,8 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         saved_at = time.monotonic()
         stopped = False
         try:
-            for progress in renderer.passes(spp=spp, time=options.time):
+            pass_seconds = save_every if save_every < LONGEST_PASS else None
+            for progress in renderer.passes(spp=spp, time=options.time, pass_seconds=pass_seconds):
                 bar.update(progress)
                 if time.monotonic() - saved_at >= save_every:
                     interrupts.hold(save)

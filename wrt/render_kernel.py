@@ -9,9 +9,6 @@ from wrt.build.bvh import kernels_of_building
 from wrt.device import Device
 from wrt.wide import WideKernel
 
-SAMPLES_TOGETHER = 16
-"""Passes are of multiples of so many samples, where they are of more: some kernels take as many of a pixel at once."""
-
 
 class RenderKernel:
     """The kernels of one picture.
@@ -53,6 +50,11 @@ class RenderKernel:
     def wait_for_wide(self) -> None:
         """Return once the faster kernel is there, if it can be had."""
         self._faster().wait()
+
+    @property
+    def is_being_compiled(self) -> bool:
+        """Whether another process is at the faster kernel."""
+        return self._faster().is_being_compiled
 
     @property
     def in_use(self) -> Any:

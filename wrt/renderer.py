@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +30,8 @@ from wrt.files import PathLike
 from wrt.film import Film
 from wrt.fingerprint import scene_fingerprint
 from wrt.framing import frame_camera
-from wrt.render_kernel import SAMPLES_TOGETHER, RenderKernel
+from wrt.pace import samples_of_next_pass
+from wrt.render_kernel import RenderKernel
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.values import integer, number
 
@@ -37,8 +39,6 @@ STRATEGIES = ("mis", "light", "bsdf")
 """How light that both samplings find is weighed: shared, or left to one of them alone."""
 
 MAX_SPP = 2**31 - 1
-PASS_SECONDS = 0.4
-"""How long a pass should take: long enough to cost nothing, short enough to watch and to stop."""
 
 
 @dataclass(frozen=True)
@@ -229,16 +229,21 @@ class Renderer:
         """Rays of every kind traced by this renderer."""
         return self.film.rays
 
-    def passes(self, *, spp: int | None = None, time: float | None = None) -> Iterator[Progress]:
+    def passes(
+        self, *, spp: int | None = None, time: float | None = None, pass_seconds: float | None = None
+    ) -> Iterator[Progress]:
         """Render until every pixel has `spp` samples or `time` seconds are over, whichever is first.
 
         Yields after each pass, the first of one sample a pixel. Stopping early, by leaving the loop
-        or by KeyboardInterrupt, leaves a film that can be looked at, saved and gone on with.
+        or by KeyboardInterrupt, leaves a film that can be looked at, saved and gone on with. Long passes
+        are faster on the CPU: many samples of a pixel at a time look for the same things in memory.
 
         Args:
             spp: total samples per pixel, those already there counted in; by default the scene's
                 setting, or without limit where `time` is given.
             time: seconds of rendering; the pass that runs then is finished.
+            pass_seconds: what a pass after the first should take about, at most 10 s; by default a quarter of what
+                all before it took, but 0.4 s at least. On CUDA at most 0.4 s, for nothing can interrupt one there.
         """
         if spp is None and time is None:
             spp = self.settings.spp
@@ -246,9 +251,11 @@ class Renderer:
             spp = integer(spp, "spp", minimum=1, maximum=MAX_SPP)
         if time is not None:
             time = number(time, "time", above=0.0)
-        return self._passes(spp, time)
+        if pass_seconds is not None:
+            pass_seconds = number(pass_seconds, "pass_seconds", above=0.0)
+        return self._passes(spp, time, pass_seconds)
 
-    def _passes(self, spp: int | None, limit: float | None) -> Iterator[Progress]:
+    def _passes(self, spp: int | None, limit: float | None, pass_seconds: float | None) -> Iterator[Progress]:
         target = MAX_SPP if spp is None else spp
         seconds = 0.0
         paths = 0
@@ -259,7 +266,7 @@ class Renderer:
         left = 0.0
         while done < target:
             pass_index += 1
-            done = min(done + step, target)
+            done += step
             before = int(self.film.counts.sum(dtype=np.int64))
             started = time.perf_counter()
             try:
@@ -275,13 +282,10 @@ class Renderer:
             if limit is not None and seconds >= limit:
                 return
             per_sample = elapsed * self.film.pixels / max(traced, 1)
-            # As many as there are at most, so that the first pictures come quickly one after the other.
-            step = max(1, min(done, int(PASS_SECONDS / max(per_sample, 1e-9))))
-            step -= step % SAMPLES_TOGETHER if step > SAMPLES_TOGETHER else 0
-            left = (target - done) * per_sample
-            if limit is not None:
-                step = max(1, min(step, int((limit - seconds) / max(per_sample, 1e-9))))
-                left = min(left, limit - seconds)
+            limited = math.inf if limit is None else limit - seconds
+            left = min((target - done) * per_sample, limited)
+            short = not self.device.is_cpu or self._kernel.is_being_compiled
+            step = samples_of_next_pass(done, target, seconds, limited, per_sample, asked=pass_seconds, short=short)
 
     def compile(self) -> float:
         """Compile now what makes passes faster, and return the seconds it took.

@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from worker import serve
 
 import wrt
+from wrt.pace import LONGEST_PASS
 
 
 class WrtWorker:
@@ -48,7 +49,7 @@ class WrtWorker:
             self.renderer.compile()
         self.first = False
         started, cpu_started = time.perf_counter(), time.process_time()
-        for _ in self.renderer.passes(spp=spp):
+        for _ in self.renderer.passes(spp=spp, pass_seconds=LONGEST_PASS):  # as `wrt.render` does
             pass
         self.cpu_seconds = time.process_time() - cpu_started
         return time.perf_counter() - started

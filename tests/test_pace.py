@@ -1,0 +1,100 @@
+"""How many samples passes take: for somebody who watches, for nobody, within a time, and what is left at the end."""
+
+import itertools
+import math
+
+import pytest
+
+import wrt
+from wrt.pace import LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
+
+
+def passes(target, sample, *, limit=math.inf, **how):
+    """Return the samples of each pass, and its seconds, of a render whose samples each take as long."""
+    counts, seconds, step = [], 0.0, 1
+    while sum(counts) < target and seconds < limit:
+        counts.append(step)
+        seconds += step * sample
+        step = samples_of_next_pass(sum(counts), target, seconds, limit - seconds, sample, **how)
+    return counts, [count * sample for count in counts]
+
+
+class TestSomebodyWatches:
+    def test_at_first_as_many_as_there_are(self):
+        counts, _ = passes(4096, 1e-4)
+        assert counts[:6] == [1, 1, 2, 4, 8, 16]
+
+    @pytest.mark.parametrize("sample", [1e-4, 3e-3, 0.07, 0.9])
+    def test_none_is_longer_than_a_quarter_of_what_was_rendered(self, sample):
+        counts, seconds = passes(10**5, sample)
+        for before, taken in zip(itertools.accumulate(seconds[:-1]), seconds[1:], strict=True):
+            assert taken <= max(SHORT_PASS, SHARE * before, sample) + 1e-9
+            assert taken <= max(LONGEST_PASS, sample)
+        assert sum(counts) == 10**5
+
+    def test_they_grow_to_the_longest(self):
+        _, seconds = passes(10**5, 3e-3)
+        assert max(seconds) > LONGEST_PASS - SAMPLES_TOGETHER * 3e-3
+
+
+class TestNobodyWatches:
+    def test_the_second_pass_is_what_is_left_but_for_a_remainder(self):
+        assert passes(64, 0.05, asked=LONGEST_PASS)[0] == [1, 48, 15]
+
+    def test_seconds_asked_for_are_kept(self):
+        counts, seconds = passes(1000, 0.05, asked=2.0)
+        assert max(seconds) <= 2.0
+        assert counts[1:-2] == [32] * len(counts[1:-2])
+        assert sum(counts) == 1000
+
+    def test_none_is_longer_than_the_longest(self):
+        assert max(passes(10**4, 0.05, asked=1e6)[1]) <= LONGEST_PASS
+
+    def test_it_can_be_shorter_than_short(self):
+        assert max(passes(1000, 1e-3, asked=0.03)[1]) <= 0.03
+
+
+class TestShort:
+    @pytest.mark.parametrize("asked", [None, 5.0])
+    def test_short_ones_stay_short(self, asked):
+        assert max(passes(10**4, 0.01, asked=asked, short=True)[1]) <= SHORT_PASS + 1e-9
+
+
+class TestTime:
+    @pytest.mark.parametrize("asked", [None, LONGEST_PASS])
+    @pytest.mark.parametrize("sample", [1e-4, 3e-3, 0.07])
+    def test_it_ends_in_time(self, asked, sample):
+        _, seconds = passes(10**9, sample, limit=20.0, asked=asked)
+        assert 20.0 <= sum(seconds) < 20.0 + sample + 1e-6
+
+    def test_no_pass_takes_more_than_half_of_what_is_left(self):
+        _, seconds = passes(10**9, 1e-3, limit=20.0, asked=LONGEST_PASS)
+        for before, taken in zip(itertools.accumulate(seconds[:-1]), seconds[1:], strict=True):
+            assert taken <= max(SHORT_PASS, 0.5 * (20.0 - before)) + 1e-9
+
+
+@pytest.mark.parametrize("target", range(1, 200))
+def test_no_sample_too_many_or_too_few(target):
+    for asked in (None, 10.0):
+        counts, _ = passes(target, 1e-3, asked=asked)
+        assert sum(counts) == target
+        assert min(counts) >= 1
+        assert all(count % SAMPLES_TOGETHER == 0 for count in counts if count > SAMPLES_TOGETHER)
+
+
+def test_a_renderer_asks_for_passes_as_long_as_it_is_told(device):
+    renderer = wrt.Renderer(wrt.load("cornell-box"), width=24, height=16, device=device)
+    renderer.compile()
+    long = [progress.spp for progress in renderer.passes(spp=64, pass_seconds=5.0)]
+    assert long[0] == 1
+    assert len(long) <= (4 if renderer.device.is_cpu else 20)  # on CUDA they stay short
+    other = wrt.Renderer(wrt.load("cornell-box"), width=24, height=16, device=device)
+    list(other.passes(spp=64))
+    assert (renderer.image() == other.image()).all()
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan, "much"])
+def test_what_is_no_time_is_refused(device, seconds):
+    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8, device=device)
+    with pytest.raises(wrt.InputError, match="pass_seconds"):
+        renderer.passes(spp=2, pass_seconds=seconds)
