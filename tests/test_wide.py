@@ -49,7 +49,7 @@ def bits(renderer: wrt.Renderer, kernel: wp.Kernel, threads: int, start: Bits, s
 def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), **options: Any) -> list[str]:
     """Render a scene by both kernels, and return which arrays of the film differ in any bit.
 
-    With passes of less than sixteen samples and of more: those are rendered in squares of another size.
+    With passes of less than sixteen samples and of more, of which as many of a pixel are followed together.
     """
     renderer = wrt.Renderer(scene, **{"width": 45, "height": 31, "threads": 1, **options})
     start = renderer.film.state()
@@ -110,6 +110,7 @@ def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
         {"crop": (16, 20, 45, 21), "strategy": "light"},
         {"filter": "box", "max_depth": 2, "strategy": "bsdf"},
         {"seed": 2**32 - 1, "spp": (1,)},
+        {"width": 21, "height": 18, "spp": (1, 3, 6, 10, 17, 25, 40, 52, 76, 107)},  # 1, 2, 3, 4, 7, 8, 15, 12, 24, 31
     ],
     ids=str,
 )

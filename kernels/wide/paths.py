@@ -16,7 +16,7 @@ from warp._src.codegen import constant_str
 
 from wrt.kernels.wide.pool import DRIVER
 from wrt.kernels.wide.questions import ASKED, Question, question_code
-from wrt.kernels.wide.statements import NO_MORE, SET, Body
+from wrt.kernels.wide.statements import NO_MORE, RANGE, SET, Body
 from wrt.kernels.wide.types import Types, Unsupported
 
 _PATH_LOOP = "while_0"
@@ -199,8 +199,12 @@ class SampledPixels:
             raise Unsupported(f"{kernel.key}: not one path in a loop over samples")
         call, m = calls[0]
         result, samples = m[1], counted[1]
+        ranges = {found[1]: found[2].split(", ") for line in lines if (found := RANGE.fullmatch(line))}
+        target = ranges[samples][-1]
         passed = m[2].partition("(")[2][:-1].split(", ")
         given = {a.emit() for a in body.adj.args}
+        if target not in given:
+            raise Unsupported(f"{kernel.key}: samples up to a number that is no argument")
         fixed = [(a, name) for a, name in zip(function.adj.args, passed, strict=True) if name in given]
         own = [name for name in passed if name not in given]
         steps = PathSteps(types, function, [a for a, _ in fixed], functions)
@@ -322,6 +326,7 @@ typedef {pixels} Pixels;
             + DRIVER.replace("ROUND\n", steps.round)
             .replace("ARGUMENTS_IN", taken)
             .replace("ARGUMENTS", ", ".join(f"{a.emit()}_in" for a in arguments))
+            .replace("TARGET", target)
             .replace("FIXED", ", ".join(f"pool.pixels(g).{name}" for _, name in fixed))
         )
 

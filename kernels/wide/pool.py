@@ -2,7 +2,8 @@
 
 A pool holds sixteen groups of sixteen paths. Where a pass takes sixteen samples of a pixel or more, they are those of a
 square of four by four pixels, and a group begins with sixteen samples of one pixel: their rays stay side by side for
-longer, and all that the pool reads lies near together. Else they are of sixteen by sixteen pixels.
+longer, and all that the pool reads lies near together. Of eight samples a group begins with two pixels, and so on up to
+one sample of a square of sixteen by sixteen pixels.
 
 Each round traces the rays of all paths. A group whose rays are of one octant goes down the tree as it is, the others'
 rays are sorted by octant first, as the boxes of the tree are tested in less instructions for rays of one (Wald 2001,
@@ -33,38 +34,72 @@ struct Pool {
     alignas(64) Result results[GROUPS];
     lanes::Mask live[GROUPS];
     int count;
+    static constexpr int GIVEN_ROWS = sizeof(Given) / (4 * lanes::WIDTH);
+    static_assert(sizeof(Given) % (4 * lanes::WIDTH) == 0, "what is given is not of numbers of four bytes alone");
     Pixels& pixels(int g) { return ((Pixels*)pixel_memory)[g]; }
     Path& path(int g) { return ((Path*)path_memory)[g]; }
 
-    // Begin a path in each lane, where it is: the pixels of a group are neighbours.
-    void begin_side_by_side() {
+    // Begin a path of each sample that has begun: those of one pixel, or of a few that are neighbours, in one group.
+    void begin_paths(const int among) {
+        const int neighbours = lanes::WIDTH / among;
+        const lanes::i16 numbers = lanes::lane_numbers().v;
+        alignas(64) Given given[4];
         for (int g = 0; g < count; ++g) {
-            begin(path(g), pixels(g).given_, live[g] = pixels(g).begun_);
-            path(g).home = lanes::Ints(lanes::WIDTH * g + lanes::lane_numbers().v);
+            // The group's first pixel, in the block that begins with `first`.
+            const int first = g / among * among, pixel = (g - first) * neighbours;
+            if (among < lanes::WIDTH)
+                collect(given[g % 4], first, among, pixel);
+            else if (g % 4 == 0)
+                collect_four(given, pixel);
+            unsigned lives = 0;
+            for (int n = 0; n < among; ++n) {
+                const unsigned begun = lanes::bits(pixels(first + n).begun_) >> pixel;
+                for (int k = 0; k < neighbours; ++k) lives |= (begun >> k & 1) << (among * k + n);
+            }
+            begin(path(g), given[g % 4], live[g] = lanes::of_bits(lives));
+            path(g).home = lanes::Ints(lanes::WIDTH * (first + (numbers & (among - 1))) + pixel + numbers / among);
         }
     }
 
-    // Begin paths of sixteen samples of sixteen pixels: those of one pixel in one group.
-    void begin_pixel_by_pixel() {
-        constexpr int ROWS = sizeof(Given) / (4 * lanes::WIDTH);
-        static_assert(sizeof(Given) % (4 * lanes::WIDTH) == 0, "what is given is not of numbers of four bytes alone");
-        const auto row_of = [&](int sample, int row) {
-            return (const float*)&pixels(sample).given_ + lanes::WIDTH * row;
-        };
-        alignas(64) Given given[4];
-        for (int g = 0; g < lanes::WIDTH; ++g) {
-            if (g % 4 == 0) {
-                _Pragma("clang loop unroll(disable)") for (int row = 0; row < ROWS; ++row) {
-                    const lanes::FourRows rows = lanes::transposed([&](int l) __attribute__((always_inline)) {
-                        return (lanes::f4) * (const lanes::f4_anywhere*)(row_of(l, row) + g);
-                    });
-                    for (int k = 0; k < 4; ++k) ((lanes::f16*)&given[k])[row] = rows.r[k];
-                }
+    // What samples of a few neighbours are given.
+    void collect(Given& given, const int first, const int among, const int pixel) {
+        typedef lanes::i16 anywhere __attribute__((aligned(4)));
+        for (int n = 0; n < among; ++n) {
+            const unsigned own = lanes::bits(lanes::Mask((lanes::lane_numbers().v & (among - 1)) == n));
+            const int* const from = (const int*)&pixels(first + n).given_ + pixel;
+            _Pragma("clang loop unroll(disable)") for (int row = 0; row < GIVEN_ROWS; ++row) {
+                lanes::i16& to = ((lanes::i16*)&given)[row];
+                to = lanes::spread(*(const anywhere*)(from + lanes::WIDTH * row), to, own);
             }
-            unsigned samples = 0;
-            for (int l = 0; l < lanes::WIDTH; ++l) samples |= (lanes::bits(pixels(l).begun_) >> g & 1) << l;
-            begin(path(g), given[g % 4], live[g] = lanes::of_bits(samples));
-            path(g).home = lanes::Ints(lanes::WIDTH * lanes::lane_numbers().v + g);
+        }
+    }
+
+    // What sixteen samples of each of four pixels are given.
+    void collect_four(Given* given, const int pixel) {
+        _Pragma("clang loop unroll(disable)") for (int row = 0; row < GIVEN_ROWS; ++row) {
+            const lanes::FourRows rows = lanes::transposed([&](int l) __attribute__((always_inline)) {
+                const float* const from = (const float*)&pixels(l).given_ + lanes::WIDTH * row;
+                return (lanes::f4) * (const lanes::f4_anywhere*)(from + pixel);
+            });
+            for (int k = 0; k < 4; ++k) ((lanes::f16*)&given[k])[row] = rows.r[k];
+        }
+    }
+
+    // Begin the next samples of all pixels, and return whether there are any.
+    bool start() {
+        bool more = false;
+        _Pragma("clang loop unroll(disable)") for (int g = 0; g < count; ++g) {
+            pixels(g).start();
+            more |= lanes::any(pixels(g).sampled_);
+        }
+        return more;
+    }
+
+    // Add what paths have found to their pixels, in the order of samples.
+    void finish(const int among) {
+        for (int g = 0; g < count; ++g) {
+            pixels(g).carry(pixels(g % among == 0 ? g + among - 1 : g - 1));
+            pixels(g).finish(results[g]);
         }
     }
 
@@ -229,73 +264,75 @@ ROUND
     }
 };
 
+// The numbers 0, 1, 4, 5 ... of 0 to 15: every second bit of a number, so that neighbours in it are neighbours in the plane.
+LANES_INLINE lanes::i16 across(const lanes::i16 n) { return (n & 1) | (n >> 1 & 2); }
+
 // A square of four by four pixels, of which some may be outside the picture.
 struct Block {
     lanes::Ints threads;
     lanes::Mask inside;
     Block(const int tile, const int place, const int width, const int height) {
-        const lanes::i16 numbers = lanes::lane_numbers().v;
-        const int across = (width + TILE - 1) / TILE;
-        const lanes::i16 x = TILE * (tile % across) + 4 * (place % 4) + (numbers & 3);
-        const lanes::i16 y = TILE * (tile / across) + 4 * (place / 4) + (numbers >> 2);
+        const lanes::i16 numbers = lanes::lane_numbers().v, here = (lanes::i16)0 + place;
+        const int tiles = (width + TILE - 1) / TILE;
+        const lanes::i16 x = TILE * (tile % tiles) + 4 * across(here) + across(numbers);
+        const lanes::i16 y = TILE * (tile / tiles) + 4 * across(here >> 1) + across(numbers >> 1);
         threads = lanes::Ints(y * width + x);
         inside = lanes::Mask((x < width) & (y < height));
     }
 };
 } // namespace
 
-// Render a square of TILE x TILE pixels.
-static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
-    Pool pool;
-    const auto add = [&](const Block& block) {
+// Begin a block `among` times, to take as many samples of each pixel at a time.
+static void add(Pool& pool, const Block& block, const int among, ARGUMENTS_IN) {
+    for (int n = 0; n < among; ++n) {
         const int g = pool.count++;
         new (Here(), &pool.pixels(g)) Pixels(ARGUMENTS);
         pool.pixels(g).begin(block.threads, block.inside);
+        pool.pixels(g).share(n, among);
         new (Here(), &pool.path(g)) Path(FIXED);
-    };
-    const auto start = [&]() -> bool {
-        bool more = false;
-        _Pragma("clang loop unroll(disable)") for (int g = 0; g < pool.count; ++g) {
-            pool.pixels(g).start();
-            more |= lanes::any(pool.pixels(g).sampled_);
-        }
-        return more;
-    };
-    pool.count = 0;
-    int most = 0;
-    for (int place = 0; place < GROUPS; ++place) {
-        const Block block(tile, place, width, height);
-        if (!lanes::any(block.inside)) continue;
-        add(block);
-        const lanes::Ints left = pool.pixels(pool.count - 1).left();
-        LANES_EACH(l, block.inside) if (left.v[l] > most) most = left.v[l];
     }
-    if (most < lanes::WIDTH) {
-        while (start()) {
-            pool.begin_side_by_side();
+}
+
+// Render a square of TILE x TILE pixels, `among` samples of a pixel at a time.
+static void render_samples(Pool& pool, const int tile, const int width, const int height, const int among, ARGUMENTS_IN) {
+    for (int place = 0; place < GROUPS;) {
+        pool.count = 0;
+        for (; place < GROUPS && pool.count < GROUPS; ++place) {
+            const Block block(tile, place, width, height);
+            if (lanes::any(block.inside)) add(pool, block, among, ARGUMENTS);
+        }
+        while (pool.start()) {
+            pool.begin_paths(among);
             pool.follow();
-            for (int g = 0; g < pool.count; ++g) pool.pixels(g).finish(pool.results[g]);
+            pool.finish(among);
         }
-        for (int g = 0; g < pool.count; ++g) pool.pixels(g).after();
-        return;
+        for (int g = among - 1; g < pool.count; g += among) pool.pixels(g).after();
     }
+}
+
+// As many samples at a time as a power of two, so that nearly all lanes are in use.
+static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
+    Pool pool;
+    int left = 0;
+    pool.count = 0;
     for (int place = 0; place < GROUPS; ++place) {
         const Block block(tile, place, width, height);
         if (!lanes::any(block.inside)) continue;
         pool.count = 0;
-        for (int n = 0; n < lanes::WIDTH; ++n) {
-            add(block);
-            pool.pixels(n).share(n, lanes::WIDTH);
+        add(pool, block, 1, ARGUMENTS);
+        const lanes::Ints more = pool.pixels(0).left();
+        LANES_EACH(l, block.inside) if (more.v[l] > left) left = more.v[l];
+    }
+    int among = lanes::WIDTH;
+    while (left > 0) {
+        if (4 * left <= 3 * among) {
+            among /= 2;
+            continue;
         }
-        while (start()) {
-            pool.begin_pixel_by_pixel();
-            pool.follow();
-            for (int n = 0; n < lanes::WIDTH; ++n) {
-                pool.pixels(n).carry(pool.pixels((n + lanes::WIDTH - 1) % lanes::WIDTH));
-                pool.pixels(n).finish(pool.results[n]);
-            }
-        }
-        pool.pixels(lanes::WIDTH - 1).after();
+        left = left > among ? left % among : 0;
+        const auto all = TARGET_in;
+        const decltype(all) TARGET_in = all - left;
+        render_samples(pool, tile, width, height, among, ARGUMENTS);
     }
 }
 """.replace("TILE", str(TILE))

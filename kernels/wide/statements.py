@@ -26,7 +26,7 @@ NO_MORE = re.compile(rf"if \(iter_cmp\((var_\w+)\) == 0\) goto end_{_LABEL};")
 _SETS = re.compile(r"(var_\w+)(?:\.\w+)* = |wp::assign\((var_\w+),")
 _STORES = re.compile(r"wp::(?:store|array_store|assign\w*)\(")
 _LEAVE = re.compile(r"return|goto ")
-_RANGE = re.compile(r"(var_\w+) = wp::range\((.*)\);")
+RANGE = re.compile(r"(var_\w+) = wp::range\((.*)\);")
 _STRUCT = re.compile(r"([A-Za-z_]\w*_[0-9a-f]{8})\((.*)\)")
 
 
@@ -56,7 +56,7 @@ class Body:
         self.counted: dict[str, list[int]] = {}  # ranges known beforehand, which stay loops of C++
         self.counters: dict[str, str] = {}
         for line in self.lines:
-            if m := _RANGE.fullmatch(line):
+            if m := RANGE.fullmatch(line):
                 ends = m[2].split(", ")
                 if all(end in self.constants for end in ends):
                     self.counted[m[1]] = [self.constants[end] for end in ends]
@@ -388,7 +388,7 @@ _STATEMENTS: list[tuple[re.Pattern[str], _Write]] = [
         (NEXT, Body._next),
         (rf"goto (start|end)_{_LABEL};", Body._goto),
         (r"return ?(var_\w+)?;", Body._return),
-        (_RANGE, Body._range),
+        (RANGE, Body._range),
         (r"wp::assign\((var_\w+), (var_\w+)\);", Body._assign),
         (r"wp::assign_inplace\((.*)\);", Body._assign_inplace),
         (r"wp::array_store\((.*)\);", Body._array_store),
