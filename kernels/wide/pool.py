@@ -283,7 +283,7 @@ struct Block {
 } // namespace
 
 // Begin a block `among` times, to take as many samples of each pixel at a time.
-static void add(Pool& pool, const Block& block, const int among, ARGUMENTS_IN) {
+LANES_CALLED void add(Pool& pool, const Block& block, const int among, ARGUMENTS_IN) {
     for (int n = 0; n < among; ++n) {
         const int g = pool.count++;
         new (Here(), &pool.pixels(g)) Pixels(ARGUMENTS);
