@@ -21,6 +21,7 @@ from peers.peer import OWN, PEERS, Environments, Peer, PeerError, Session, first
 from benchmarks.agreement import agreement
 from benchmarks.measure import ROOT
 from benchmarks.scenes import CASES, Budget
+from wrt.device import available_threads
 
 Picture = NDArray[np.float64]
 Row = dict[str, Any]
@@ -39,9 +40,12 @@ def benchmark_render(options: argparse.Namespace) -> Row:
     """Return what was measured of every scene, and the pictures of wrt by `options.pictures`."""
     if options.quick:
         make_quick(options)
+    if options.cpu_seconds and options.device != "cpu":
+        raise SystemExit("--cpu-seconds: a GPU's work takes none")
     environments = environments_of(options)
     asked = options.peers or [name for name, peer in PEERS.items() if peer.device[options.device]]
     peers = [OWN, *(PEERS[name] for name in asked)]
+    cpus = available_threads() if options.cpu_seconds else None
     rows = []
     pictures: dict[str, Picture] = {}
     left_out: dict[str, str] = {}
@@ -57,7 +61,9 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             for peer in peers:
                 try:
                     prepare(peer, scene, folder)
-                    sessions[peer.name] = stack.enter_context(Session(peer, folder, environments, options.device))
+                    sessions[peer.name] = stack.enter_context(
+                        Session(peer, folder, environments, options.device, cpus=cpus)
+                    )
                 except (NotImplementedError, PeerError) as error:
                     print(f"  {peer.name} is left out: {error}", flush=True)
                     row["renderers"][peer.name] = {"left_out": str(error)}
@@ -231,6 +237,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, default=512, help="pixels a side")
     parser.add_argument("--seconds", type=float, default=2.0, help="of wrt for a run at equal samples")
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--cpu-seconds",
+        action="store_true",
+        help="time renders by seconds of CPU over cores, where others use them too",
+    )
     parser.add_argument("--times", type=float, nargs="*", default=[10.0, 60.0], help="seconds for equal time; none: no")
     parser.add_argument("--error-repeats", type=int, default=1, help="pictures behind each error, of which the median")
     parser.add_argument("--reference", type=float, help="seconds of each converged picture (default: the most of them)")

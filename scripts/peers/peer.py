@@ -113,14 +113,22 @@ class Session:
     """A renderer's process with a scene."""
 
     def __init__(
-        self, peer: Peer, folder: Path, environments: Environments, device: str = "cpu", threads: int | None = None
+        self,
+        peer: Peer,
+        folder: Path,
+        environments: Environments,
+        device: str = "cpu",
+        threads: int | None = None,
+        cpus: int | None = None,
     ) -> None:
         """Start it, by default on all cores, and wait until the scene is loaded.
+
+        With `cpus` renders are timed in seconds of CPU over that number, not on the clock.
 
         Raises:
             PeerError: with what it said last, where it ends instead.
         """
-        self.peer = peer
+        self.peer, self.cpus = peer, cpus
         self.log = folder / f"{peer.name}.log"
         with self.log.open("w", encoding="utf-8") as log:
             self.process = subprocess.Popen(
@@ -156,7 +164,8 @@ class Session:
 
     def render(self, spp: int, seed: int, save: Path | None = None) -> float:
         """Have it render a new picture, and return the seconds."""
-        return float(self.ask(do="render", spp=spp, seed=seed, save=None if save is None else str(save))["seconds"])
+        answer = self.ask(do="render", spp=spp, seed=seed, save=None if save is None else str(save))
+        return float(answer["seconds"]) if self.cpus is None else float(answer["cpu_seconds"]) / self.cpus
 
     def picture(self, spp: int, seed: int, path: Path) -> tuple[NDArray[np.float64], float]:
         """Return a new picture and its seconds."""

@@ -24,7 +24,7 @@ STARTED = time.perf_counter()
 class Worker(Protocol):
     """A renderer with its scene loaded.
 
-    One that knows the seconds of CPU of its last render, all threads', may keep them as `cpu_seconds`.
+    One that does more in `render` than it times may keep the seconds of CPU of the rest, all threads', as `cpu_seconds`.
     """
 
     def about(self) -> dict[str, Any]:
@@ -73,9 +73,9 @@ def serve(make: Callable[[Path, str], Worker]) -> None:
         question = json.loads(line)
         result: dict[str, Any] = {}
         if question["do"] == "render":
+            started = time.process_time()
             result["seconds"] = worker.render(question["spp"], question["seed"])
-            if hasattr(worker, "cpu_seconds"):
-                result["cpu_seconds"] = worker.cpu_seconds
+            result["cpu_seconds"] = getattr(worker, "cpu_seconds", time.process_time() - started)
             if question.get("save"):
                 import numpy as np
 
