@@ -240,7 +240,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cpu-seconds",
         action="store_true",
-        help="time renders by seconds of CPU over cores, where others use them too",
+        help="time renders by seconds of CPU over cores, if others use them",
     )
     parser.add_argument("--times", type=float, nargs="*", default=[10.0, 60.0], help="seconds for equal time; none: no")
     parser.add_argument("--error-repeats", type=int, default=1, help="pictures behind each error, of which the median")

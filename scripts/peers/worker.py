@@ -24,7 +24,7 @@ STARTED = time.perf_counter()
 class Worker(Protocol):
     """A renderer with its scene loaded.
 
-    One that does more in `render` than it times may keep the seconds of CPU of the rest, all threads', as `cpu_seconds`.
+    One that does more in `render` than it times may keep the seconds of CPU of what it times as `cpu_seconds`.
     """
 
     def about(self) -> dict[str, Any]:
