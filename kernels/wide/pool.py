@@ -264,7 +264,7 @@ ROUND
     }
 };
 
-// The numbers 0, 1, 4, 5 ... of 0 to 15: every second bit of a number, so that neighbours in it are neighbours in the plane.
+// One coordinate of place n of a square of four by four, in Morton's order: four places that follow are a square, too.
 LANES_INLINE lanes::i16 across(const lanes::i16 n) { return (n & 1) | (n >> 1 & 2); }
 
 // A square of four by four pixels, of which some may be outside the picture.
@@ -294,7 +294,9 @@ LANES_CALLED void add(Pool& pool, const Block& block, const int among, ARGUMENTS
 }
 
 // Render a square of TILE x TILE pixels, `among` samples of a pixel at a time.
-static void render_samples(Pool& pool, const int tile, const int width, const int height, const int among, ARGUMENTS_IN) {
+static void render_samples(
+    Pool& pool, const int tile, const int width, const int height, const int among, ARGUMENTS_IN
+) {
     for (int place = 0; place < GROUPS;) {
         pool.count = 0;
         for (; place < GROUPS && pool.count < GROUPS; ++place) {

@@ -18,7 +18,7 @@ from benchmarks.render import next_seed, samples_for
 from benchmarks.scenes import CASES, Budget
 
 _LEAST_SPP = 16
-"""Passes of fewer samples are rendered another way, pixel beside pixel."""
+"""Passes of fewer samples are rendered another way: fewer of a pixel side by side."""
 
 
 def benchmark_checkouts(options: argparse.Namespace) -> dict[str, Any]:
