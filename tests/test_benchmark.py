@@ -182,6 +182,18 @@ def test_a_renderer_in_a_process_of_its_own(tmp_path: Path) -> None:
     assert line[2:4] == ["wrt", "render"]
 
 
+def test_renders_are_timed_by_seconds_of_cpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over as many cores as are given; on a GPU there are none to count."""
+    peer.prepare(peer.OWN, scenes.CASES["cornell"].scene(24, SMALL), tmp_path)
+    with peer.Session(peer.OWN, tmp_path, peer.Environments(), threads=1, cpus=4) as session:
+        assert session.render(8, 2) > 0.0
+        monkeypatch.setattr(session, "ask", lambda **_: {"seconds": 1.0, "cpu_seconds": 8.0})
+        assert session.render(8, 3) == 2.0
+        monkeypatch.undo()
+    with pytest.raises(SystemExit, match="GPU"):
+        benchmark.main(["render", "--cpu-seconds", "--device", "cuda", "--peers", "mitsuba-llvm"])
+
+
 def test_checkouts_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two of the same, in turn; and what is no checkout, or one whose worker does not tell what is needed."""
     options = ["--scenes", "cornell", "--size", "24", "--seconds", "0.01", "--rounds", "3"]
