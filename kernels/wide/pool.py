@@ -316,7 +316,6 @@ static void render_samples(
 static void render_tile(const int tile, const int width, const int height, ARGUMENTS_IN) {
     Pool pool;
     int left = 0;
-    pool.count = 0;
     for (int place = 0; place < GROUPS; ++place) {
         const Block block(tile, place, width, height);
         if (!lanes::any(block.inside)) continue;
