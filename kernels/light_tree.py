@@ -51,12 +51,12 @@ class TreeChoice:
 # floats.
 #
 # A group's sphere is seen under the half angle u; that is widened by a thousandth, which covers the rounding of all
-# cosines here. `cos_emitted` is that of max(0, angle to the axis − spread − u), `cos_received` that of max(0, angle to
-# the normal − u). So a group weighs nothing only where none of its lights can light the point. Spheres are wide around
-# lights that lie in a plane. So their box tells how far they are above the horizon of the point at most, which leaves
-# less of the cosine (half as much again as that height over the mean distance, for some are nearer); and where all
-# normals are one, their extent along it tells whether the point is behind them all. What this gains stands in
-# docs/performance.md.
+# cosines here, and so does what the tree leaves of the cosine of falloff. `cos_emitted` is that of max(0, angle to the
+# axis − spread − u), `cos_received` that of max(0, angle to the normal − u). So a group weighs nothing only where none
+# of its lights can light the point. Spheres are wide around lights that lie in a plane. So their box tells how far they
+# are above the horizon of the point at most, which leaves less of the cosine (half as much again as that height over
+# the mean distance, for some are nearer); and where all normals are one, their extent along it tells whether the point
+# is behind them all. What this gains stands in docs/performance.md.
 #
 #   in:  node: const float*; position, normal: vectors; receives
 #   out: importance, distance2 (for the far field of a group, and finite at its centre), inverse_mean (1 over the root
@@ -64,8 +64,8 @@ class TreeChoice:
 _WEIGH = """
     const V dx = ROW(0) - position[0], dy = ROW(1) - position[1], dz = ROW(2) - position[2];
     const V radius = SIZE(ROW(6)), center2 = dx * dx + dy * dy + dz * dz, radius2 = radius * radius;
-    const V inverse = 1.0f / ROOT(MOST(center2, (V)1e-36f));
-    const V distance2 = MOST(center2 + 0.25f * radius2, (V)1e-36f), inverse_mean = 1.0f / ROOT(distance2);
+    const V inverse = INVERSE_ROOT(MOST(center2, (V)1e-36f));
+    const V distance2 = MOST(center2 + 0.25f * radius2, (V)1e-36f), inverse_mean = INVERSE_ROOT(distance2);
     const V sin_u = LEAST(radius * inverse + 1e-3f, (V)1.0f), cos_u = ROOT(1.0f - sin_u * sin_u);
     // At the lights: the angle to the axis, then less the spread, then less u.
     V depth = -(dx * ROW(7) + dy * ROW(8) + dz * ROW(9));
@@ -78,18 +78,55 @@ _WEIGH = """
     // Inside the sphere any direction is possible.
     V importance = WHERE(center2 <= radius2, (V)1.0f, WHERE(cos_emitted > ROW(11), cos_emitted, (V)0.0f));
     importance = WHERE((depth + ROW(13)) * inverse_mean < -3e-3f, (V)0.0f, importance);
-    if (receives != RECEIVES_ANYWHERE) {
+    if (ANY(receives != RECEIVES_ANYWHERE)) {
         V height = dx * normal[0] + dy * normal[1] + dz * normal[2];
-        if (receives == RECEIVES_BOTH) height = SIZE(height);
-        const V above = ROW(3) * fabsf(normal[0]) + ROW(4) * fabsf(normal[1]) + ROW(5) * fabsf(normal[2]);
+        height = WHERE(receives == RECEIVES_BOTH, SIZE(height), height);
+        const V above = ROW(3) * SIZE_OF(normal[0]) + ROW(4) * SIZE_OF(normal[1]) + ROW(5) * SIZE_OF(normal[2]);
         const V cos_i = LEAST(height * inverse, (V)1.0f), sin_i = ROOT(MOST(1.0f - cos_i * cos_i, (V)0.0f));
         V cos_received = WHERE(cos_i > cos_u, (V)1.0f, cos_i * cos_u + sin_i * sin_u);
         cos_received = WHERE(center2 <= radius2, (V)1.0f, cos_received);
         cos_received = LEAST(cos_received, 1.5f * (height + above) * inverse_mean + 1e-3f);
-        importance *= MOST(cos_received, (V)0.0f);
+        importance *= WHERE(receives == RECEIVES_ANYWHERE, (V)1.0f, MOST(cos_received, (V)0.0f));
     }
     const V power = ROW(14);
 """
+
+# _WEIGH in vectors: of the children of one node, or of two nodes side by side.
+# Roots are those of 14 bits that the processor looks up, where it does: 1.03 times as fast (docs/performance.md).
+#   in:  V, ROW, ANY, SIZE_OF, NEAR_INVERSE_ROOT; TURN4, TURN2, TURN1, which turn eight numbers by so many places, or
+#        twice eight
+#   out: result, least: V, weights and the least of distance squared of each node
+_WEIGH_AT_ONCE = (
+    """
+    #define WHERE(c, a, b) ((c) ? (a) : (b))
+#if defined(__AVX512VL__)
+    #define INVERSE_ROOT(a) NEAR_INVERSE_ROOT(a)
+    #define ROOT(a) ((a) * INVERSE_ROOT(MOST(a, (V)1e-36f)))
+#else
+    #define INVERSE_ROOT(a) (1.0f / ROOT(a))
+    #define ROOT(a) __builtin_elementwise_sqrt(a)
+#endif
+    #define LEAST(a, b) ((a) < (b) ? (a) : (b))
+    #define MOST(a, b) ((a) > (b) ? (a) : (b))
+    #define SIZE(a) __builtin_elementwise_abs(a)
+"""
+    + _WEIGH
+    + """
+    V least = WHERE(power > 0.0f, distance2, (V)3e38f);
+    least = LEAST(least, TURN4(least));
+    least = LEAST(least, TURN2(least));
+    least = LEAST(least, TURN1(least));
+    importance *= power;
+    const V nearness = least * inverse_mean * inverse_mean;
+    const V result = WHERE(importance > 0.0f, MOST(importance * nearness, (V)1e-36f), (V)0.0f);
+    #undef WHERE
+    #undef ROOT
+    #undef INVERSE_ROOT
+    #undef LEAST
+    #undef MOST
+    #undef SIZE
+"""
+)
 
 #   in:  as of _WEIGH
 #   out: weights: eight floats; nearest: the least of distance squared
@@ -101,25 +138,31 @@ WEIGHTS = (
     {
     #define V f8
     #define ROW(k) (*(const f8*)(node + 8 * (k)))
-    #define WHERE(c, a, b) ((c) ? (a) : (b))
-    #define ROOT(a) __builtin_elementwise_sqrt(a)
-    #define LEAST(a, b) ((a) < (b) ? (a) : (b))
-    #define MOST(a, b) ((a) > (b) ? (a) : (b))
-    #define SIZE(a) __builtin_elementwise_abs(a)
+    #define ANY(c) (c)
+    #define SIZE_OF(a) fabsf(a)
+    #define NEAR_INVERSE_ROOT(a) __builtin_ia32_rsqrt14ps256_mask(a, (V)0.0f, 255)
+    #define TURN4(a) __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3)
+    #define TURN2(a) __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5)
+    #define TURN1(a) __builtin_shufflevector(a, a, 1, 0, 3, 2, 5, 4, 7, 6)
 """
-    + _WEIGH
+    + _WEIGH_AT_ONCE
     + """
-    nearest = __builtin_reduce_min(WHERE(power > 0.0f, distance2, (V)3e38f));
-    importance *= power;
-    const V nearness = nearest * inverse_mean * inverse_mean;
-    *(f8*)weights = WHERE(importance > 0.0f, MOST(importance * nearness, (V)1e-36f), (V)0.0f);
+    *(f8*)weights = result;
+    nearest = least[0];
+    #undef NEAR_INVERSE_ROOT
+    #undef TURN4
+    #undef TURN2
+    #undef TURN1
     }
 #else
     {
     #define V float
     #define ROW(k) node[8 * (k) + lane]
+    #define ANY(c) (c)
+    #define SIZE_OF(a) fabsf(a)
     #define WHERE(c, a, b) ((c) ? (a) : (b))
     #define ROOT(a) sqrtf(a)
+    #define INVERSE_ROOT(a) (1.0f / sqrtf(a))
     #define LEAST(a, b) fminf(a, b)
     #define MOST(a, b) fmaxf(a, b)
     #define SIZE(a) fabsf(a)
@@ -135,15 +178,48 @@ WEIGHTS = (
     for (int lane = 0; lane < 8; ++lane)
         if (weights[lane] > 0.0f)
             weights[lane] = fmaxf(weights[lane] * (nearest * inverses[lane] * inverses[lane]), 1e-36f);
+    #undef WHERE
+    #undef ROOT
+    #undef INVERSE_ROOT
+    #undef LEAST
+    #undef MOST
+    #undef SIZE
     }
 #endif
     #undef V
     #undef ROW
-    #undef WHERE
-    #undef ROOT
-    #undef LEAST
-    #undef MOST
-    #undef SIZE
+    #undef ANY
+    #undef SIZE_OF
+"""
+)
+
+# The same of two nodes, for `kernels/wide/light_tree.py`.
+#   in:  f8, f16; one, two: const float*; position, normal: three f16 each, eight numbers of either node's point;
+#        receives: integers, likewise
+#   out: result, least: f16
+WEIGHTS_OF_TWO = (
+    """
+    #define V f16
+    #define JOINED(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
+    #define ROW(k) JOINED(*(const f8*)(one + 8 * (k)), *(const f8*)(two + 8 * (k)))
+    #define ANY(c) lanes::any(lanes::Mask(c))
+    #define SIZE_OF(a) SIZE(a)
+    #define NEAR_INVERSE_ROOT(a) __builtin_ia32_rsqrt14ps512_mask(a, (V)0.0f, (unsigned short)-1)
+    #define TURN4(a) __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11)
+    #define TURN2(a) __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9, 14, 15, 12, 13)
+    #define TURN1(a) __builtin_shufflevector(a, a, 1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14)
+"""
+    + _WEIGH_AT_ONCE
+    + """
+    #undef V
+    #undef JOINED
+    #undef ROW
+    #undef ANY
+    #undef SIZE_OF
+    #undef NEAR_INVERSE_ROOT
+    #undef TURN4
+    #undef TURN2
+    #undef TURN1
 """
 )
 

@@ -369,6 +369,23 @@ def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, r
     assert missed == 0
 
 
+def test_no_beam_that_reaches_a_point_is_left_out(device: str) -> None:
+    """Points just inside the edges of beams of 26 degrees and less: roots in the kernel may be of 14 bits."""
+    rng = np.random.default_rng(4)
+    n = 200
+    position, axis = rng.random((n, 3)) * 4.0, unit(rng.normal(size=(n, 3)))
+    cos_falloff = 1.0 - 10.0 ** rng.uniform(-6.0, -1.0, n)
+    lights = LightBounds.of(position[:, None], axis, 1.0, cos_falloff=cos_falloff)
+    tree = build_light_tree(lights)
+    for _ in range(10):
+        angle = 0.99 * np.arccos(cos_falloff)
+        aside = unit(np.cross(axis, rng.normal(size=(n, 3))))
+        way = axis * np.cos(angle)[:, None] + aside * np.sin(angle)[:, None]
+        points = (position + way * 10.0 ** rng.uniform(-1.0, 3.0, (n, 1))).astype(np.float32)
+        said = probabilities(tree, points, -way.astype(np.float32), SIDES["front"], device)
+        assert (np.diagonal(said) > 0.0).all()
+
+
 def reaches(
     corners: NDArray, two_sided: NDArray, points: NDArray, normals: NDArray, receives: int
 ) -> NDArray[np.bool_]:

@@ -1,20 +1,18 @@
 """The walk down the tree over lights, sixteen at once.
 
 All lanes go down together, each at a node of its own. The eight children of a node fill half a register of the
-processor's, so each lane weighs its own, one after the other: none waits for the last, as it would walking down alone.
-Then all choose at once. The answers are those of `kernels/light_tree.py`, bit for bit.
+processor's, so those of two lanes are weighed at once, two after two: none waits for the last, as it would walking down
+alone. Then all choose at once. The answers are those of `kernels/light_tree.py`, bit for bit.
 """
 
-from wrt.kernels.light_tree import WEIGHTS, light_tree_code
+from wrt.kernels.light_tree import WEIGHTS_OF_TWO, light_tree_code
 
 _SAMPLE_TREE = (
     """
     using lanes::f16; using lanes::i16; using lanes::d16; using lanes::f4;
     const float* const nodes = (const float*)tree.nodes.data;
-    alignas(64) float at[3][16], normals[3][16], all_weights[16][8], nearests[16];
-    alignas(64) int sides[16], places[16];
-    for (int k = 0; k < 3; ++k) *(f16*)at[k] = position_.c[k].v, *(f16*)normals[k] = normal_.c[k].v;
-    *(i16*)sides = receives_.v;
+    alignas(64) float all_weights[16][8], nearests[16];
+    alignas(64) int places[16];
     #define IN_DOUBLE(a) __builtin_convertvector(a, d16)
     #define MASK_OF(a) lanes::Mask(__builtin_convertvector(a, lanes::b16))
     #define CHOOSE(mask, a, b) ((mask).v ? (a) : (b))
@@ -24,16 +22,24 @@ _SAMPLE_TREE = (
     bool root = true;
     while (lanes::any(going)) {
         *(i16*)places = current;
-        LANES_EACH(l, going) {
-            const float* const node = nodes + (size_t)places[l] * 128;
-            const float position[3] = {at[0][l], at[1][l], at[2][l]};
-            const float normal[3] = {normals[0][l], normals[1][l], normals[2][l]};
-            const int receives = sides[l];
+        for (unsigned rest = lanes::bits(going); rest;) {
+            const int a = __builtin_ctz(rest);
+            rest &= rest - 1;
+            const int b = rest ? __builtin_ctz(rest) : a;
+            rest &= rest - 1;
+            const float *const one = nodes + (size_t)places[a] * 128, *const two = nodes + (size_t)places[b] * 128;
+            const i16 both = lanes::of_bits(0xff).v ? (i16)a : (i16)b;
+            #define OF_TWO(of_all) lanes::permuted(of_all, both)
+            const f16 position[3] = {OF_TWO(position_.c[0].v), OF_TWO(position_.c[1].v), OF_TWO(position_.c[2].v)};
+            const f16 normal[3] = {OF_TWO(normal_.c[0].v), OF_TWO(normal_.c[1].v), OF_TWO(normal_.c[2].v)};
+            const i16 receives = (i16)OF_TWO((f16)receives_.v);
 """
-    + WEIGHTS
+    + WEIGHTS_OF_TWO
     + """
-            memcpy(all_weights[l], weights, sizeof weights);
-            nearests[l] = nearest;
+            *(f8*)all_weights[a] = __builtin_shufflevector(result, result, 0, 1, 2, 3, 4, 5, 6, 7);
+            *(f8*)all_weights[b] = __builtin_shufflevector(result, result, 8, 9, 10, 11, 12, 13, 14, 15);
+            nearests[a] = least[0];
+            nearests[b] = least[8];
         }
         d16 sums[9];
         f16 weights[8];
@@ -94,6 +100,7 @@ _SAMPLE_TREE = (
     #undef IN_DOUBLE
     #undef MASK_OF
     #undef CHOOSE
+    #undef OF_TWO
 """
 )
 

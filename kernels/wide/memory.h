@@ -279,6 +279,17 @@ LANES_INLINE Ints next(Range& r, Mask exec) {
 }
 LANES_INLINE Ints lane_numbers() { return Ints((i16){0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}); }
 
+// In every lane the number of another one.
+LANES_INLINE f16 permuted(f16 x, i16 lanes) {
+#if defined(__AVX512F__)
+    return __builtin_ia32_permvarsf512(x, lanes);
+#else
+    f16 r;
+    for (int k = 0; k < WIDTH; ++k) r[k] = x[lanes[k]];
+    return r;
+#endif
+}
+
 // Lanes from one group to another: those of which bits are set in `from` go, in order, to those set in `to`.
 
 struct Move {

@@ -30,6 +30,9 @@ _FEW_LIGHTS = 64
 """Nodes of fewer lights on average get the fewer bins: there are many of them."""
 
 
+_ROUNDING = 2e-4
+"""How much less or more cosines may be in the kernel than they are, whose roots may be of 14 bits."""
+
 _FLAT = 1e-3
 """Angle between normals, up to which lights count as facing one way; the kernel allows for it."""
 
@@ -332,7 +335,7 @@ def _bounds_of_ranges(lights: LightBounds, begin: Indices, end: Indices) -> Arra
             ((radius * (1.0 + 1e-6) + slack) * np.where(two_sided, -1.0, 1.0))[:, None],
             axis,
             cos_spread[:, None],
-            np.minimum.reduceat(below.cos_falloff, starts)[:, None],
+            np.minimum.reduceat(below.cos_falloff, starts)[:, None] - _ROUNDING,
             np.sqrt(1.0 - cos_spread**2)[:, None],
             # Nothing is known of how far behind the lights a point is where their normals differ.
             np.where(spread < _FLAT, depth * (1.0 + 1e-6) + slack, np.inf)[:, None],
