@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import re
 import shlex
@@ -192,6 +193,38 @@ def test_renders_are_timed_by_seconds_of_cpu(tmp_path: Path, monkeypatch: pytest
         monkeypatch.undo()
     with pytest.raises(SystemExit, match="GPU"):
         benchmark.main(["render", "--cpu-seconds", "--device", "cuda", "--peers", "mitsuba-llvm"])
+
+
+def test_a_run_goes_on_where_another_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenes are written one by one; those that are there are not measured again."""
+    saved = tmp_path / "found.json"
+    line = ["render", "--quick", "--peers", "mitsuba-cuda", "--json", str(saved)]
+    measured = []
+
+    def measure_scene(sessions: dict, row: dict, *_: object) -> np.ndarray:
+        measured.append(row["scene"])
+        if len(measured) == 2:
+            raise KeyboardInterrupt
+        return np.zeros((2, 2, 3))
+
+    monkeypatch.setattr(render, "measure_scene", measure_scene)
+    monkeypatch.setattr(render, "Session", lambda given, *_, **__: contextlib.nullcontext(FakeSession(given)))
+    with pytest.raises(KeyboardInterrupt):
+        benchmark.main([*line, "--scenes", "lens", "cornell"])
+    benchmark.main([*line, "--scenes", "lens", "cornell", "--resume"])
+    assert measured == ["lens", "cornell", "cornell"]
+    result = json.loads(saved.read_text())
+    assert [row["scene"] for row in result["rows"]] == ["cornell", "lens"]
+    assert result["cores"] > 0
+    with pytest.raises(SystemExit, match="--json"):
+        benchmark.main(["render", "--quick", "--resume"])
+
+
+class FakeSession:
+    """A renderer that is never asked for anything."""
+
+    def __init__(self, given: peer.Peer) -> None:
+        self.peer, self.process = given, argparse.Namespace(kill=lambda: None)
 
 
 def test_checkouts_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import itertools
+import json
 import statistics
 import subprocess
 import tempfile
@@ -46,10 +47,12 @@ def benchmark_render(options: argparse.Namespace) -> Row:
     asked = options.peers or [name for name, peer in PEERS.items() if peer.device[options.device]]
     peers = [OWN, *(PEERS[name] for name in asked)]
     cpus = available_threads() if options.cpu_seconds else None
-    rows = []
+    rows = rows_of(options.json) if options.resume else []
     pictures: dict[str, Picture] = {}
     left_out: dict[str, str] = {}
     for name in options.scenes:
+        if any(row["scene"] == name for row in rows):
+            continue
         case = CASES[name]
         scene = case.scene(options.size, Budget(options.share))
         print(f"\n{name}: {case.about}", flush=True)
@@ -82,11 +85,24 @@ def benchmark_render(options: argparse.Namespace) -> Row:
                     row["renderers"][peer.name]["first_picture_seconds"] = started
                     print(f"  {peer.name}: first picture after {in_words(started)}", flush=True)
             rows.append(row)
+            if options.json:
+                options.json.write_text(json.dumps({"rows": rows}, indent=2) + "\n", encoding="utf-8")
+    rows.sort(key=lambda row: list(CASES).index(row["scene"]))
     for name in left_out:
         if all("left_out" in row["renderers"].get(name, {}) for row in rows):
             print(f"\n{name} was in no scene. How to get it: {PEERS[name].hint}")
     result = {"benchmark": "render", "device": options.device, "size": options.size, "rows": rows}
     return result | {"options": {"seconds": options.seconds, "repeats": options.repeats}, "pictures": pictures}
+
+
+def rows_of(file: Path | None) -> list[Row]:
+    """Return the scenes that an earlier run has measured; none where there is no such file yet."""
+    if file is None:
+        raise SystemExit("--resume: needs --json FILE")
+    if not file.exists():
+        return []
+    rows: list[Row] = json.loads(file.read_text(encoding="utf-8"))["rows"]
+    return rows
 
 
 def environments_of(options: argparse.Namespace) -> Environments:
@@ -255,6 +271,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="scenes to time from the shell",
     )
     parser.add_argument("--quick", action="store_true", help="small pictures of small scenes, to see that all works")
+    parser.add_argument("--resume", action="store_true", help="keep what --json FILE has; it is written scene by scene")
     parser.add_argument("--llvm", type=Path, help="folder below which libLLVM*.so is, for Mitsuba")
     for name in ("mitsuba", "cycles", "luxcore"):
         parser.add_argument(f"--{name}-python", metavar="FILE", help="the Python that has it (default: this one)")

@@ -31,7 +31,7 @@ def write_documents(result: Row, pictures: Mapping[str, NDArray[np.float64]]) ->
     write_section(PAGE, name, TEXTS[name](result))
     if f"benchmark-{name}" in MEASURED:
         MEASURED[f"benchmark-{name}"](PICTURES / "plots" / f"benchmark-{name}.png")
-    if pictures:
+    if pictures and all(row["scene"] in pictures for row in result["rows"]):
         write_sheet(result["rows"], pictures)
 
 
