@@ -119,7 +119,9 @@ def error_table(rows: list[Row], peers: list[str]) -> str:
     lines = []
     for row in rows:
         for seconds in times:
-            (ours,) = (e for e in row["renderers"][OWN.name]["errors"] if e["seconds"] == seconds)
+            ours = next((e for e in row["renderers"][OWN.name]["errors"] if e["seconds"] == seconds), None)
+            if ours is None:  # fewer times were asked for
+                continue
             line = [
                 f"`{row['scene']}`",
                 f"{seconds:g}",
