@@ -24,6 +24,7 @@ from wrt.kernels.integrators import INTEGRATORS
 from wrt.kernels.render import make_render_kernel
 from wrt.kernels.wide import library
 from wrt.kernels.wide.library import can_be_called, library_functions
+from wrt.kernels.wide.rays import LARGE_TREE
 from wrt.kernels.wide.render import TILE, make_wide_render_kernel, with_few_slots
 from wrt.kernels.wide.translate import wide_code
 from wrt.kernels.wide.types import Unsupported
@@ -86,15 +87,29 @@ def test_the_same_bits(name: str, shared: None) -> None:
         assert differences(scene, **options) == [], camera
 
 
+def scattered(count: int, size: float) -> wrt.Mesh:
+    """Return triangles of all directions about the origin."""
+    corners = np.random.default_rng(4).uniform(-1.0, 1.0, (count, 1, 3)) * [3.0, 2.0, 3.0]
+    corners = corners + np.random.default_rng(5).normal(size=(count, 3, 3)) * size
+    return wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
 @needs_lanes
 def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of which a leaf may hold two, before other triangles."""
     monkeypatch.setattr(bvh, "MORE_PIECES", 5.0)
     monkeypatch.setattr(bvh, "WORTH_CUTTING", np.inf)
     scene = SCENES["plain"][0]()
-    corners = np.random.default_rng(4).uniform(-1.0, 1.0, (2_000, 1, 3)) * [3.0, 2.0, 3.0]
-    corners = corners + np.random.default_rng(5).normal(size=(2_000, 3, 3)) * 0.3
-    scene.add(wrt.Mesh(corners.reshape(-1, 3), np.arange(6_000).reshape(-1, 3)), material=wrt.Diffuse(0.5))
+    scene.add(scattered(2_000, 0.3), material=wrt.Diffuse(0.5))
+    assert differences(scene) == []
+
+
+@needs_lanes
+def test_large_tree() -> None:
+    """More rays take turns there."""
+    scene = SCENES["plain"][0]()
+    scene.add(scattered(LARGE_TREE // 10, 0.005), material=wrt.Diffuse(0.5))
+    assert wrt.Renderer(scene)._built.data.bvh.leaves.size > LARGE_TREE
     assert differences(scene) == []
 
 

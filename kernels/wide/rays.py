@@ -12,11 +12,12 @@ from wrt.kernels.bvh import RAY_SLAB, STACK_SIZE, native_code
 from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, WOOP_DISTANCE, WOOP_EDGES, WOOP_ERROR
 
 # Measured: the rays that are followed in turn; those left of rays of one octant, and of others, at which they part;
-# rays at all for which going together is worth it.
-IN_TURN = 8
-LONE_RAYS = 4
-LONE_MIXED_RAYS = 8
-FEW_RAYS = 6
+# rays at all for which going together is worth it. What is read of a large tree, with leaves of 8 MB and more, is in no
+# cache: it takes several hundred cycles, in which more rays have their turns.
+IN_TURN, IN_TURN_IF_LARGE = 8, 16
+LONE_RAYS, LONE_MIXED_RAYS = 4, 8
+FEW_RAYS, FEW_RAYS_IF_LARGE = 6, 8
+LARGE_TREE = 1 << 21  # numbers in its leaves
 
 _TYPES = """
 namespace lanes {
@@ -107,10 +108,12 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
             }
         }
     };
-    lanes::Lone rays[IN_TURN];
-    for (int i = 0; i < IN_TURN; ++i) start(rays[i]);
+    const bool large = bvh.leaves.shape[0] > LARGE_TREE;
+    const int in_turn = large ? IN_TURN_IF_LARGE : IN_TURN;
+    lanes::Lone rays[IN_TURN_IF_LARGE];
+    for (int i = 0; i < in_turn; ++i) start(rays[i]);
     while (live > 0) {
-        _Pragma("clang loop unroll(disable)") for (int i = 0; i < IN_TURN; ++i) {
+        _Pragma("clang loop unroll(disable)") for (int i = 0; i < in_turn; ++i) {
             lanes::Lone& r = rays[i];
             if (r.number < 0) continue;
             const int n = r.number;
@@ -162,6 +165,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 const float* next = r.current >= 0 ? all_nodes + (size_t)r.current * 56
                                                    : all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
                 for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
+                if (large) __builtin_prefetch(next + 64);
                 break;
             }
         }
@@ -352,7 +356,8 @@ RAY_SLAB
 
     lists.some = 0;
     *(i16*)lists.lengths = *(i16*)lists.firsts = (i16)0;
-    if (__builtin_popcount(runs) < FEW_RAYS) {
+    const int few = bvh.leaves.shape[0] > LARGE_TREE ? FEW_RAYS_IF_LARGE : FEW_RAYS;
+    if (__builtin_popcount(runs) < few) {
         lists.some = runs;
         *(i16*)lists.lengths = (i16)1;
         for (int n = 0; n < 16; ++n) {
@@ -398,7 +403,8 @@ LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
 
 
 def _with_constants(code: str) -> str:
-    for name in ("IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS"):
+    of_large = ("LARGE_TREE", "IN_TURN_IF_LARGE", "FEW_RAYS_IF_LARGE")
+    for name in (*of_large, "IN_TURN", "LONE_MIXED_RAYS", "LONE_RAYS", "FEW_RAYS"):
         code = code.replace(name, str(globals()[name]))
     return code.replace("RAY_SLAB", RAY_SLAB.replace("NUMBER", "f16"))
 
