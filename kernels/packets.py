@@ -174,7 +174,10 @@ _PACKET = (
                 const unsigned mask = RAY_MASK(tn <= tf);
                 if (mask == 0) continue;
                 const f8 begin = (tn <= tf) ? tn : (f8)__builtin_inff();
-                const float key = __builtin_reduce_min(begin);
+                // By halves: clang's __builtin_reduce_min takes one after the other.
+                const f8 four = LEAST(begin, __builtin_shufflevector(begin, begin, 4, 5, 6, 7, 0, 1, 2, 3));
+                const f8 two = LEAST(four, __builtin_shufflevector(four, four, 2, 3, 0, 1, 6, 7, 4, 5));
+                const float key = LEAST(two[0], two[1]);
                 int place = top++;
                 for (; place > bottom && nearest[place - bottom - 1] < key; --place) {
                     *(f8*)begins[place] = *(const f8*)begins[place - 1];
