@@ -232,38 +232,43 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
             for (int k = 0; k < 3; ++k) origin[k] = ROW(origins[k]), shear[k] = ROW(shears[k]);
             f16 best = limit, best_u = ROW(hit_us), best_v = ROW(hit_vs);
             i16 best_id = INTEGER_ROW(numbers);
+            const auto corner = [&](int j, int vertex, int axis) __attribute__((always_inline)) -> f16 {
+                const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
+                if (!axes) return (f16)c[LEAF_SIZE * axis];
+                return in_order(axis, (f16)c[0], (f16)c[LEAF_SIZE], (f16)c[2 * LEAF_SIZE]);
+            };
+            #define VECTOR f16
+            #define INTEGERS i16
+            #define CORNER(vertex, axis) corner(j, vertex, axis)
+            // First which triangles the line of any ray meets, without a guess at each of them.
+            unsigned some = 0;
             _Pragma("clang loop unroll(disable)") for (int j = 0; j < LEAF_SIZE; ++j) {
                 #pragma clang fp contract(off)
                 if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of it
-                const auto corner = [&](int vertex, int axis) __attribute__((always_inline)) -> f16 {
-                    const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
-                    if (!axes) return (f16)c[LEAF_SIZE * axis];
-                    return in_order(axis, (f16)c[0], (f16)c[LEAF_SIZE], (f16)c[2 * LEAF_SIZE]);
-                };
-                #define VECTOR f16
-                #define INTEGERS i16
-                #define CORNER(vertex, axis) corner(vertex, axis)
 """
     + _of_origin_in_order(WOOP_EDGES)
     + """
-                if (lanes::bits(inside) == 0) continue;
+                some |= (unsigned)(lanes::bits(inside & within) != 0) << j;
+            }
+            for (; some; some &= some - 1) {
+                #pragma clang fp contract(off)
+                const int j = __builtin_ctz(some);
 """
-    + WOOP_DISTANCE
+    + _of_origin_in_order(WOOP_EDGES + WOOP_DISTANCE)
     + """
                 const i16 nearer = meets & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id))) & within;
-                if (lanes::bits(nearer) == 0) continue;
 """
     + WOOP_ERROR
     + """
-                #undef CORNER
-                #undef VECTOR
-                #undef INTEGERS
                 const i16 better = nearer & clear;
                 best = better ? t : best;
                 best_u = better ? v * inverse_det : best_u;
                 best_v = better ? w * inverse_det : best_v;
                 best_id = better ? (i16)ids[j] : best_id;
             }
+            #undef CORNER
+            #undef VECTOR
+            #undef INTEGERS
             if (any_hit) best = best_id != NOTHING_HIT ? (f16)-1.0f : best;
             ROW(reach) = best;
             ROW(hit_us) = best_u;
