@@ -12,7 +12,7 @@ import warp as wp
 
 from wrt.kernels.bvh import FOLLOW_RAY, RAY_SLAB, Bvh, native_code
 from wrt.kernels.ray_batch import BATCH_OF_RAYS, NAMES_OF_TEST, RayBatch
-from wrt.kernels.simd import WOOP_DISTANCE, WOOP_EDGES, WOOP_ERROR
+from wrt.kernels.simd import LEAF_TOGETHER
 
 # As many as a vector holds.
 PACKET = 8
@@ -112,7 +112,8 @@ _PACKET = (
             --top;
             const int current = waiting[top];
             const f8 limit = *(const f8*)reach;
-            unsigned rays = RAY_MASK(*(const f8*)begins[top] <= limit * pad);
+            const i8 within = *(const f8*)begins[top] <= limit * pad;
+            unsigned rays = RAY_MASK(within);
             if (rays == 0) continue;
             if (__builtin_popcount(rays) <= LONE_RAYS) {
                 for (; rays; rays &= rays - 1) follow_alone(LOWEST_BIT(rays), current);
@@ -123,33 +124,17 @@ _PACKET = (
                 const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
                 f8 best = limit, best_u = *(const f8*)hit_us, best_v = *(const f8*)hit_vs;
                 i8 best_id = *(const i8*)numbers;
-                for (int j = 0; j < LEAF_SIZE; ++j) {
-                    #pragma clang fp contract(off)
-                    if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of it
-                    #define VECTOR f8
-                    #define INTEGERS i8
-                    #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
+                #define VECTOR f8
+                #define INTEGERS i8
+                #define CORNER(j, vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
+                #define ANY(c) (RAY_MASK(c) != 0)
 """
-        + WOOP_EDGES
+        + LEAF_TOGETHER
         + """
-                    if (RAY_MASK(inside) == 0) continue;
-"""
-        + WOOP_DISTANCE
-        + """
-                    const i8 nearer = meets & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id)));
-                    if (RAY_MASK(nearer) == 0) continue;
-"""
-        + WOOP_ERROR
-        + """
-                    #undef CORNER
-                    #undef VECTOR
-                    #undef INTEGERS
-                    const i8 better = nearer & clear;
-                    best = better ? t : best;
-                    best_u = better ? v * inverse_det : best_u;
-                    best_v = better ? w * inverse_det : best_v;
-                    best_id = better ? (i8)ids[j] : best_id;
-                }
+                #undef ANY
+                #undef CORNER
+                #undef VECTOR
+                #undef INTEGERS
                 if (any_hit) best = (best_id != NOTHING_HIT) ? (f8)-1.0f : best;
                 *(f8*)reach = best;
                 *(f8*)hit_us = best_u;

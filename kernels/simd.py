@@ -200,6 +200,38 @@ TRIANGLE_TEST = _TRIANGLE_TEST.replace("SKIPPED", "")
 # The same, without the hits that come before (t_min, id_min) or are it, in the order of distance, then number.
 TRIANGLE_TEST_AFTER = _TRIANGLE_TEST.replace("SKIPPED", "if (ts[k] == t_min && ids[k] <= id_min) continue;")
 
+# A leaf's triangles, one after the other, against several rays at once. First which of them the line of any ray
+# meets, without a guess at each; then these up to their ends, though their edges are computed once more.
+#   in:  leaf; ids: int*; t_min; within: INTEGERS, not 0 for rays that come to the leaf; VECTOR, INTEGERS;
+#        CORNER(j, vertex, axis); ANY(INTEGERS); origin, shear; kx, ky, kz
+#   out: best, best_u, best_v: VECTOR, best_id: INTEGERS, the nearest hits so far; of equal t the lowest id wins
+LEAF_TOGETHER = (
+    """
+    unsigned some = 0;
+    _Pragma("clang loop unroll(disable)") for (int j = 0; j < LEAF_SIZE; ++j) {
+        #pragma clang fp contract(off)
+        if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of it
+"""
+    + WOOP_EDGES.replace("CORNER(", "CORNER(j, ")
+    + """
+        some |= (unsigned)ANY(inside & within) << j;
+    }
+    for (; some; some &= some - 1) {
+        #pragma clang fp contract(off)
+        const int j = LOWEST_BIT(some);
+"""
+    + (WOOP_EDGES + WOOP_DISTANCE + WOOP_ERROR).replace("CORNER(", "CORNER(j, ")
+    + """
+        const INTEGERS nearer = meets & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id))) & within;
+        const INTEGERS better = nearer & clear;
+        best = better ? t : best;
+        best_u = better ? v * inverse_det : best_u;
+        best_v = better ? w * inverse_det : best_v;
+        best_id = better ? (INTEGERS)ids[j] : best_id;
+    }
+"""
+)
+
 VECTOR_TYPES = """
 #if VECTOR_CODE
     typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));

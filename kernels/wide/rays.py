@@ -9,7 +9,7 @@ bit for bit.
 """
 
 from wrt.kernels.bvh import RAY_SLAB, STACK_SIZE, native_code
-from wrt.kernels.simd import BOX_TEST, PUSH_CHILDREN, TRIANGLE_TEST, WOOP_DISTANCE, WOOP_EDGES, WOOP_ERROR
+from wrt.kernels.simd import BOX_TEST, LEAF_TOGETHER, PUSH_CHILDREN, TRIANGLE_TEST
 
 # Measured: the rays that are followed in turn; those left of rays of one octant, and of others, at which they part;
 # rays at all for which going together is worth it. What is read of a large tree, with leaves of 8 MB and more, is in no
@@ -239,33 +239,12 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
             };
             #define VECTOR f16
             #define INTEGERS i16
-            #define CORNER(vertex, axis) corner(j, vertex, axis)
-            // First which triangles the line of any ray meets, without a guess at each of them.
-            unsigned some = 0;
-            _Pragma("clang loop unroll(disable)") for (int j = 0; j < LEAF_SIZE; ++j) {
-                #pragma clang fp contract(off)
-                if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of it
+            #define CORNER(j, vertex, axis) corner(j, vertex, axis)
+            #define ANY(c) (lanes::bits(c) != 0)
 """
-    + _of_origin_in_order(WOOP_EDGES)
+    + _of_origin_in_order(LEAF_TOGETHER)
     + """
-                some |= (unsigned)(lanes::bits(inside & within) != 0) << j;
-            }
-            for (; some; some &= some - 1) {
-                #pragma clang fp contract(off)
-                const int j = __builtin_ctz(some);
-"""
-    + _of_origin_in_order(WOOP_EDGES + WOOP_DISTANCE)
-    + """
-                const i16 nearer = meets & (t >= t_min) & ((t < best) | ((t == best) & (ids[j] < best_id))) & within;
-"""
-    + WOOP_ERROR
-    + """
-                const i16 better = nearer & clear;
-                best = better ? t : best;
-                best_u = better ? v * inverse_det : best_u;
-                best_v = better ? w * inverse_det : best_v;
-                best_id = better ? (i16)ids[j] : best_id;
-            }
+            #undef ANY
             #undef CORNER
             #undef VECTOR
             #undef INTEGERS
