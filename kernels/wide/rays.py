@@ -31,11 +31,12 @@ struct alignas(64) Rays {
     float reach[16], hit_us[16], hit_vs[16];  // a ray that is done reaches nothing
     int numbers[16];
 };
-constexpr int MOST_LISTED = 24;
-// Where each ray goes on alone: nodes, and the bits of where they begin.
-struct Lists {
+// Nodes from which some rays go on alone, each with the bits of those rays and with where it begins for all.
+struct alignas(64) Lists {
+    float begins[32][16];
+    unsigned rays[32];
+    int nodes[32], count;
     unsigned some;
-    int lengths[16], firsts[16], begins[16][MOST_LISTED], nodes[16][MOST_LISTED];
 };
 // A group of rays on their way.
 struct Journeys {
@@ -45,6 +46,7 @@ struct Journeys {
 struct Lone {
     float t_max, hit_u, hit_v;
     int id_max, current, top, number;
+    unsigned listed;
     Rays* all;
     Lists* lists;
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
@@ -64,22 +66,21 @@ _FOLLOW_ALONE = (
     """
 template<bool any_hit>
 LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, const int count, const float t_min) {
+    using lanes::i16;
     const lanes::Journeys* const end = next + count;
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
     int live = 0;
     const auto next_listed = [&](lanes::Lone& r) -> bool {
-        const int n = r.number;
         const float limit = r.t_max * pad;
         if (limit < 0.0f) return false;
-        int limit_bits;
-        memcpy(&limit_bits, &limit, 4);
-        lanes::Lists& lists = *r.lists;
-        while (lists.firsts[n] < lists.lengths[n]) {
-            const int k = lists.firsts[n]++;
-            if (lists.begins[n][k] > limit_bits) continue;
-            r.current = lists.nodes[n][k];
+        const lanes::Lists& lists = *r.lists;
+        for (; r.listed; r.listed &= r.listed - 1) {
+            const int k = __builtin_ctz(r.listed);
+            if (lists.begins[k][r.number] > limit) continue;
+            r.current = lists.nodes[k];
+            r.listed &= r.listed - 1;
             return true;
         }
         return false;
@@ -98,13 +99,16 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 r.hit_v = a.hit_vs[n];
                 r.id_max = a.numbers[n];
                 r.top = 0;
+                const i16 its = (i16)(1 << n);
+                r.listed = lanes::bits((*(const i16*)lists.rays & its) != 0)
+                           | lanes::bits((*(const i16*)(lists.rays + 16) & its) != 0) << 16;
+                r.listed &= (unsigned)((1ull << lists.count) - 1);
                 if (next_listed(r)) {
                     lists.some &= lists.some - 1;
                     ++live;
                     return;
                 }
                 r.number = -1;
-                lists.lengths[n] = lists.firsts[n] = 0;
             }
         }
     };
@@ -158,7 +162,6 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                     a.hit_us[n] = r.hit_u;
                     a.hit_vs[n] = r.hit_v;
                     a.numbers[n] = r.id_max;
-                    r.lists->lengths[n] = r.lists->firsts[n] = 0;
                     --live;
                     start(r);
                 }
@@ -203,17 +206,17 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
         const f16 limit = ROW(reach);
         const i16 within = *(const f16*)begins[top] <= limit * pad;
         unsigned rays = lanes::bits(within);
-        if (rays == 0) continue;
         if (__builtin_popcount(rays) <= lone_rays) {
-            bool full = false;
-            for (; rays; rays &= rays - 1) {
-                const int n = __builtin_ctz(rays), k = lists.lengths[n]++;
-                memcpy(&lists.begins[n][k], &begins[top][n], 4);
-                lists.nodes[n][k] = current;
-                lists.some |= 1u << n;
-                full |= k == lanes::MOST_LISTED - 1;
+            const int k = lists.count;
+            *(f16*)lists.begins[k] = *(const f16*)begins[top];
+            lists.nodes[k] = current;
+            lists.rays[k] = rays;
+            lists.some |= rays;
+            lists.count = k + (rays != 0);
+            if (lists.count == 32) {
+                follow_alone<any_hit>(bvh, &journeys, 1, t_min);
+                lists.count = 0;
             }
-            if (full) follow_alone<any_hit>(bvh, &journeys, 1, t_min);
             continue;
         }
         if (current < 0) {
@@ -338,16 +341,13 @@ RAY_SLAB
     ROW(hit_us) = ROW(hit_vs) = (f16)0.0f;
     INTEGER_ROW(numbers) = (i16)NOTHING_HIT;
 
-    lists.some = 0;
-    *(i16*)lists.lengths = *(i16*)lists.firsts = (i16)0;
     const int few = bvh.leaves.shape[0] > LARGE_TREE ? FEW_RAYS_IF_LARGE : FEW_RAYS;
+    lists.some = lists.count = 0;
     if (__builtin_popcount(runs) < few) {
-        lists.some = runs;
-        *(i16*)lists.lengths = (i16)1;
-        for (int n = 0; n < 16; ++n) {
-            memcpy(&lists.begins[n][0], &t_min, 4);
-            lists.nodes[n][0] = 0;
-        }
+        lists.count = 1;
+        lists.some = lists.rays[0] = runs;
+        lists.nodes[0] = 0;
+        *(f16*)lists.begins[0] = (f16)t_min;
     } else {
         const int one = __builtin_ctz(runs);
         const bool octants = lanes::bits(flip != a.flips[one]) & runs, axes = lanes::bits(kz != a.kzs[one]) & runs;
