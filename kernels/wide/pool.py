@@ -178,7 +178,7 @@ ROUND
         int starts[8], ends[8];
         for (int k = 0, end = 0; k < 8; ++k) {
             starts[k] = ends[k] = end;
-            if (counts[k] > 0) end += (counts[k] + 2 * lanes::WIDTH - 1) / lanes::WIDTH * lanes::WIDTH;
+            end += (counts[k] + 2 * lanes::WIDTH - 1) / lanes::WIDTH * lanes::WIDTH;
         }
         _Pragma("clang loop unroll(disable)") for (int i = 0; i < mixed_count; ++i) {
             const Steps& asking = path(mixed[i].group).steps;
@@ -186,7 +186,6 @@ ROUND
             const lanes::i16 reach = __builtin_bit_cast(lanes::i16, Question::reach(asking).v);
             _Pragma("clang loop unroll(disable)") for (int k = 0; k < 8; ++k) {
                 const unsigned some = mixed[i].lanes[k];
-                if (some == 0) continue;
                 for (int row = 0; row <= RAY_ROWS; ++row)
                     *(anywhere*)(sorted[row] + ends[k]) = lanes::packed(row < RAY_ROWS ? rows[row] : reach, some);
                 ends[k] += __builtin_popcount(some);
@@ -221,7 +220,6 @@ ROUND
             lanes::i16* const rows = (lanes::i16*)&Question::answer(path(mixed[i].group).steps);
             for (int k = 0; k < 8; ++k) {
                 const unsigned some = mixed[i].lanes[k];
-                if (some == 0) continue;
                 for (int row = 0; row < ANSWER_ROWS; ++row)
                     rows[row] = lanes::spread(*(const anywhere*)(answers[row] + starts[k]), rows[row], some);
                 starts[k] += __builtin_popcount(some);
