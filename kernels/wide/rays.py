@@ -3,9 +3,9 @@
 All go down the tree together first, the way `kernels/packets.py` does: each box is tested against all rays, and each
 triangle. Rays of one octant and one main axis share which sides of a box are near; the others choose for themselves,
 which costs twice the instructions and is still less than going alone where most of them come along, as at the root.
-Where few are left, the node is put on a list of each of them; what is on the lists they follow alone, some in turn
-(`kernels/interleaved.py`), those of many groups if they are given together. The answers are those of `kernels/bvh.py`,
-bit for bit.
+Where few are left, the node is put on a list with the bits of these rays; from what has their bits they go on alone,
+some in turn (`kernels/interleaved.py`), those of many groups if they are given together. The answers are those of
+`kernels/bvh.py`, bit for bit.
 """
 
 from wrt.kernels.bvh import RAY_SLAB, STACK_SIZE, native_code
@@ -31,24 +31,25 @@ struct alignas(64) Rays {
     float reach[16], hit_us[16], hit_vs[16];  // a ray that is done reaches nothing
     int numbers[16];
 };
-// Nodes from which some rays go on alone, each with the bits of those rays and with where it begins for all.
-struct alignas(64) Lists {
-    float begins[32][16];
-    unsigned rays[32];
-    int nodes[32], count;
-    unsigned some;
+// Nodes at which some rays part from their group, to go on alone from there.
+constexpr int MOST_PARTINGS = 32;
+struct alignas(64) Partings {
+    float begins[MOST_PARTINGS][16];  // of all rays
+    unsigned rays[MOST_PARTINGS];     // bits of those that part
+    int nodes[MOST_PARTINGS], count;
+    unsigned some;  // bits of rays that part anywhere
 };
 // A group of rays on their way.
 struct Journeys {
     Rays rays;
-    Lists lists;
+    Partings partings;
 };
 struct Lone {
     float t_max, hit_u, hit_v;
     int id_max, current, top, number;
-    unsigned listed;
+    unsigned left;  // bits of the partings that it has not gone on from
     Rays* all;
-    Lists* lists;
+    Partings* partings;
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
 };
 } // namespace lanes
@@ -72,15 +73,15 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
     int live = 0;
-    const auto next_listed = [&](lanes::Lone& r) -> bool {
+    const auto next_parting = [&](lanes::Lone& r) -> bool {
         const float limit = r.t_max * pad;
         if (limit < 0.0f) return false;
-        const lanes::Lists& lists = *r.lists;
-        for (; r.listed; r.listed &= r.listed - 1) {
-            const int k = __builtin_ctz(r.listed);
-            if (lists.begins[k][r.number] > limit) continue;
-            r.current = lists.nodes[k];
-            r.listed &= r.listed - 1;
+        const lanes::Partings& partings = *r.partings;
+        for (; r.left; r.left &= r.left - 1) {
+            const int k = __builtin_ctz(r.left);
+            if (partings.begins[k][r.number] > limit) continue;
+            r.current = partings.nodes[k];
+            r.left &= r.left - 1;
             return true;
         }
         return false;
@@ -89,22 +90,22 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
         r.number = -1;
         for (; next < end; ++next) {
             lanes::Rays& a = next->rays;
-            lanes::Lists& lists = next->lists;
+            lanes::Partings& partings = next->partings;
             r.all = &a;
-            r.lists = &lists;
-            for (; lists.some; lists.some &= lists.some - 1) {
-                const int n = r.number = __builtin_ctz(lists.some);
+            r.partings = &partings;
+            for (; partings.some; partings.some &= partings.some - 1) {
+                const int n = r.number = __builtin_ctz(partings.some);
                 r.t_max = a.reach[n];
                 r.hit_u = a.hit_us[n];
                 r.hit_v = a.hit_vs[n];
                 r.id_max = a.numbers[n];
                 r.top = 0;
-                const i16 its = (i16)(1 << n);
-                r.listed = lanes::bits((*(const i16*)lists.rays & its) != 0)
-                           | lanes::bits((*(const i16*)(lists.rays + 16) & its) != 0) << 16;
-                r.listed &= (unsigned)((1ull << lists.count) - 1);
-                if (next_listed(r)) {
-                    lists.some &= lists.some - 1;
+                const i16 own = (i16)(1 << n);
+                r.left = lanes::bits((*(const i16*)partings.rays & own) != 0)
+                         | lanes::bits((*(const i16*)(partings.rays + 16) & own) != 0) << 16;
+                r.left &= (unsigned)((1ull << partings.count) - 1);
+                if (next_parting(r)) {
+                    partings.some &= partings.some - 1;
                     ++live;
                     return;
                 }
@@ -157,7 +158,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                     --top;
                     if (begins[top] > limit_bits) continue;
                     r.current = waiting[top];
-                } else if (!next_listed(r)) {
+                } else if (!next_parting(r)) {
                     a.reach[n] = r.t_max;
                     a.hit_us[n] = r.hit_u;
                     a.hit_vs[n] = r.hit_v;
@@ -183,7 +184,7 @@ _FOLLOW_TOGETHER = (
 template<bool any_hit, bool octants, bool axes>
 LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journeys, const float t_min) {
     lanes::Rays& a = journeys.rays;
-    lanes::Lists& lists = journeys.lists;
+    lanes::Partings& partings = journeys.partings;
     using lanes::f16; using lanes::i16; using lanes::b16;
     #define ROW(numbers) (*(f16*)a.numbers)
     #define INTEGER_ROW(numbers) (*(i16*)a.numbers)
@@ -205,17 +206,18 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
         const int current = waiting[top];
         const f16 limit = ROW(reach);
         const i16 within = *(const f16*)begins[top] <= limit * pad;
-        unsigned rays = lanes::bits(within);
+        const unsigned rays = lanes::bits(within);
         if (__builtin_popcount(rays) <= lone_rays) {
-            const int k = lists.count;
-            *(f16*)lists.begins[k] = *(const f16*)begins[top];
-            lists.nodes[k] = current;
-            lists.rays[k] = rays;
-            lists.some |= rays;
-            lists.count = k + (rays != 0);
-            if (lists.count == 32) {
+            // Where no rays are left as well, so that one thing less is to be guessed.
+            const int k = partings.count;
+            *(f16*)partings.begins[k] = *(const f16*)begins[top];
+            partings.nodes[k] = current;
+            partings.rays[k] = rays;
+            partings.some |= rays;
+            partings.count = k + (rays != 0);
+            if (partings.count == lanes::MOST_PARTINGS) {
                 follow_alone<any_hit>(bvh, &journeys, 1, t_min);
-                lists.count = 0;
+                partings.count = 0;
             }
             continue;
         }
@@ -302,7 +304,7 @@ LANES_CALLED void NAME_set_out(
     const lanes::Mask exec) {
     using lanes::f16; using lanes::i16;
     lanes::Rays& a = journeys.rays;
-    lanes::Lists& lists = journeys.lists;
+    lanes::Partings& partings = journeys.partings;
     f16 origin[3], inverse[3], direction[3];
     i16 flip = 7;
     f16 shifts = 0.0f;
@@ -342,12 +344,12 @@ RAY_SLAB
     INTEGER_ROW(numbers) = (i16)NOTHING_HIT;
 
     const int few = bvh.leaves.shape[0] > LARGE_TREE ? FEW_RAYS_IF_LARGE : FEW_RAYS;
-    lists.some = lists.count = 0;
+    partings.some = partings.count = 0;
     if (__builtin_popcount(runs) < few) {
-        lists.count = 1;
-        lists.some = lists.rays[0] = runs;
-        lists.nodes[0] = 0;
-        *(f16*)lists.begins[0] = (f16)t_min;
+        partings.count = 1;
+        partings.some = partings.rays[0] = runs;
+        partings.nodes[0] = 0;
+        *(f16*)partings.begins[0] = (f16)t_min;
     } else {
         const int one = __builtin_ctz(runs);
         const bool octants = lanes::bits(flip != a.flips[one]) & runs, axes = lanes::bits(kz != a.kzs[one]) & runs;
@@ -380,7 +382,7 @@ LANES_CALLED lanes::Vector<4, lanes::Floats> NAME(
     const bool any_hit = lanes::lane(any_hit_, some);
     lanes::Journeys journeys;
     NAME_set_out(bvh, journeys, origin, direction, t_min, t_max, any_hit, exec);
-    if (journeys.lists.some) (any_hit ? follow_alone<true> : follow_alone<false>)(bvh, &journeys, 1, t_min);
+    if (journeys.partings.some) (any_hit ? follow_alone<true> : follow_alone<false>)(bvh, &journeys, 1, t_min);
     return NAME_found(journeys, t_max);
 }
 """
