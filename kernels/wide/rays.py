@@ -72,7 +72,6 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     const float* const all_nodes = (const float*)bvh.nodes.data;
     const float* const all_leaves = (const float*)bvh.leaves.data;
     const float pad = BOX_PAD;
-    int live = 0;
     const auto next_parting = [&](lanes::Lone& r) -> bool {
         const float limit = r.t_max * pad;
         if (limit < 0.0f) return false;
@@ -106,7 +105,6 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 r.left &= (unsigned)((1ull << partings.count) - 1);
                 if (next_parting(r)) {
                     partings.some &= partings.some - 1;
-                    ++live;
                     return;
                 }
                 r.number = -1;
@@ -116,64 +114,93 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     const bool large = bvh.leaves.shape[0] > LARGE_TREE;
     const int in_turn = large ? IN_TURN_IF_LARGE : IN_TURN;
     lanes::Lone rays[IN_TURN_IF_LARGE];
-    for (int i = 0; i < in_turn; ++i) start(rays[i]);
-    while (live > 0) {
-        _Pragma("clang loop unroll(disable)") for (int i = 0; i < in_turn; ++i) {
+    // Those at nodes and those at leaves, so that nothing has to guess which a ray is at.
+    int at[2][IN_TURN_IF_LARGE + 1], counts[2] = {0, 0};
+    const auto wait = [&](const int i) __attribute__((always_inline)) {
+        const int current = rays[i].current, is_leaf = current < 0, is_live = rays[i].number >= 0;
+        const float* next = is_leaf ? all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE)
+                                    : all_nodes + (size_t)current * 56;
+        for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
+        if (large) __builtin_prefetch(next + 64);
+        at[0][counts[0]] = i;
+        counts[0] += is_live & !is_leaf;
+        at[1][counts[1]] = i;
+        counts[1] += is_live & is_leaf;
+    };
+    const auto go_on = [&](const int i) __attribute__((always_inline)) {
+        lanes::Lone& r = rays[i];
+        const float limit = r.t_max * pad;
+        int limit_bits;
+        memcpy(&limit_bits, &limit, 4);
+        for (;;) {
+            if (r.top > 0) {
+                --r.top;
+                if (r.begins[r.top] > limit_bits) continue;
+                r.current = r.waiting[r.top];
+            } else if (!next_parting(r)) {
+                lanes::Rays& a = *r.all;
+                const int n = r.number;
+                a.reach[n] = r.t_max;
+                a.hit_us[n] = r.hit_u;
+                a.hit_vs[n] = r.hit_v;
+                a.numbers[n] = r.id_max;
+                start(r);
+            }
+            break;
+        }
+        wait(i);
+    };
+    for (int i = 0; i < in_turn; ++i) {
+        rays[i].current = 0;
+        start(rays[i]);
+        wait(i);
+    }
+    #define OF_RAY(rows) {a.rows[0][n], a.rows[1][n], a.rows[2][n]}
+    while (counts[0] + counts[1] > 0) {
+        const int nodes = counts[0];
+        counts[0] = 0;
+        _Pragma("clang loop unroll(disable)") for (int p = 0; p < nodes; ++p) {
+            const int i = at[0][p];
             lanes::Lone& r = rays[i];
-            if (r.number < 0) continue;
             const int n = r.number;
             lanes::Rays& a = *r.all;
-            float &t_max = r.t_max, &hit_u = r.hit_u, &hit_v = r.hit_v;
-            int &id_max = r.id_max, &top = r.top;
+            const float t_max = r.t_max;
+            int& top = r.top;
             int *const begins = r.begins, *const waiting = r.waiting;
-            #define OF_RAY(rows) {a.rows[0][n], a.rows[1][n], a.rows[2][n]}
-            if (r.current >= 0) {
-                const float inverse[3] = OF_RAY(inverses), near_shift[3] = OF_RAY(near_shifts);
-                const float far_shift[3] = OF_RAY(far_shifts);
-                const int near_row[3] = OF_RAY(near_rows), far_row[3] = OF_RAY(far_rows), flip = a.flips[n];
-                const float* node = all_nodes + (size_t)r.current * 56;
-                const int* children = (const int*)(node + 48);
+            const float inverse[3] = OF_RAY(inverses), near_shift[3] = OF_RAY(near_shifts);
+            const float far_shift[3] = OF_RAY(far_shifts);
+            const int near_row[3] = OF_RAY(near_rows), far_row[3] = OF_RAY(far_rows), flip = a.flips[n];
+            const float* node = all_nodes + (size_t)r.current * 56;
+            const int* children = (const int*)(node + 48);
 """
     + BOX_TEST
     + PUSH_CHILDREN
     + """
-            } else {
-                const float origin[3] = OF_RAY(origins), shear[3] = OF_RAY(shears);
-                const int kx = a.kxs[n], ky = a.kys[n], kz = a.kzs[n];
-                const float* leaf = all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
+            go_on(i);
+        }
+        const int leaves = counts[1];
+        counts[1] = 0;
+        _Pragma("clang loop unroll(disable)") for (int p = 0; p < leaves; ++p) {
+            const int i = at[1][p];
+            lanes::Lone& r = rays[i];
+            const int n = r.number;
+            lanes::Rays& a = *r.all;
+            float &t_max = r.t_max, &hit_u = r.hit_u, &hit_v = r.hit_v;
+            int &id_max = r.id_max, &top = r.top;
+            const float origin[3] = OF_RAY(origins), shear[3] = OF_RAY(shears);
+            const int kx = a.kxs[n], ky = a.kys[n], kz = a.kzs[n];
+            const float* leaf = all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
 """
     + _of_origin_in_order(TRIANGLE_TEST)
     + """
-                if (any_hit && id_max != NOTHING_HIT) {
-                    top = 0;
-                    t_max = -1.0f;
-                }
+            if (any_hit && id_max != NOTHING_HIT) {
+                top = 0;
+                t_max = -1.0f;
             }
-            #undef OF_RAY
-            const float limit = t_max * pad;
-            int limit_bits;
-            memcpy(&limit_bits, &limit, 4);
-            for (;;) {
-                if (top > 0) {
-                    --top;
-                    if (begins[top] > limit_bits) continue;
-                    r.current = waiting[top];
-                } else if (!next_parting(r)) {
-                    a.reach[n] = r.t_max;
-                    a.hit_us[n] = r.hit_u;
-                    a.hit_vs[n] = r.hit_v;
-                    a.numbers[n] = r.id_max;
-                    --live;
-                    start(r);
-                }
-                const float* next = r.current >= 0 ? all_nodes + (size_t)r.current * 56
-                                                   : all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
-                for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
-                if (large) __builtin_prefetch(next + 64);
-                break;
-            }
+            go_on(i);
         }
     }
+    #undef OF_RAY
 }
 """
 )
