@@ -126,7 +126,7 @@ _PACKET = (
                 i8 best_id = *(const i8*)numbers;
                 #define VECTOR f8
                 #define INTEGERS i8
-                #define CORNER(j, vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
+                #define CORNER(vertex, axis) leaf[3 * LEAF_SIZE * (vertex) + LEAF_SIZE * (axis) + j]
                 #define ANY(c) (RAY_MASK(c) != 0)
 """
         + LEAF_TOGETHER

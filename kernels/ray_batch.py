@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.bvh import RAY_SETUP, Bvh, Hit, bvh_hit
+from wrt.kernels.simd import PREFETCH
 
 # Finite, so that a t that overflows is no hit.
 LONGEST = wp.constant(3.4028235e38)
@@ -64,15 +65,9 @@ BATCH_OF_RAYS = (
         return runs ? wp::min(batch.t_max.data[batch.t_max.shape[0] > 1 ? ray : 0], 3.4028235e38f) : -1.0f;
     };
 
-    // Have a node or a leaf brought nearer, for a visit that is not yet.
-    const auto prefetch = [&](int item) {
-#if VECTOR_CODE
-            const char* place = item >= 0 ? (const char*)(all_nodes + (size_t)item * 56)
-                                          : (const char*)(all_leaves + (size_t)(-1 - item) * (10 * LEAF_SIZE));
-            for (int line = 0; line < 5; ++line) __builtin_prefetch(place + 64 * line);
-#endif
-    };
-
+"""
+    + PREFETCH
+    + """
     const auto write_hit = [&](int ray, int number, float t, float u, float v) {
         const bool hit = number != NOTHING_HIT;
         batch.triangle_out.data[ray] = hit ? number : -1;

@@ -9,7 +9,7 @@ some in turn (`kernels/interleaved.py`), those of many groups if they are given 
 """
 
 from wrt.kernels.bvh import RAY_SLAB, STACK_SIZE, native_code
-from wrt.kernels.simd import BOX_TEST, LEAF_TOGETHER, PUSH_CHILDREN, TRIANGLE_TEST
+from wrt.kernels.simd import BOX_TEST, LEAF_TOGETHER, PREFETCH, PUSH_CHILDREN, TRIANGLE_TEST
 
 # Measured: the rays that are followed in turn; those left of rays of one octant, and of others, at which they part;
 # rays at all for which going together is worth it. What is read of a large tree, with leaves of 8 MB and more, is in no
@@ -48,8 +48,7 @@ struct Lone {
     float t_max, hit_u, hit_v;
     int id_max, current, top, number;
     unsigned left;  // bits of the partings that it has not gone on from
-    Rays* all;
-    Partings* partings;
+    Journeys* group;
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
 };
 } // namespace lanes
@@ -65,6 +64,8 @@ def _of_origin_in_order(code: str) -> str:
 
 _FOLLOW_ALONE = (
     """
+static bool is_large(const TREE_TYPE& bvh) { return bvh.leaves.shape[0] > LARGE_TREE; }
+
 template<bool any_hit>
 LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, const int count, const float t_min) {
     using lanes::i16;
@@ -75,7 +76,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     const auto next_parting = [&](lanes::Lone& r) -> bool {
         const float limit = r.t_max * pad;
         if (limit < 0.0f) return false;
-        const lanes::Partings& partings = *r.partings;
+        const lanes::Partings& partings = r.group->partings;
         for (; r.left; r.left &= r.left - 1) {
             const int k = __builtin_ctz(r.left);
             if (partings.begins[k][r.number] > limit) continue;
@@ -90,8 +91,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
         for (; next < end; ++next) {
             lanes::Rays& a = next->rays;
             lanes::Partings& partings = next->partings;
-            r.all = &a;
-            r.partings = &partings;
+            r.group = next;
             for (; partings.some; partings.some &= partings.some - 1) {
                 const int n = r.number = __builtin_ctz(partings.some);
                 r.t_max = a.reach[n];
@@ -111,17 +111,17 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
             }
         }
     };
-    const bool large = bvh.leaves.shape[0] > LARGE_TREE;
+    const bool large = is_large(bvh);
     const int in_turn = large ? IN_TURN_IF_LARGE : IN_TURN;
     lanes::Lone rays[IN_TURN_IF_LARGE];
+"""
+    + PREFETCH
+    + """
     // Those at nodes and those at leaves, so that nothing has to guess which a ray is at.
     int at[2][IN_TURN_IF_LARGE + 1], counts[2] = {0, 0};
     const auto wait = [&](const int i) __attribute__((always_inline)) {
         const int current = rays[i].current, is_leaf = current < 0, is_live = rays[i].number >= 0;
-        const float* next = is_leaf ? all_leaves + (size_t)(-1 - current) * (10 * LEAF_SIZE)
-                                    : all_nodes + (size_t)current * 56;
-        for (int line = 0; line < 4; ++line) __builtin_prefetch(next + 16 * line);
-        if (large) __builtin_prefetch(next + 64);
+        prefetch(current, large ? 5 : 4);
         at[0][counts[0]] = i;
         counts[0] += is_live & !is_leaf;
         at[1][counts[1]] = i;
@@ -138,7 +138,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 if (r.begins[r.top] > limit_bits) continue;
                 r.current = r.waiting[r.top];
             } else if (!next_parting(r)) {
-                lanes::Rays& a = *r.all;
+                lanes::Rays& a = r.group->rays;
                 const int n = r.number;
                 a.reach[n] = r.t_max;
                 a.hit_us[n] = r.hit_u;
@@ -156,14 +156,17 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
         wait(i);
     }
     #define OF_RAY(rows) {a.rows[0][n], a.rows[1][n], a.rows[2][n]}
+    const auto step_each = [&](const int kind, const auto step) __attribute__((always_inline)) {
+        const int count = counts[kind];
+        counts[kind] = 0;
+        _Pragma("clang loop unroll(disable)") for (int p = 0; p < count; ++p) {
+            const int i = at[kind][p];
+            step(rays[i], rays[i].group->rays, rays[i].number);
+            go_on(i);
+        }
+    };
     while (counts[0] + counts[1] > 0) {
-        const int nodes = counts[0];
-        counts[0] = 0;
-        _Pragma("clang loop unroll(disable)") for (int p = 0; p < nodes; ++p) {
-            const int i = at[0][p];
-            lanes::Lone& r = rays[i];
-            const int n = r.number;
-            lanes::Rays& a = *r.all;
+        step_each(0, [&](lanes::Lone& r, const lanes::Rays& a, const int n) __attribute__((always_inline)) {
             const float t_max = r.t_max;
             int& top = r.top;
             int *const begins = r.begins, *const waiting = r.waiting;
@@ -176,17 +179,10 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     + BOX_TEST
     + PUSH_CHILDREN
     + """
-            go_on(i);
-        }
-        const int leaves = counts[1];
-        counts[1] = 0;
-        _Pragma("clang loop unroll(disable)") for (int p = 0; p < leaves; ++p) {
-            const int i = at[1][p];
-            lanes::Lone& r = rays[i];
-            const int n = r.number;
-            lanes::Rays& a = *r.all;
+        });
+        step_each(1, [&](lanes::Lone& r, const lanes::Rays& a, const int n) __attribute__((always_inline)) {
             float &t_max = r.t_max, &hit_u = r.hit_u, &hit_v = r.hit_v;
-            int &id_max = r.id_max, &top = r.top;
+            int& id_max = r.id_max;
             const float origin[3] = OF_RAY(origins), shear[3] = OF_RAY(shears);
             const int kx = a.kxs[n], ky = a.kys[n], kz = a.kzs[n];
             const float* leaf = all_leaves + (size_t)(-1 - r.current) * (10 * LEAF_SIZE);
@@ -194,11 +190,10 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
     + _of_origin_in_order(TRIANGLE_TEST)
     + """
             if (any_hit && id_max != NOTHING_HIT) {
-                top = 0;
+                r.top = 0;
                 t_max = -1.0f;
             }
-            go_on(i);
-        }
+        });
     }
     #undef OF_RAY
 }
@@ -271,7 +266,7 @@ LANES_CALLED void follow_together(const TREE_TYPE& bvh, lanes::Journeys& journey
             };
             #define VECTOR f16
             #define INTEGERS i16
-            #define CORNER(j, vertex, axis) corner(j, vertex, axis)
+            #define CORNER(vertex, axis) corner(j, vertex, axis)
             #define ANY(c) (lanes::bits(c) != 0)
 """
     + _of_origin_in_order(LEAF_TOGETHER)
@@ -370,7 +365,7 @@ RAY_SLAB
     ROW(hit_us) = ROW(hit_vs) = (f16)0.0f;
     INTEGER_ROW(numbers) = (i16)NOTHING_HIT;
 
-    const int few = bvh.leaves.shape[0] > LARGE_TREE ? FEW_RAYS_IF_LARGE : FEW_RAYS;
+    const int few = is_large(bvh) ? FEW_RAYS_IF_LARGE : FEW_RAYS;
     partings.some = partings.count = 0;
     if (__builtin_popcount(runs) < few) {
         partings.count = 1;
