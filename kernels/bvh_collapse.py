@@ -57,21 +57,6 @@ def collapse_costs(nodes: wp.array(dtype=BinaryNode), index: int, costs: wp.arra
 
 
 @wp.kernel(enable_backward=False)
-def price_subtrees(
-    first: int,
-    roots: wp.array(dtype=int),
-    sizes: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
-    costs: wp.array(dtype=float),
-):
-    """Price the collapse of everything below each of a list of nodes."""
-    i = first + wp.tid()
-    # Children come after their parents, so this order is bottom-up.
-    for k in range(sizes[i]):
-        collapse_costs(nodes, roots[i] + sizes[i] - 1 - k, costs)
-
-
-@wp.kernel(enable_backward=False)
 def price_nodes(
     first: int, order: wp.array(dtype=int), nodes: wp.array(dtype=BinaryNode), costs: wp.array(dtype=float)
 ):

@@ -194,9 +194,8 @@ def build_subtrees(
     bin_boxes: wp.array(dtype=vec8),
     bin_counts: wp.array(dtype=int),
     max_sah_depth: int,
-    sizes_out: wp.array(dtype=int),
 ):
-    """Split everything below each of a list of nodes; tell how many nodes each subtree has."""
+    """Split everything below each of a list of nodes."""
     i = first + wp.tid()
     root = roots[i]
     stack = _task_stack()
@@ -218,4 +217,3 @@ def build_subtrees(
             stack[top + 1] = small
             top += 2
             free += 2
-    sizes_out[i] = free - root

@@ -56,7 +56,7 @@ HELPERS = ("__init__", "exponential", "features", "geometry", "scene_data", "tri
 """What belongs to whoever calls it."""
 
 OTHER_KERNELS = (
-    *("bvh_boxes", "bvh_collapse", "bvh_presplit", "bvh_ranges", "bvh_refit", "bvh_split", "bvh_top"),
+    *("bvh_boxes", "bvh_collapse", "bvh_presplit", "bvh_ranges", "bvh_refit", "bvh_reinsert", "bvh_split", "bvh_top"),
     *("interleaved", "mesh_normals", "packets", "ray_batch", "vertex_normals"),
 )
 """What no kernel of a picture has in it."""

@@ -45,14 +45,24 @@ _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
 
 
-@cache
-def _compiler(process: int) -> ThreadPoolExecutor:
-    """Return the one thread of a process that compiles beside others.
+class _Threads:
+    """Threads that wait for work, made where there first is some: a fork has none but the one that made it."""
 
-    Warp writes its headers down once a thread, in a form quick to read, which is nearly half of what compiling an
-    ordinary render kernel takes. It asks for the process's number: a fork has no threads but the one that made it.
-    """
-    return ThreadPoolExecutor(1, thread_name_prefix="wrt-compile")
+    def __init__(self, count: int, name: str) -> None:
+        self._count, self._name = count, name
+        self._process = 0
+        self._pool: ThreadPoolExecutor | None = None
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Have one of them call `work`."""
+        if self._pool is None or self._process != os.getpid():
+            self._process, self._pool = os.getpid(), ThreadPoolExecutor(self._count, thread_name_prefix=self._name)
+        return self._pool.submit(work, *arguments)
+
+
+_COMPILER = _Threads(1, "wrt-compile")
+"""The one thread of a process that compiles beside others. Warp writes its headers down once a thread, in a form quick
+to read, which is nearly half of what compiling an ordinary render kernel takes."""
 
 
 def available_threads() -> int:
@@ -166,8 +176,7 @@ class Device:
         else:
             self.name = "cpu"
             self.threads = threads or available_threads()
-        self._pool: ThreadPoolExecutor | None = None
-        self._process = os.getpid()
+        self._workers = _Threads(self.threads, "wrt")
 
     @property
     def is_cpu(self) -> bool:
@@ -235,10 +244,9 @@ class Device:
             for kernel in kernels:
                 self.compile(kernel)
             return
-        pool = _compiler(os.getpid())
         workers: set[Future[float]] = set()
         try:
-            yield lambda kernel: workers.add(pool.submit(self.compile, kernel))
+            yield lambda kernel: workers.add(_COMPILER.submit(self.compile, kernel))
             _finish(workers)
         finally:
             wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
@@ -272,9 +280,7 @@ class Device:
                     return
                 wp.launch(kernel, dim=size, inputs=[start, *inputs], device="cpu")
 
-        if self._pool is None or self._process != os.getpid():  # a fork has none of the threads
-            self._pool, self._process = ThreadPoolExecutor(self.threads, thread_name_prefix="wrt"), os.getpid()
-        workers = {self._pool.submit(work) for _ in range(max(1, self.threads - spared))}
+        workers = {self._workers.submit(work) for _ in range(max(1, self.threads - spared))}
         try:
             _finish(workers)
         finally:

@@ -128,6 +128,6 @@ def _at(place: Array) -> Array:
 
 
 PICTURES = {
-    "motion-forest": Picture(forest, 720, 405, 144),
-    "motion-toys": Picture(toys, 640, 360, 128),
+    "motion-forest": Picture(forest, 720, 405, 1024),
+    "motion-toys": Picture(toys, 640, 360, 2048),
 }

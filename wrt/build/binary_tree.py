@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from wrt.build.reinsertion import levels_of, reinsert
 from wrt.device import Device
 
 
@@ -28,8 +29,15 @@ CUDA_SIZES = BuildSizes(subtree=128, chunk=256)
 """Enough threads for a GPU; not measured on one."""
 
 
-def split_boxes(boxes: Any, device: Device, sah_depth: int) -> tuple[Any, float]:
-    """Return the binary tree, with its collapse priced, and that price; the boxes are put in its order."""
+def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) -> tuple[Any, float]:
+    """Return the binary tree, with its collapse priced, and that price; the boxes are put in its order.
+
+    Args:
+        boxes: wp.array of vec8, as in `kernels/bvh_boxes.py`.
+        device: where they are.
+        sah_depth: down to which splits are by surface area, and not by halves.
+        reinserts: whether nodes are then moved to where they cost less, which may make the tree deeper.
+    """
     import warp as wp
 
     from wrt.kernels import bvh_collapse, bvh_split, bvh_top
@@ -50,7 +58,6 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int) -> tuple[Any, float]
     device.launch(bvh_top.find_centers, len(first_chunks.first), [first_chunks, boxes])
     root_centers = wp.array(first_chunks.centers.numpy().min(axis=0), dtype=vec8, device=name)
     wp.copy(centers, root_centers, count=1)
-    levels: list[Any] = []
     roots, root_counts = [], []
     level, firsts, counts = np.zeros(1, np.int32), np.zeros(1, np.int64), np.array([count])
     while len(level):
@@ -67,7 +74,6 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int) -> tuple[Any, float]
         device.launch(bvh_top.split_level, n, [on_device, chunks, nodes, centers, sah_depth, splits])
         device.launch(bvh_top.part_chunks, chunk_count, [on_device, chunks, splits, centers, boxes])
         device.launch(bvh_top.join_centers, n, [on_device, chunks, nodes, centers])
-        levels.append(on_device)
         left = splits.numpy()["left"]
         swaps = _swaps(chunks, firsts + left, sizes.chunk)
         on_both_sides = [wp.array(numbers, dtype=int, device=name) for numbers in swaps]
@@ -77,12 +83,13 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int) -> tuple[Any, float]
         counts = np.stack([left, counts - left], axis=1).ravel()
     order = np.argsort(-np.concatenate(root_counts), kind="stable")
     subtrees = wp.array(np.concatenate(roots)[order], dtype=int, device=name)
-    subtree_sizes = wp.empty(len(subtrees), dtype=int, device=name)
-    inputs = [subtrees, nodes, boxes, centers, *_bins(len(subtrees), name), sah_depth, subtree_sizes]
+    inputs = [subtrees, nodes, boxes, centers, *_bins(len(subtrees), name), sah_depth]
     device.launch(bvh_split.build_subtrees, len(subtrees), inputs)
-    device.launch(bvh_collapse.price_subtrees, len(subtrees), [subtrees, subtree_sizes, nodes, costs])
-    for on_device in reversed(levels):
-        device.launch(bvh_collapse.price_nodes, len(on_device), [on_device, nodes, costs])
+    if reinserts:
+        reinsert(nodes, device)
+    for numbers in reversed(levels_of(nodes)):
+        on_device = wp.array(numbers, dtype=int, device=name)
+        device.launch(bvh_collapse.price_nodes, len(numbers), [on_device, nodes, costs])
     return nodes, float(costs[:2].numpy()[1])
 
 

@@ -15,7 +15,8 @@ from wrt.errors import InputError
 
 SAH_DEPTHS = (48, 8)
 """Depths of the binary tree down to which it is split by surface area, tried in this order. At the
-last one the tree is at most 8 + 23 levels deep, for 2^26 triangles eight a leaf: rays can follow."""
+last one, where no node is moved either, the tree is at most 8 + 23 levels deep, for 2^26 triangles eight a leaf: rays
+can follow."""
 
 MORE_PIECES = 0.2
 """Boxes that cutting large triangles may add, over the number of triangles; measured in docs/performance.md."""
@@ -107,12 +108,13 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
 
 def kernels_of_building() -> list[Any]:
     """Return a kernel of each module that building a tree takes, in the order in which it does."""
-    from wrt.kernels import bvh_collapse, bvh_presplit, bvh_split, bvh_top
+    from wrt.kernels import bvh_collapse, bvh_presplit, bvh_reinsert, bvh_split, bvh_top
 
     return [
         bvh_split.make_boxes,
         bvh_top.find_centers,
-        bvh_collapse.price_subtrees,
+        bvh_reinsert.find_places,
+        bvh_collapse.price_nodes,
         bvh_presplit.find_importance,
     ]
 
@@ -249,7 +251,7 @@ class _Tree(NamedTuple):
 def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
     """Return the wide tree over boxes, which are put in its order."""
     for sah_depth in SAH_DEPTHS:
-        nodes, price = split_boxes(boxes, device, sah_depth)
+        nodes, price = split_boxes(boxes, device, sah_depth, reinserts=sah_depth == SAH_DEPTHS[0])
         levels = _levels(nodes, device, max_depth)
         if len(levels) <= max_depth:
             break
