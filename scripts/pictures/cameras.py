@@ -97,7 +97,7 @@ def make_scene(camera: wrt.Camera) -> wrt.Scene:
 
 def seen_by(camera: wrt.Camera, width: int, height: int) -> Picture:
     """Return what a camera sees."""
-    return Picture(functools.partial(make_scene, camera), width, height, spp=2048)
+    return Picture(functools.partial(make_scene, camera), width, height, spp=512)
 
 
 PICTURES = {

@@ -22,4 +22,4 @@ def city() -> wrt.Scene:
     return scene
 
 
-PICTURES = {"city": Picture(city, spp=4096)}
+PICTURES = {"city": Picture(city, spp=1024)}

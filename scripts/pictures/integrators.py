@@ -74,10 +74,10 @@ def shown_by(integrator: str, spp: int, **given: Any) -> Picture:
 
 
 PICTURES: dict[str, Picture | LayerSheet] = {
-    "integrator-whitted": shown_by("whitted", 512, max_depth=12),
-    "integrator-path": shown_by("path", 1024, max_depth=32),
-    "integrator-direct": shown_by("direct", 512),
-    "integrator-ao": shown_by("ao", 1024, ao_distance=2.0),
+    "integrator-whitted": shown_by("whitted", 128, max_depth=12),
+    "integrator-path": shown_by("path", 256, max_depth=32),
+    "integrator-direct": shown_by("direct", 256),
+    "integrator-ao": shown_by("ao", 512, ao_distance=2.0),
     "layers": LayerSheet(
         Picture(
             functools.partial(make_scene, moving=True),

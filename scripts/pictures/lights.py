@@ -84,9 +84,9 @@ def sky(elevation: float, turbidity: float, exposure: float) -> wrt.Scene:
 
 
 PICTURES = {
-    "light-spots": Picture(spots, spp=4096),
-    "light-shapes": Picture(shapes, spp=4096),
-    "light-screen": Picture(screen, spp=4096),
-    "light-sky-noon": Picture(functools.partial(sky, 48.0, 2.5, -5.4), spp=2048),
-    "light-sky-evening": Picture(functools.partial(sky, 7.0, 3.0, -4.9), spp=2048),
+    "light-spots": Picture(spots, spp=2048),
+    "light-shapes": Picture(shapes, spp=2048),
+    "light-screen": Picture(screen, spp=2048),
+    "light-sky-noon": Picture(functools.partial(sky, 48.0, 2.5, -5.4), spp=1024),
+    "light-sky-evening": Picture(functools.partial(sky, 7.0, 3.0, -4.9), spp=1024),
 }

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 SIZE = 200
 """Pixels of a tile, either way."""
 
-SPP = 512
+SPP = 256
 
 SQUARE = 0.5
 """Side of the cove's squares, metres; the ball has radius 1."""

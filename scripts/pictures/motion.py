@@ -128,6 +128,6 @@ def _at(place: Array) -> Array:
 
 
 PICTURES = {
-    "motion-forest": Picture(forest, 720, 405, 1024),
-    "motion-toys": Picture(toys, 640, 360, 2048),
+    "motion-forest": Picture(forest, 720, 405, 576),
+    "motion-toys": Picture(toys, 640, 360, 512),
 }
