@@ -152,7 +152,23 @@ def _colors(height: Array, up: Array) -> Array:
         (snow, _step(up, 0.50, 0.72) * _step(level + np.float32(0.2) * (up - np.float32(0.8)), 0.58, 0.70)),
     ):
         colors += amount[..., None] * (color - colors)
-    return colors
+    return _smoothed(_smoothed(colors, 0), 1)
+
+
+def _smoothed(values: Array, axis: int) -> Array:
+    """Return values averaged with their neighbours, 1:2:1 along an axis.
+
+    What changes from one point to the next looks like a comb, all cells being cut along the same diagonal.
+    """
+    count = values.shape[axis]
+    at = np.arange(count)
+    before, after = np.maximum(at - 1, 0), np.minimum(at + 1, count - 1)
+    smooth = np.take(values, before, axis)
+    smooth += np.take(values, after, axis)
+    smooth *= np.float32(0.5)
+    smooth += values
+    smooth *= np.float32(0.5)
+    return smooth
 
 
 def _step(value: Array, low: float, high: float) -> Array:

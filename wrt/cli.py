@@ -321,10 +321,16 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         save()
     if stopped:
         saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"
-        _complain("stopped", f"at {renderer.spp} samples per pixel; {saved}")
+        _complain("stopped", f"at {_samples(renderer)}; {saved}")
         return interrupts.exit_status
     _report(options, renderer, output)
     return 0
+
+
+def _samples(renderer: Renderer) -> str:
+    """Say how many samples pixels have: after a pass that was interrupted, not all have as many."""
+    least, most = renderer.spp, int(renderer.film.counts.max())
+    return f"{least if least == most else f'{least} to {most}'} samples per pixel"
 
 
 def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
@@ -375,7 +381,7 @@ def _make_renderer(
         else:
             renderer.load_checkpoint(checkpoint)
             if not options.quiet:
-                say(f"wrt: going on from {checkpoint}, {renderer.spp} samples per pixel")
+                say(f"wrt: going on from {checkpoint}, {_samples(renderer)}")
     return renderer
 
 

@@ -95,13 +95,16 @@ def make_scene(camera: wrt.Camera) -> wrt.Scene:
     return scene
 
 
-def seen_by(camera: wrt.Camera, width: int, height: int) -> Picture:
+def seen_by(camera: wrt.Camera, width: int, height: int, spp: int = 1024) -> Picture:
     """Return what a camera sees."""
-    return Picture(functools.partial(make_scene, camera), width, height, spp=512)
+    return Picture(functools.partial(make_scene, camera), width, height, spp)
 
+
+NEAR_SPP = 8192
+"""Where the light that glass and gold throw onto the plinth is seen closely."""
 
 PICTURES = {
-    "camera-bokeh": seen_by(wrt.PerspectiveCamera(**CLOSE, **LENS), 640, 360),
+    "camera-bokeh": seen_by(wrt.PerspectiveCamera(**CLOSE, **LENS), 640, 360, NEAR_SPP),
     "camera-panorama": seen_by(wrt.PanoramaCamera(EYE, (EYE[0] + 0.35, EYE[1], EYE[2] - 1.0)), 720, 360),
     "camera-fisheye": seen_by(wrt.FisheyeCamera((0.0, 0.25, 1.3), (0.0, 1.1, 0.9), fov_degrees=180.0), 400, 400),
     "camera-orthographic": seen_by(wrt.OrthographicCamera((4.6, 6.4, 8.0), (0, 0.9, 0), view_height=10.5), 400, 400),
@@ -118,5 +121,6 @@ PICTURES = {
         ),
         400,
         400,
+        NEAR_SPP,
     ),
 }

@@ -1,6 +1,6 @@
 """One small set under each kind of light, for docs/lights.md.
 
-Three balls, matt, metal and glass, stand before a wall.
+Three balls, matt, metal and glass, stand before a wall; in the open the last one is plastic.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from wrt.lights import FALLOFFS
 from .picture import Picture
 
 
-def stage() -> wrt.Scene:
-    """Return floor, wall and balls, without light."""
+def stage(last: wrt.Material | None = None) -> wrt.Scene:
+    """Return floor, wall and balls, without light; the last ball is glass if nothing else."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.3, 1.3, 5.2), (0.0, 0.75, 0.0), fov_degrees=30.0))
     scene.settings.max_depth = 16
     scene.add(wrt.quad((-9, 0, 9), (18, 0, 0), (0, 0, -10.4)), material=wrt.Diffuse((0.55, 0.53, 0.5)))
     scene.add(wrt.quad((-9, 0, -1.4), (18, 0, 0), (0, 7, 0)), material=wrt.Diffuse((0.6, 0.6, 0.62)))
     scene.add(wrt.sphere((-1.15, 0.45, 0.1), 0.45, subdivisions=6), material=wrt.Diffuse((0.7, 0.25, 0.15)))
     scene.add(wrt.sphere((0.0, 0.45, -0.3), 0.45, subdivisions=6), material=wrt.RoughConductor(0.15, metal="copper"))
-    scene.add(wrt.sphere((1.05, 0.45, 0.3), 0.45, subdivisions=6), material=wrt.Dielectric())
+    scene.add(wrt.sphere((1.05, 0.45, 0.3), 0.45, subdivisions=6), material=last or wrt.Dielectric())
     return scene
 
 
@@ -73,8 +73,8 @@ def screen() -> wrt.Scene:
 
 
 def sky(elevation: float, turbidity: float, exposure: float) -> wrt.Scene:
-    """The balls in the open, under sun and sky."""
-    scene = stage()
+    """The balls in the open, under sun and sky, the last one without the noise of the sun's light through glass."""
+    scene = stage(wrt.RoughPlastic((0.04, 0.12, 0.3), alpha=0.08))
     del scene.shapes[1]
     ground = (0.3, 0.28, 0.25)
     scene.shapes[0] = wrt.Shape(wrt.quad((-60, 0, 60), (120, 0, 0), (0, 0, -120)), wrt.Diffuse(ground), name="ground")
