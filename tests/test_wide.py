@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -167,6 +170,25 @@ def test_samples_that_are_not_finite() -> None:
     many = bits(renderer, make_wide_render_kernel(features_of(renderer)), 3 * 2, start, [20])
     assert one["rejected"].any()
     assert all(one[name].tobytes() == many[name].tobytes() for name in one)
+
+
+@needs_lanes
+def test_a_small_stack() -> None:
+    """A thousand paths need more of it than some shells allow."""
+    code = """
+import wrt
+renderer = wrt.Renderer(wrt.load("cornell-box"), width=32, height=32, threads=2)
+renderer.compile()
+for progress in renderer.passes(spp=32): pass
+print(renderer._kernel.in_use.module.name, progress.spp)
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "WRT_WIDE"}
+    command = ["sh", "-c", 'ulimit -s 512; exec "$0" "$@"', sys.executable, "-c", code]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    name, samples = done.stdout.split()
+    assert name.startswith("wrt.render.wide.")
+    assert samples == "32"
 
 
 # --- Translation -------------------------------------------------------------------------------------

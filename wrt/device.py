@@ -45,6 +45,10 @@ _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
 
 
+STACK_BYTES = 8 << 20
+"""The stack of a thread that runs kernels, whatever the shell's limit: a thousand paths take up to 2 MB of it."""
+
+
 class _Threads:
     """Threads that wait for work, made where there first is some: a fork has none but the one that made it."""
 
@@ -57,7 +61,11 @@ class _Threads:
         """Have one of them call `work`."""
         if self._pool is None or self._process != os.getpid():
             self._process, self._pool = os.getpid(), ThreadPoolExecutor(self._count, thread_name_prefix=self._name)
-        return self._pool.submit(work, *arguments)
+        given = threading.stack_size(STACK_BYTES)
+        try:
+            return self._pool.submit(work, *arguments)
+        finally:
+            threading.stack_size(given)
 
 
 _COMPILER = _Threads(1, "wrt-compile")
