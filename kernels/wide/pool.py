@@ -8,7 +8,7 @@ up to one sample of a square of sixteen by sixteen pixels, which are sixteen gro
 Each round traces the rays of all paths. A group whose rays are of one octant goes down the tree as it is, the others'
 rays are sorted by octant first, as the boxes of the tree are tested in less instructions for rays of one (Wald 2001,
 "Interactive rendering with coherent ray tracing"). Once paths that met nothing have ended, and after each round, the
-others close up if less than three quarters of the lanes are in use. Which paths go together changes no bit of the film.
+others close up if less than seven eighths of the lanes are in use. Which paths go together changes no bit of the film.
 """
 
 from wrt.kernels.wide.render import TILE
@@ -125,7 +125,7 @@ ROUND
     bool close_up_where_sparse(int& groups) {
         int left = 0;
         for (int g = 0; g < groups; ++g) left += __builtin_popcount(lanes::bits(live[g]));
-        if (4 * left <= 3 * lanes::WIDTH * groups) close_up(groups);
+        if (8 * left <= 7 * lanes::WIDTH * groups) close_up(groups);
         return left > 0;
     }
 
