@@ -3,6 +3,7 @@
 import re
 from typing import Any
 
+import warp as wp
 from warp._src.codegen import Struct, Var, strip_reference
 from warp._src.types import is_array
 
@@ -56,13 +57,15 @@ class Types:
                 if m := _CONSTRUCTION.match(line):
                     constructed.add(m[1])
         self._constructed = constructed
+        arguments = [strip_reference(a.type) for f in functions if isinstance(f, wp.Kernel) for a in f.adj.args]
+        self._given = {name_of(t) for t in arguments if isinstance(t, Struct)}
         self._elements: set[str] = set()  # structs of which there are arrays
         self.structs = self._in_order()
         self.struct_names = {name_of(t) for t in self.structs}
 
     def is_uniform(self, t: Any) -> bool:
-        """Return whether all lanes share one struct of a type: it leads to arrays, and there is no other."""
-        return has_array(t) and name_of(t) not in self._constructed | self._elements
+        """Return whether all lanes share a struct: the kernel's argument or one of arrays, where no other is made."""
+        return (has_array(t) or name_of(t) in self._given) and name_of(t) not in self._constructed | self._elements
 
     def fields(self, t: Any) -> list[tuple[str, Any]]:
         """Return the fields of a struct for sixteen lanes: none that leads to arrays where each lane has its own."""

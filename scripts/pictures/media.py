@@ -148,6 +148,6 @@ def subsurface() -> wrt.Scene:
 PICTURES = {
     "media-water-and-ice": Picture(water_and_ice, 400, 400, 768),
     "media-coloured-glass": Picture(coloured_glass, spp=512),
-    "media-fog": Picture(fog, 400, 225, 16384),
+    "media-fog": Picture(fog, 400, 225, 4096),
     "media-subsurface": Picture(subsurface, spp=2048),
 }
