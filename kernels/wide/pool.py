@@ -46,28 +46,26 @@ struct Pool {
         const int neighbours = lanes::WIDTH / among;
         const lanes::i16 numbers = lanes::lane_numbers().v;
         alignas(64) Given given[4];
-        unsigned in_use = 0;  // bits of the pixels of which all samples have begun
-        for (int g = 0; g < count; ++g) {
-            // The group's first pixel, in the block that begins with `first`.
-            const int first = g / among * among, pixel = (g - first) * neighbours;
-            if (among < lanes::WIDTH)
-                collect(given[g % 4], first, among, pixel);
-            else if (g % 4 == 0)
-                collect_four(given, first, pixel);
-            if (g == first) {
-                in_use = ~0u;
-                for (int n = 0; n < among; ++n) in_use &= lanes::bits(pixels(first + n).begun_);
-            }
-            unsigned lives = in_use;
-            if (in_use != 0xffff) {
-                lives = 0;
-                for (int n = 0; n < among; ++n) {
-                    const unsigned begun = lanes::bits(pixels(first + n).begun_) >> pixel;
-                    for (int k = 0; k < neighbours; ++k) lives |= (begun >> k & 1) << (among * k + n);
+        for (int first = 0; first < count; first += among) {
+            unsigned all = ~0u;  // bits of the block's pixels of which each sample has begun
+            for (int n = 0; n < among; ++n) all &= lanes::bits(pixels(first + n).begun_);
+            for (int g = first; g < first + among; ++g) {
+                const int pixel = (g - first) * neighbours;  // the group's first one
+                if (among < lanes::WIDTH)
+                    collect(given[g % 4], first, among, pixel);
+                else if (g % 4 == 0)
+                    collect_four(given, first, pixel);
+                unsigned lives = all;
+                if (all != 0xffff) {
+                    lives = 0;
+                    for (int n = 0; n < among; ++n) {
+                        const unsigned begun = lanes::bits(pixels(first + n).begun_) >> pixel;
+                        for (int k = 0; k < neighbours; ++k) lives |= (begun >> k & 1) << (among * k + n);
+                    }
                 }
+                begin(path(g), given[g % 4], live[g] = lanes::of_bits(lives));
+                path(g).home = lanes::Ints(lanes::WIDTH * (first + (numbers & (among - 1))) + pixel + numbers / among);
             }
-            begin(path(g), given[g % 4], live[g] = lanes::of_bits(lives));
-            path(g).home = lanes::Ints(lanes::WIDTH * (first + (numbers & (among - 1))) + pixel + numbers / among);
         }
     }
 
