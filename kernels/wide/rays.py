@@ -14,7 +14,7 @@ from wrt.kernels.simd import BOX_TEST, LEAF_TOGETHER, PREFETCH, PUSH_CHILDREN, T
 # Measured: the rays that are followed in turn; those left of rays of one octant, and of others, at which they part;
 # rays at all for which going together is worth it. What is read of a large tree, with leaves of 8 MB and more, is in no
 # cache: it takes several hundred cycles, in which more rays have their turns.
-IN_TURN, IN_TURN_IF_LARGE = 8, 16
+IN_TURN, IN_TURN_IF_LARGE = 8, 24
 LONE_RAYS, LONE_MIXED_RAYS = 4, 8
 FEW_RAYS, FEW_RAYS_IF_LARGE = 6, 8
 LARGE_TREE = 1 << 21  # numbers in its leaves
@@ -31,8 +31,9 @@ struct alignas(64) Rays {
     float reach[16], hit_us[16], hit_vs[16];  // a ray that is done reaches nothing
     int numbers[16];
 };
-// Nodes at which some rays part from their group, to go on alone from there.
-constexpr int MOST_PARTINGS = 32;
+// Nodes at which some rays part from their group, to go on alone from there. Where there are more, a group's lone rays
+// go on without those of others, fewer in turn.
+constexpr int MOST_PARTINGS = 64;  // as many as `Lone::left` has bits
 struct alignas(64) Partings {
     float begins[MOST_PARTINGS][16];  // of all rays
     unsigned rays[MOST_PARTINGS];     // bits of those that part
@@ -47,7 +48,7 @@ struct Journeys {
 struct Lone {
     float t_max, hit_u, hit_v;
     int id_max, current, top, number;
-    unsigned left;  // bits of the partings that it has not gone on from
+    unsigned long long left;  // bits of the partings that it has not gone on from
     Journeys* group;
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8];
 };
@@ -78,7 +79,7 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
         if (limit < 0.0f) return false;
         const lanes::Partings& partings = r.group->partings;
         for (; r.left; r.left &= r.left - 1) {
-            const int k = __builtin_ctz(r.left);
+            const int k = __builtin_ctzll(r.left);
             if (partings.begins[k][r.number] > limit) continue;
             r.current = partings.nodes[k];
             r.left &= r.left - 1;
@@ -100,9 +101,12 @@ LANES_CALLED void follow_alone(const TREE_TYPE& bvh, lanes::Journeys* next, cons
                 r.id_max = a.numbers[n];
                 r.top = 0;
                 const i16 own = (i16)(1 << n);
-                r.left = lanes::bits((*(const i16*)partings.rays & own) != 0)
-                         | lanes::bits((*(const i16*)(partings.rays + 16) & own) != 0) << 16;
-                r.left &= (unsigned)((1ull << partings.count) - 1);
+                r.left = 0;
+                LANES_UNROLL for (int first = 0; first < lanes::MOST_PARTINGS; first += 16) {
+                    const i16 parts = (*(const i16*)(partings.rays + first) & own) != 0;
+                    r.left |= (unsigned long long)lanes::bits(parts) << first;
+                }
+                r.left &= ~0ull >> (64 - partings.count);
                 if (next_parting(r)) {
                     partings.some &= partings.some - 1;
                     return;
