@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,9 @@ PLACE = np.array([[0.3, 0.1, 0, 1 / 3], [0, 0.7, 0.2, 0.1], [0, 0, -1.3, 7], [0,
 
 
 def again(scene: wrt.Scene, folder: Path) -> wrt.Scene:
-    wrt.save_scene(folder / "scene.toml", scene)
-    return wrt.load(folder / "scene.toml")
+    file = Path(tempfile.mkdtemp(dir=folder)) / "scene.toml"
+    wrt.save_scene(file, scene)
+    return wrt.load(file)
 
 
 def assert_same(a: wrt.Scene, b: wrt.Scene) -> None:
@@ -152,7 +154,7 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.Captur
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 3
     assert "must end in .toml" in errors[0]
-    assert "b_files: cannot be made" in errors[2]
+    assert "b_files: is there already" in errors[2]
     assert not (tmp_path / "b.toml").exists()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import warnings
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.camera import Camera
 from wrt.errors import InputError
+from wrt.files import confined_to
 from wrt.mesh import Mesh
 from wrt.presentation import SETTINGS, present
 from wrt.scene import Scene, Shape
@@ -26,7 +28,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     strict: bool = False,
-    allow_outside: bool = False,
+    confined: bool = False,
 ) -> Scene:
     """Return the scene that `source` stands for.
 
@@ -42,31 +44,43 @@ def load(
             that, and y for the others.
         parameters: for Mitsuba's scenes, what `$name` stands for in them.
         strict: whether what would be left out with a warning is an error instead.
-        allow_outside: whether a Mitsuba scene may name files outside its own folder.
+        confined: whether a file that names others outside its own folder is refused, as for strangers' uploads (see
+            docs/security.md).
 
     Raises:
         InputError: where the source cannot be used, naming it and the cause.
     """
     if isinstance(source, Scene):
         return source
-    xml = {"parameters": parameters, "allow_outside": allow_outside}
-    if not strict:
-        return _load(source, triangles, up, xml)
-    from wrt.formats.parts import InputWarning
+    with _confined(source if confined else None):
+        if not strict:
+            return _load(source, triangles, up, parameters)
+        from wrt.formats.parts import InputWarning
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", InputWarning)
-        try:
-            return _load(source, triangles, up, xml)
-        except InputWarning as warning:
-            raise InputError(str(warning)) from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", InputWarning)
+            try:
+                return _load(source, triangles, up, parameters)
+            except InputWarning as warning:
+                raise InputError(str(warning)) from None
 
 
-def _load(source: Any, triangles: int | None, up: str | None, xml: dict[str, Any]) -> Scene:
-    """Return the scene that `source` stands for; `xml` are options of Mitsuba's scene files."""
+def _confined(source: Any) -> contextlib.AbstractContextManager[None]:
+    """Return a context in which reading is confined to the folder of a file; where it is none, to nothing."""
+    is_path = isinstance(source, (str, os.PathLike)) and not _is_builtin(source)
+    return confined_to(Path(source).parent if is_path else None)
+
+
+def _is_builtin(source: Any) -> bool:
+    from wrt import meshes
+
+    return isinstance(source, str) and source in meshes.scene_names() and not Path(source).is_file()
+
+
+def _load(source: Any, triangles: int | None, up: str | None, parameters: Mapping[str, Any] | None) -> Scene:
     if isinstance(source, (str, os.PathLike)):
-        return _load_path(source, triangles, up, xml)
-    _refuse(xml, type(source).__name__)
+        return _load_path(source, triangles, up, parameters)
+    _refuse(parameters, type(source).__name__)
     if isinstance(source, Mesh):
         return _present([Shape(source, name=source.name)], up or "y")
     from wrt.formats.meshes import from_trimesh
@@ -74,22 +88,22 @@ def _load(source: Any, triangles: int | None, up: str | None, xml: dict[str, Any
     return _present(from_trimesh(source), up or "y")
 
 
-def _refuse(xml: dict[str, Any], source: object) -> None:
-    """Raise an InputError where options of Mitsuba's scene files are given for something else."""
-    given = [name for name, value in xml.items() if value]
-    if given:
-        raise InputError(f"{source}: {given[0]} goes with a Mitsuba scene (.xml), and with nothing else")
+def _refuse(parameters: Mapping[str, Any] | None, source: object) -> None:
+    """Raise an InputError where parameters of Mitsuba's scene files are given for something else."""
+    if parameters:
+        raise InputError(f"{source}: parameters go with a Mitsuba scene (.xml), and with nothing else")
 
 
-def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | None, xml: dict[str, Any]) -> Scene:
+def _load_path(
+    source: str | os.PathLike[str], triangles: int | None, up: str | None, parameters: Mapping[str, Any] | None
+) -> Scene:
     from wrt import meshes
     from wrt.files import naming
 
     path = Path(source)
     if not str(source):
         raise InputError("the name of what is to be rendered is empty")
-    builtin = isinstance(source, str) and source in meshes.scene_names() and not path.is_file()
-    if builtin:
+    if _is_builtin(source):
         path = meshes.scene_path(str(source))
     if path.suffix.lower() == ".xml":
         if up is not None or triangles is not None:
@@ -99,8 +113,8 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
 
         # What comes of numbers out of range is checked where it is used.
         with naming(path), hinting(path), np.errstate(all="ignore"):
-            return load_mitsuba(path, **xml)
-    _refuse(xml, source)
+            return load_mitsuba(path, parameters=parameters)
+    _refuse(parameters, source)
     if path.suffix.lower() == ".toml":
         if up is not None:
             raise InputError(f"{source}: an up axis goes with a mesh, not with a scene")

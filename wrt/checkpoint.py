@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.files import PathLike, first_line, read_file, require_place, write_whole
+from wrt.files import PathLike, first_line, forget_input, read_file
 from wrt.formats.npy import read_archive
+from wrt.outputs import Kind, write_whole
 
 SETTINGS_OF_PICTURE = (
     "width",
@@ -36,6 +37,20 @@ SETTINGS_OF_PICTURE = (
 FORMAT = 1
 _HEADER = "header"
 
+_BEGINNING = 512
+"""Bytes of a checkpoint in which its header begins, whose text NumPy keeps in four bytes a character."""
+
+
+def _is_checkpoint(path: Path) -> bool:
+    with path.open("rb") as file:
+        beginning = file.read(_BEGINNING)
+    name = f"{_HEADER}.npy".encode()
+    return beginning.startswith(b"PK\3\4") and name in beginning and '{"format": '.encode("utf-32-le") in beginning
+
+
+CHECKPOINT = Kind("a checkpoint", _is_checkpoint, may_force=False)
+"""A checkpoint replaces nothing else, whatever is asked for."""
+
 
 def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
     """Write a checkpoint atomically: the old file stays whole until the new one is.
@@ -43,15 +58,13 @@ def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, N
     Raises:
         InputError: where it cannot be written, be it for the path or for a full disk.
     """
-    file = Path(path)
-    require_place(file)
     text = np.array(json.dumps({"format": FORMAT, **header}))
 
     def write(temporary: Path) -> None:
-        with temporary.open("xb") as handle:
+        with temporary.open("wb") as handle:
             np.savez(handle, **{_HEADER: text}, **arrays)  # type: ignore[arg-type]
 
-    write_whole(file, write)
+    write_whole(Path(path), write, CHECKPOINT)
 
 
 def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -65,6 +78,7 @@ def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[A
         raise InputError(f"{path}: no such checkpoint file")
     try:
         arrays = read_archive(read_file(path))
+        forget_input(path)  # a render that goes on from it replaces it
         header = json.loads(str(arrays.pop(_HEADER)))
     except (KeyError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a wrt checkpoint, or damaged ({first_line(error)})") from None

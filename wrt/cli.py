@@ -139,12 +139,15 @@ def _parser() -> argparse.ArgumentParser:
     parts = ": shapes, materials, textures, lights, camera"
     info = command("info", _info, "tell what is in a scene or a mesh file", parts)
     info.add_argument("source", metavar="SCENE", help="as for wrt render")
+    info.add_argument("--confined", action="store_true", help="as for wrt render")
 
     bits = ", with its arrays beside it. It renders to the same bits"
     convert = command("convert", _convert, "write any scene or mesh as a scene file", bits)
     convert.add_argument("source", metavar="SCENE", help="as for wrt render")
     convert.add_argument("output", metavar="OUT.toml", help="the scene file; its arrays go to OUT_files")
     convert.add_argument("--up", choices=AXES, help="as for wrt render")
+    convert.add_argument("--force", action="store_true", help="replace files that are there already")
+    convert.add_argument("--confined", action="store_true", help="as for wrt render")
 
     render = command("render", _render, "render a scene or a mesh to a picture")
     render.epilog = EXAMPLES
@@ -182,6 +185,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
         type=positive,
         help=f"save checkpoint and picture this often (default: {SAVE_EVERY_SECONDS:.0f}, with --checkpoint)",
     )
+    add("--force", action="store_true", help="let -o replace a file that wrt has not made")
     add("--quiet", action="store_true", help="no progress and no summary; errors and warnings only")
     add("--json", action="store_true", help="print a summary as JSON, the last line on standard output")
     add("--triangles", metavar="N", type=whole(1), help="triangles of a scene with a procedural mesh")
@@ -193,7 +197,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
         type=definition,
         help="what $NAME is in a Mitsuba scene",
     )
-    add("--allow-outside", action="store_true", help="let a Mitsuba scene name files outside its own folder")
+    add("--confined", action="store_true", help="refuse a file that names others outside its own folder")
     add("--strict", action="store_true", help="refuse a file of which something would be left out")
     add("--up", metavar="AXIS", choices=AXES, help="which axis of a mesh points up: x, y, z, -x, -y or -z")
 
@@ -229,13 +233,18 @@ def _info(options: argparse.Namespace) -> int:
 
     from wrt.api import load
     from wrt.describe_scene import scene_text
+    from wrt.files import confined_to
     from wrt.formats.meshes import MESH_SUFFIXES, load_file
     from wrt.progress import short_warnings
 
+    source = Path(options.source)
     with short_warnings(lambda line: print(line, file=sys.stderr)):
-        # Of a mesh file, what is in it, and not the studio around it.
-        alone = Path(options.source).suffix.lower() in MESH_SUFFIXES
-        print(scene_text(load_file(options.source) if alone else load(options.source)))
+        if source.suffix.lower() in MESH_SUFFIXES:  # what is in the file, and not the studio around it
+            with confined_to(source.parent if options.confined else None):
+                scene = load_file(source)
+        else:
+            scene = load(options.source, confined=options.confined)
+        print(scene_text(scene))
     return 0
 
 
@@ -245,7 +254,8 @@ def _convert(options: argparse.Namespace) -> int:
     from wrt.progress import short_warnings
 
     with short_warnings(lambda line: print(line, file=sys.stderr)):
-        save_scene(options.output, load(options.source, up=options.up))
+        scene = load(options.source, up=options.up, confined=options.confined)
+        save_scene(options.output, scene, force=options.force)
     return 0
 
 
@@ -279,7 +289,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
     ):
         with no_collections():
             from wrt.api import load
-            from wrt.output import check_layers, save_render
+            from wrt.output import check_layers, default_name, save_render
 
             with importing_renderer(options.input):
                 scene = load(
@@ -288,8 +298,11 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
                     up=options.up,
                     parameters=dict(options.define or ()),
                     strict=options.strict,
-                    allow_outside=options.allow_outside,
+                    confined=options.confined,
                 )
+            output, checkpoint = _check_paths(options)
+            if options.output is None and output.name != default_name(options.input):
+                say(f"wrt: {default_name(options.input)} must not be replaced; the picture goes to {output}")
             if options.exposure is not None:
                 scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
             renderer = _make_renderer(options, scene, checkpoint, say)
@@ -300,7 +313,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
                 with _naming(checkpoint):
                     renderer.save_checkpoint(checkpoint)
             with _naming(output):
-                save_render(output, renderer)
+                save_render(output, renderer, force=options.force)
 
         save_every = options.save_every or (SAVE_EVERY_SECONDS if checkpoint else float("inf"))
         spp = options.spp or (None if options.time else scene.settings.spp)
@@ -334,22 +347,25 @@ def _samples(renderer: Renderer) -> str:
 
 
 def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
-    """Return where picture and checkpoint go, once it is sure that they could be written."""
+    """Return where picture and checkpoint go, once it is sure that they may be written.
+
+    Asked once more after the scene was loaded, it knows the files that the scene reads.
+    """
     from pathlib import Path
 
-    from wrt.files import require_place
-    from wrt.formats.images import check_output
+    from wrt.checkpoint import CHECKPOINT
+    from wrt.output import picture_place
+    from wrt.outputs import require_place
 
     if options.resume and options.checkpoint is None:
         raise InputError("--resume needs --checkpoint FILE, the file to go on from")
-    output = check_output(options.output or f"{Path(options.input).stem or 'picture'}.png")
+    output = picture_place(options.output, options.input, force=options.force)
     if options.checkpoint is None:
         return output, None
     checkpoint = Path(options.checkpoint)
-    require_place(checkpoint)
-    for other, what in ((output, "the picture"), (Path(options.input), "the input")):
-        if os.path.realpath(checkpoint) == os.path.realpath(other):  # unlike `resolve`, it takes links in circles
-            raise InputError(f"{checkpoint}: the checkpoint would overwrite {what}; name another file")
+    if os.path.realpath(checkpoint) == os.path.realpath(output):  # unlike `resolve`, it takes links in circles
+        raise InputError(f"{checkpoint}: the checkpoint would replace the picture; name another file")
+    require_place(checkpoint, CHECKPOINT)
     return output, checkpoint
 
 

@@ -1,17 +1,90 @@
-"""Reading files that may not be there, and writing files that are whole or not there at all."""
+"""Reading files: they may not be there, may be no files at all, or lie where a stranger's scene has no business.
+
+`read_file` and `require_file` are the only ways in. They note what was read, so that no output replaces it
+(`wrt/outputs.py`), and keep to the folder that `confined_to` names.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeAlias
 
 from wrt.errors import InputError, one_line
 
 PathLike: TypeAlias = str | os.PathLike[str]
+
+Identity: TypeAlias = tuple[int, int, int, int]
+"""What tells a file from all others and from itself after a change: device, inode, time of change in ns, size."""
+
+
+class _Confinement:
+    """A folder that reading is confined to, and what would have led out of it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(os.path.realpath(folder))
+        self.refused: list[InputError] = []
+
+
+_confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
+_inputs: dict[str, Identity] = {}  # what this process has read, by its path without links
+
+
+def identity_of(found: os.stat_result) -> Identity:
+    """Return the identity of a file."""
+    return found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size
+
+
+def is_input(path: Path) -> bool:
+    """Return whether this process has read the file at `path`, under this name or another."""
+    real = os.path.realpath(path)
+    try:
+        return real in _inputs or identity_of(os.stat(real)) in _inputs.values()
+    except OSError:
+        return False
+
+
+def forget_input(path: Path) -> None:
+    """From here on, do not count the file at `path` as one that was read: wrt has made it itself."""
+    _inputs.pop(os.path.realpath(path), None)
+
+
+@contextmanager
+def confined_to(folder: Path | None) -> Iterator[None]:
+    """Within the context, refuse to read files outside a folder, whatever links lead there; None refuses nothing.
+
+    Raises:
+        InputError: at its end, where a reader went on without a file that was refused.
+    """
+    confinement = None if folder is None else _Confinement(folder)
+    token = _confinement.set(confinement)
+    try:
+        yield
+    finally:
+        _confinement.reset(token)
+    if confinement is not None and confinement.refused:
+        raise confinement.refused[0]
+
+
+def require_inside(path: Path) -> None:
+    """Raise InputError where files are confined to a folder and `path` leads out of it.
+
+    The message is the same whether or not something is there.
+    """
+    _require_inside(path, os.path.realpath(path))
+
+
+def _require_inside(path: Path, real: str) -> None:
+    confinement = _confinement.get()
+    if confinement is not None and not Path(real).is_relative_to(confinement.folder):
+        error = InputError(f"{path}: is outside the scene's folder, and reading is confined to that")
+        confinement.refused.append(error)
+        raise error
 
 
 def require_file(path: Path) -> None:
@@ -36,6 +109,7 @@ def read_file(path: Path, most: int = -1) -> bytes:
 
 def _read(path: Path, count: int) -> bytes:
     try:
+        require_inside(path)
         # Opening a pipe that nobody writes to would wait for somebody.
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -44,6 +118,8 @@ def _read(path: Path, count: int) -> bytes:
                 raise InputError(f"{path}: is a directory, not a file")
             if not stat.S_ISREG(found.st_mode):
                 raise InputError(f"{path}: is a pipe or a device, not a file")
+            real = _path_of(handle, path)
+            _require_inside(path, real)  # again, since a link may have been changed in between
             # Of files that the system makes up the size is 0, and reading them may wait.
             size = found.st_size if count < 0 else min(count, found.st_size)
             with open(handle, "rb", closefd=False) as file:
@@ -58,7 +134,15 @@ def _read(path: Path, count: int) -> bytes:
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
     if not data:
         raise InputError(f"{path}: the file is empty")
+    _inputs[real] = identity_of(found)
     return data
+
+
+def _path_of(handle: int, path: Path) -> str:
+    """Return where an open file lies, without links."""
+    with contextlib.suppress(OSError):
+        return os.readlink(f"/proc/self/fd/{handle}")
+    return os.path.realpath(path)
 
 
 @contextmanager
@@ -70,51 +154,6 @@ def naming(path: Path) -> Iterator[None]:
         if one_line(str(path)) in str(error):
             raise
         raise InputError(f"{path}: {error}") from None
-
-
-def require_place(path: Path) -> None:
-    """Raise InputError unless a file could be written at `path`."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a directory; name a file")
-    folder = path.parent
-    if not folder.is_dir():
-        reason = "is not a folder" if folder.exists() else "does not exist; make it first"
-        raise InputError(f"{path}: the folder {str(folder)!r} {reason}")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"{path}: the folder {str(folder)!r} may not be written to")
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Have `write` make a file that then takes the place of `path`, or leave things as they were.
-
-    Raises:
-        InputError: when it cannot be written.
-    """
-    # Opened without mkstemp, whose files only their owner may read.
-    temporary = path.with_name(f".{path.stem}-{os.urandom(4).hex()}{path.suffix}")
-    try:
-        write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())  # or a crash could leave the new name with nothing behind it
-        temporary.replace(path)
-    except InputError:
-        raise
-    except (OSError, RuntimeError, ValueError, MemoryError) as error:
-        raise InputError(f"{path}: cannot be written: {first_line(error)}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def keep_latest(folder: Path, pattern: str, count: int) -> None:
-    """Remove what a pattern names in a folder, files or folders, but those that were written last."""
-    found = sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)
-    for path in found[:-count]:
-        if path.is_dir():
-            import shutil
-
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
 
 
 def why_not(path: Path, error: InputError) -> str:

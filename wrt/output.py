@@ -1,4 +1,4 @@
-"""What of a render goes into its picture's file."""
+"""Where the picture of a render goes, and what of the render goes into that file."""
 
 from __future__ import annotations
 
@@ -6,9 +6,33 @@ from pathlib import Path
 
 from wrt._version import __version__
 from wrt.errors import InputError
-from wrt.formats.images import save_image
+from wrt.formats.images import PICTURE, check_output, save_image
 from wrt.layer_pictures import picture_of
+from wrt.outputs import free_place
 from wrt.renderer import Renderer
+
+
+def picture_place(given: str | None, source: str, *, force: bool = False) -> Path:
+    """Return where the picture of a render goes.
+
+    Args:
+        given: the path that was asked for, or None: then it is the name of `source` with .png, in the current folder,
+            or one like it where a file must not be replaced.
+        source: what is rendered: a path, or the name of a built-in scene.
+        force: see `wrt.save_image`; a path that was not given is never forced.
+
+    Raises:
+        InputError: where it cannot be written there, or would replace another file; see `wrt.outputs`. A file that the
+            scene reads is known to be one once the scene was loaded.
+    """
+    if given is not None:
+        return check_output(given, force=force)
+    return free_place(Path(default_name(source)), PICTURE)
+
+
+def default_name(source: str) -> str:
+    """Return the name of a picture of `source`, where nobody gives one."""
+    return f"{Path(source).stem or 'picture'}.png"
 
 
 def check_layers(path: Path, renderer: Renderer) -> None:
@@ -25,8 +49,13 @@ def check_layers(path: Path, renderer: Renderer) -> None:
         raise InputError(f"{path}: layers go into OpenEXR files; give it a name that ends in .exr")
 
 
-def save_render(path: Path, renderer: Renderer) -> None:
+def save_render(path: Path, renderer: Renderer, *, force: bool = False) -> None:
     """Write what has been rendered so far: light, layers, and how they were made.
+
+    Args:
+        path: ends in .png, .exr or .npy.
+        renderer: whose picture it is.
+        force: see `wrt.save_image`.
 
     Raises:
         InputError: see `check_layers` and `wrt.save_image`.
@@ -43,9 +72,9 @@ def save_render(path: Path, renderer: Renderer) -> None:
     layers = renderer.layers()
     if path.suffix.lower() == ".exr":
         image = None if renderer.integrator == "aov" else renderer.image()
-        save_image(path, image, metadata=notes, layers=layers)
+        save_image(path, image, metadata=notes, layers=layers, force=force)
     elif layers:
         ((name, values),) = layers.items()
-        save_image(path, picture_of(name, values), metadata=notes)
+        save_image(path, picture_of(name, values), metadata=notes, force=force)
     else:
-        save_image(path, renderer.image(), exposure=exposure, metadata=notes)
+        save_image(path, renderer.image(), exposure=exposure, metadata=notes, force=force)

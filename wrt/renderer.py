@@ -369,21 +369,26 @@ class Renderer:
         """
         return self.film.layers.arrays(self.film.counts, [shape.material for shape in self.scene.shapes])
 
-    def save(self, path: PathLike) -> None:
+    def save(self, path: PathLike, *, force: bool = False) -> None:
         """Write the picture as `wrt render` does: with its layers, and what it was made with as the file's metadata.
+
+        Args:
+            path: ends in .png, .exr or .npy.
+            force: whether to replace a file that wrt has not made, see `wrt.save_image`.
 
         Raises:
             InputError: see `wrt.save_image`; and where there are layers and the name does not end in .exr.
         """
         from wrt.output import save_render
 
-        save_render(Path(path), self)
+        save_render(Path(path), self, force=force)
 
     def save_checkpoint(self, path: PathLike) -> None:
-        """Write all that is needed to go on later, atomically.
+        """Write all that is needed to go on later, atomically; of what is there, only a checkpoint is replaced.
 
         Raises:
-            InputError: where it cannot be written, or vertices were updated, of which a checkpoint knows nothing.
+            InputError: where it cannot be written or would replace something else, or vertices were updated, of which
+                a checkpoint knows nothing.
         """
         if self._updated:
             raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")

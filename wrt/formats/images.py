@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrt._version import __version__
 from wrt.environment import ImageEnvironment
 from wrt.errors import InputError
-from wrt.files import PathLike, first_line, naming, read_file, require_file, require_place, write_whole
+from wrt.files import PathLike, first_line, forget_input, is_input, naming, read_file, require_file
 from wrt.formats.npy import read_array
 from wrt.layers import channel_names
+from wrt.outputs import Kind, require_place, write_whole
 from wrt.srgb import linear_from_srgb, of_codes, srgb_from_linear
 from wrt.values import Vec3
 
@@ -26,6 +29,27 @@ if TYPE_CHECKING:
 
 OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
 """What `save_image` writes."""
+
+_BEGINNING = 1 << 16
+"""Bytes of a picture in which its metadata lie."""
+
+_NPY_VERSION = (2, 0)
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is a picture that `save_image` has written, by the metadata that it writes."""
+    with path.open("rb") as file:
+        beginning = file.read(_BEGINNING)
+    if beginning.startswith(b"\x89PNG"):
+        return b"iTXtSoftware\0\0\0\0\0wrt " in beginning
+    if beginning.startswith(b"v/1\x01"):
+        _, found, value = beginning.partition(b"Software\0string\0")
+        return bool(found) and value[4:8] == b"wrt "
+    version = bytes(_NPY_VERSION)
+    return beginning.startswith(b"\x93NUMPY" + version) and re.search(rb"'<f4'.*, 3\)", beginning[:256]) is not None
+
+
+PICTURE = Kind("a picture that wrt has made", _is_own)
 
 
 MAX_PIXELS = 2**27
@@ -46,7 +70,7 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     """Read an image as (H, W, 3) float32, linear Rec. 709; row 0 is the top.
 
     OpenEXR, Radiance HDR, NumPy (.npy) and everything Pillow reads. Alpha is dropped; grey
-    becomes three equal channels.
+    becomes three equal channels. Unlike an image that a scene names, the file may be replaced by `save_image`.
 
     Args:
         path: the file.
@@ -57,6 +81,15 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
         InputError: when there is no such file or it cannot be decoded.
     """
     file = Path(path)
+    was_input = is_input(file)
+    pixels = read_image(file, linear=linear)
+    if not was_input:
+        forget_input(file)
+    return pixels
+
+
+def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]:
+    """Read an image of a scene; see `load_image`."""
     require_file(file)
     suffix = file.suffix.lower()
     try:
@@ -88,7 +121,7 @@ def load_environment(
     Raises:
         InputError: when the file cannot be read, or holds negative values or values not finite.
     """
-    pixels = load_image(path)
+    pixels = read_image(Path(path))
     with naming(Path(path)):
         return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
 
@@ -215,18 +248,23 @@ def _read_npy(path: Path) -> NDArray[np.float32]:
         return np.ascontiguousarray(pixels, np.float32)
 
 
-def check_output(path: PathLike) -> Path:
-    """Return the path of a picture that could be written there, so that hours of work are not lost.
+def check_output(path: PathLike, *, force: bool = False) -> Path:
+    """Return the path of a picture that may be written there, so that hours of work are not lost.
 
     Raises:
-        InputError: on a suffix that `save_image` does not write, a directory, or a folder that
-            does not exist or may not be written to.
+        InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or may not
+            be written to, or a file that may not be replaced (see `wrt.outputs`).
     """
+    file = _picture_name(path)
+    require_place(file, PICTURE, force=force)
+    return file
+
+
+def _picture_name(path: PathLike) -> Path:
     file = Path(path)
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
         known = ", ".join(OUTPUT_SUFFIXES)
         raise InputError(f"{file}: the name of a picture must end in one of {known}")
-    require_place(file)
     return file
 
 
@@ -237,11 +275,13 @@ def save_image(
     exposure: float = 0.0,
     metadata: Mapping[str, object] | None = None,
     layers: Mapping[str, NDArray[Any]] | None = None,
+    force: bool = False,
 ) -> None:
     """Write a linear Rec. 709 image as PNG, OpenEXR or NumPy array, by its suffix.
 
     The file appears whole or not at all: it is written under another name beside its place and
-    then moved there.
+    then moved there. It replaces a picture that wrt has made, but no other file without `force`, and none that this
+    process has read.
 
     Args:
         path: ends in .png (8-bit sRGB, clipped and dithered), .exr (float32 R, G, B) or .npy
@@ -251,28 +291,33 @@ def save_image(
             radiance as it is.
         metadata: names and values, kept as text in PNG and as attributes in OpenEXR.
         layers: what `wrt.Renderer.layers` returns, for OpenEXR: channels such as `albedo.R`, 32-bit.
+        force: whether any file that was not read may be replaced.
 
     Raises:
         InputError: see `check_output`; also when the image has another shape or writing fails.
     """
-    file = check_output(path)
-    notes = {str(key): str(value) for key, value in (metadata or {}).items()}
+    file = check_output(path, force=force)
+    notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
+
+    def save(write: Callable[[Path], object]) -> None:
+        write_whole(file, write, PICTURE, force=force)
+
     if layers:
         if file.suffix.lower() != ".exr":
             raise InputError(f"{file}: layers go into OpenEXR files; give it a name that ends in .exr")
-        write_whole(file, lambda temporary: _write_exr(temporary, _channels(image, layers), notes))
+        save(lambda temporary: _write_exr(temporary, _channels(image, layers), notes))
         return
     pixels = np.ascontiguousarray(image, np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
     if file.suffix.lower() == ".exr":
-        write_whole(file, lambda temporary: _write_exr(temporary, _channels(pixels, {}), notes))
+        save(lambda temporary: _write_exr(temporary, _channels(pixels, {}), notes))
     elif file.suffix.lower() == ".npy":
-        write_whole(file, lambda temporary: _write_npy(temporary, pixels))
+        save(lambda temporary: _write_npy(temporary, pixels))
     else:
         with np.errstate(over="ignore"):
             pixels = pixels * np.float32(2.0**exposure)
-        write_whole(file, lambda temporary: _write_png(temporary, pixels, notes))
+        save(lambda temporary: _write_png(temporary, pixels, notes))
 
 
 ROWS_AT_ONCE = 16
@@ -347,5 +392,6 @@ def _write_exr(path: Path, channels: dict[str, NDArray[Any]], notes: Mapping[str
 
 
 def _write_npy(path: Path, pixels: NDArray[np.float32]) -> None:
-    with path.open("xb") as file:
-        np.save(file, pixels)
+    # In version 2 of the format, which NumPy itself takes for headers of over 64 KB alone: so wrt knows its pictures.
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, pixels, version=_NPY_VERSION)

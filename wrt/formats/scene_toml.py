@@ -19,7 +19,7 @@ from wrt.camera import CAMERAS, Camera
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
-from wrt.formats.images import load_environment, load_image
+from wrt.formats.images import load_environment, read_image
 from wrt.formats.kinds import hinting
 from wrt.formats.parts import in_the_world, merge
 from wrt.formats.scene_keys import (
@@ -288,7 +288,7 @@ class _Reader:
         with self.at("texture"):
             file = self.beside(table["texture"])
             if (file, linear) not in self.pixels:
-                self.pixels[file, linear] = load_image(file, linear=linear)
+                self.pixels[file, linear] = read_image(file, linear=linear)
             options = {key: table[key] for key in laid if key in table}
             key = (file, linear, repr(sorted(options.items())))
             if key not in self.textures:
@@ -299,7 +299,7 @@ class _Reader:
         self.check_table(table, NORMAL_MAP, others=own_fields(NormalMap))
         with self.at("texture"):
             file = self.beside(table["texture"])
-            pixels = load_image(file, linear=True)
+            pixels = read_image(file, linear=True)
         options = {key: value for key, value in table.items() if key != "texture"}
         return NormalMap(pixels, name=file.name, **options)
 

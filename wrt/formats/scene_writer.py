@@ -6,6 +6,7 @@ places, deformations) go beside the file as NumPy files, since no other format k
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 from pathlib import Path
@@ -17,27 +18,32 @@ from numpy.typing import NDArray
 from wrt.camera import CAMERAS
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError
-from wrt.files import PathLike, require_place, write_whole
+from wrt.files import PathLike
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.medium import Medium
 from wrt.mesh import Mesh
 from wrt.motion import Motion
+from wrt.outputs import Kind, new_folder, require_place, write_whole
 from wrt.scene import Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
 
+SCENE = Kind("", lambda _: False)
+"""A scene file: somebody may have written it by hand, or gone on writing in it."""
 
-def save_scene(path: PathLike, scene: Scene) -> None:
+
+def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     """Write a scene file, and beside it a folder of the arrays that it names.
 
     The folder is called like the file, with `_files` in place of the suffix. Files are written whole or not at all, the
-    scene file last.
+    scene file last. None that is there already is replaced without `force`, and none that this process has read.
 
     Args:
         path: ends in .toml.
         scene: what to write.
+        force: whether files may be replaced.
 
     Raises:
         InputError: where it cannot be written, or holds what scene files cannot say: materials of one's own.
@@ -47,17 +53,21 @@ def save_scene(path: PathLike, scene: Scene) -> None:
     file = Path(path)
     if file.suffix.lower() != ".toml":
         raise InputError(f"{file}: the name of a scene file must end in .toml")
-    require_place(file)
-    writer = _Writer(file.with_name(f"{file.stem}_files"))
-    text = tomli_w.dumps(writer.scene(scene))
-    write_whole(file, lambda temporary: _write_text(temporary, text))
+    require_place(file, SCENE, force=force)
+    arrays = file.with_name(f"{file.stem}_files")
+    if force and arrays.exists() and not arrays.is_dir():
+        raise InputError(f"{arrays}: is not a folder, in which arrays of the scene could lie")
+    with contextlib.nullcontext(arrays) if force and arrays.is_dir() else new_folder(arrays) as folder:
+        text = tomli_w.dumps(_Writer(folder, arrays.name, force=force).scene(scene))
+    write_whole(file, lambda temporary: _write_text(temporary, text), SCENE, force=force)
 
 
 class _Writer:
     """Turns objects into tables; what several things share is written once."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, called: str, *, force: bool) -> None:
+        """Write arrays into a folder, which scene files will find under the name `called`."""
+        self.folder, self.called, self.force = folder, called, force
         self.names: dict[int, str] = {}
         self.kept: list[Any] = []  # objects by whose id there is a name
         self.materials: Table = {}
@@ -185,20 +195,16 @@ class _Writer:
 
     def written(self, kind: str, owner: Any, suffix: str, save: Any) -> str:
         if id(owner) not in self.names:
-            try:
-                self.folder.mkdir(exist_ok=True)
-            except OSError as error:
-                raise InputError(f"{self.folder}: cannot be made: {error.strerror}") from None
             self.kept.append(owner)
             name = f"{kind}-{sum(1 for each in self.names.values() if each.startswith(kind + '-'))}{suffix}"
             self.names[id(owner)] = name
 
             def write(temporary: Path) -> None:
-                with temporary.open("xb") as handle:
+                with temporary.open("wb") as handle:
                     save(handle)
 
-            write_whole(self.folder / name, write)
-        return f"{self.folder.name}/{self.names[id(owner)]}"
+            write_whole(self.folder / name, write, SCENE, force=self.force)
+        return f"{self.called}/{self.names[id(owner)]}"
 
 
 def _write_text(file: Path, text: str) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 from xml.parsers import expat
 
 from wrt.errors import InputError, did_you_mean
-from wrt.files import first_line, read_file, require_file
+from wrt.files import first_line, read_file, require_file, require_inside
 from wrt.formats.parts import warn
 
 MOST_INCLUDES = 1000
@@ -73,13 +73,12 @@ class Document:
         plugins: elements already taken apart (wrt.formats.mitsuba.plugin), by the elements' identity.
     """
 
-    def __init__(self, path: Path, parameters: Mapping[str, Any], *, allow_outside: bool) -> None:
+    def __init__(self, path: Path, parameters: Mapping[str, Any]) -> None:
         """Read a scene file.
 
         Args:
             path: the file.
             parameters: what `$name` stands for, in place of the file's own defaults.
-            allow_outside: whether it may name files outside its own folder.
 
         Raises:
             InputError: naming file and line, where anything is not XML or not as Mitsuba has it.
@@ -90,8 +89,6 @@ class Document:
         self._parameters = {str(name): str(value) for name, value in parameters.items()}
         self._given = set(self._parameters)
         self._used: set[str] = set()
-        self._allow_outside = allow_outside
-        self._home = _real(path).parent
         self._folders = [path.parent]
         self._included = 0
         self._warned: set[str] = set()
@@ -127,23 +124,16 @@ class Document:
         names it.
 
         Raises:
-            InputError: where it is not there, or outside the scene's folder without leave.
+            InputError: where it is not there, or may not be read.
         """
         plain = name.strip().replace("\\", "/")
         candidates = [folder / plain for folder in (*self._folders, where.file.parent)]
         found = next((each for each in candidates if each.is_file()), candidates[0])
-        self._check_inside(where, found, name)
         try:
             require_file(found)
         except InputError as error:
             raise where.error(str(error)) from None
         return found
-
-    def _check_inside(self, where: Element, path: Path, name: str) -> None:
-        if not self._allow_outside and not _real(path).is_relative_to(self._home):
-            raise where.error(
-                f"{name!r} is outside the scene's folder; allow it by --allow-outside, or allow_outside=True"
-            )
 
     def _read(self, path: Path, opened: tuple[Path, ...]) -> Element:
         """Return the outermost element of a file; `opened` are the files that it is included from."""
@@ -214,9 +204,12 @@ class Document:
 
     def _add_folder(self, element: Element) -> None:
         folder = self._folders[0] / element.get("value")
+        try:
+            require_inside(folder)
+        except InputError as error:
+            raise element.error(str(error)) from None
         if not folder.is_dir():
             raise element.error(f"{element.get('value')!r} is no folder")
-        self._check_inside(element, folder, element.get("value"))
         self._folders.append(folder)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wrt.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.errors import InputError
-from wrt.formats.images import load_image
+from wrt.formats.images import read_image
 from wrt.formats.mitsuba.daylight import daylight
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.textures import Textures
@@ -93,7 +93,7 @@ class Emitters:
 
     def _image(self, plugin: Plugin) -> ImageEnvironment:
         file = plugin.file()
-        pixels = _rows_between(load_image(file))
+        pixels = _rows_between(read_image(file))
         axes, stretch, plain = rotation_part(plugin.transform())
         if not plain:
             plugin.warn("'to_world' slants, which is left out")

@@ -21,7 +21,7 @@ from wrt.medium import Medium
 from wrt.scene import Scene
 
 
-def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None, allow_outside: bool = False) -> Scene:
+def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None) -> Scene:
     """Read a scene file of Mitsuba 3, in XML.
 
     What wrt has not is told in an InputWarning each, and the rest is read; docs/mitsuba.md says what that is.
@@ -29,12 +29,11 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None,
     Args:
         path: the file.
         parameters: what `$name` stands for in it, in place of its own defaults.
-        allow_outside: whether it may name files outside its own folder.
 
     Raises:
         InputError: naming file and line, where something in it cannot be used.
     """
-    document = Document(Path(path), parameters or {}, allow_outside=allow_outside)
+    document = Document(Path(path), parameters or {})
     objects = _objects(document)
     kinds: dict[str, list[Plugin]] = {}
     for each in objects:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.formats.images import load_image
+from wrt.formats.images import read_image
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.spectra import COLOR_TAGS, color_of
 from wrt.textures import ColorSource, ImageTexture, VertexColor
@@ -123,7 +123,7 @@ class Textures:
         texture.ignore("format", "accel")
         if (file, raw) not in self._pixels:
             try:
-                pixels = load_image(file, linear=raw)
+                pixels = read_image(file, linear=raw)
             except InputError as error:
                 raise texture.error(str(error)) from None
             if not np.isfinite(pixels).all() or (pixels < 0.0).any():

@@ -1,0 +1,350 @@
+"""No file is lost by what wrt writes: what it read, what it did not make, what is no file at all stay as they are."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import wrt
+from wrt.cli import main
+from wrt.formats.images import PICTURE, save_image
+from wrt.outputs import write_whole
+
+CUBE = wrt.box((-1, -1, -1), (1, 1, 1))
+SMALL = ("--size", "8x8", "--spp", "1", "--quiet")
+
+
+def write_obj(folder: Path, texture: str = "fuze.png") -> Path:
+    """Write a textured triangle as an OBJ file with its material and its image."""
+    (folder / "fuze.obj").write_text(
+        "mtllib fuze.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
+    )
+    (folder / "fuze.mtl").write_text(f"newmtl a\nmap_Kd {texture}\n")
+    Image.new("RGB", (4, 4), (200, 100, 50)).save(folder / texture)
+    return folder / "fuze.obj"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_only_added(before: dict[str, bytes], folder: Path, *added: str) -> None:
+    after = contents(folder)
+    assert {name: after.get(name) for name in before} == before
+    assert set(after) - set(before) == set(added)
+
+
+def run(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+# What the scene reads.
+
+
+def test_the_default_name_steps_aside_for_a_texture(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    before = contents(tmp_path)
+    assert run("render", "fuze.obj", *SMALL[:-1]) == 0
+    assert_only_added(before, tmp_path, "fuze-render.png")
+    assert "fuze.png must not be replaced; the picture goes to fuze-render.png" in capsys.readouterr().err
+    # And so again, on wrt's own picture.
+    assert run("render", "fuze.obj", *SMALL) == 0
+    assert_only_added(before, tmp_path, "fuze-render.png")
+
+
+def test_a_texture_that_wrt_rendered_is_one_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    (tmp_path / "fuze.png").unlink()
+    script = "import sys, wrt, numpy; wrt.save_image('fuze.png', numpy.full((4, 4, 3), 0.5))"
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=tmp_path)
+    before = contents(tmp_path)
+    assert run("render", "fuze.obj", *SMALL) == 0
+    assert_only_added(before, tmp_path, "fuze-render.png")
+    assert run("render", "fuze.obj", "-o", "fuze.png", "--force", *SMALL) == 2
+    assert_only_added(before, tmp_path, "fuze-render.png")
+
+
+@pytest.mark.parametrize("force", [(), ("--force",)], ids=["", "force"])
+@pytest.mark.parametrize("name", ["env.exr", "link.exr", "hard.exr", "sub/../env.exr"])
+def test_the_environment_is_not_replaced_under_any_name(name, force, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    script = "import wrt, numpy; wrt.save_image('env.exr', numpy.full((4, 8, 3), 0.5))"
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=tmp_path)
+    os.symlink("env.exr", tmp_path / "link.exr")
+    os.link(tmp_path / "env.exr", tmp_path / "hard.exr")
+    (tmp_path / "a.toml").write_text('[environment]\ntype = "image"\nfile = "env.exr"\n[[shapes]]\ntype = "box"\n')
+    before = contents(tmp_path)
+    assert run("render", "a.toml", "-o", name, *SMALL, *force) == 2
+    assert f"{name}: would replace a file that was read" in capsys.readouterr().err
+    assert_only_added(before, tmp_path)
+
+
+def test_python_keeps_to_the_rule_as_well(tmp_path):
+    mesh = write_obj(tmp_path)
+    before = contents(tmp_path)
+    with pytest.raises(wrt.InputError, match="would replace a file that was read"):
+        wrt.save_image(tmp_path / "fuze.png", wrt.render(mesh, width=8, height=8, spp=1))
+    renderer = wrt.Renderer(wrt.load(mesh), width=8, height=8)
+    with pytest.raises(wrt.InputError, match="would replace a file that was read"):
+        renderer.save(tmp_path / "fuze.png", force=True)
+    with pytest.raises(wrt.InputError, match="would replace a file that was read"):
+        renderer.save_checkpoint(mesh)
+    assert_only_added(before, tmp_path)
+
+
+def test_what_was_read_and_written_anew_may_be_written_again(tmp_path):
+    save_image(tmp_path / "a.npy", np.zeros((2, 2, 3)))
+    (tmp_path / "a.npy").rename(tmp_path / "b.npy")
+    wrt.load_image(tmp_path / "b.npy")
+    (tmp_path / "b.npy").unlink()
+    save_image(tmp_path / "b.npy", np.ones((2, 2, 3)))  # it is gone, so nothing is lost
+    save_image(tmp_path / "b.npy", np.zeros((2, 2, 3)))
+    assert wrt.load_image(tmp_path / "b.npy").max() == 0.0
+
+
+# What wrt has not made.
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
+def test_a_picture_replaces_a_picture_of_wrt_alone(suffix, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = f"a{suffix}"
+    for _ in range(2):  # by another process, whose pictures are known by what is in them
+        script = f"import wrt.cli, sys; sys.exit(wrt.cli.main(['render', 'cornell-box', '-o', {name!r}, *{SMALL!r}]))"
+        assert subprocess.run([sys.executable, "-c", script], cwd=tmp_path).returncode == 0
+    foreign = {
+        ".png": lambda: Image.new("RGB", (4, 4)).save(name),
+        ".exr": lambda: Path(name).write_bytes(b"v/1\x01 somebody else's"),
+        ".npy": lambda: np.save(name, np.zeros((4, 4, 3), np.float32)),
+    }
+    foreign[suffix]()
+    before = contents(tmp_path)
+    assert run("render", "cornell-box", "-o", name, *SMALL) == 2
+    assert f"{name}: is there already and is not a picture that wrt has made" in capsys.readouterr().err
+    assert_only_added(before, tmp_path)
+    assert run("render", "cornell-box", "-o", name, *SMALL, "--force") == 0
+    assert contents(tmp_path) != before
+
+
+def test_the_default_name_steps_aside_for_what_wrt_has_not_made(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Image.new("RGB", (4, 4)).save("cornell-box.png")
+    (tmp_path / "cornell-box-render.png").write_bytes(b"notes")
+    before = contents(tmp_path)
+    assert run("render", "cornell-box", *SMALL, "--force") == 0
+    assert_only_added(before, tmp_path, "cornell-box-render-2.png")
+
+
+@pytest.mark.parametrize(
+    "content", [b"v 0 0 0\n", b"", b"PK\3\4 an archive", None], ids=["text", "empty", "zip", "npz"]
+)
+def test_a_checkpoint_replaces_a_checkpoint_alone(content, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    options = ("render", "cornell-box", "--checkpoint", "a.ckpt", "-o", "a.png", *SMALL)
+    assert run(*options) == 0
+    assert run(*options) == 0
+    if content is None:
+        with open("a.ckpt", "wb") as file:
+            np.savez(file, header=np.zeros(3))
+    else:
+        (tmp_path / "a.ckpt").write_bytes(content)
+    before = contents(tmp_path)
+    for force in ((), ("--force",)):
+        assert run(*options, *force) == 2
+        assert "a.ckpt: is there already and is not a checkpoint; name another file" in capsys.readouterr().err
+        assert_only_added(before, tmp_path)
+
+
+def test_convert_replaces_nothing_without_leave(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    (tmp_path / "fuze.toml").write_text("# by hand\n")
+    before = contents(tmp_path)
+    assert run("convert", "fuze.obj", "fuze.toml") == 2
+    assert "fuze.toml: is there already; name another file, or replace it by --force" in capsys.readouterr().err
+    assert_only_added(before, tmp_path)
+    assert run("convert", "fuze.obj", "fuze.toml", "--force") == 0
+    after = contents(tmp_path)
+    assert after["fuze.toml"] != before["fuze.toml"]
+    wrt.load("fuze.toml")
+
+
+def test_convert_replaces_no_folder_and_no_scene_that_it_reads(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    assert run("convert", "fuze.obj", "ok.toml") == 0
+    before = contents(tmp_path)
+    for force in ((), ("--force",)):
+        assert run("convert", "ok.toml", "ok.toml", *force) == 2
+        assert_only_added(before, tmp_path)
+    shutil.copy("ok.toml", "kept.toml")
+    (tmp_path / "ok.toml").unlink()
+    before = contents(tmp_path)
+    capsys.readouterr()
+    assert run("convert", "fuze.obj", "ok.toml") == 2
+    assert "ok_files: is there already" in capsys.readouterr().err
+    assert_only_added(before, tmp_path)
+
+
+def test_a_conversion_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = wrt.load("cornell-box")
+
+    class Own(wrt.Diffuse):
+        type_name = "own"
+
+    scene.add(CUBE, material=Own())
+    with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
+        wrt.save_scene("a.toml", scene)
+    assert contents(tmp_path) == {}
+    assert os.listdir(tmp_path) == []
+
+
+# What is no file.
+
+
+def make_special(kind: str, path: Path) -> None:
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "socket":
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind(str(path))
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "loop":
+        path.symlink_to(path.name)
+    else:
+        try:
+            os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))  # as /dev/null
+        except PermissionError:
+            pytest.skip("making device nodes takes root")
+
+
+SPECIAL = ("pipe", "socket", "device", "folder", "loop")
+
+
+@pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
+@pytest.mark.parametrize("kind", SPECIAL)
+def test_what_is_no_file_is_refused_in_every_place(kind, linked, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    for name in ("a.png", "a.exr", "a.npy", "a.toml", "a.ckpt", "fuze-render.png"):
+        make_special(kind, tmp_path / (f"to-{name}" if linked else name))
+        if linked:
+            (tmp_path / name).symlink_to(f"to-{name}")
+
+    def modes() -> list[tuple[str, int]]:
+        return sorted((path.name, path.lstat().st_mode) for path in tmp_path.iterdir())
+
+    before = modes()
+    suffixes = (".png", ".exr", ".npy")
+    commands: list[tuple[object, ...]] = [("render", "fuze.obj", "-o", f"a{suffix}", *SMALL) for suffix in suffixes]
+    commands += [("render", "fuze.obj", "-o", "b.png", "--checkpoint", "a.ckpt", *SMALL)]
+    commands += [("convert", "fuze.obj", "a.toml"), ("render", "a.toml", "-o", "b.png", *SMALL), ("info", "a.toml")]
+    commands += [("render", "fuze.obj", "-o", "b.png", "--checkpoint", "a.ckpt", "--resume", *SMALL)]
+    for command in commands:
+        for force in ((), ("--force",)) if command[0] != "info" else ((),):
+            assert run(*command, *force) == 2, command
+            error = capsys.readouterr().err
+            assert error.count("\n") == 1
+            assert error.startswith("wrt: error: a."), error
+            assert modes() == before
+
+
+def test_links_are_followed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "disk").mkdir()
+    for name in ("a.png", "a.ckpt", "a.toml"):
+        (tmp_path / name).symlink_to(f"disk/{name}")
+    for _ in range(2):
+        assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 0
+    assert run("convert", "cornell-box", "a.toml") == 0
+    assert sorted(os.listdir(tmp_path / "disk")) == ["a.ckpt", "a.png", "a.toml"]
+    assert all((tmp_path / name).is_symlink() for name in ("a.png", "a.ckpt", "a.toml"))
+
+
+def test_a_write_protected_file_is_left_alone(tmp_path, capsys):
+    save_image(tmp_path / "a.png", np.zeros((2, 2, 3)))
+    (tmp_path / "a.png").chmod(0o444)
+    before = contents(tmp_path)
+    assert run("render", "cornell-box", "-o", tmp_path / "a.png", *SMALL) == 2
+    assert "a.png: is write-protected" in capsys.readouterr().err
+    assert_only_added(before, tmp_path)
+
+
+def test_what_replaces_a_file_may_be_read_by_the_same_people(tmp_path):
+    save_image(tmp_path / "a.png", np.zeros((2, 2, 3)))
+    (tmp_path / "a.png").chmod(0o640)
+    save_image(tmp_path / "a.png", np.ones((2, 2, 3)))
+    assert stat.S_IMODE((tmp_path / "a.png").stat().st_mode) == 0o640
+
+
+# What is left of writing.
+
+WRITING = """
+import sys, time
+from pathlib import Path
+from wrt.outputs import write_whole
+
+def write(temporary):
+    temporary.write_bytes(b"half")
+    print("writing", flush=True)
+    time.sleep(60)
+
+write_whole(Path(sys.argv[1]), write)
+"""
+
+
+def test_leftovers_of_killed_writes_are_removed_and_no_others(tmp_path):
+    mine = tmp_path / ".wrt-notes.part"
+    mine.write_text("mine")
+    processes = []
+    for _ in range(2):
+        command = [sys.executable, "-c", WRITING, str(tmp_path / "a.png")]
+        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE))
+        assert processes[-1].stdout is not None
+        assert processes[-1].stdout.readline() == b"writing\n"
+    killed, living = processes
+    killed.kill()
+    killed.wait()
+    assert len(list(tmp_path.glob(".wrt-????????.part.png"))) == 2
+    next_run = WRITING.replace("time.sleep(60)", "")
+    subprocess.run([sys.executable, "-c", next_run, str(tmp_path / "b.png")], check=True, stdout=subprocess.DEVNULL)
+    left = [path.name for path in tmp_path.glob(".wrt-*.part*")]
+    living.kill()
+    living.wait()
+    assert len(left) == 2  # that of the process that still writes, and the file that is not wrt's
+    assert mine.name in left
+    assert (tmp_path / "b.png").read_bytes() == b"half"
+    for process in processes:
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def test_names_as_long_as_they_may_be(tmp_path):
+    name = "a" * 251 + ".png"
+    write_whole(tmp_path / name, lambda file: file.write_bytes(b"x"), PICTURE)
+    assert os.listdir(tmp_path) == [name]
+
+
+def test_a_planted_fault_is_noticed(tmp_path, monkeypatch):
+    """Without the rule, the texture is gone: what these tests look at does change."""
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    before = contents(tmp_path)
+    monkeypatch.setattr("wrt.outputs._target", lambda path, kind, force: Path(os.path.realpath(path)))
+    assert run("render", "fuze.obj", *SMALL) == 0
+    with pytest.raises(AssertionError):
+        assert_only_added(before, tmp_path)
