@@ -24,11 +24,15 @@ Identity: TypeAlias = tuple[int, int, int, int]
 
 
 class _Confinement:
-    """A folder that reading is confined to, and what would have led out of it."""
+    """A folder that reading is confined to, and the first path that led out of it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(os.path.realpath(folder))
-        self.refused: list[InputError] = []
+        self.refused: Path | None = None
+
+
+class _OutsideError(Exception):
+    """A path leads out of the folder: no InputError, since readers go on without what one of these is about."""
 
 
 _confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
@@ -59,32 +63,31 @@ def confined_to(folder: Path | None) -> Iterator[None]:
     """Within the context, refuse to read files outside a folder, whatever links lead there; None refuses nothing.
 
     Raises:
-        InputError: at its end, where a reader went on without a file that was refused.
+        InputError: where a file was refused, even if its reader went on without it.
     """
     confinement = None if folder is None else _Confinement(folder)
     token = _confinement.set(confinement)
     try:
         yield
+    except (_OutsideError, InputError):
+        if confinement is None or confinement.refused is None:
+            raise
     finally:
         _confinement.reset(token)
-    if confinement is not None and confinement.refused:
-        raise confinement.refused[0]
+    if confinement is not None and confinement.refused is not None:
+        raise InputError(f"{confinement.refused}: is outside the scene's folder, and reading is confined to that")
 
 
 def require_inside(path: Path) -> None:
-    """Raise InputError where files are confined to a folder and `path` leads out of it.
-
-    The message is the same whether or not something is there.
-    """
+    """End what is done in `confined_to` where `path` leads out of the folder, whether or not something is there."""
     _require_inside(path, os.path.realpath(path))
 
 
 def _require_inside(path: Path, real: str) -> None:
     confinement = _confinement.get()
     if confinement is not None and not Path(real).is_relative_to(confinement.folder):
-        error = InputError(f"{path}: is outside the scene's folder, and reading is confined to that")
-        confinement.refused.append(error)
-        raise error
+        confinement.refused = confinement.refused or path
+        raise _OutsideError
 
 
 def require_file(path: Path) -> None:

@@ -204,10 +204,7 @@ class Document:
 
     def _add_folder(self, element: Element) -> None:
         folder = self._folders[0] / element.get("value")
-        try:
-            require_inside(folder)
-        except InputError as error:
-            raise element.error(str(error)) from None
+        require_inside(folder)
         if not folder.is_dir():
             raise element.error(f"{element.get('value')!r} is no folder")
         self._folders.append(folder)
