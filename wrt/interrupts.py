@@ -1,36 +1,72 @@
-"""Ctrl-C and SIGTERM during a long render."""
+"""Ctrl-C, SIGTERM and SIGHUP during a long render."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 import threading
+import time
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+GRACE_SECONDS = 3.0
+"""Time from a signal until the process is ended, if nothing is worth saving and the main thread has not come to it."""
+
+_LOOK_SECONDS = 0.1
+
 
 class Interrupts:
-    """Turns the first SIGINT or SIGTERM into KeyboardInterrupt, though never while a file is written.
+    """Turns the first of `SIGNALS` into KeyboardInterrupt, though never while a file is written.
 
     Later ones are ignored: by then the picture is being saved. Used as a context manager, it puts
     back the handlers it found; outside the main thread, which gets no signals, it does nothing.
+
+    Python runs handlers between two instructions of the main thread. So while a library reads a large file, or a kernel
+    is compiled, a signal would wait for many seconds. A thread that the C-level handler wakes up sees to that.
+
+    Attributes:
+        worth_saving: whether there are samples that a signal must not lose.
     """
 
-    def __init__(self) -> None:
-        """Start armed; signals count from when the context is entered."""
+    def __init__(self, give_up: Callable[[int], object] | None = None) -> None:
+        """Start armed; signals count from when the context is entered.
+
+        Args:
+            give_up: ends the process with an exit status, for signals that the main thread does not come to; None
+                where the process is somebody else's.
+        """
+        self.worth_saving = False
+        self._give_up = give_up
         self._signal_number = 0
         self._armed = True
+        self._writing = False
+        self._done = False
         self._previous: dict[int, Any] = {}
+        self._previous_wakeup = -1
+        self._pipe: tuple[int, int] | None = None
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in SIGNALS:
                 # A process started with a signal ignored, as by nohup, goes on ignoring it.
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     self._previous[number] = signal.signal(number, self._handle)
+            if self._give_up is not None:
+                self._pipe = os.pipe()
+                os.set_blocking(self._pipe[1], False)
+                self._previous_wakeup = signal.set_wakeup_fd(self._pipe[1], warn_on_full_buffer=False)
+                threading.Thread(target=self._watch, args=(self._pipe[0],), name="wrt-signals", daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._done = True
+        if self._pipe is not None:
+            signal.set_wakeup_fd(self._previous_wakeup)
+            os.close(self._pipe[1])  # upon which the thread ends
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
@@ -43,15 +79,34 @@ class Interrupts:
             self._armed = False
             raise KeyboardInterrupt
 
+    def _watch(self, pipe: int) -> None:
+        """Wait for a signal, and end the process if it is not obeyed in time and nothing is lost by that."""
+        with contextlib.closing(os.fdopen(pipe, "rb", buffering=0)) as file:
+            while numbers := file.read(1):
+                if numbers[0] in self._previous:
+                    break
+            else:
+                return
+        waited_since = time.monotonic()
+        while not self._done and not self.worth_saving:
+            if self._writing:
+                waited_since = time.monotonic()
+            if time.monotonic() - waited_since > GRACE_SECONDS and self._give_up is not None:
+                self._give_up(128 + numbers[0])
+            time.sleep(_LOOK_SECONDS)
+
     def disarm(self) -> None:
         """From here on let nothing interrupt: what is left to do is to save."""
         self._armed = False
+        self._done = True
 
     def hold(self, action: Callable[[], None]) -> None:
         """Run `action` to its end; an interrupt that comes meanwhile is raised after it."""
-        self._armed = False
-        action()
-        self._armed = True
+        self._armed, self._writing = False, True
+        try:
+            action()
+        finally:
+            self._armed, self._writing = True, False
         self._raise_if_armed()
 
     @property
