@@ -13,7 +13,7 @@ from PIL import Image
 
 import wrt
 from wrt.formats.images import check_output, load_environment, load_image, quantize, save_image
-from wrt.outputs import write_whole
+from wrt.safe_write import write_whole
 from wrt.srgb import linear_from_srgb, srgb_from_linear
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.files import PathLike, first_line, forget_input, read_file
 from wrt.formats.npy import read_archive
-from wrt.outputs import Kind, write_whole
+from wrt.safe_write import Kind, write_whole
 
 SETTINGS_OF_PICTURE = (
     "width",

@@ -355,7 +355,7 @@ def _check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
 
     from wrt.checkpoint import CHECKPOINT
     from wrt.output import picture_place
-    from wrt.outputs import require_place
+    from wrt.safe_write import require_place
 
     if options.resume and options.checkpoint is None:
         raise InputError("--resume needs --checkpoint FILE, the file to go on from")

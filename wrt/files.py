@@ -1,7 +1,7 @@
 """Reading files: they may not be there, may be no files at all, or lie where a stranger's scene has no business.
 
 `read_file` and `require_file` are the only ways in. They note what was read, so that no output replaces it
-(`wrt/outputs.py`), and keep to the folder that `confined_to` names.
+(`wrt/safe_write.py`), and keep to the folder that `confined_to` names.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from typing import Any
 
 from wrt.errors import InputError
 from wrt.lean.builds import TESTED, digest_of_warp, kept_folder
-from wrt.outputs import keep_latest, write_whole
+from wrt.safe_write import keep_latest, write_whole
 
 WRITTEN = "builtin_*.pch"
 """Names of files that Warp writes for the CPU; what its compiler for CUDA writes lies in the same folder."""

@@ -8,8 +8,8 @@ from wrt._version import __version__
 from wrt.errors import InputError
 from wrt.formats.images import PICTURE, check_output, save_image
 from wrt.layer_pictures import picture_of
-from wrt.outputs import free_place
 from wrt.renderer import Renderer
+from wrt.safe_write import free_place
 
 
 def picture_place(given: str | None, source: str, *, force: bool = False) -> Path:
@@ -22,8 +22,8 @@ def picture_place(given: str | None, source: str, *, force: bool = False) -> Pat
         force: see `wrt.save_image`; a path that was not given is never forced.
 
     Raises:
-        InputError: where it cannot be written there, or would replace another file; see `wrt.outputs`. A file that the
-            scene reads is known to be one once the scene was loaded.
+        InputError: where it cannot be written there, or would replace another file; see `wrt.safe_write`. That the
+            scene reads a file is known once the scene was loaded.
     """
     if given is not None:
         return check_output(given, force=force)

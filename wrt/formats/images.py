@@ -20,7 +20,7 @@ from wrt.errors import InputError
 from wrt.files import PathLike, first_line, forget_input, is_input, naming, read_file, require_file
 from wrt.formats.npy import read_array
 from wrt.layers import channel_names
-from wrt.outputs import Kind, require_place, write_whole
+from wrt.safe_write import Kind, require_place, write_whole
 from wrt.srgb import linear_from_srgb, of_codes, srgb_from_linear
 from wrt.values import Vec3
 
@@ -253,7 +253,7 @@ def check_output(path: PathLike, *, force: bool = False) -> Path:
 
     Raises:
         InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or may not
-            be written to, or a file that may not be replaced (see `wrt.outputs`).
+            be written to, or a file that may not be replaced (see `wrt.safe_write`).
     """
     file = _picture_name(path)
     require_place(file, PICTURE, force=force)

@@ -24,7 +24,7 @@ from wrt.materials import MATERIALS, Material
 from wrt.medium import Medium
 from wrt.mesh import Mesh
 from wrt.motion import Motion
-from wrt.outputs import Kind, new_folder, require_place, write_whole
+from wrt.safe_write import Kind, new_folder, require_place, write_whole
 from wrt.scene import Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from wrt.errors import InputError
-from wrt.outputs import keep_latest, write_whole
+from wrt.safe_write import keep_latest, write_whole
 
 TESTED = ("1.19.0",)
 """Versions of Warp whose memory layout `wrt/lean` has been tested against; with others, Warp itself is imported."""

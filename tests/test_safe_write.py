@@ -17,7 +17,7 @@ from PIL import Image
 import wrt
 from wrt.cli import main
 from wrt.formats.images import PICTURE, save_image
-from wrt.outputs import write_whole
+from wrt.safe_write import write_whole
 
 CUBE = wrt.box((-1, -1, -1), (1, 1, 1))
 SMALL = ("--size", "8x8", "--spp", "1", "--quiet")
@@ -296,7 +296,7 @@ def test_what_replaces_a_file_may_be_read_by_the_same_people(tmp_path):
 WRITING = """
 import sys, time
 from pathlib import Path
-from wrt.outputs import write_whole
+from wrt.safe_write import write_whole
 
 def write(temporary):
     temporary.write_bytes(b"half")
@@ -344,7 +344,7 @@ def test_a_planted_fault_is_noticed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path)
     before = contents(tmp_path)
-    monkeypatch.setattr("wrt.outputs._target", lambda path, kind, force: Path(os.path.realpath(path)))
+    monkeypatch.setattr("wrt.safe_write._target", lambda path, kind, force: Path(os.path.realpath(path)))
     assert run("render", "fuze.obj", *SMALL) == 0
     with pytest.raises(AssertionError):
         assert_only_added(before, tmp_path)
