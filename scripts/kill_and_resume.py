@@ -105,7 +105,7 @@ def require_whole(folder: Path) -> None:
 
     try:
         if (folder / "a.ckpt").exists():
-            with np.load(folder / "a.ckpt") as arrays:
+            with (folder / "a.ckpt").open("rb") as file, np.load(file) as arrays:
                 json.loads(str(arrays["header"]))
                 for name in arrays.files:
                     arrays[name]
