@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.headers import keep_headers, lend_headers
 from wrt.memory import forget_code, trim
 from wrt.values import integer
@@ -168,7 +168,8 @@ class Device:
             threads = integer(threads, "threads", minimum=1, maximum=1024)
         kind, colon, number = str(name).partition(":")
         if kind not in ("cpu", "cuda") or (kind == "cpu" and colon) or (colon and not number.isdecimal()):
-            raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N")
+            hint = did_you_mean(name, ("cpu", "cuda", "cuda:0"))
+            raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N{hint}")
         import warp as wp
 
         initialize_warp()
