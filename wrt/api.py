@@ -136,7 +136,7 @@ def _not_there(source: str | os.PathLike[str]) -> str:
         known += meshes.scene_names()
         if not path.suffix:
             said += f", and no built-in scene of that name ({', '.join(meshes.scene_names())})"
-    return said + did_you_mean(path.name, known)
+    return said + did_you_mean(path.name, known, likeness=0.75)  # most have a suffix in common
 
 
 def _shown(source: str | os.PathLike[str], scene: Scene, up: str | None) -> Scene:

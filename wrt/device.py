@@ -152,6 +152,7 @@ class Device:
     Attributes:
         name: "cpu", or "cuda:N".
         threads: CPU threads that share a launch; 1 on CUDA.
+        seconds_compile: what its callers have waited for kernels to be compiled or loaded.
     """
 
     def __init__(self, name: str = "cpu", *, threads: int | None = None) -> None:
@@ -185,6 +186,7 @@ class Device:
         else:
             self.name = "cpu"
             self.threads = threads or available_threads()
+        self.seconds_compile = 0.0
         self._workers = _Threads(self.threads, "wrt")
 
     @property
@@ -227,6 +229,12 @@ class Device:
 
         Where another thread is about that already, wait for it.
         """
+        seconds = self._load(kernel)
+        self.seconds_compile += seconds
+        return seconds
+
+    def _load(self, kernel: Any) -> float:
+        """Do as `compile` does, whether or not anybody waits for it."""
         import warp as wp
 
         start = time.perf_counter()
@@ -255,8 +263,10 @@ class Device:
             return
         workers: set[Future[float]] = set()
         try:
-            yield lambda kernel: workers.add(_COMPILER.submit(self.compile, kernel))
+            yield lambda kernel: workers.add(_COMPILER.submit(self._load, kernel))
+            start = time.perf_counter()
             _finish(workers)
+            self.seconds_compile += time.perf_counter() - start
         finally:
             wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
 

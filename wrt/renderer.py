@@ -173,8 +173,6 @@ class Renderer:
             self._built = build_scene(
                 self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
             )
-            built = time.perf_counter()
-        self.seconds_compile = time.perf_counter() - built
         self._inputs = self._prepare()
         self.seconds_render = 0.0
         self.paths = 0
@@ -218,6 +216,16 @@ class Renderer:
     def threads(self) -> int:
         """CPU threads in use; 1 on CUDA."""
         return self.device.threads
+
+    @property
+    def seconds_compile(self) -> float:
+        """Seconds for which this renderer has waited for kernels to be compiled or loaded, and did nothing else."""
+        return self.device.seconds_compile
+
+    @property
+    def seconds_compile_beside(self) -> float:
+        """Seconds that another process has taken, so far, to compile what makes passes faster, beside rendering."""
+        return self._kernel.seconds_beside
 
     @property
     def spp(self) -> int:
