@@ -173,8 +173,14 @@ def test_json_summary_is_the_last_line_and_tells_the_truth(tmp_path: Path) -> No
     summary = summary_of(result)
     numbers = {"seconds_total", "seconds_compile", "seconds_render", "paths_per_second", "rays_per_second", "noise"}
     exact = {
-        **{"input": "cornell-box", "output": "out.npy", "device": "cpu", "threads": 2},
-        **{"width": 32, "height": 32, "spp": 8, "seconds_compile_beside": 0.0},
+        "input": "cornell-box",
+        "output": "out.npy",
+        "device": "cpu",
+        "threads": 2,
+        "width": 32,
+        "height": 32,
+        "spp": 8,
+        "seconds_compile_beside": 0.0,
     }
     assert set(summary) == numbers | set(exact) | {"mean_radiance"}
     assert {key: summary[key] for key in exact} == exact

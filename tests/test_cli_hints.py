@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import pytest
 
 import wrt
 from wrt.cli import main
+from wrt.cli.options import parse
 
 
 @pytest.mark.parametrize(
@@ -64,3 +66,43 @@ def test_a_name_that_an_option_takes(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert f"(did you mean {meant!r}?)" in said
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("rendr x", "there is no command 'rendr' (did you mean 'render'?)"),
+        ("Render x", "there is no command 'Render' (did you mean 'render'?)"),
+        ("matrials", "there is no command 'matrials' (did you mean 'materials'?)"),
+        ("cornel-box", "there is no command 'cornel-box' (did you mean 'render cornell-box'?)"),
+        ("teapot --spp 4", "'teapot' is no command; to render it, type: wrt render teapot --spp 4"),
+        ("bunny.obj --size 8x8", "'bunny.obj' is no command; to render it, type: wrt render bunny.obj --size 8x8"),
+        ("'my bunny.obj'", "'my bunny.obj' is no command; to render it, type: wrt render 'my bunny.obj'"),
+        ("--spp 4 bunny.obj", "--spp goes after a command, such as: wrt render ... --spp 4"),
+        ("--vers", "there is no option --vers (see 'wrt --help')"),
+        ("render x --ssp 4", "there is no option --ssp (did you mean '--spp'?)"),
+        ("render --ssp=4 x", "there is no option --ssp (did you mean '--spp'?)"),
+        ("render x --max_depth 4", "there is no option --max_depth (did you mean '--max-depth'?)"),
+        ("render x --SIZE 4x4", "there is no option --SIZE (did you mean '--size'?)"),
+        ("render x --xyzzy", "there is no option --xyzzy (see 'wrt render --help')"),
+        ("info x --upp z", "there is no option --upp (see 'wrt info --help')"),
+        ("info x y", "'y' is more than 'wrt info' takes (see 'wrt info --help')"),
+        ("completion bsh", "argument SHELL: must be one of bash, zsh, fish, not 'bsh' (did you mean 'bash'?)"),
+        ("render x -o a.png -o b.png", "argument -o/--output: given twice, as 'a.png' and as 'b.png'"),
+        ("render x --checkpoint a --checkpoint a", "argument --checkpoint: given twice, as 'a' and as 'a'"),
+        ("materials difuse", "there is no material 'difuse' (did you mean 'diffuse'?)"),
+    ],
+)
+def test_commands_and_options(
+    typed: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(typed)) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"wrt: error: {said}")
+    assert error.count("\n") == 1
+
+
+def test_of_other_options_the_last_one_wins() -> None:
+    options = parse(["render", "x", "--spp", "4", "--time", "1m", "--spp", "8", "--size", "4x4", "--size", "720p"])
+    assert (options.spp, options.time, options.size) == (8, 60.0, (1280, 720))

@@ -5,7 +5,6 @@ The public names below are imported on first use, so that ``import wrt`` stays i
 
 from __future__ import annotations
 
-import importlib
 import os
 
 from wrt._version import __version__
@@ -193,6 +192,8 @@ def __getattr__(name: str) -> Any:
     module = _EXPORTS.get(name)
     if module is None:
         raise AttributeError(f"module 'wrt' has no attribute {name!r}")
+    import importlib
+
     value = getattr(importlib.import_module(module), name)
     globals()[name] = value
     return value

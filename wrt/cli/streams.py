@@ -70,7 +70,7 @@ def _open_closed() -> None:
         try:
             os.fstat(number)
         except OSError:
-            # It gets the lowest number that is free. It is for reading alone, as writing to what was closed should fail.
+            # It gets the lowest number that is free; for reading alone, since writing to what was closed should fail.
             os.open(os.devnull, os.O_RDONLY)
 
 
