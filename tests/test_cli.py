@@ -35,11 +35,10 @@ def start(folder: Path, *arguments: str, **options: Any) -> subprocess.Popen[str
     return subprocess.Popen(
         [sys.executable, "-m", "wrt", *arguments],
         cwd=folder,
-        env=ENVIRONMENT,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
-        **{"stderr": subprocess.PIPE, "preexec_fn": _default_interrupt, **options},
+        **{"env": ENVIRONMENT, "stderr": subprocess.PIPE, "preexec_fn": _default_interrupt, **options},
     )
 
 
@@ -386,3 +385,15 @@ def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
 def test_up_axis_may_be_negative(axis: str) -> None:
     for arguments in (["--up", axis], [f"--up={axis}"]):
         assert parse(["render", "mesh.ply", *arguments]).up == axis
+
+
+@pytest.mark.slow
+def test_seconds_of_compiling_are_those_waited_for(tmp_path: Path) -> None:
+    # With caches of its own, as after an installation.
+    options: dict[str, Any] = {"env": {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path / "cache")}}
+    cold, warm, again = (summary_of(run(tmp_path, *SMALL, "--spp", "1", "--json", **options)) for _ in range(3))
+    assert cold["seconds_compile"] > 0.5 * cold["seconds_total"]
+    for summary in (warm, again):
+        assert summary["seconds_compile"] < 0.1 * cold["seconds_compile"]
+        assert summary["seconds_total"] - summary["seconds_compile"] > 0.8 * summary["seconds_total"]
+    assert cold["mean_radiance"] == warm["mean_radiance"]
