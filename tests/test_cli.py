@@ -21,6 +21,7 @@ from wrt import meshes
 from wrt.cli import main
 from wrt.cli.options import parse
 from wrt.interrupts import Interrupts
+from wrt.terminal import columns_of
 
 SMALL = ["render", "cornell-box", "--size", "32x32"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
@@ -354,15 +355,17 @@ def test_checkpoint_of_another_render_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "cornell-box.png").read_bytes() == picture
 
 
-def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
+def shown_on_terminal(folder: Path, columns: int, *arguments: str) -> list[str]:
+    """Return what a terminal of so many columns is sent, line by line and frame by frame; 0: it does not tell."""
     import fcntl
     import pty
     import struct
     import termios
 
     ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
-    process = start(tmp_path, *SMALL, "--time", "0.6", stderr=theirs)
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    environment = {name: value for name, value in ENVIRONMENT.items() if name != "COLUMNS"}
+    process = start(folder, *arguments, stderr=theirs, env=environment)
     os.close(theirs)
     shown = b""
     while True:
@@ -376,9 +379,21 @@ def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
     os.close(ours)
     process.communicate(timeout=60)
     assert process.returncode == 0
-    frames = shown.decode().split("\r")
+    return re.split(r"[\r\n]+", shown.decode())
+
+
+def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
+    frames = shown_on_terminal(tmp_path, 120, *SMALL, "--time", "0.6")
     assert any(re.match(r"cornell-box\s+\d+%\|.*\| +\d+/1 s  \d+ spp  pass \d+  .*paths/s", frame) for frame in frames)
     assert "cornell-box.png  32x32" in frames[-2], "the summary stands alone on the last line"
+
+
+@pytest.mark.parametrize("columns", [0, 80, 40, 12])
+def test_the_bar_fits_the_terminal(columns: int, tmp_path: Path) -> None:
+    name = "a-long-name-絵絵絵絵絵絵絵絵-of-a-picture-that-takes-more-than-there-is.png"
+    *frames, _, _ = shown_on_terminal(tmp_path, columns, *SMALL, "--time", "0.6", "-o", name)
+    assert any("%" in frame for frame in frames)
+    assert all(columns_of(frame) < (columns or 80) for frame in frames)
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z", "-x", "-y", "-z"])

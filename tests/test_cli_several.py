@@ -72,6 +72,11 @@ def test_the_output_of_several_is_a_folder(output: str, folder: Path) -> None:
     assert written(folder) == [f"{output.rstrip('/')}/{name}.png" for name in ("one", "two")]
 
 
+def test_a_slash_makes_it_a_folder_for_one_input_too(folder: Path) -> None:
+    assert run(folder, "render", "one.obj", *SMALL, "-o", "new/", "--checkpoint", "state").returncode == 0
+    assert written(folder) == ["new/one.png"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

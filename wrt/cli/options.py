@@ -157,7 +157,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
         help=f"save checkpoint and picture this often (default: {SAVE_EVERY_SECONDS:.0f}, with --checkpoint)",
     )
     add("--quiet", action="store_true", help="no progress and no summary; errors and warnings only")
-    add("--json", action="store_true", help="print a summary as JSON, the last line on standard output")
+    add("--json", action="store_true", help="print a summary of each render as a line of JSON on standard output")
     add("--triangles", metavar="N", type=whole(1), help="triangles of a scene with a procedural mesh")
     add(
         "-D",

@@ -58,9 +58,10 @@ def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: where options do not go with several inputs.
     """
     inputs = options.inputs
-    if len(inputs) == 1:
-        return [_job(options, input=inputs[0], name="", label="")]
-    if options.checkpoint is not None:
+    # What a shell's pattern stands for may be one file, so a name that ends in a slash is a folder all the same.
+    if len(inputs) == 1 and not (options.output or "").endswith("/"):
+        return [_job(options, input=inputs[0])]
+    if options.checkpoint is not None and len(inputs) > 1:
         raise InputError("--checkpoint is for one input, and several are given; render them one at a time")
     for number, each in enumerate(inputs):
         if each in inputs[:number]:
@@ -72,12 +73,13 @@ def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
         if output != default_output(source) and not options.quiet:
             complain("note", f"{source}: its picture is {output}, since another input is called alike")
         place = output if folder is None else os.path.join(folder, output)
-        jobs.append(_job(options, input=source, output=place, name=source, label=f" ({number} of {len(inputs)})"))
+        several = {"name": source, "label": f" ({number} of {len(inputs)})"} if len(inputs) > 1 else {}
+        jobs.append(_job(options, input=source, output=place, **several))
     return jobs
 
 
 def _job(options: argparse.Namespace, **changes: object) -> argparse.Namespace:
-    return argparse.Namespace(**{**vars(options), **changes})
+    return argparse.Namespace(**{**vars(options), "name": "", "label": "", **changes})
 
 
 def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[int, int]:
