@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import io
+import os
+import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from wrt.progress import duration_text, fraction_done, noise_text, rate_text, status_text
+from wrt import progress_lines
+from wrt.progress import ProgressBar, duration_text, fraction_done, noise_text, rate_text, status_pieces, status_text
 from wrt.renderer import Progress
+from wrt.terminal import columns_of, fitted, fitted_bar, shortened, terminal_columns
 
 
 def progress(**changes: Any) -> Progress:
@@ -52,3 +58,117 @@ def test_progress_text_counts_samples_or_else_seconds() -> None:
 )
 def test_numbers_are_readable(function: Callable[[Any], str], value: object, text: str) -> None:
     assert function(value) == text
+
+
+LABELS = ["cornell-box", "a-very-long-name-of-a-mesh-" * 4, "絵" * 40, "{scene} 100% {bar}", "e\u0301" * 90, ""]
+
+
+@pytest.mark.parametrize("label", LABELS)
+@pytest.mark.parametrize("columns", [1, 2, 5, 9, 12, 20, 39, 60, 79, 119, 300])
+def test_the_line_fits_the_terminal_whatever_is_rendered(label: str, columns: int) -> None:
+    from tqdm import tqdm
+
+    pieces = status_pieces(progress(spp=123456, target_spp=1000000, seconds_left=360000.0), time_limit=None)
+    text = fitted_bar(label, " 42%", pieces, columns)
+    # As tqdm draws it.
+    line = tqdm.format_meter(n=0.42, total=1.0, elapsed=1.0, ncols=columns, bar_format=text)
+    assert columns_of(line) <= columns
+    assert columns_of(fitted(label, [(1, progress_lines.GETTING_READY)], columns)) <= columns
+    assert columns_of(shortened(label, columns)) <= columns
+
+
+@pytest.mark.parametrize(
+    ("columns", "line"),
+    [
+        (119, "room  25%|{bar}| 16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"),
+        (79, "room  25%|{bar}| 16/64 spp  2.31 M paths/s  noise 1.2 %  0:15 left"),
+        (59, "room  25%|{bar}| 16/64 spp  noise 1.2 %  0:15 left"),
+        (47, "room  25%|{bar}| 16/64 spp  0:15 left"),
+        (39, "room   25%  16/64 spp  0:15 left"),
+        (24, "room   25%  16/64 spp"),
+        (12, "room   25%"),
+        (5, " 25%"),
+    ],
+)
+def test_what_matters_least_is_left_out_first(columns: int, line: str) -> None:
+    assert fitted_bar("room", " 25%", status_pieces(progress(), time_limit=None), columns) == line
+
+
+def test_long_names_lose_their_middle() -> None:
+    assert shortened("living-room-at-night", 12) == "livin...ight"
+    assert shortened("絵絵絵絵絵絵絵絵", 10) == "絵絵...絵"
+    assert shortened("room", 4) == "room"
+
+
+class Terminal(io.StringIO):
+    """What is written to a terminal; of letters it has those of ASCII."""
+
+    encoding = "ascii"  # type: ignore[assignment]
+
+    def isatty(self) -> bool:
+        """Return that it is one."""
+        return True
+
+    def fileno(self) -> int:
+        """Return a number that `os.get_terminal_size` is replaced for."""
+        return 2
+
+
+@pytest.mark.parametrize("unknown", [0, None])
+def test_a_terminal_of_unknown_size(unknown: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def size(_: int) -> os.terminal_size:
+        if unknown is None:
+            raise OSError
+        return os.terminal_size((unknown, unknown))
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setattr(os, "get_terminal_size", size)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    assert terminal_columns() == 79
+    monkeypatch.setenv("COLUMNS", "40")
+    assert terminal_columns() == 39
+    monkeypatch.setenv("COLUMNS", "many")
+    assert terminal_columns() == 79
+
+
+def test_the_bar_follows_a_terminal_that_changes_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = 100
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    monkeypatch.setattr(os, "get_terminal_size", lambda _: os.terminal_size((columns, 24)))
+    monkeypatch.setattr("wrt.progress.REDRAW_SECONDS", 0.0)
+    with ProgressBar("絵.obj") as bar:
+        for columns in (100, 40, 80, 20, 3):
+            terminal.truncate(0)
+            bar.update(progress())
+            line = terminal.getvalue().rpartition("\r")[2].rstrip()
+            assert 0 < len(line) < columns
+            assert columns < 40 or r"\u7d75" in line, "letters that the terminal lacks take more than one column"
+
+
+class File(io.StringIO):
+    """A file, which is no terminal."""
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_off_a_terminal_there_are_lines_ever_more_seldom(wanted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", written := File())
+    monkeypatch.setattr(progress_lines, "FIRST_SECONDS", 0.05)
+    monkeypatch.setattr(progress_lines, "MOST_SECONDS", 0.1)
+    with ProgressBar("room", wanted=wanted) as bar:
+        time.sleep(0.2)
+        ready = written.getvalue()
+        bar.update(progress())
+        time.sleep(0.5)
+    after = written.getvalue()
+    if not wanted:
+        assert after == ""
+        return
+    waiting = "wrt: room: getting ready; kernels are compiled the first time\n"
+    rendering = "wrt: room: 25 %  16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left\n"
+    assert set(ready.splitlines(keepends=True)) == {waiting}
+    assert after.startswith(ready)
+    assert rendering in after
+    assert set(after.splitlines(keepends=True)) == {waiting, rendering}
+    assert len(after.splitlines()) <= 8, "more often than every tenth of a second"
+    time.sleep(0.15)
+    assert written.getvalue() == after, "it went on after the end"

@@ -5,20 +5,22 @@ The public names below are imported on first use, so that ``import wrt`` stays i
 
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import os
 
 from wrt._version import __version__
+
+TYPE_CHECKING = False  # as in `typing`, which takes as long to import as all this; type checkers know the name
 
 # Kernels and sample meshes live beside this package in the source tree and inside it in an
 # installed one (see package-dir in pyproject.toml). In a checkout, `wrt` may be found here even
 # though another copy is installed, so both layouts must resolve `wrt.kernels` and `wrt.meshes`.
-_here = Path(__file__).resolve().parent
-if not (_here / "kernels").is_dir() and (_here.parent / "kernels").is_dir():
-    __path__.append(str(_here.parent))
+_here = os.path.dirname(os.path.realpath(__file__))
+if not os.path.isdir(os.path.join(_here, "kernels")) and os.path.isdir(os.path.join(_here, "..", "kernels")):
+    __path__.append(os.path.dirname(_here))
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from wrt.api import load, render
     from wrt.camera import Camera, FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
     from wrt.deformation import Deformation
@@ -190,6 +192,8 @@ def __getattr__(name: str) -> Any:
     module = _EXPORTS.get(name)
     if module is None:
         raise AttributeError(f"module 'wrt' has no attribute {name!r}")
+    import importlib
+
     value = getattr(importlib.import_module(module), name)
     globals()[name] = value
     return value

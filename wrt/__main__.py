@@ -1,5 +1,11 @@
 """Runs the command line: as ``python -m wrt``, and as the program ``wrt``."""
 
+import _signal  # type: ignore[import-not-found]  # what `signal` is made of, which would import more first
+
+# Ctrl-C while modules are imported ends the process as it ends others, and not in the middle of somebody's code.
+if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+    _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+
 from wrt.cli import main
 from wrt.process import end
 

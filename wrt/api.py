@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import os
 import warnings
 from collections.abc import Mapping
@@ -14,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.camera import Camera
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.files import confined_to
 from wrt.mesh import Mesh
 from wrt.presentation import SETTINGS, present
 from wrt.scene import Scene, Shape
+
+MOST_NAMES = 10_000
+"""Of files in a folder among which one may have been meant."""
 
 
 def load(
@@ -105,6 +109,8 @@ def _load_path(
         raise InputError("the name of what is to be rendered is empty")
     if _is_builtin(source):
         path = meshes.scene_path(str(source))
+    elif not os.path.lexists(path):  # of links that lead nowhere the reader says more
+        raise InputError(_not_there(source))
     if path.suffix.lower() == ".xml":
         if up is not None or triangles is not None:
             raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba's scenes")
@@ -123,14 +129,27 @@ def _load_path(
         return load_scene(path, triangles=triangles)
     if triangles is not None:
         raise InputError(f"{source}: a number of triangles goes with a scene that has a procedural mesh")
-    if not path.suffix and not path.exists():
-        names = ", ".join(meshes.scene_names())
-        raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
     from wrt.formats.meshes import load_file
 
     scene = load_file(path)
     with naming(path):
         return _shown(source, scene, up)
+
+
+def _not_there(source: str | os.PathLike[str]) -> str:
+    """Return what to say of a file that does not exist, with what may have been meant."""
+    from wrt import meshes
+
+    path = Path(source)
+    known: list[str] = []
+    with contextlib.suppress(OSError, ValueError), os.scandir(path.parent) as entries:
+        known = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]
+    said = f"{source}: no such file"
+    if path.parent == Path():
+        known += meshes.scene_names()
+        if not path.suffix:
+            said += f", and no built-in scene of that name ({', '.join(meshes.scene_names())})"
+    return said + did_you_mean(path.name, known, likeness=0.75)  # most have a suffix in common
 
 
 def _shown(source: str | os.PathLike[str], scene: Scene, up: str | None) -> Scene:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.headers import keep_headers, lend_headers
 from wrt.memory import forget_code, trim
 from wrt.values import integer
@@ -152,6 +152,7 @@ class Device:
     Attributes:
         name: "cpu", or "cuda:N".
         threads: CPU threads that share a launch; 1 on CUDA.
+        seconds_compile: what its callers have waited for kernels to be compiled or loaded.
     """
 
     def __init__(self, name: str = "cpu", *, threads: int | None = None) -> None:
@@ -168,7 +169,8 @@ class Device:
             threads = integer(threads, "threads", minimum=1, maximum=1024)
         kind, colon, number = str(name).partition(":")
         if kind not in ("cpu", "cuda") or (kind == "cpu" and colon) or (colon and not number.isdecimal()):
-            raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N")
+            hint = did_you_mean(name, ("cpu", "cuda", "cuda:0"))
+            raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N{hint}")
         import warp as wp
 
         initialize_warp()
@@ -184,6 +186,7 @@ class Device:
         else:
             self.name = "cpu"
             self.threads = threads or available_threads()
+        self.seconds_compile = 0.0
         self._workers = _Threads(self.threads, "wrt")
 
     @property
@@ -226,6 +229,12 @@ class Device:
 
         Where another thread is about that already, wait for it.
         """
+        seconds = self._load(kernel)
+        self.seconds_compile += seconds
+        return seconds
+
+    def _load(self, kernel: Any) -> float:
+        """Do as `compile` does, whether or not anybody waits for it."""
         import warp as wp
 
         start = time.perf_counter()
@@ -254,8 +263,10 @@ class Device:
             return
         workers: set[Future[float]] = set()
         try:
-            yield lambda kernel: workers.add(_COMPILER.submit(self.compile, kernel))
+            yield lambda kernel: workers.add(_COMPILER.submit(self._load, kernel))
+            start = time.perf_counter()
             _finish(workers)
+            self.seconds_compile += time.perf_counter() - start
         finally:
             wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
 

@@ -22,9 +22,15 @@ class InputError(ValueError):
         super().__init__(one_line(str(message)))
 
 
-def did_you_mean(word: object, known: Iterable[str]) -> str:
-    """Return a hint at the known word that is nearest, to put behind a message; empty if none is near."""
+def did_you_mean(word: object, known: Iterable[str], *, likeness: float = 0.6) -> str:
+    """Return a hint at the known word that is nearest, to put behind a message; empty if none is near.
+
+    Args:
+        word: what was typed.
+        known: what can be meant.
+        likeness: of two words, 0 to 1, from which on one may be meant by the other.
+    """
     import difflib
 
-    near = difflib.get_close_matches(str(word), list(known), 1)
+    near = difflib.get_close_matches(str(word), list(known), 1, likeness)
     return f" (did you mean {near[0]!r}?)" if near else ""

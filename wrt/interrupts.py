@@ -100,7 +100,7 @@ class Interrupts:
         self._armed = False
         self._done = True
 
-    def hold(self, action: Callable[[], None]) -> None:
+    def hold(self, action: Callable[[], object]) -> None:
         """Run `action` to its end; an interrupt that comes meanwhile is raised after it."""
         self._armed, self._writing = False, True
         try:

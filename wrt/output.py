@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from wrt._version import __version__
@@ -12,14 +13,16 @@ from wrt.renderer import Renderer
 from wrt.safe_write import free_place
 
 
-def picture_place(given: str | None, source: str, *, force: bool = False) -> Path:
+def picture_place(
+    given: str | None, *, default: str, force: bool = False, taken: Collection[Path] = frozenset()
+) -> Path:
     """Return where the picture of a render goes.
 
     Args:
-        given: the path that was asked for, or None: then it is the name of `source` with .png, in the current folder,
-            or one like it where a file must not be replaced.
-        source: what is rendered: a path, or the name of a built-in scene.
+        given: the path that was asked for, or None.
+        default: where it goes then, or to a name like it where a file must not be replaced.
         force: see `wrt.save_image`; a path that was not given is never forced.
+        taken: places of other pictures, which must not be replaced either.
 
     Raises:
         InputError: where it cannot be written there, or would replace another file; see `wrt.safe_write`. That the
@@ -27,12 +30,7 @@ def picture_place(given: str | None, source: str, *, force: bool = False) -> Pat
     """
     if given is not None:
         return check_output(given, force=force)
-    return free_place(Path(default_name(source)), PICTURE)
-
-
-def default_name(source: str) -> str:
-    """Return the name of a picture of `source`, where nobody gives one."""
-    return f"{Path(source).stem or 'picture'}.png"
+    return free_place(Path(default), PICTURE, taken=taken)
 
 
 def check_layers(path: Path, renderer: Renderer) -> None:

@@ -11,6 +11,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from wrt.errors import one_line
+from wrt.progress_lines import GETTING_READY, ProgressLines
+from wrt.terminal import fitted, fitted_bar, literal, terminal_columns
 
 if TYPE_CHECKING:
     from wrt.renderer import Progress
@@ -70,26 +72,34 @@ def fraction_done(progress: Progress, *, time_limit: float | None) -> float:
     return min(max(by_samples, by_time), 1.0)
 
 
-def status_text(progress: Progress, *, time_limit: float | None) -> str:
-    """Return one line about a running render; without a limit of samples it counts seconds."""
+def status_pieces(progress: Progress, *, time_limit: float | None) -> list[tuple[int, str]]:
+    """Return what there is to say of a running render, each with its rank; of the lowest rank is what matters most.
+
+    Without a limit of samples it counts seconds.
+    """
     if progress.target_spp is None and time_limit is not None:
-        head = [f"{progress.seconds:.0f}/{time_limit:.0f} s", f"{progress.spp} spp"]
+        head = [(1, f"{progress.seconds:.0f}/{time_limit:.0f} s"), (4, f"{progress.spp} spp")]
     else:
-        head = [f"{progress.spp}/{progress.target_spp} spp"]
-    parts = [
+        head = [(1, f"{progress.spp}/{progress.target_spp} spp")]
+    pieces = [
         *head,
-        f"pass {progress.pass_index}",
-        f"{rate_text(progress.paths_per_second)} paths/s",
-        noise_text(progress.noise),
-        "" if progress.seconds_left is None else f"{duration_text(progress.seconds_left)} left",
+        (7, f"pass {progress.pass_index}"),
+        (6, f"{rate_text(progress.paths_per_second)} paths/s"),
+        (5, noise_text(progress.noise)),
+        (2, "" if progress.seconds_left is None else f"{duration_text(progress.seconds_left)} left"),
     ]
-    return "  ".join(part for part in parts if part)
+    return [piece for piece in pieces if piece[1]]
+
+
+def status_text(progress: Progress, *, time_limit: float | None) -> str:
+    """Return one line about a running render."""
+    return "  ".join(text for _, text in status_pieces(progress, time_limit=time_limit))
 
 
 class ProgressBar:
-    """A bar on standard error; nothing at all where that is not a terminal, or not wanted.
+    """Progress on standard error: a bar on a terminal, else a line now and then; nothing where it is not wanted.
 
-    Use it as a context manager: it is wiped away at the end.
+    Use it as a context manager: a bar is wiped away at the end.
     """
 
     def __init__(self, label: str, *, time_limit: float | None = None, wanted: bool = True) -> None:
@@ -98,39 +108,50 @@ class ProgressBar:
         Args:
             label: what is being rendered.
             time_limit: seconds of rendering after which it ends, if any.
-            wanted: False for no bar even on a terminal.
+            wanted: False for nothing at all.
         """
-        self._label = one_line(label).replace("{", "{{").replace("}", "}}")
+        self._label = one_line(label)
         self._time_limit = time_limit
         self._bar: Any = None
+        self._lines: ProgressLines | None = None
         self._drawn = 0.0
         if wanted and sys.stderr.isatty():
             from tqdm import tqdm
 
-            waiting = f"{self._label}  getting ready; kernels are compiled the first time"
-            self._bar = tqdm(total=1.0, file=sys.stderr, leave=False, dynamic_ncols=True, bar_format=waiting)
+            # The numbers go into the format itself: tqdm's own are about items, which there are none of.
+            waiting = literal(fitted(self._label, [(1, GETTING_READY)], columns := terminal_columns()))
+            self._bar = tqdm(total=1.0, file=sys.stderr, leave=False, ncols=columns, bar_format=waiting)
+        elif wanted:
+            self._lines = ProgressLines(self._label)
 
     def __enter__(self) -> ProgressBar:
+        if self._lines is not None:
+            self._lines.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._lines is not None:
+            self._lines.stop()
         if self._bar is not None:
             self._bar.close()
             self._bar = None
 
     def update(self, progress: Progress) -> None:
         """Show where the render stands."""
+        done = fraction_done(progress, time_limit=self._time_limit)
+        if self._lines is not None:
+            self._lines.text = f"{100.0 * done:.0f} %  {status_text(progress, time_limit=self._time_limit)}"
         now = time.monotonic()
         if self._bar is None or now - self._drawn < REDRAW_SECONDS:
             return
         self._drawn = now
-        # The numbers go into the format itself: tqdm's own are about items, which there are none of.
-        self._bar.bar_format = (
-            f"{self._label} {{percentage:3.0f}}%|{{bar}}| {status_text(progress, time_limit=self._time_limit)}"
-        )
-        self._bar.n = fraction_done(progress, time_limit=self._time_limit)
+        columns = terminal_columns()
+        pieces = status_pieces(progress, time_limit=self._time_limit)
+        self._bar.bar_format = fitted_bar(self._label, f"{100.0 * done:3.0f}%", pieces, columns)
+        self._bar.ncols = columns
+        self._bar.n = done
         self._bar.refresh()
 
     def message(self, text: str) -> None:

@@ -57,6 +57,11 @@ class RenderKernel:
         return self._faster().is_being_compiled
 
     @property
+    def seconds_beside(self) -> float:
+        """What another process has taken to compile the faster kernel, so far."""
+        return self._faster().seconds
+
+    @property
     def in_use(self) -> Any:
         """The kernel that the next pass is rendered with."""
         return self._faster().kernel or self.usual

@@ -33,7 +33,7 @@ from wrt.framing import frame_camera
 from wrt.pace import samples_of_next_pass
 from wrt.render_kernel import RenderKernel
 from wrt.scene import RenderSettings, Scene, Shape
-from wrt.values import integer, number
+from wrt.values import integer, number, one_of
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How light that both samplings find is weighed: shared, or left to one of them alone."""
@@ -147,12 +147,8 @@ class Renderer:
         if self.width * self.height >= 2**31:
             raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
         self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
-        if strategy not in STRATEGIES:
-            raise InputError(f"strategy must be one of {', '.join(STRATEGIES)}, not {strategy!r}")
-        self.strategy = strategy
-        if light_choice not in LIGHT_CHOICES:
-            raise InputError(f"light_choice must be one of {', '.join(LIGHT_CHOICES)}, not {light_choice!r}")
-        self.light_choice = light_choice
+        self.strategy = one_of(strategy, STRATEGIES, "strategy")
+        self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")
         self.scene = dataclasses.replace(scene, shapes=list(scene.shapes), lights=list(scene.lights))
         if not scene.shapes:
             raise InputError("the scene has no shapes to render")
@@ -173,12 +169,8 @@ class Renderer:
             self._built = build_scene(
                 self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
             )
-            built = time.perf_counter()
-        self.seconds_compile = time.perf_counter() - built
         self._inputs = self._prepare()
-        self.seconds_render = 0.0
-        self.paths = 0
-        self._updated = False
+        self.seconds_render, self.paths, self._updated = 0.0, 0, False
 
     def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
         """Take the kernel for scenes with these features, and have all be compiled that is needed from here on."""
@@ -218,6 +210,16 @@ class Renderer:
     def threads(self) -> int:
         """CPU threads in use; 1 on CUDA."""
         return self.device.threads
+
+    @property
+    def seconds_compile(self) -> float:
+        """Seconds for which this renderer has waited for kernels to be compiled or loaded, and did nothing else."""
+        return self.device.seconds_compile
+
+    @property
+    def seconds_compile_beside(self) -> float:
+        """Seconds that another process has taken, so far, to compile what makes passes faster, beside rendering."""
+        return self._kernel.seconds_beside
 
     @property
     def spp(self) -> int:

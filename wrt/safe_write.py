@@ -16,7 +16,7 @@ import contextlib
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,8 +60,13 @@ def require_place(path: Path, kind: Kind, *, force: bool = False) -> None:
     _target(path, kind, force)
 
 
-def free_place(path: Path, kind: Kind) -> Path:
+def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset()) -> Path:
     """Return `path`, or the first of `NAME-render`, `NAME-render-2` and so on at which a file of a kind may be written.
+
+    Args:
+        path: the place that is tried first.
+        kind: what is to be written.
+        taken: places that it must not be.
 
     Raises:
         InputError: where it is not for the sake of a file that is there that none may be.
@@ -72,7 +77,8 @@ def free_place(path: Path, kind: Kind) -> Path:
             require_place(tried, kind)
         except NotReplacedError:
             continue
-        return tried
+        if tried not in taken:
+            return tried
     raise NotReplacedError(f"{path}: so are {_MOST_NAMES} names like it; name another file")
 
 

@@ -22,7 +22,7 @@ from wrt.medium import Medium
 from wrt.mesh import Mesh
 from wrt.motion import Motion, check_affine
 from wrt.textures import ColorSource, shines
-from wrt.values import FLOAT32_MAX, Vec3, integer, number
+from wrt.values import FLOAT32_MAX, Vec3, integer, number, one_of
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/filters.py` says what each is."""
@@ -174,13 +174,11 @@ class RenderSettings:
         self.spp = integer(self.spp, "spp", minimum=1, maximum=2**31 - 1)
         self.max_depth = integer(self.max_depth, "max_depth", minimum=1, maximum=65536)
         self.max_scatterings = integer(self.max_scatterings, "max_scatterings", minimum=0, maximum=65535)
-        if self.filter not in FILTERS:
-            raise InputError(f"filter must be one of {', '.join(FILTERS)}, not {self.filter!r}")
-        if self.sampler not in SAMPLERS:
-            raise InputError(f"sampler must be one of {', '.join(SAMPLERS)}, not {self.sampler!r}")
+        self.filter = one_of(self.filter, FILTERS, "filter")
+        self.sampler = one_of(self.sampler, SAMPLERS, "sampler")
         self.exposure = number(self.exposure, "exposure", minimum=-100.0, maximum=100.0)
-        if self.integrator is not None and self.integrator not in INTEGRATORS:
-            raise InputError(f"integrator must be one of {', '.join(INTEGRATORS)}, not {self.integrator!r}")
+        if self.integrator is not None:
+            self.integrator = one_of(self.integrator, INTEGRATORS, "integrator")
         self.min_attenuation = number(self.min_attenuation, "min_attenuation", minimum=0.0, maximum=1.0)
         if self.ao_distance is not None:
             self.ao_distance = number(self.ao_distance, "ao_distance", above=0.0)

@@ -15,6 +15,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import weakref
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,8 @@ class WideKernel:
         self._possible: bool | None = None if device.is_cpu else False  # None: not asked yet
         self._compiler: subprocess.Popen[bytes] | None = None
         self._builds: Builds | None = None
+        self._compiling_since: float | None = None
+        self._seconds = 0.0
 
     def prepare(self, seconds_left: float) -> None:
         """Load it, or have it compiled, if that is worth it for what is left to render."""
@@ -79,6 +82,12 @@ class WideKernel:
     def is_being_compiled(self) -> bool:
         """Whether another process is at it."""
         return self._compiler is not None
+
+    @property
+    def seconds(self) -> float:
+        """Seconds that another process has taken to compile it, so far."""
+        since = self._compiling_since
+        return self._seconds + (0.0 if since is None else time.perf_counter() - since)
 
     def wait(self) -> None:
         """Have it compiled if it is not, and load it; return when it is there or cannot be had."""
@@ -129,10 +138,12 @@ class WideKernel:
         except (OSError, TypeError):  # the latter where no Python is known
             self._possible = False
             return
+        self._compiling_since = time.perf_counter()
         weakref.finalize(self, _end, self._compiler)  # nobody else waits for it
 
     def _compiled(self) -> None:
         """Take note of how compiling has ended."""
+        self._seconds, self._compiling_since = self.seconds, None
         self._compiler = None
         if self._builds is not None:
             self._builds.refresh()

@@ -43,8 +43,15 @@ def run_lean(run: Callable[[], Result]) -> Result:
         gc.unfreeze()  # what was kept for good is of no use any more, and may be large
         gc.collect()
     result = run()
-    builds.note(loaded_by_warp())
+    if "warp" in sys.modules:  # which nothing asked for if it was refused
+        builds.note(loaded_by_warp())
     return result
+
+
+def next_render() -> None:
+    """Have what comes be started over where something is missing, as if nothing had been rendered before it."""
+    if hasattr(stand_in := sys.modules.get("warp"), "builds"):
+        vars(stand_in)["rendered"] = False
 
 
 def _forget() -> None:

@@ -161,6 +161,8 @@ def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
     import warp as wp
     from warp._src.context import runtime, user_modules
 
+    if runtime is None:  # imported, but not started
+        return []
     device, found = runtime.get_device("cpu"), []
     for name, module in user_modules.items():
         execs = [(block, each) for (context, block), each in module.execs.items() if context == device.context]

@@ -1,0 +1,53 @@
+"""The command line: ``wrt render`` and what helps to use it.
+
+Exit status: 0 when done; 1 when a file or standard output could not be written or memory ran out; 2 when something
+given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended it. What goes wrong is said in one line on standard
+error. Only light modules are imported before there is work for the heavy ones.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+from wrt.cli.options import make_parser, parse
+from wrt.cli.status import INTERRUPTED, complain, outcome
+from wrt.cli.streams import settle_streams
+from wrt.process import settle_in
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Args:
+        argv: the arguments; by default those of the process, whose standard streams are then made safe to write to.
+    """
+    if argv is not None:
+        return _status(list(argv), own_process=False)
+    if "_ARGCOMPLETE" in os.environ:
+        from wrt.cli.completion import complete
+
+        complete(make_parser())
+    streams = settle_streams()
+    return streams.status(_status(sys.argv[1:], own_process=True))
+
+
+def _status(arguments: list[str], *, own_process: bool) -> int:
+    try:
+        return outcome(lambda: _run(arguments, own_process=own_process))
+    except KeyboardInterrupt:
+        complain("stopped", "before it was done")
+        return INTERRUPTED
+
+
+def _run(arguments: list[str], *, own_process: bool) -> int:
+    try:
+        options = parse(arguments)
+    except SystemExit as end:  # of --help and --version
+        return int(end.code or 0)
+    options.own_process = own_process
+    if own_process:
+        settle_in()
+    status: int = options.run(options)
+    return status

@@ -1,0 +1,119 @@
+"""What is typed on the command line, as values: each of these is a `type` of argparse."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Sequence
+
+from wrt.errors import did_you_mean
+
+PICTURES = {
+    "720p": (1280, 720),
+    "1080p": (1920, 1080),
+    "1440p": (2560, 1440),
+    "2160p": (3840, 2160),
+    "4k": (3840, 2160),
+    "8k": (7680, 4320),
+}
+"""Sizes by the names that screens have; 2k is left out, which is any of three."""
+
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)"
+_UNITS = re.compile(
+    rf"(?:({_NUMBER})\s*h(?:ours?|rs?)?)?\s*(?:({_NUMBER})\s*m(?:in(?:utes?)?)?)?\s*(?:({_NUMBER})\s*s(?:ec(?:onds?)?)?)?",
+    re.ASCII,
+)
+_CLOCK = re.compile(r"(?:(\d+):(?=\d\d:))?(\d+):([0-5]\d(?:\.\d*)?)", re.ASCII)
+
+
+def whole(minimum: int) -> Callable[[str], int]:
+    """Return the type of whole numbers from `minimum` on."""
+
+    def convert(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"must be a whole number in digits, not {text!r}") from None
+        if value < minimum:
+            raise argparse.ArgumentTypeError(f"must be at least {minimum}, not {value}")
+        return value
+
+    return convert
+
+
+def finite(text: str) -> float:
+    """Return a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number, not {text!r}") from None
+    if value != value or abs(value) == float("inf"):
+        raise argparse.ArgumentTypeError(f"must be finite, not {text}")
+    return value
+
+
+def positive(text: str) -> float:
+    """Return a number above 0."""
+    value = finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"must be greater than 0, not {text}")
+    return value
+
+
+def choice(words: Sequence[str]) -> Callable[[str], str]:
+    """Return the type of one of some words."""
+
+    def convert(text: str) -> str:
+        if text not in words:
+            hint = did_you_mean(text.lower(), words)
+            raise argparse.ArgumentTypeError(f"must be one of {', '.join(words)}, not {text!r}{hint}")
+        return text
+
+    return convert
+
+
+def duration(text: str) -> float:
+    """Return seconds, from a text such as 90, 90s, 1m30s, 1.5h or 1:30."""
+    stripped = text.strip().lower()
+    found = _CLOCK.fullmatch(stripped) or (stripped and _UNITS.fullmatch(stripped))
+    if not found:
+        try:
+            return positive(text)
+        except argparse.ArgumentTypeError as error:
+            if "must be a number" not in str(error):
+                raise
+        raise argparse.ArgumentTypeError(f"must be a time such as 90, 90s, 1m30s or 1:30, not {text!r}")
+    hours, minutes, seconds = (float(part or 0.0) for part in found.groups())
+    return positive(str(hours * 3600.0 + minutes * 60.0 + seconds))
+
+
+def definition(text: str) -> tuple[str, str]:
+    """Return name and value, from NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, such as spp=64, not {text!r}")
+    return name, value
+
+
+def size(text: str) -> tuple[int, int]:
+    """Return width and height, from a text such as 640x480 or 1080p."""
+    named = PICTURES.get(text.strip().lower())
+    if named is not None:
+        return named
+    sides = re.split(r"\s*[x×*,]\s*", text.strip().lower())
+    if len(sides) == 1 and sides[0].isdecimal():
+        raise argparse.ArgumentTypeError(f"must have a height too, such as {text}x{text}, not {text!r}")
+    if len(sides) != 2:
+        names = ", ".join(PICTURES)
+        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, such as 640x480, or one of {names}, not {text!r}")
+    pixels = whole(1)
+    return pixels(sides[0]), pixels(sides[1])
+
+
+def crop(text: str) -> tuple[int, ...]:
+    """Return the four numbers of a part of a picture."""
+    numbers = text.split(",")
+    if len(numbers) != 4:
+        raise argparse.ArgumentTypeError(f"must be X0,Y0,X1,Y1, such as 0,0,320,240, not {text!r}")
+    pixels = whole(0)
+    return tuple(pixels(number) for number in numbers)

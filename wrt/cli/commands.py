@@ -1,0 +1,97 @@
+"""All commands but `render`: each takes the options and returns the exit status."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from wrt.cli.status import complain
+
+
+def _say(text: str) -> None:
+    """Print what was asked for."""
+    print(text, flush=True)
+
+
+def _warn(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def scenes(options: argparse.Namespace) -> int:
+    """List the built-in scenes."""
+    from wrt.meshes import scene_descriptions
+
+    descriptions = scene_descriptions()
+    width = max(len(name) for name in descriptions)
+    _say("\n".join(f"{name:<{width}}  {description}" for name, description in descriptions.items()))
+    return 0
+
+
+def schema(options: argparse.Namespace) -> int:
+    """Print the schema of scene files."""
+    from wrt.formats.scene_schema import schema_text
+
+    _say(schema_text().removesuffix("\n"))
+    return 0
+
+
+def materials(options: argparse.Namespace) -> int:
+    """List the materials, or explain one."""
+    from wrt.describe_materials import explain_material, list_materials
+
+    _say(list_materials() if options.name is None else explain_material(options.name))
+    return 0
+
+
+def completion(options: argparse.Namespace) -> int:
+    """Print what makes a shell complete wrt's words."""
+    from wrt.cli.completion import shell_code
+
+    _say(shell_code(options.shell))
+    return 0
+
+
+def info(options: argparse.Namespace) -> int:
+    """Tell what is in a file."""
+    from pathlib import Path
+
+    from wrt.api import load
+    from wrt.describe_scene import scene_text
+    from wrt.files import confined_to
+    from wrt.formats.meshes import MESH_SUFFIXES, load_file
+    from wrt.progress import short_warnings
+
+    with short_warnings(_warn):
+        # Of a mesh file that is there, what is in it, and not the studio around it.
+        path = Path(options.source)
+        alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
+        if alone:
+            with confined_to(path.parent if options.confined else None):
+                scene = load_file(path)
+        else:
+            scene = load(options.source, confined=options.confined)
+        _say(scene_text(scene))
+    return 0
+
+
+def convert(options: argparse.Namespace) -> int:
+    """Write a scene file."""
+    from wrt.interrupts import Interrupts
+
+    with Interrupts() as interrupts:
+        try:
+            _convert(options)
+        except KeyboardInterrupt:
+            complain("stopped", f"{options.output} was not written")
+            return interrupts.exit_status
+    return 0
+
+
+def _convert(options: argparse.Namespace) -> None:
+    from wrt.api import load
+    from wrt.formats.scene_writer import save_scene
+    from wrt.progress import short_warnings
+
+    with short_warnings(_warn):
+        scene = load(options.source, up=options.up, confined=options.confined)
+        save_scene(options.output, scene, force=options.force)

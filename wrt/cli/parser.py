@@ -1,0 +1,102 @@
+"""argparse with errors in one line that say what was meant, and inputs anywhere among the options."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from wrt.errors import InputError, did_you_mean
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse, with errors like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise InputError."""
+        raise InputError(message if message.endswith("?)") else f"{message} (see '{self.prog} --help')")
+
+
+class Once(argparse.Action):
+    """Takes an option's one value, and refuses a second: of a file, the first would be lost without a word."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        """Store the value."""
+        if (first := getattr(namespace, self.dest)) is not None:
+            raise argparse.ArgumentError(self, f"given twice, as {first!r} and as {values!r}")
+        setattr(namespace, self.dest, values)
+
+
+def parse_with(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
+    """Return what arguments say to a parser that has commands.
+
+    Raises:
+        InputError: where they cannot be understood.
+        SystemExit: after --help and --version.
+    """
+    commands = commands_of(parser)
+    word = arguments[0] if arguments else None
+    if word is None or word in parser._option_string_actions:
+        return parser.parse_args(arguments)
+    if word not in commands:
+        raise InputError(_no_command(word, arguments[1:], commands))
+    command = commands[word]
+    options, rest = command.parse_known_args(arguments[1:])
+    _take_rest(command, options, rest)
+    return options
+
+
+def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the commands of a parser by name."""
+    (action,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
+    return dict(action.choices)
+
+
+def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, rest: list[str]) -> None:
+    """Add what argparse leaves after the first options to the inputs, if they are that."""
+    names, dashes, literal = _split(rest)
+    for word in dashes:
+        known = list(command._option_string_actions)
+        option = word.partition("=")[0]
+        hint = did_you_mean(option.lower(), known) or f" (see '{command.prog} --help')"
+        raise InputError(f"there is no option {option}{hint}")
+    more = names + literal
+    if not more:
+        return
+    if not hasattr(options, "inputs"):
+        raise InputError(f"{more[0]!r} is more than '{command.prog}' takes (see '{command.prog} --help')")
+    options.inputs += more
+
+
+def _split(rest: list[str]) -> tuple[list[str], list[str], list[str]]:
+    """Return what are names, what look like options, and what comes after "--"."""
+    end = rest.index("--") if "--" in rest else len(rest)
+    dashes = [word for word in rest[:end] if word.startswith("-") and word != "-"]
+    return [word for word in rest[:end] if word not in dashes], dashes, rest[end + 1 :]
+
+
+def _no_command(word: str, others: list[str], commands: dict[str, argparse.ArgumentParser]) -> str:
+    """Return what to say of a first word that is no command."""
+    from wrt.meshes import scene_names
+
+    if word.startswith("-"):
+        option = word.partition("=")[0]
+        having = [name for name, command in commands.items() if option in command._option_string_actions]
+        if having:
+            return f"{option} goes after a command, such as: wrt {having[-1]} ... {shlex.join([word, *others][:2])}"
+        return f"there is no option {option} (see 'wrt --help')"
+    if word in scene_names() or os.path.lexists(word) or os.path.splitext(word)[1]:
+        return f"{word!r} is no command; to render it, type: wrt {shlex.join(['render', word, *others])}"
+    scenes = {name: f"render {name}" for name in scene_names()}
+    hint = did_you_mean(word.lower(), [*commands, *scenes])
+    for name, typed in scenes.items():
+        hint = hint.replace(repr(name), repr(typed))
+    return f"there is no command {word!r}{hint or '; there are ' + ', '.join(commands)}"

@@ -1,0 +1,206 @@
+"""`wrt render`: one input after the other, each to its picture."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wrt.cli.options import SAVE_EVERY_SECONDS
+from wrt.cli.outputs import check_paths, default_output, default_outputs, folder_for, save
+from wrt.cli.status import complain, outcome
+from wrt.cli.summary import Clock, report, samples_text
+from wrt.errors import InputError
+from wrt.interrupts import Interrupts
+from wrt.lean import next_render, run_lean
+from wrt.process import end_now, importing_renderer, no_collections
+
+if TYPE_CHECKING:
+    from wrt.renderer import Renderer
+    from wrt.scene import Scene
+
+NOTHING_YET = "nothing was rendered yet"
+
+
+def render(options: argparse.Namespace) -> int:
+    """Render every input; an error in one keeps none of the others from it, and the worst decides the exit status."""
+    jobs = _jobs(options)
+    clock = Clock(own_process=options.own_process)
+    worst = 0
+    said: set[str] = set()
+
+    def render_rest() -> int:
+        # May be called again, in the middle of an input (see `run_lean`): what is done stays done.
+        nonlocal worst
+        while jobs:
+            job = jobs[0]
+            status, interrupted = _render_job(job, said, clock)
+            del jobs[0]
+            if interrupted:
+                if jobs:
+                    complain("stopped", f"{', '.join(job.input for job in jobs)}: not rendered")
+                return interrupted if jobs else status
+            worst = max(worst, status)
+            said.clear()
+            next_render()
+        return worst
+
+    if not options.own_process or options.device != "cpu":
+        return render_rest()
+    return run_lean(render_rest)
+
+
+def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
+    """Return the options of each input by itself.
+
+    They have `input`; `default`, the place of its picture where `output` is None; `taken`, the places of pictures
+    before it; and `name`, which errors begin with where there are several.
+
+    Raises:
+        InputError: where options do not go with several inputs.
+    """
+    inputs = options.inputs
+    # What a shell's pattern stands for may be one file, so a name that ends in a slash is a folder all the same.
+    if len(inputs) == 1 and not (options.output or "").endswith("/"):
+        return [_job(options, input=inputs[0], default=default_output(inputs[0]))]
+    if options.checkpoint is not None and len(inputs) > 1:
+        raise InputError("--checkpoint is for one input, and several are given; render them one at a time")
+    for number, each in enumerate(inputs):
+        if each in inputs[:number]:
+            raise InputError(f"{each}: given twice")
+    outputs = default_outputs(inputs)
+    folder = None if options.output is None else folder_for(options.output)
+    jobs: list[argparse.Namespace] = []
+    taken: set[Path] = set()
+    for number, (source, output) in enumerate(zip(inputs, outputs, strict=True), 1):
+        if output != default_output(source) and not options.quiet:
+            complain("note", f"{source}: its picture is {output}, since another input is called alike")
+        default = output if folder is None else os.path.join(folder, output)
+        several = {"name": source, "label": f" ({number} of {len(inputs)})"} if len(inputs) > 1 else {}
+        jobs.append(_job(options, input=source, output=None, default=default, taken=taken, **several))
+    return jobs
+
+
+def _job(options: argparse.Namespace, **changes: object) -> argparse.Namespace:
+    return argparse.Namespace(**{**vars(options), "name": "", "label": "", "taken": set(), **changes})
+
+
+def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[int, int]:
+    """Return the exit status of rendering one input, and that of all if an interrupt keeps others from being begun.
+
+    What was `said` before is not said again.
+    """
+    with Interrupts(_give_up if job.own_process else None) as interrupts:
+        try:
+            status = outcome(lambda: _render_until_interrupted(job, interrupts, said, clock), name=job.name)
+        except KeyboardInterrupt:
+            complain("stopped", f"{job.name}: {NOTHING_YET}" if job.name else NOTHING_YET)
+            status = interrupts.exit_status
+        # One that came while the last file was written has ended nothing.
+        return status, interrupts.exit_status if interrupts.exit_status > 128 else 0
+
+
+def _give_up(status: int) -> None:
+    """End the process, whatever its main thread is busy with."""
+    complain("stopped", NOTHING_YET)
+    end_now(status)
+
+
+def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts, said: set[str], clock: Clock) -> int:
+    from wrt.pace import LONGEST_PASS
+    from wrt.progress import ProgressBar, once, short_warnings
+
+    output, checkpoint = check_paths(options)
+    with (
+        ProgressBar(output.stem + options.label, time_limit=options.time, wanted=not options.quiet) as bar,
+        short_warnings(say := once(bar.message, said)),
+    ):
+        renderer, output = _start(options, checkpoint, say)
+        save_every = options.save_every or (SAVE_EVERY_SECONDS if checkpoint else float("inf"))
+        spp = options.spp or (None if options.time else renderer.settings.spp)
+        saved_at = time.monotonic()
+        stopped = False
+        try:
+            pass_seconds = save_every if save_every < LONGEST_PASS else None
+            for progress in renderer.passes(spp=spp, time=options.time, pass_seconds=pass_seconds):
+                interrupts.worth_saving = True
+                bar.update(progress)
+                if time.monotonic() - saved_at >= save_every:
+                    interrupts.hold(lambda: save(renderer, output, checkpoint, force=options.force))
+                    saved_at = time.monotonic()
+            interrupts.disarm()
+        except KeyboardInterrupt:
+            if renderer.paths == 0:
+                raise
+            interrupts.disarm()
+            stopped = True
+        output = save(renderer, output, checkpoint, force=options.force)
+        options.taken.add(output)
+    if stopped:
+        saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"
+        complain("stopped", f"at {samples_text(renderer)}; {saved}")
+        return interrupts.exit_status
+    report(options, renderer, output, clock.lap())
+    return 0
+
+
+def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[str], None]) -> tuple[Renderer, Path]:
+    """Return what is ready to render, its input read and its kernels compiled, and where the picture goes."""
+    import dataclasses
+
+    with no_collections():
+        from wrt.api import load
+        from wrt.output import check_layers
+
+        with importing_renderer(options.input):
+            scene = load(
+                options.input,
+                triangles=options.triangles,
+                up=options.up,
+                parameters=dict(options.define or ()),
+                strict=options.strict,
+                confined=options.confined,
+            )
+        output, _ = check_paths(options)  # by now it is known what the scene reads
+        if options.output is None and output != Path(options.default):
+            say(f"wrt: {options.default} must not be replaced; the picture goes to {output}")
+        if options.exposure is not None:
+            scene.settings = dataclasses.replace(scene.settings, exposure=options.exposure)
+        renderer = _make_renderer(options, scene, checkpoint, say)
+        check_layers(output, renderer)
+    return renderer, output
+
+
+def _make_renderer(
+    options: argparse.Namespace, scene: Scene, checkpoint: Path | None, say: Callable[[str], None]
+) -> Renderer:
+    from wrt.layers import layer_names
+    from wrt.renderer import Renderer
+
+    width, height = options.size or (None, None)
+    renderer = Renderer(
+        scene,
+        width=width,
+        height=height,
+        device=options.device,
+        seed=options.seed,
+        threads=options.threads,
+        max_depth=options.max_depth,
+        crop=options.crop,
+        sampler=options.sampler,
+        integrator=options.integrator,
+        clamp_indirect=options.clamp_indirect,
+        regularization=options.regularization,
+        layers=None if options.layers is None else layer_names(options.layers),
+    )
+    if options.resume and checkpoint is not None:
+        if not checkpoint.exists():
+            say(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
+        else:
+            renderer.load_checkpoint(checkpoint)
+            if not options.quiet:
+                say(f"wrt: going on from {checkpoint}, {samples_text(renderer)}")
+    return renderer

@@ -1,0 +1,91 @@
+"""What a finished render came to: a line for people, and one of JSON for programs."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wrt.errors import one_line
+
+if TYPE_CHECKING:
+    from wrt.renderer import Renderer
+
+_IMPORTED_AT = time.perf_counter()
+
+
+def samples_text(renderer: Renderer) -> str:
+    """Say how many samples pixels have: after a pass that was interrupted, not all have as many."""
+    least, most = renderer.spp, int(renderer.film.counts.max())
+    return f"{least if least == most else f'{least} to {most}'} samples per pixel"
+
+
+def report(options: argparse.Namespace, renderer: Renderer, output: Path, seconds_total: float) -> None:
+    """Say what a finished render came to."""
+    from wrt.progress import noise_text, rate_text
+
+    seconds, noise = renderer.seconds_render, renderer.film.noise()
+    paths_per_second = renderer.paths / seconds if seconds > 0.0 else 0.0
+    if not options.quiet:
+        parts = [
+            one_line(str(output)),
+            f"{renderer.film.width}x{renderer.film.height}",
+            f"{renderer.spp} spp",
+            f"{seconds:.1f} s",
+            f"{rate_text(paths_per_second)} paths/s",
+            noise_text(noise),
+        ]
+        print("  ".join(part for part in parts if part), file=sys.stderr, flush=True)
+    if options.json:
+        import json
+
+        mean = renderer.image().mean(axis=(0, 1), dtype="float64")
+        summary = {
+            "input": options.input,
+            "output": str(output),
+            "device": renderer.device.name,
+            "threads": renderer.threads,
+            "width": renderer.film.width,
+            "height": renderer.film.height,
+            "spp": renderer.spp,
+            "seconds_total": seconds_total,
+            "seconds_compile": renderer.seconds_compile,
+            "seconds_compile_beside": renderer.seconds_compile_beside,
+            "seconds_render": seconds,
+            "paths_per_second": paths_per_second,
+            "rays_per_second": renderer.rays / seconds if seconds > 0.0 else 0.0,
+            "noise": noise,
+            "mean_radiance": [float(channel) for channel in mean],
+        }
+        print(json.dumps(summary), flush=True)
+
+
+class Clock:
+    """Measures how long each of several renders takes, the first one from the start of this process."""
+
+    def __init__(self, *, own_process: bool) -> None:
+        """Start; a process that is not the command line's own may be much older than the render."""
+        self._started = time.perf_counter() - (seconds_since_start() if own_process else 0.0)
+
+    def lap(self) -> float:
+        """Return the seconds since the start, or since the last call."""
+        now = time.perf_counter()
+        seconds, self._started = now - self._started, now
+        return seconds
+
+
+def seconds_since_start() -> float:
+    """Return the age of this process; where the system does not tell, the time since this module was imported."""
+    imported = time.perf_counter() - _IMPORTED_AT
+    try:
+        with open("/proc/self/stat", encoding="ascii", errors="replace") as file:
+            # Fields after the program's name, which may hold spaces; the 20th is the start in clock
+            # ticks since the machine started (proc_pid_stat(5), field 22).
+            ticks = int(file.read().rpartition(")")[2].split()[19])
+        age = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
+    except (OSError, AttributeError, ValueError, IndexError):
+        return imported
+    return max(age, imported)

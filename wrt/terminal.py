@@ -1,0 +1,112 @@
+"""What fits a line of a terminal: of what there is to say, the most important."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import unicodedata
+from collections.abc import Sequence
+
+USUAL_COLUMNS = 80
+"""Of terminals that do not tell how wide they are."""
+
+LEAST_BAR = 10
+"""Columns below which a bar shows nothing."""
+
+LABEL_SHARE = 3
+"""A label takes up to one part of so many of the line, while there is more to say than fits."""
+
+
+def terminal_columns() -> int:
+    """Return how many columns of the terminal at standard error may be written to; in the last one, the line ends."""
+    columns = 0
+    with contextlib.suppress(OSError, ValueError):  # no terminal, closed, or not a file
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns
+    if columns <= 0:
+        given = os.environ.get("COLUMNS", "")
+        columns = int(given) if given.isdecimal() and 0 < int(given) < 10_000 else USUAL_COLUMNS
+    return max(columns - 1, 1)
+
+
+def columns_of(text: str) -> int:
+    """Return how many columns text takes: those of East Asia's scripts two for each character, marks on others none."""
+    if text.isascii():
+        return len(text)
+    return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
+
+
+def shortened(text: str, columns: int) -> str:
+    """Return text of at most so many columns, with dots in place of its middle where it has more."""
+    if columns_of(text) <= columns:
+        return text
+    dots = "..."[: max(columns, 0)]
+    room = columns - len(dots)
+    end = _beginning(text[::-1], room // 2)[::-1]
+    return _beginning(text, room - columns_of(end)) + dots + end
+
+
+def _beginning(text: str, columns: int) -> str:
+    """Return as much of the beginning of text as takes so many columns."""
+    taken = 0
+    for number, character in enumerate(text):
+        taken += columns_of(character)
+        if taken > columns:
+            return text[:number]
+    return text
+
+
+def fitted(label: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
+    """Return label and pieces in one line of at most so many columns.
+
+    Args:
+        label: what it is about, which is shortened before a piece is left out.
+        pieces: rank and text of each; of those that do not fit, the ones of the highest rank are left out.
+        columns: of the line.
+    """
+    label = shown(label)
+    kept = [*pieces]
+    least = min(columns_of(label), max(columns // LABEL_SHARE, 1))
+    while kept and least + sum(2 + columns_of(text) for _, text in kept) > columns:
+        kept.remove(max(kept))
+    if pieces and not kept and columns_of(alone := min(pieces)[1]) <= columns:
+        return alone
+    rest = "".join(f"  {text}" for _, text in kept)
+    return shortened(label, columns - columns_of(rest)) + rest
+
+
+def fitted_bar(label: str, share: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
+    """Return tqdm's format of a line with a bar, or of one without where only that fits.
+
+    Args:
+        label: what it is about.
+        share: how much is done, in words.
+        pieces: see `fitted`; those up to rank 3 are more important than the bar.
+        columns: of the line.
+    """
+    room = columns - len(f" {share}||  ") - LEAST_BAR
+    label = shown(label)
+    kept = sorted(pieces)
+    least = min(columns_of(label), max(columns // LABEL_SHARE, 1))
+
+    def width() -> int:
+        return least + sum(2 + columns_of(text) for _, text in kept)
+
+    while kept and kept[-1][0] > 3 and width() > room:
+        kept.pop()
+    if width() > room:
+        return literal(fitted(label, [(0, share), *pieces], columns))
+    rest = "  ".join(text for piece, text in pieces if (piece, text) in kept)
+    name = shortened(label, room - columns_of(rest))
+    return f"{literal(f'{name} {share}')}|{{bar}}| {literal(rest)}"
+
+
+def shown(text: str) -> str:
+    """Return text as standard error will show it, which may take escapes for letters that it lacks."""
+    encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
+    return text.encode(encoding, "backslashreplace").decode(encoding)
+
+
+def literal(text: str) -> str:
+    """Return text as it has to be in a format."""
+    return text.replace("{", "{{").replace("}", "}}")
