@@ -243,3 +243,52 @@ def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None
     variables = {**os.environ, "PYTHONPATH": str(ROOT)}
     assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=variables).returncode == 3
     assert not list(tmp_path.iterdir())
+
+
+def test_seconds_are_those_that_somebody_waited(loads: Loads) -> None:
+    device = Device("cpu", threads=2)
+    with device.compiling() as compile:
+        compile(kernel("beside"))
+        while not loads.ended:  # other work, which takes longer
+            time.sleep(0.01)
+    assert device.seconds_compile < 0.15
+    with device.compiling() as compile:
+        compile(kernel("waited for"))
+    assert device.seconds_compile > 0.15
+    before = device.seconds_compile
+    device.launch(kernel("needed at once"), 1, [])
+    assert device.seconds_compile > before + 0.15
+    before = device.seconds_compile
+    device.launch(kernel("needed at once"), 1, [])
+    assert device.seconds_compile < before + 0.15, "it was there"
+
+
+def test_seconds_of_another_process_are_counted_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    from wrt.kernels.features import Features
+    from wrt.wide import WideKernel
+
+    class Compiler:
+        ended: int | None = None
+
+        def poll(self) -> int | None:
+            return self.ended
+
+        def wait(self) -> int:
+            return 0
+
+        kill = wait
+
+    compiler = Compiler()
+    monkeypatch.setattr("wrt.wide.subprocess.Popen", lambda *_, **__: compiler)
+    monkeypatch.setattr(WideKernel, "_can_be_had", lambda _: True)
+    wide = WideKernel(Device("cpu"), Features(models=(), textured=False, environment="none"), ())
+    assert wide.seconds == 0.0
+    wide.prepare(1e9)
+    time.sleep(0.2)
+    assert wide.seconds > 0.15
+    compiler.ended = 0
+    wide.prepare(0.0)
+    assert not wide.is_being_compiled
+    seconds = wide.seconds
+    time.sleep(0.1)
+    assert wide.seconds == seconds > 0.15
