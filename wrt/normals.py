@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.mesh import Mesh, box_around
+from wrt.values import sealed
 
 CREASE_LIMIT = 2_000_000
 """Faces above which no creases are looked for. Matching the edges of more would hold several
@@ -45,14 +46,14 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
             Meshes of more than CREASE_LIMIT faces are smoothed everywhere.
     """
     if mesh.normals is not None:
-        return replace(mesh, normals=_made_unit(mesh))
+        return replace(mesh, normals=sealed(_made_unit(mesh)))
     positions = same_positions(mesh.vertices)
     if len(mesh.faces) > CREASE_LIMIT:
         from wrt.build.vertex_normals import smooth_normals
 
         normals = smooth_normals(mesh, positions, _size(mesh))
         if _any(normals).all():
-            return replace(mesh, normals=normals)
+            return replace(mesh, normals=sealed(normals))
     faces = mesh.faces.astype(np.intp)
     face_normals, angles = _face_normals(mesh)
     corners = positions[faces].reshape(-1)
@@ -72,13 +73,13 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     source = faces.reshape(-1)[first]
     chosen = corner_normals[first]
     chosen[~_any(chosen)] = (0.0, 1.0, 0.0)  # only faces without area meet here
-    return replace(
-        mesh,
-        vertices=mesh.vertices[source],
-        faces=inverse.reshape(-1, 3).astype(np.int32),
-        normals=chosen.astype(np.float32),
-        uvs=None if mesh.uvs is None else mesh.uvs[source],
-        colors=None if mesh.colors is None else mesh.colors[source],
+    return Mesh.taking(
+        mesh.vertices[source],
+        inverse.reshape(-1, 3).astype(np.int32),
+        chosen.astype(np.float32),
+        None if mesh.uvs is None else mesh.uvs[source],
+        None if mesh.colors is None else mesh.colors[source],
+        mesh.name,
     )
 
 

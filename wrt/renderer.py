@@ -422,6 +422,13 @@ class Renderer:
                 raise InputError(f"{path}: damaged, its array {name!r} is missing or of another shape")
         self.film.restore(arrays)
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Raise a TypeError: `pickle` and `copy` would need the arrays and threads of a device."""
+        raise TypeError(
+            "a Renderer cannot be copied or pickled: send its Scene, which can, and what save_checkpoint writes, "
+            "and go on there by Renderer.resume"
+        )
+
     def _identity(self) -> dict[str, Any]:
         import warp as wp
 

@@ -49,7 +49,7 @@ from wrt.motion import Motion, rotation_matrix
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import boolean, integer, number, vector
+from wrt.values import boolean, integer, number, sealed, vector
 
 
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
@@ -288,7 +288,7 @@ class _Reader:
         with self.at("texture"):
             file = self.beside(table["texture"])
             if (file, linear) not in self.pixels:
-                self.pixels[file, linear] = load_image(file, linear=linear)
+                self.pixels[file, linear] = sealed(load_image(file, linear=linear))
             options = {key: table[key] for key in laid if key in table}
             key = (file, linear, repr(sorted(options.items())))
             if key not in self.textures:
@@ -421,7 +421,7 @@ class _Reader:
         self.triangles_used = True
         count = integer(triangles, "triangles", minimum=1, maximum=2**31 - 1)
         mesh: Mesh = terrain(count if self.triangles is None else self.triangles)
-        return mesh.sealed()
+        return mesh
 
     def transform(self, table: Table) -> NDArray[np.float64] | None:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""
