@@ -6,6 +6,7 @@ not agree on either, and most do not say.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.files import PathLike, naming, read_file, require_file
 from wrt.formats.arrays import read_mesh_arrays
+from wrt.formats.encodings import as_text, as_utf8
 from wrt.formats.gltf import read_gltf
 from wrt.formats.kinds import hint, hinting
 from wrt.formats.obj import read_obj
@@ -32,7 +34,7 @@ from wrt.formats.parts import (
     warn,
 )
 from wrt.formats.ply import read_ply
-from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
+from wrt.formats.trimesh_files import decoded, is_stand_in, load, part_of, reflectance
 from wrt.mesh import Mesh
 from wrt.normals import CREASE_DEGREES, same_positions, vertex_normals
 from wrt.scene import Scene, Shape
@@ -51,6 +53,9 @@ __all__ = [
 
 def _read_stl(path: Path, data: bytes) -> list[Part]:
     """Return a part for each solid, corners at one position merged."""
+    with contextlib.suppress(InputError):  # a binary file may begin with anything
+        plain = as_utf8(data)
+        data = plain if plain.lstrip()[:5].lower() == b"solid" else data
     count = int.from_bytes(data[80:84], "little")
     size = 84 + 50 * count
     text = data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower()
@@ -77,9 +82,10 @@ def _read_stl(path: Path, data: bytes) -> list[Part]:
 
 
 def _read_off(path: Path, data: bytes) -> list[Part]:
-    if data.lstrip()[:4].upper() == b"COFF":
+    text = as_text(data)
+    if text.lstrip()[:4].upper() == "COFF":
         warn(f"{path}: the vertex colours of the OFF file are left out")
-    part = part_of(path, path.stem, load(path, as_text(data), "off"))
+    part = part_of(path, path.stem, load(path, text, "off"))
     return [] if part is None else [part]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.formats.encodings import as_utf8
 from wrt.formats.parts import Part
 from wrt.formats.polygons import split_strips
 from wrt.formats.trimesh_files import is_stand_in, load, part_of, reflectance
@@ -23,6 +24,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     Raises:
         InputError: on what trimesh cannot read and on data that end too soon.
     """
+    data = as_utf8(data)
     header = data[: data.find(b"end_header")]
     try:
         # Coordinates at corners part vertices. Ones at vertices need not, and trimesh would leave

@@ -19,6 +19,7 @@ from wrt.camera import CAMERAS, Camera
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
+from wrt.formats.encodings import as_utf8
 from wrt.formats.images import load_environment, load_image
 from wrt.formats.kinds import hinting
 from wrt.formats.parts import in_the_world, merge
@@ -83,7 +84,7 @@ def _parse(path: Path) -> Table:
     else:
         import tomli as tomllib
     try:
-        return dict(tomllib.loads(read_file(path).decode("utf-8")))
+        return dict(tomllib.loads(as_utf8(read_file(path)).decode("utf-8")))
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
     except tomllib.TOMLDecodeError as error:

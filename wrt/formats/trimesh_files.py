@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file, require_file, why_not
+from wrt.formats.encodings import as_text
 from wrt.formats.images import open_image
 from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
 from wrt.formats.polygons import triangulate
@@ -77,7 +78,12 @@ class Beside:
         file = self.find(name)
         data = read_file(file)
         if file.suffix.lower() == ".mtl":
-            return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", as_text(data))
+            try:
+                text = as_text(data)
+            except InputError as error:  # which trimesh would keep to itself
+                self.missing.append(f"{file}: {error}")
+                raise
+            return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", text)
         return self._not_too_large(file, data)
 
     def _not_too_large(self, file: Path, data: bytes) -> bytes:
@@ -109,14 +115,6 @@ def quiet() -> Iterator[None]:
             yield
     finally:
         log.disabled = disabled
-
-
-def as_text(data: bytes) -> str:
-    """Decode text of any encoding, so that file names in it come out as they were.
-
-    trimesh decodes UTF-8, and needs a library that may not be installed for all else.
-    """
-    return data.decode("utf-8", "surrogateescape")
 
 
 class _Views(io.BytesIO):
