@@ -18,6 +18,12 @@ from wrt.mesh import Mesh
 from wrt.presentation import SETTINGS, present
 from wrt.scene import Scene, Shape
 
+_WITH_AXES = ("glb", "gltf", "npz")
+"""Types of files whose axis y points up."""
+
+_FOR_MESHES = "an up axis goes with a mesh, not with a scene"
+_FOR_PROCEDURAL = "a number of triangles goes with a scene that has a procedural mesh"
+
 
 def load(
     source: Any,
@@ -34,12 +40,14 @@ def load(
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
             PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
             Meshes are put into a studio (see `wrt.presentation`), unless their file has lights of its own; a
-            camera of its own is kept.
+            camera of its own is kept. A trimesh object is read as its file would be, as far as trimesh keeps what is
+            in the file: materials, colours, up axis, camera and lights.
         triangles: size of the procedural meshes of a scene that has some.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y, as glTF says;
-            for files that do not say, the one of y and z on which the mesh stands (see
-            `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean
-            that, and y for the others.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y for glTF, which says so, and for
+            a Mesh, which has wrt's own axes; for files that do not say, the one of y and z on which the mesh stands
+            (see `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean that, and y
+            for the others. For trimesh objects it is the same by the type of the file that they were loaded from; ones
+            that were made otherwise, or copied, are treated like those of an OBJ file.
         parameters: for Mitsuba's scenes, what `$name` stands for in them.
         strict: whether what would be left out with a warning is an error instead.
         allow_outside: whether a Mitsuba scene may name files outside its own folder.
@@ -47,8 +55,6 @@ def load(
     Raises:
         InputError: where the source cannot be used, naming it and the cause.
     """
-    if isinstance(source, Scene):
-        return source
     xml = {"parameters": parameters, "allow_outside": allow_outside}
     if not strict:
         return _load(source, triangles, up, xml)
@@ -66,12 +72,22 @@ def _load(source: Any, triangles: int | None, up: str | None, xml: dict[str, Any
     """Return the scene that `source` stands for; `xml` are options of Mitsuba's scene files."""
     if isinstance(source, (str, os.PathLike)):
         return _load_path(source, triangles, up, xml)
-    _refuse(xml, type(source).__name__)
+    kind = type(source).__name__
+    _refuse(xml, kind)
+    if triangles is not None:
+        raise InputError(f"{kind}: {_FOR_PROCEDURAL}")
+    if isinstance(source, Scene):
+        if up is not None:
+            raise InputError(f"{kind}: {_FOR_MESHES}")
+        return source
     if isinstance(source, Mesh):
         return _present([Shape(source, name=source.name)], up or "y")
-    from wrt.formats.meshes import from_trimesh
+    from wrt.formats.meshes import load_object
 
-    return _present(from_trimesh(source), up or "y")
+    scene = load_object(source)
+    from wrt.formats.trimesh_objects import file_type
+
+    return _shown("trimesh", scene, up, file_type(source))
 
 
 def _refuse(xml: dict[str, Any], source: object) -> None:
@@ -103,12 +119,12 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
     _refuse(xml, source)
     if path.suffix.lower() == ".toml":
         if up is not None:
-            raise InputError(f"{source}: an up axis goes with a mesh, not with a scene")
+            raise InputError(f"{source}: {_FOR_MESHES}")
         from wrt.formats.scene_toml import load_scene
 
         return load_scene(path, triangles=triangles)
     if triangles is not None:
-        raise InputError(f"{source}: a number of triangles goes with a scene that has a procedural mesh")
+        raise InputError(f"{source}: {_FOR_PROCEDURAL}")
     if not path.suffix and not path.exists():
         names = ", ".join(meshes.scene_names())
         raise InputError(f"{source}: no such file, and no built-in scene of that name ({names})")
@@ -116,17 +132,22 @@ def _load_path(source: str | os.PathLike[str], triangles: int | None, up: str | 
 
     scene = load_file(path)
     with naming(path):
-        return _shown(source, scene, up)
+        return _shown(source, scene, up, path.suffix.lower().removeprefix("."))
 
 
-def _shown(source: str | os.PathLike[str], scene: Scene, up: str | None) -> Scene:
-    """Return what a mesh file holds as it is shown: lit as it says itself, or in a studio."""
-    path = Path(source)
-    suffix = path.suffix.lower()
-    if up is None and suffix in (".obj", ".ply", ".stl", ".off"):
+def _shown(source: object, scene: Scene, up: str | None, kind: str) -> Scene:
+    """Return what a mesh file or an object holds as it is shown: lit as it says itself, or in a studio.
+
+    Args:
+        source: what it is, for messages.
+        scene: what is in it.
+        up: the axis that points up, if it was given.
+        kind: the type of the file, such as "stl"; empty where it is not known.
+    """
+    if up is None and kind not in _WITH_AXES and not (scene.lights or scene.camera):
         from wrt.orientation import guess_up
 
-        up = guess_up(scene.shapes, "z" if suffix in (".stl", ".off") else "y")
+        up = guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{source}: an up axis is for files without lights and cameras, which would not turn with it")
     if scene.lights:
@@ -144,6 +165,9 @@ def _present(shapes: list[Shape], up: str, camera: Camera | None = None) -> Scen
 def render(
     source: Any,
     *,
+    up: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    strict: bool = False,
     width: int | None = None,
     height: int | None = None,
     spp: int | None = None,
@@ -156,9 +180,10 @@ def render(
     sampler: str | None = None,
     integrator: str | None = None,
 ) -> NDArray[np.float32]:
-    """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
+    """Render `source` and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
 
-    The other arguments are those of `wrt.Renderer` and its `passes`.
+    `source`, `up`, `parameters` and `strict` are those of `load`, the other arguments those of `wrt.Renderer` and its
+    `passes`.
 
     Raises:
         InputError: where something given cannot be used.
@@ -167,7 +192,7 @@ def render(
     from wrt.renderer import Renderer
 
     renderer = Renderer(
-        load(source),
+        load(source, up=up, parameters=parameters, strict=strict),
         width=width,
         height=height,
         device=device,
