@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.values import array, owned, sealed
+from wrt.values import array, number, owned, sealed
 
 
 def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -153,6 +153,20 @@ class Mesh:
         """Return a copy moved by `offset`, metres."""
         m = np.eye(4)
         m[:3, 3] = offset
+        return self.transformed(m)
+
+    def standing(self, height: float) -> Mesh:
+        """Return a copy of some height, metres, that stands on y = 0, its middle above the origin.
+
+        It brings a mesh of any unit of length to where a scene wants it; what is flat along y has no height to scale.
+        """
+        low, high = self.bounds
+        tall = float(high[1] - low[1])
+        if tall == 0.0:
+            raise InputError(f"{self.name}: it is flat along y, and has no height that could be scaled")
+        factor = number(height, f"{self.name}: height", above=0.0) / tall
+        m = np.diag([factor, factor, factor, 1.0])
+        m[:3, 3] = -factor * np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
         return self.transformed(m)
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:

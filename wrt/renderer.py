@@ -23,7 +23,7 @@ from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_f
 from wrt.build.light_choice import LIGHT_CHOICES
 from wrt.build.scene_data import build_scene
 from wrt.camera import CAMERAS
-from wrt.checkpoint import SETTINGS_OF_PICTURE, read_checkpoint, require_same, write_checkpoint
+from wrt.checkpoint import SETTINGS_OF_PICTURE, read_checkpoint, refuse_to_be_copied, require_same, write_checkpoint
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.files import PathLike
@@ -73,6 +73,8 @@ class Renderer:
     The picture depends on scene, size, seed, sample count, device and version alone: bit for bit
     the same for any number of threads, any split into passes, and after any stop and resume.
     """
+
+    __reduce_ex__ = refuse_to_be_copied
 
     def __init__(
         self,
@@ -421,13 +423,6 @@ class Renderer:
             if found is None or found.shape != array.shape or found.dtype != array.dtype:
                 raise InputError(f"{path}: damaged, its array {name!r} is missing or of another shape")
         self.film.restore(arrays)
-
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Raise a TypeError: `pickle` and `copy` would need the arrays and threads of a device."""
-        raise TypeError(
-            "a Renderer cannot be copied or pickled: send its Scene, which can, and what save_checkpoint writes, "
-            "and go on there by Renderer.resume"
-        )
 
     def _identity(self) -> dict[str, Any]:
         import warp as wp
