@@ -46,7 +46,7 @@ def terrain(triangles: int) -> Mesh:
     vertices[..., 0] = np.linspace(-0.5 * SIDE, 0.5 * SIDE, columns + 1, dtype=np.float32)
     vertices[..., 1] = height
     vertices[..., 2] = np.linspace(-0.5 * SIDE, 0.5 * SIDE, rows + 1, dtype=np.float32)[:, None]
-    return Mesh(
+    return Mesh.taking(
         vertices.reshape(-1, 3),
         _faces(rows, columns),
         normals=normals.reshape(-1, 3),

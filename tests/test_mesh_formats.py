@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import json
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
-from support.meshes import SQUARE, area, area_vector, gltf_box, triangles, write
+from support.meshes import SQUARE, area, area_vector, gltf_box, write
 
 import wrt
 from wrt.formats.images import save_image
 from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_file, load_mesh, load_shapes
 from wrt.formats.polygons import split_strips, triangulate
 from wrt.srgb import linear_from_srgb
-
-ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
-needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")
-
 
 # OBJ ----------------------------------------------------------------------------------------------
 
@@ -315,27 +310,6 @@ def test_gltf_lays_the_texture_by_the_coordinates_and_transform_it_names(tmp_pat
     assert isinstance(shape.material.base_color, wrt.ImageTexture)
     np.testing.assert_allclose(shape.mesh.vertices, points + [0, 0, 7])
     np.testing.assert_allclose(shape.mesh.uvs, uvs * [2, -1] + [0.25, 1], atol=1e-6)
-
-
-@needs_assets
-@pytest.mark.parametrize("name", ["Duck.glb", "AlphaBlendModeTest.glb"])
-def test_gltf_agrees_with_trimesh_objects(name):
-    import trimesh
-
-    path = ASSETS / "meshes" / name
-    ours = load_shapes(path)
-    theirs = from_trimesh(trimesh.load_scene(path, process=False))
-    assert len(ours) == len(theirs)
-
-    def key(shape: wrt.Shape) -> tuple:
-        return (len(shape.mesh.faces), *shape.mesh.bounds.reshape(-1).round(4).tolist())
-
-    for a, b in zip(sorted(ours, key=key), sorted(theirs, key=key), strict=True):
-        np.testing.assert_allclose(triangles(a.mesh), triangles(b.mesh), rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(a.mesh.uvs[a.mesh.faces], b.mesh.uvs[b.mesh.faces], atol=1e-6)
-        if name == "Duck.glb":  # the other's are those trimesh would compute, which are not kept
-            np.testing.assert_allclose(a.mesh.normals[a.mesh.faces], b.mesh.normals[b.mesh.faces], atol=1e-4)
-        np.testing.assert_array_equal(a.material.base_color.pixels, b.material.reflectance.pixels)
 
 
 def test_what_stands_in_several_places_is_there_once(tmp_path):

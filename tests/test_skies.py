@@ -329,3 +329,21 @@ emission = { vertex_colors = true, factor = 5 }
     assert isinstance(textured, wrt.ImageTexture)
     assert textured.factor == (1.0, 2.0, 3.0)
     assert colored == wrt.VertexColor(5.0)
+
+
+def test_the_exposure_that_the_docs_name_shows_a_day_well() -> None:
+    docs = Path(__file__).resolve().parent.parent / "docs"
+    texts = [
+        str(wrt.SunSkyEnvironment.__doc__),
+        *((docs / f"{name}.md").read_text() for name in ("lights", "scene-format")),
+    ]
+    assert all("−5.5" in text for text in texts)
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 1.6, 5.0), target=(0.0, 0.7, 0.0), fov_degrees=30.0))
+    scene.environment = wrt.SunSkyEnvironment()
+    scene.add(wrt.quad((-20, 0, 20), (40, 0, 0), (0, 0, -40)), material=wrt.Diffuse(0.3))
+    scene.add(wrt.sphere((0.0, 0.7, 0.0), 0.7), material=wrt.Diffuse(0.8))
+    image = wrt.render(scene, width=40, height=30, spp=64)
+    shown = image * 2.0**-5.5
+    assert (image.min(axis=2) > 1.0).mean() > 0.9  # at 0 all but the depth of shadows is white
+    assert 0.65 < np.quantile(shown.max(axis=2), 0.995) < 0.85
+    assert 0.1 < np.median(shown) < 0.5

@@ -132,3 +132,14 @@ def test_a_lamp_is_seen_from_afar(far: float, axis: int, device: str, report: Re
     expected = 0.5 / np.pi * 1e4 * 0.02**2
     report(f"{far:g} m away: radiance", seen.mean(), expected)
     np.testing.assert_allclose(seen, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("unit", [0.001, 1.0, 1000.0])
+def test_a_mesh_of_any_unit_can_be_set_on_the_floor(unit: float) -> None:
+    mesh = wrt.box((3.0, -2.0, 5.0), (4.0, 2.0, 7.0)).scaled(unit).standing(1.5)
+    np.testing.assert_allclose(mesh.bounds, [[-0.1875, 0.0, -0.375], [0.1875, 1.5, 0.375]], atol=1e-6)
+    with pytest.raises(wrt.InputError, match=r"^quad: it is flat along y, and has no height that could be scaled$"):
+        wrt.quad((0, 1, 0), (0, 0, unit), (unit, 0, 0)).standing(1.0)
+    for height in (0.0, -1.0, float("nan"), "tall"):
+        with pytest.raises(wrt.InputError, match="box: height must be"):
+            wrt.box((0, 0, 0), (1, 1, 1)).standing(height)  # type: ignore[arg-type]

@@ -23,6 +23,11 @@ from wrt.scene import Scene, Shape
 
 MOST_NAMES = 10_000
 """Of files in a folder among which one may have been meant."""
+_WITH_AXES = ("glb", "gltf", "npz")
+"""Types of files whose axis y points up."""
+
+_FOR_MESHES = "an up axis goes with a mesh, not with a scene"
+_FOR_PROCEDURAL = "a number of triangles goes with a scene that has a procedural mesh"
 
 
 def load(
@@ -40,12 +45,14 @@ def load(
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
             PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
             Meshes are put into a studio (see `wrt.presentation`), unless their file has lights of its own; a
-            camera of its own is kept.
+            camera of its own is kept. A trimesh object is read as its file would be, as far as trimesh keeps what is
+            in the file: materials, colours, up axis, camera and lights.
         triangles: size of the procedural meshes of a scene that has some.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y, as glTF says;
-            for files that do not say, the one of y and z on which the mesh stands (see
-            `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean
-            that, and y for the others.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y for glTF, which says so, and for
+            a Mesh, which has wrt's own axes; for files that do not say, the one of y and z on which the mesh stands
+            (see `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean that, and y
+            for the others. For trimesh objects it is the same by the type of the file that they were loaded from; ones
+            that were made otherwise, or copied, are treated like those of an OBJ file.
         parameters: for Mitsuba's scenes, what `$name` stands for in them.
         strict: whether what would be left out with a warning is an error instead.
         confined: whether a file that names others outside its own folder is refused, as for strangers' uploads (see
@@ -54,8 +61,6 @@ def load(
     Raises:
         InputError: where the source cannot be used, naming it and the cause.
     """
-    if isinstance(source, Scene):
-        return source
     with _confined(source if confined else None):
         if not strict:
             return _load(source, triangles, up, parameters)
@@ -84,12 +89,22 @@ def _is_builtin(source: Any) -> bool:
 def _load(source: Any, triangles: int | None, up: str | None, parameters: Mapping[str, Any] | None) -> Scene:
     if isinstance(source, (str, os.PathLike)):
         return _load_path(source, triangles, up, parameters)
-    _refuse(parameters, type(source).__name__)
+    kind = type(source).__name__
+    _refuse(parameters, kind)
+    if triangles is not None:
+        raise InputError(f"{kind}: {_FOR_PROCEDURAL}")
+    if isinstance(source, Scene):
+        if up is not None:
+            raise InputError(f"{kind}: {_FOR_MESHES}")
+        return source
     if isinstance(source, Mesh):
         return _present([Shape(source, name=source.name)], up or "y")
-    from wrt.formats.meshes import from_trimesh
+    from wrt.formats.meshes import load_object
 
-    return _present(from_trimesh(source), up or "y")
+    scene = load_object(source)
+    from wrt.formats.trimesh_objects import file_type
+
+    return _shown("trimesh", scene, up, file_type(source))
 
 
 def _refuse(parameters: Mapping[str, Any] | None, source: object) -> None:
@@ -123,17 +138,17 @@ def _load_path(
     _refuse(parameters, source)
     if path.suffix.lower() == ".toml":
         if up is not None:
-            raise InputError(f"{source}: an up axis goes with a mesh, not with a scene")
+            raise InputError(f"{source}: {_FOR_MESHES}")
         from wrt.formats.scene_toml import load_scene
 
         return load_scene(path, triangles=triangles)
     if triangles is not None:
-        raise InputError(f"{source}: a number of triangles goes with a scene that has a procedural mesh")
+        raise InputError(f"{source}: {_FOR_PROCEDURAL}")
     from wrt.formats.meshes import load_file
 
     scene = load_file(path)
     with naming(path):
-        return _shown(source, scene, up)
+        return _shown(source, scene, up, path.suffix.lower().removeprefix("."))
 
 
 def _not_there(source: str | os.PathLike[str]) -> str:
@@ -152,14 +167,19 @@ def _not_there(source: str | os.PathLike[str]) -> str:
     return said + did_you_mean(path.name, known, likeness=0.75)  # most have a suffix in common
 
 
-def _shown(source: str | os.PathLike[str], scene: Scene, up: str | None) -> Scene:
-    """Return what a mesh file holds as it is shown: lit as it says itself, or in a studio."""
-    path = Path(source)
-    suffix = path.suffix.lower()
-    if up is None and suffix in (".obj", ".ply", ".stl", ".off"):
+def _shown(source: object, scene: Scene, up: str | None, kind: str) -> Scene:
+    """Return what a mesh file or an object holds as it is shown: lit as it says itself, or in a studio.
+
+    Args:
+        source: what it is, for messages.
+        scene: what is in it.
+        up: the axis that points up, if it was given.
+        kind: the type of the file, such as "stl"; empty where it is not known.
+    """
+    if up is None and kind not in _WITH_AXES and not (scene.lights or scene.camera):
         from wrt.orientation import guess_up
 
-        up = guess_up(scene.shapes, "z" if suffix in (".stl", ".off") else "y")
+        up = guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{source}: an up axis is for files without lights and cameras, which would not turn with it")
     if scene.lights:
@@ -177,6 +197,9 @@ def _present(shapes: list[Shape], up: str, camera: Camera | None = None) -> Scen
 def render(
     source: Any,
     *,
+    up: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    strict: bool = False,
     width: int | None = None,
     height: int | None = None,
     spp: int | None = None,
@@ -189,9 +212,10 @@ def render(
     sampler: str | None = None,
     integrator: str | None = None,
 ) -> NDArray[np.float32]:
-    """Render `source` (see `load`) and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
+    """Render `source` and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
 
-    The other arguments are those of `wrt.Renderer` and its `passes`.
+    `source`, `up`, `parameters` and `strict` are those of `load`, the other arguments those of `wrt.Renderer` and its
+    `passes`.
 
     Raises:
         InputError: where something given cannot be used.
@@ -200,7 +224,7 @@ def render(
     from wrt.renderer import Renderer
 
     renderer = Renderer(
-        load(source),
+        load(source, up=up, parameters=parameters, strict=strict),
         width=width,
         height=height,
         device=device,

@@ -100,3 +100,11 @@ def require_same(path: PathLike, stored: dict[str, Any], wanted: dict[str, Any])
             differences.append(f"{key} ({found} there, {value} here)")
     if differences:
         raise InputError(f"{path}: cannot resume, these differ: {', '.join(differences)}")
+
+
+def refuse_to_be_copied(_: object, __: Any) -> Any:
+    """Raise a TypeError, in place of a renderer's `__reduce_ex__`: its arrays and threads belong to a device."""
+    raise TypeError(
+        "a Renderer cannot be copied or pickled: send its Scene, which can, and what save_checkpoint writes, and go on "
+        "there by Renderer.resume"
+    )

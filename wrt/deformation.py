@@ -11,7 +11,7 @@ from wrt.errors import InputError
 from wrt.mesh import Mesh
 from wrt.motion import segments
 from wrt.normals import following_normals
-from wrt.values import key_times
+from wrt.values import key_times, owned, sealed
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +33,14 @@ class Deformation:
     normals: NDArray[np.float32] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        times = key_times(self.times, "deformation")
+        times = sealed(key_times(self.times, "deformation"))
         object.__setattr__(self, "times", times)
         for name in ("vertices", "normals"):
             value = getattr(self, name)
             if value is None:
                 continue
             with np.errstate(over="ignore"):
-                array = np.array(value, dtype=np.float32)
+                array = owned(value, f"deformation {name}", np.float32)
             if array.ndim != 3 or array.shape[0] != len(times) or array.shape[2] != 3:
                 raise InputError(f"deformation {name} must be ({len(times)}, N, 3), one set a time, not {array.shape}")
             if not np.isfinite(array).all():
@@ -50,8 +50,6 @@ class Deformation:
             raise InputError(
                 f"a deformation of {self.vertices.shape[1]} vertices has {self.normals.shape[1]} normals a time"
             )
-        self.times.setflags(write=False)
-        self.vertices.setflags(write=False)
 
     def keys_of(self, mesh: Mesh) -> list[Mesh]:
         """Return the mesh at each of the times."""

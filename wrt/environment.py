@@ -14,7 +14,7 @@ from wrt.harmonics import harmonics
 from wrt.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.lights import DirectionalLight
 from wrt.sky import rgb_from_xyz, sky_xyz, sun_xyz
-from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, vector
+from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector
 
 SUN_DIAMETER_DEGREES = 0.53
 """The sun's mean angular diameter."""
@@ -96,11 +96,11 @@ class SphericalHarmonicsEnvironment:
 
     def __post_init__(self) -> None:
         try:
-            values = np.asarray(self.coefficients, np.float64)
-        except (TypeError, ValueError):
+            values = owned(self.coefficients, "coefficients", np.float64)
+        except InputError:
             values = np.full(1, np.nan)
         if values.ndim == 1:
-            values = np.repeat(values[:, None], 3, axis=1)
+            values = sealed(np.repeat(values[:, None], 3, axis=1))
         count = len(values)
         if values.ndim != 2 or values.shape[1] != 3 or math.isqrt(count) ** 2 != count or count == 0:
             raise InputError(f"coefficients must be 1, 4, 9, 16, ... rows of three numbers, not {values.shape}")
@@ -122,7 +122,7 @@ class SphericalHarmonicsEnvironment:
         directions = image_directions(height, 2 * height)
         pixels = harmonics(self.degree, directions.reshape(-1, 3)) @ np.asarray(self.coefficients)
         pixels = np.maximum(pixels, 0.0).reshape(height, 2 * height, 3)
-        return ImageEnvironment(pixels.astype(np.float32), self.scale, name="spherical harmonics")
+        return ImageEnvironment(sealed(pixels.astype(np.float32)), self.scale, name="spherical harmonics")
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,8 @@ class SunSkyEnvironment:
     The model "hosek-wilkie", that of Hošek and Wilkie (2012, 2013), is in `wrt.hosek_wilkie`; "preetham", that of
     Preetham, Shirley and Smits (1999), in `wrt.sky`. The sun is a disk of 0.53 degrees, equally bright all over. The
     ground reflects what sun and sky send down, the same everywhere. Radiance is absolute, some W·sr⁻¹·m⁻² in the sky
-    and over 10⁶ in the sun, and irradiance over 100 W·m⁻²: pictures want an exposure of about −4.
+    and over 10⁶ in the sun, and irradiance over 100 W·m⁻²: at an exposure of 0 pictures are white. At −5.5 stops what
+    is white (0.8) in a sun of 45 degrees comes out at three quarters of the brightest; a low sun wants about −5.
 
     Attributes:
         elevation_degrees: of the sun above the horizon, above 0 to 90.
@@ -209,7 +210,7 @@ class SunSkyEnvironment:
         if self.ground:
             down = self._received(sky) + irradiance * math.sin(elevation)
             pixels[len(sky) :] = np.asarray(self.ground_albedo) * down / math.pi
-        image = ImageEnvironment(pixels, self.sky_scale, name="sky")
+        image = ImageEnvironment(sealed(pixels), self.sky_scale, name="sky")
         if self.sun_scale == 0.0:
             return image, None
         direction = tuple(-x for x in self.to_sun)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.values import array
+from wrt.values import array, number, owned, sealed
 
 
 def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -26,6 +26,8 @@ SMALLEST, LARGEST = 1e-11, 1e12
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles by index, with optional attributes at the vertices.
+
+    A mesh owns its arrays, which cannot be written to: it copies what it is given, unless that is read-only already.
 
     Attributes:
         vertices: (N, 3) float32 positions, metres.
@@ -62,7 +64,7 @@ class Mesh:
             bad = low if low < 0 else high
             raise InputError(f"{self.name}: a face names vertex {bad}, but there are {count} vertices")
         object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int32))
+        object.__setattr__(self, "faces", owned(self.faces, f"{self.name}: faces", np.int32))
         for name, widths in (("normals", (3,)), ("uvs", (2, 4)), ("colors", (3, 4))):
             value = getattr(self, name)
             if value is None:
@@ -74,7 +76,7 @@ class Mesh:
 
     def _float_array(self, what: str, value: ArrayLike, widths: tuple[int, ...]) -> NDArray[np.float32]:
         with np.errstate(over="ignore"):
-            rows = np.ascontiguousarray(array(value, f"{self.name}: {what}", np.float32))
+            rows = owned(value, f"{self.name}: {what}", np.float32)
         if rows.ndim != 2 or rows.shape[1] not in widths:
             shapes = " or ".join(f"(N, {width})" for width in widths)
             raise InputError(f"{self.name}: {what} must be {shapes}, not {rows.shape}")
@@ -83,21 +85,35 @@ class Mesh:
             raise InputError(f"{self.name}: {what} must be finite; number {bad} is {rows[bad].tolist()}")
         return rows
 
-    def sealed(self) -> Mesh:
-        """Return the mesh, its arrays no longer to be written to: renderers may keep them with theirs."""
-        for name in ("vertices", "faces", "normals", "uvs", "colors"):
-            self._seal(name, getattr(self, name))
-        return self
+    @classmethod
+    def taking(
+        cls,
+        vertices: NDArray[Any],
+        faces: NDArray[Any],
+        normals: NDArray[Any] | None = None,
+        uvs: NDArray[Any] | None = None,
+        colors: NDArray[Any] | None = None,
+        name: str = "mesh",
+    ) -> Mesh:
+        """Return the mesh of arrays that the caller hands over: they become read-only, and large ones are not copied.
+
+        Args:
+            vertices: (N, 3), see Mesh, and so are the others. What is of another type than it says there is converted.
+            faces: (M, 3).
+            normals: (N, 3) or None.
+            uvs: (N, 2), (N, 4) or None.
+            colors: (N, 3), (N, 4) or None.
+            name: where it came from, for messages.
+        """
+        for given in (vertices, faces, normals, uvs, colors):
+            if given is not None:
+                sealed(given)
+        return cls(vertices, faces, normals, uvs, colors, name)
 
     def share(self, name: str, array: NDArray[Any]) -> None:
-        """Hold `array`, of the same numbers, in place of the one of that name, if nobody can write to that one."""
-        if not getattr(self, name).flags.writeable:
-            self._seal(name, array)
-
-    def _seal(self, name: str, array: NDArray[Any] | None) -> None:
-        if array is not None:
-            array = array.view()
-            array.flags.writeable = False
+        """Hold a read-only view of `array`, of the same numbers, in place of the one of that name."""
+        array = array.view()
+        array.flags.writeable = False
         object.__setattr__(self, name, array)
 
     @cached_property
@@ -127,7 +143,7 @@ class Mesh:
             length = np.linalg.norm(moved, axis=1, keepdims=True)
             normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
         faces = self.faces if determinant > 0.0 else self.faces[:, ::-1]
-        return Mesh(vertices, faces, normals, self.uvs, self.colors, self.name).sealed()
+        return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name)
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""
@@ -137,6 +153,20 @@ class Mesh:
         """Return a copy moved by `offset`, metres."""
         m = np.eye(4)
         m[:3, 3] = offset
+        return self.transformed(m)
+
+    def standing(self, height: float) -> Mesh:
+        """Return a copy of some height, metres, that stands on y = 0, its middle above the origin.
+
+        It brings a mesh of any unit of length to where a scene wants it; what is flat along y has no height to scale.
+        """
+        low, high = self.bounds
+        tall = float(high[1] - low[1])
+        if tall == 0.0:
+            raise InputError(f"{self.name}: it is flat along y, and has no height that could be scaled")
+        factor = number(height, f"{self.name}: height", above=0.0) / tall
+        m = np.diag([factor, factor, factor, 1.0])
+        m[:3, 3] = -factor * np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
         return self.transformed(m)
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:

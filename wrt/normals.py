@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.mesh import Mesh, box_around
+from wrt.values import sealed
 
 CREASE_LIMIT = 2_000_000
 """Faces above which no creases are looked for. Matching the edges of more would hold several
@@ -45,14 +46,14 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
             Meshes of more than CREASE_LIMIT faces are smoothed everywhere.
     """
     if mesh.normals is not None:
-        return replace(mesh, normals=_made_unit(mesh))
+        return replace(mesh, normals=sealed(_made_unit(mesh)))
     positions = same_positions(mesh.vertices)
     if len(mesh.faces) > CREASE_LIMIT:
         from wrt.build.vertex_normals import smooth_normals
 
         normals = smooth_normals(mesh, positions, _size(mesh))
         if _any(normals).all():
-            return replace(mesh, normals=normals)
+            return replace(mesh, normals=sealed(normals))
     faces = mesh.faces.astype(np.intp)
     face_normals, angles = _face_normals(mesh)
     corners = positions[faces].reshape(-1)
@@ -72,13 +73,13 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     source = faces.reshape(-1)[first]
     chosen = corner_normals[first]
     chosen[~_any(chosen)] = (0.0, 1.0, 0.0)  # only faces without area meet here
-    return replace(
-        mesh,
-        vertices=mesh.vertices[source],
-        faces=inverse.reshape(-1, 3).astype(np.int32),
-        normals=chosen.astype(np.float32),
-        uvs=None if mesh.uvs is None else mesh.uvs[source],
-        colors=None if mesh.colors is None else mesh.colors[source],
+    return Mesh.taking(
+        mesh.vertices[source],
+        inverse.reshape(-1, 3).astype(np.int32),
+        chosen.astype(np.float32),
+        None if mesh.uvs is None else mesh.uvs[source],
+        None if mesh.colors is None else mesh.colors[source],
+        mesh.name,
     )
 
 
@@ -111,6 +112,21 @@ def _unit(vectors: _Float) -> tuple[_Float, _Float]:
 def vertex_normals(mesh: Mesh) -> _Float:
     """Return (N, 3) unit normals, weighted as in `with_normals`, without joins of positions or creases."""
     return _smooth(mesh, np.arange(len(mesh.vertices)))
+
+
+def corner_weighted_normals(vertices: _Float, faces: NDArray[np.integer[Any]]) -> _Float:
+    """Return (N, 3) unit normals as `vertex_normals` does, in double precision throughout."""
+    corners = vertices[faces]
+    edges = np.roll(corners, -1, axis=1) - corners
+    cross = np.cross(edges[:, 0], edges[:, 1])
+    twice_area = np.linalg.norm(cross, axis=1)
+    normals = _unit(cross)[0]
+    result = np.zeros(vertices.shape)
+    for k in range(3):
+        angles = np.arctan2(twice_area, -np.einsum("ij,ij->i", edges[:, k], edges[:, k - 1]))
+        for axis in range(3):
+            result[:, axis] += np.bincount(faces[:, k], normals[:, axis] * angles, len(vertices))
+    return _unit(result)[0]
 
 
 def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.build.camera import CropWindow, build_camera
-from wrt.build.environment import environment_kind, resolve_environment
 from wrt.build.filters import filter_table
 from wrt.build.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.build.light_choice import LIGHT_CHOICES
+from wrt.build.lights import has_light
 from wrt.build.scene_data import build_scene
 from wrt.camera import CAMERAS
-from wrt.checkpoint import SETTINGS_OF_PICTURE, read_checkpoint, require_same, write_checkpoint
+from wrt.checkpoint import SETTINGS_OF_PICTURE, read_checkpoint, refuse_to_be_copied, require_same, write_checkpoint
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.files import PathLike
@@ -73,6 +73,8 @@ class Renderer:
     The picture depends on scene, size, seed, sample count, device and version alone: bit for bit
     the same for any number of threads, any split into passes, and after any stop and resume.
     """
+
+    __reduce_ex__ = refuse_to_be_copied
 
     def __init__(
         self,
@@ -158,7 +160,7 @@ class Renderer:
         if not isinstance(self.scene.camera, tuple(CAMERAS.values())):
             given_camera = type(self.scene.camera).__name__
             raise InputError(f"the scene's camera must be one of wrt's cameras, not {given_camera}")
-        if self.integrator not in WITHOUT_LIGHT and not _has_light(self.scene):
+        if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
 
         self.device = Device(device, threads=threads)
@@ -444,12 +446,3 @@ class Renderer:
             "light_choice": self.light_choice,
             "scene": scene_fingerprint(self.scene),
         }
-
-
-def _has_light(scene: Scene) -> bool:
-    return (
-        any(shape.emits for shape in scene.shapes)
-        or bool(scene.lights)
-        or environment_kind(resolve_environment(scene.environment)[0]) != "none"
-        or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
-    )

@@ -126,6 +126,43 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
         raise InputError(f"{name} must be an array of numbers, all rows of one length") from None
 
 
+def owned(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
+    """Return `value` as a contiguous array that nobody can write to, or raise InputError as `array` does.
+
+    What somebody could still write to is copied; read-only arrays are held as they are.
+    """
+    result = np.ascontiguousarray(array(value, name, dtype))
+    made_here = isinstance(value, (list, tuple)) or (
+        isinstance(value, np.ndarray) and not np.may_share_memory(result, value)
+    )
+    if not made_here and not _is_read_only(result):
+        result = result.copy()
+    result.flags.writeable = False
+    return result
+
+
+def sealed(made: NDArray[Any]) -> NDArray[Any]:
+    """Return an array made read-only, with those that it views: for whoever made it and hands it over.
+
+    What takes it then holds it without a copy.
+    """
+    viewed: Any = made
+    while isinstance(viewed, np.ndarray):
+        viewed.flags.writeable = False
+        viewed = viewed.base
+    return made
+
+
+def _is_read_only(values: NDArray[Any]) -> bool:
+    """Whether neither an array nor any that it views can be written to."""
+    viewed: Any = values
+    while isinstance(viewed, np.ndarray):
+        if viewed.flags.writeable:
+            return False
+        viewed = viewed.base
+    return True
+
+
 def key_times(value: object, what: str) -> NDArray[np.float64]:
     """Return a copy of the times of keys as (N,) float64, or raise InputError naming `what`, such as "motion".
 
@@ -143,9 +180,13 @@ def key_times(value: object, what: str) -> NDArray[np.float64]:
 
 
 def image(value: object, what: str) -> NDArray[np.float32]:
-    """Return `value` as (H, W, 3) float32 pixels, finite and not negative, or raise InputError naming `what`."""
+    """Return `value` as (H, W, 3) float32 pixels, finite, not negative and read-only, see `owned`.
+
+    Raises:
+        InputError: where it is none, naming `what`.
+    """
     with np.errstate(over="ignore"):
-        pixels = np.ascontiguousarray(array(value, f"{what}: pixels", np.float32))
+        pixels = owned(value, f"{what}: pixels", np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
         raise InputError(f"{what}: pixels must be (H, W, 3), not {pixels.shape}")
     if not np.isfinite(pixels).all() or (pixels < 0).any():

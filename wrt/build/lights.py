@@ -10,17 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.build.emission import mean_emissions
-from wrt.build.environment import LUMINANCE
+from wrt.build.environment import LUMINANCE, environment_kind, resolve_environment
 from wrt.build.layout import Layout, is_moving
 from wrt.build.light_bounds import LightBounds
 from wrt.errors import InputError
 from wrt.lights import FALLOFFS, DirectionalLight, DiskLight, Light, PointLight, RectangleLight, SphereLight, SpotLight
-from wrt.scene import Shape
+from wrt.scene import Scene, Shape
 
 MOST_SOLID_LIGHTS = 64
 """Rectangles, disks and spheres in a scene: every ray is held against each of them."""
 
 Array = NDArray[np.float64]
+
+
+def has_light(scene: Scene) -> bool:
+    """Return whether anything in a scene gives off light."""
+    return (
+        any(shape.emits for shape in scene.shapes)
+        or bool(scene.lights)
+        or environment_kind(resolve_environment(scene.environment)[0]) != "none"
+        or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
+    )
 
 
 @dataclass(frozen=True)

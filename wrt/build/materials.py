@@ -172,6 +172,7 @@ class _Slots:
         self.pixels: list[NDArray[np.float32]] = []
         self.normal_maps: list[tuple[int, int, int]] = []
         self._pixel_numbers: dict[int, int] = {}
+        self._alike: dict[tuple[tuple[int, ...], bytes], list[NDArray[np.float32]]] = {}
         self._levels: dict[int, list[int]] = {}
         self._image_numbers: dict[tuple[Any, ...], int] = {}
         self._normal_map_numbers: dict[tuple[int, bool], int] = {}
@@ -181,7 +182,7 @@ class _Slots:
         from wrt.kernels.scene_data import VERTEX_ALPHA, VERTEX_COLOR, VERTEX_COLOR_NONE
 
         if isinstance(value, ImageTexture):
-            image = self.add_image(value.pixels, value)
+            image = self.add_image(self._first_alike(value.pixels), value)
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)
             cutoff = -1.0 if value.cutoff is None else value.cutoff
             own = VERTEX_COLOR if value.vertex_colors else VERTEX_ALPHA if value.vertex_alpha else VERTEX_COLOR_NONE
@@ -208,6 +209,15 @@ class _Slots:
             self.images.append((*record, len(levels), len(self.images) + 1))
             self.images += [(level, *record[1:], 0, 0) for level in levels]
         return self._image_numbers[key]
+
+    def _first_alike(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the first texture's pixels that are the same: those that were given one array hold a copy each."""
+        some = pixels.reshape(-1)[:: 1 + pixels.size // 64].tobytes()
+        alike = self._alike.setdefault((pixels.shape, some), [])
+        found = next((each for each in alike if each is pixels or np.array_equal(each, pixels)), None)
+        if found is None:
+            alike.append(pixels)
+        return pixels if found is None else found
 
     def _add_pixels(self, pixels: NDArray[np.float32]) -> int:
         """Return the number of an array of pixels."""

@@ -39,4 +39,4 @@ def read_mesh_arrays(file: Path) -> Mesh:
     """
     arrays = read_arrays(file, required=("vertices", "faces"), optional=("normals", "uvs", "colors"))
     with naming(file):
-        return Mesh(**arrays, name=file.name).sealed()
+        return Mesh.taking(**arrays, name=file.name)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.files import first_line
 from wrt.formats.gltf_images import IMAGE_KEYS, GltfImages, Tree
-from wrt.formats.gltf_materials import Attributes, GltfMaterials, coordinate_sets
+from wrt.formats.gltf_materials import GltfMaterials, coordinate_sets
 from wrt.formats.gltf_scene import cameras_of, lights_of
 from wrt.formats.parts import Contents, Part, placed, warn
 from wrt.formats.trimesh_files import load, part_of
@@ -149,27 +149,8 @@ def _part(path: Path, name: str, fields: Any, materials: GltfMaterials) -> Part 
     material = getattr(fields.get("visual"), "material", None)
     if part is None:
         return None
-    alpha = None if part.colors is None else part.colors[:, 3:]
-    if part.colors is not None:
-        part.colors = part.colors[:, :3]
     if material is None:
+        part.colors = None if part.colors is None else part.colors[:, :3]
         return part
-    number = int(material.name)
-    if alpha is not None and not (materials.has_alpha(number) and (alpha < 1.0).any()):
-        alpha = None
     second = fields.get("vertex_attributes", {}).get(_SECOND)
-    if part.uvs is None or np.shape(second) != np.shape(part.uvs):
-        second = None
-    attributes = Attributes(part.uvs is not None, second is not None, part.colors is not None, alpha is not None)
-    part.material = materials.material(number, attributes)
-    part.two_sided = materials.shines_on_both_sides(number, part.material)
-    if part.colors is not None:
-        part.colors = part.colors * materials.base_factor(number)
-        if alpha is not None:
-            part.colors = np.column_stack([part.colors, alpha])
-    placement = materials.shared_placement(number)
-    if part.uvs is not None and placement is not None:
-        part.uvs = np.asarray(part.uvs, np.float64) @ placement[:, :2].T + placement[:, 2]
-    if part.uvs is not None and second is not None:
-        part.uvs = np.column_stack([part.uvs, second * (1.0, -1.0) + (0.0, 1.0)])  # trimesh has turned the first
-    return part
+    return materials.dressed(part, int(material.name), second)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.files import read_file, why_not
 from wrt.formats.parts import warn
-from wrt.formats.texture_images import TextureImages
+from wrt.formats.texture_images import Source, TextureImages
 from wrt.textures import ImageTexture
 
 Tree = dict[str, Any]
@@ -111,7 +111,7 @@ class GltfImages:
         image = self._tree["images"][source]
         return self._firsts.setdefault((image.get("bufferView"), image.get("uri")), source)
 
-    def _bytes(self, number: int) -> bytes:
+    def _bytes(self, number: int) -> Source:
         image = self._tree["images"][number]
         if "bufferView" in image:
             view = self._tree["bufferViews"][image["bufferView"]]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.formats.gltf_images import GltfImages, Tree, placement_of
-from wrt.formats.parts import warn
+from wrt.formats.parts import Part, warn
 from wrt.materials import Emissive, Material, Principled
 from wrt.medium import Medium
 from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor, shines
@@ -62,6 +62,36 @@ class GltfMaterials:
         if key not in self._made:
             self._made[key] = self._make(number, attributes)
         return self._made[key]
+
+    def dressed(self, part: Part, number: int, second: NDArray[Any] | None = None) -> Part:
+        """Return a part with a material, its colours and texture coordinates as that wants them.
+
+        Args:
+            part: its first texture coordinates have v up; its colours, with or without alpha, are not multiplied by
+                the base colour yet.
+            number: the material's.
+            second: (N, 2) a second set of coordinates, whose v points down, as in the file.
+        """
+        colors, alpha, uvs = None, None, part.uvs
+        if part.colors is not None:
+            colors, alpha = part.colors[:, :3], part.colors[:, 3:]
+            if not (self.has_alpha(number) and (alpha < 1.0).any()):
+                alpha = None
+        if uvs is None or second is None or np.shape(second) != np.shape(uvs):
+            second = None
+        attributes = Attributes(uvs is not None, second is not None, colors is not None, alpha is not None)
+        material = self.material(number, attributes)
+        if colors is not None:
+            colors = colors * self.base_factor(number)
+            if alpha is not None:
+                colors = np.column_stack([colors, alpha])
+        placement = self.shared_placement(number)
+        if uvs is not None and placement is not None:
+            uvs = np.asarray(uvs, np.float64) @ placement[:, :2].T + placement[:, 2]
+        if uvs is not None and second is not None:
+            uvs = np.column_stack([uvs, second * (1.0, -1.0) + (0.0, 1.0)])
+        two_sided = self.shines_on_both_sides(number, material)
+        return replace(part, material=material, two_sided=two_sided, colors=colors, uvs=uvs)
 
     def has_alpha(self, number: int) -> bool:
         """Return whether alpha counts in a material (section 3.9.4)."""

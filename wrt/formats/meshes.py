@@ -1,4 +1,4 @@
-"""Mesh files and trimesh objects as wrt's shapes.
+"""Mesh files and trimesh objects as wrt's scenes.
 
 OBJ, PLY, STL, OFF, glTF and GLB, all loaded by trimesh, and arrays. No axis is turned and no unit scaled: formats do
 not agree on either, and most do not say.
@@ -6,16 +6,17 @@ not agree on either, and most do not say.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import PathLike, naming, read_file, require_file
 from wrt.formats.arrays import read_mesh_arrays
+from wrt.formats.encodings import as_text, as_utf8
 from wrt.formats.gltf import read_gltf
 from wrt.formats.kinds import hint, hinting
 from wrt.formats.obj import read_obj
@@ -26,17 +27,15 @@ from wrt.formats.parts import (
     Part,
     in_the_world,
     merge,
-    placed,
     positions_of,
     to_shapes,
     warn,
 )
 from wrt.formats.ply import read_ply
-from wrt.formats.trimesh_files import as_text, decoded, is_stand_in, load, part_of, reflectance
+from wrt.formats.trimesh_files import load, part_of
 from wrt.mesh import Mesh
-from wrt.normals import CREASE_DEGREES, same_positions, vertex_normals
+from wrt.normals import CREASE_DEGREES, same_positions
 from wrt.scene import Scene, Shape
-from wrt.textures import ColorSource
 
 __all__ = [
     "DEFAULT_REFLECTANCE",
@@ -45,12 +44,16 @@ __all__ = [
     "from_trimesh",
     "load_file",
     "load_mesh",
+    "load_object",
     "load_shapes",
 ]
 
 
 def _read_stl(path: Path, data: bytes) -> list[Part]:
     """Return a part for each solid, corners at one position merged."""
+    with contextlib.suppress(InputError):  # a binary file may begin with anything
+        plain = as_utf8(data)
+        data = plain if plain.lstrip()[:5].lower() == b"solid" else data
     count = int.from_bytes(data[80:84], "little")
     size = 84 + 50 * count
     text = data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower()
@@ -77,9 +80,10 @@ def _read_stl(path: Path, data: bytes) -> list[Part]:
 
 
 def _read_off(path: Path, data: bytes) -> list[Part]:
-    if data.lstrip()[:4].upper() == b"COFF":
+    text = as_text(data)
+    if text.lstrip()[:4].upper() == "COFF":
         warn(f"{path}: the vertex colours of the OFF file are left out")
-    part = part_of(path, path.stem, load(path, as_text(data), "off"))
+    part = part_of(path, path.stem, load(path, text, "off"))
     return [] if part is None else [part]
 
 
@@ -151,89 +155,35 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
         known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
         raise InputError(f"{file}: not a mesh format that is known; {known}" + (f"; {kind}" if kind else ""))
     with naming(file), hinting(file):
-        contents = reader(file, read_file(file))
-        shapes = to_shapes(str(file), contents.parts, smooth_degrees)
-        return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)
+        return _scene(str(file), reader(file, read_file(file)), smooth_degrees)
 
 
-def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
-    """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`.
+def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
+    """Return what `load_file` returns for a file, for a `trimesh.Trimesh` or `trimesh.Scene`.
 
-    What stands in several places are shapes that share a mesh, each with a transform; all else lies in world space.
-
-    Colours of vertices and faces are as opaque as their alpha tells. Normals that someone gave the mesh are kept; the
-    ones trimesh computes by itself are not, as they round every edge off.
+    Materials, textures, colours with their alpha, cameras and lights are those that a file would have, as far as
+    trimesh keeps them: see `wrt.formats.trimesh_objects`. What stands in several places are shapes that share a mesh,
+    each with a transform; all else lies in world space. Colours at vertices and faces are sRGB, and linear where the
+    object was loaded from glTF or has a PBRMaterial. Normals that someone gave a mesh are kept; the ones trimesh
+    computes by itself are not, as they round every edge off. Points and paths are left out with a warning.
 
     Args:
-        source: the object; points and paths in a scene are left out.
+        source: the object.
         smooth_degrees: see `load_mesh`.
 
     Raises:
         InputError: when it is something else, or has no triangles.
     """
-    import trimesh
+    from wrt.formats.trimesh_objects import read_object
 
-    if isinstance(source, trimesh.Trimesh):
-        parts = [_trimesh_part("trimesh", source)]
-    elif isinstance(source, trimesh.Scene):
-        places: dict[str, list[NDArray[np.float64]]] = {}
-        for node in source.graph.nodes_geometry:
-            matrix, name = source.graph[node]
-            if isinstance(source.geometry[name], trimesh.Trimesh):
-                places.setdefault(name, []).append(np.asarray(matrix, np.float64))
-        parts = [placed(_trimesh_part(str(name), source.geometry[name]), found) for name, found in places.items()]
-    else:
-        raise InputError(f"expected a trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}")
-    return to_shapes("trimesh", parts, smooth_degrees)
+    return _scene("trimesh", read_object(source), smooth_degrees)
 
 
-def _trimesh_part(name: str, mesh: Any) -> Part:
-    part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh))
-    visual = mesh.visual
-    if visual.kind == "texture":
-        uv = visual.uv
-        if uv is not None and np.shape(uv) == (len(mesh.vertices), 2):
-            part.uvs = np.asarray(uv)
-        part.reflectance = _trimesh_material(name, visual.material)
-    elif visual.kind == "vertex":
-        part.colors = _with_alpha(np.asarray(visual.vertex_colors))
-    elif visual.kind == "face":
-        part.face_colors = _with_alpha(np.asarray(visual.face_colors))
-    return part
+def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+    """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`; see `load_object`."""
+    return load_object(source, smooth_degrees=smooth_degrees).shapes
 
 
-def _with_alpha(given: NDArray[Any]) -> NDArray[np.float64]:
-    """Return 8-bit colours as linear ones, (N, 4) if any is not opaque."""
-    alpha = given[:, 3:] / 255.0
-    colors = decoded(given)
-    return np.column_stack([colors, alpha]) if (alpha < 1.0).any() else np.asarray(colors)
-
-
-def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
-    """Return vertex normals that are not merely what trimesh computes from the faces.
-
-    trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
-    them computes them, which without scipy takes a time that is quadratic in the vertices.
-    """
-    if "vertex_normals" not in mesh._cache.cache:
-        return None
-    given = np.asarray(mesh.vertex_normals)
-    if given.shape != np.shape(mesh.vertices) or not len(mesh.faces):
-        return None
-    # The same formula as trimesh's (Thürmer and Wüthrich 1998).
-    computed = vertex_normals(Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)))
-    return None if np.allclose(given, computed, atol=1e-5) else given
-
-
-def _trimesh_material(name: str, material: Any) -> ColorSource | None:
-    """Return the base colour of a trimesh material: linear factor times sRGB image."""
-    from trimesh.visual.color import DEFAULT_COLOR
-
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    image = None if is_stand_in(image) else image
-    value = getattr(material, "baseColorFactor", None)
-    value = getattr(material, "diffuse", None) if value is None else value
-    if value is not None and np.array_equal(value, DEFAULT_COLOR):
-        value = None  # nobody chose it
-    factor = None if value is None else np.asarray(value)[:3] / 255.0
-    return reflectance("trimesh", name, image, factor)
+def _scene(path: str, contents: Contents, smooth_degrees: float | None) -> Scene:
+    shapes = to_shapes(path, contents.parts, smooth_degrees)
+    return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)

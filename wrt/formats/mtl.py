@@ -9,6 +9,7 @@ straight on), and Ns from 0 to 1000 is a roughness from 1 to 0.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.formats.parts import DEFAULT_REFLECTANCE
-from wrt.formats.texture_images import TextureImages
+from wrt.formats.texture_images import Source, TextureImages
 from wrt.formats.trimesh_files import COLOR_MAP, Beside
 from wrt.materials import Diffuse, Material, Principled
 from wrt.textures import ColorSource, ImageTexture, NormalMap, VertexColor
@@ -39,9 +40,9 @@ _HIGHEST = 1e6
 class MtlMaterials:
     """The materials of one OBJ file, each made once for each way of using it."""
 
-    def __init__(self, path: Path) -> None:
-        """Take the path of the OBJ file, beside which images are looked for."""
-        self._path, self._beside = path, Beside(path)
+    def __init__(self, path: Path, find: Callable[[str], Source] | None = None) -> None:
+        """Take the path of the OBJ file, and what finds an image by its name; by default it looks beside the file."""
+        self._find = find or Beside(path).find
         self._images = TextureImages(path)
         self._made: dict[tuple[str, bool, bool], Material] = {}
 
@@ -185,7 +186,7 @@ class MtlMaterials:
 
     def _image(self, file: str, kind: str, **limits: float) -> NDArray[np.float32] | None:
         """Return an image beside the OBJ, see TextureImages.pixels."""
-        return self._images.pixels(file, kind, f"texture {file}", lambda: self._beside.find(file), **limits)
+        return self._images.pixels(file, kind, f"texture {file}", lambda: self._find(file), **limits)
 
 
 class _Statements:

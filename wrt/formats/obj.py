@@ -9,9 +9,10 @@ import re
 from pathlib import Path
 
 from wrt.errors import InputError
+from wrt.formats.encodings import as_text
 from wrt.formats.mtl import MtlMaterials
 from wrt.formats.parts import Part, warn
-from wrt.formats.trimesh_files import COLOR_MAP, as_text, load, part_of
+from wrt.formats.trimesh_files import COLOR_MAP, load, part_of
 
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 

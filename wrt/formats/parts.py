@@ -113,7 +113,7 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
         meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
     shapes = []
     for part, mesh in zip(repaired, meshes, strict=True):
-        shape = _shape(part, mesh.sealed())
+        shape = _shape(part, mesh)
         shapes += [replace(shape, transform=place) for place in part.places] or [shape]
     return shapes
 
@@ -138,7 +138,7 @@ def merge(meshes: list[Mesh], name: str) -> Mesh:
         return replace(meshes[0], name=name)
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
     normals = [m.normals for m in meshes if m.normals is not None]
-    return Mesh(
+    return Mesh.taking(
         np.concatenate([m.vertices for m in meshes]),
         np.concatenate([m.faces.astype(np.int64) + o for m, o in zip(meshes, offsets, strict=True)]),
         np.concatenate(normals) if len(normals) == len(meshes) else None,
@@ -302,7 +302,7 @@ def _mesh(path: str, part: Part) -> Mesh:
         # Zero stands for "none": with_normals computes those.
         if not np.isfinite(normals).all():
             normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
-    return Mesh(part.vertices, part.faces, normals, part.uvs, part.colors, f"{Path(path).name}: {part.name}")
+    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, f"{Path(path).name}: {part.name}")
 
 
 def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[Mesh]:
@@ -326,7 +326,7 @@ def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[
             for field in ("uvs", "colors")
         }
         assert whole.normals is not None
-        result[i] = Mesh(whole.vertices[used], faces, whole.normals[used], name=meshes[i].name, **picked)
+        result[i] = Mesh.taking(whole.vertices[used], faces, whole.normals[used], name=meshes[i].name, **picked)
     return result
 
 
@@ -349,7 +349,7 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
     if part.face_colors is not None:
         corners = mesh.faces.reshape(-1)
         colors = np.repeat(np.clip(part.face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
-        split = Mesh(
+        split = Mesh.taking(
             mesh.vertices[corners],
             np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
             None if mesh.normals is None else mesh.normals[corners],

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.formats.encodings import as_utf8
 from wrt.formats.parts import Part
 from wrt.formats.polygons import split_strips
 from wrt.formats.trimesh_files import is_stand_in, load, part_of, reflectance
@@ -23,6 +24,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     Raises:
         InputError: on what trimesh cannot read and on data that end too soon.
     """
+    data = as_utf8(data)
     header = data[: data.find(b"end_header")]
     try:
         # Coordinates at corners part vertices. Ones at vertices need not, and trimesh would leave
@@ -43,7 +45,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         held = next(iter(element.get("data", {}).values()), ()) if b"format ascii" in header else None
         if held is not None and len(held) < element["length"]:
             raise InputError(f"{path}: {len(held)} of {element['length']} {name!r} rows are there; it is truncated")
-    strips = _strips(elements)
+    strips = strips_of(elements)
     if len(strips):
         faces = np.asarray(fields.get("faces", np.zeros((0, 3), np.int64)))
         fields["faces"] = np.concatenate([faces, strips]) if faces.shape[1:] == (3,) else strips
@@ -56,7 +58,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     return [part]
 
 
-def _strips(elements: dict[str, Any]) -> NDArray[np.int64]:
+def strips_of(elements: dict[str, Any]) -> NDArray[np.int64]:
     """Return (T, 3) triangles of the element that programs of Stanford's school write instead of faces."""
     data = elements.get("tristrips", {}).get("data")
     if isinstance(data, np.ndarray):  # binary: records of a count and that many indices

@@ -19,6 +19,7 @@ from wrt.camera import CAMERAS, Camera
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
+from wrt.formats.encodings import as_utf8
 from wrt.formats.images import load_environment, read_image
 from wrt.formats.kinds import hinting
 from wrt.formats.parts import in_the_world, merge
@@ -49,7 +50,7 @@ from wrt.motion import Motion, rotation_matrix
 from wrt.normals import CREASE_DEGREES
 from wrt.scene import RenderSettings, Scene, Shape
 from wrt.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import boolean, integer, number, vector
+from wrt.values import boolean, integer, number, sealed, vector
 
 
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
@@ -83,7 +84,7 @@ def _parse(path: Path) -> Table:
     else:
         import tomli as tomllib
     try:
-        return dict(tomllib.loads(read_file(path).decode("utf-8")))
+        return dict(tomllib.loads(as_utf8(read_file(path)).decode("utf-8")))
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
     except tomllib.TOMLDecodeError as error:
@@ -288,7 +289,7 @@ class _Reader:
         with self.at("texture"):
             file = self.beside(table["texture"])
             if (file, linear) not in self.pixels:
-                self.pixels[file, linear] = read_image(file, linear=linear)
+                self.pixels[file, linear] = sealed(read_image(file, linear=linear))
             options = {key: table[key] for key in laid if key in table}
             key = (file, linear, repr(sorted(options.items())))
             if key not in self.textures:
@@ -421,7 +422,7 @@ class _Reader:
         self.triangles_used = True
         count = integer(triangles, "triangles", minimum=1, maximum=2**31 - 1)
         mesh: Mesh = terrain(count if self.triangles is None else self.triangles)
-        return mesh.sealed()
+        return mesh
 
     def transform(self, table: Table) -> NDArray[np.float64] | None:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""

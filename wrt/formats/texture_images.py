@@ -18,6 +18,7 @@ from wrt.errors import InputError
 from wrt.files import first_line, read_file
 from wrt.formats.images import FLOAT_SUFFIXES, open_image, pixels_of, read_float
 from wrt.formats.parts import warn
+from wrt.values import sealed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -48,7 +49,7 @@ class TextureImages:
         least: float = 0.0,
         most: float = 1.0,
     ) -> NDArray[np.float32] | None:
-        """Return (H, W, 3) linear values, or None where the image is left out.
+        """Return (H, W, 3) linear values, read-only, or None where the image is left out.
 
         Args:
             key: by which the image is known again.
@@ -62,7 +63,8 @@ class TextureImages:
         if place not in self._pixels:
             opened = self._image(key, label, source)
             try:
-                self._pixels[place] = None if opened is None else _within(_decoded(opened, kind), least, most)
+                found = None if opened is None else sealed(_within(_decoded(opened, kind), least, most))
+                self._pixels[place] = found
             except Exception as error:  # noqa: BLE001 - decoders fail on damaged images in ways they do not list
                 self._leave_out(key, label, error)
                 self._pixels[place] = None

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file, require_file, why_not
+from wrt.formats.encodings import as_text
 from wrt.formats.images import open_image
 from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
 from wrt.formats.polygons import triangulate
@@ -77,7 +78,12 @@ class Beside:
         file = self.find(name)
         data = read_file(file)
         if file.suffix.lower() == ".mtl":
-            return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", as_text(data))
+            try:
+                text = as_text(data)
+            except InputError as error:  # which trimesh would keep to itself
+                self.missing.append(f"{file}: {error}")
+                raise
+            return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", text)
         return self._not_too_large(file, data)
 
     def _not_too_large(self, file: Path, data: bytes) -> bytes:
@@ -109,14 +115,6 @@ def quiet() -> Iterator[None]:
             yield
     finally:
         log.disabled = disabled
-
-
-def as_text(data: bytes) -> str:
-    """Decode text of any encoding, so that file names in it come out as they were.
-
-    trimesh decodes UTF-8, and needs a library that may not be installed for all else.
-    """
-    return data.decode("utf-8", "surrogateescape")
 
 
 class _Views(io.BytesIO):
@@ -198,9 +196,9 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
     colors = fields.get("vertex_colors")
     if colors is None and visual is not None:
         colors = visual.vertex_attributes.get("color")
-    part.normals = _matching(fields.get("vertex_normals"), len(vertices))
-    part.uvs = _matching(getattr(visual, "uv", None), len(vertices))
-    colors, face_colors = _matching(colors, len(vertices)), _matching(fields.get("face_colors"), count)
+    part.normals = matching(fields.get("vertex_normals"), len(vertices))
+    part.uvs = matching(getattr(visual, "uv", None), len(vertices))
+    colors, face_colors = matching(colors, len(vertices)), matching(fields.get("face_colors"), count)
     if colors is not None:
         part.colors = decoded(colors, linear=linear)
     elif face_colors is not None:
@@ -208,7 +206,7 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
     return part
 
 
-def _matching(array: Any, count: int) -> NDArray[Any] | None:
+def matching(array: Any, count: int) -> NDArray[Any] | None:
     """Return an array that has a row for each vertex or face; trimesh leaves some behind that have not."""
     try:
         rows = np.asarray(array)
@@ -218,14 +216,22 @@ def _matching(array: Any, count: int) -> NDArray[Any] | None:
 
 
 def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
-    """Return (N, 3) linear colours, of linear ones (N, 4) if they have alpha; whole numbers span their type's range."""
-    values = colors[:, : 4 if linear else 3].astype(np.float64)
+    """Return (N, 3) linear colours, (N, 4) where any is not opaque; whole numbers span their type's range.
+
+    Args:
+        colors: (N, 3) or (N, 4).
+        linear: whether they are linear, as in glTF. Else they are sRGB, but for alpha, and alpha that is 0 everywhere
+            stands for none, since some programs leave it so.
+    """
+    values = colors[:, :4].astype(np.float64)
     if colors.dtype.kind in "iu":
         values /= np.iinfo(colors.dtype).max
     elif (values[np.isfinite(values)] > 1.0).any():
         values /= 255.0
     with np.errstate(all="ignore"):  # what is no colour is left out later, with a warning
-        return values if linear else linear_from_srgb(values)
+        rgb, alpha = values[:, :3], np.clip(values[:, 3:], 0.0, 1.0)
+        rgb = rgb if linear else linear_from_srgb(rgb)
+        return np.column_stack([rgb, alpha]) if (alpha < 1.0).any() and (linear or alpha.any()) else rgb
 
 
 def reflectance(path: str | Path, name: str, image: Any, factor: Any) -> ColorSource | None:

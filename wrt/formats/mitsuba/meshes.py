@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file
+from wrt.formats.encodings import as_utf8
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.obj import read_obj
 from wrt.formats.parts import Part, merge, to_shapes
@@ -33,7 +34,7 @@ def read_mesh(plugin: Plugin) -> Mesh:
     flat = plugin.boolean("face_normals", False)
     upside_down = plugin.boolean("flip_tex_coords", plugin.type == "obj")
     try:
-        data = read_file(path)
+        data = as_utf8(read_file(path))
         parts = read_obj(path, _without_materials(data)) if plugin.type == "obj" else _read_ply(path, data)
         meshes = [shape.mesh for shape in to_shapes(str(path), parts, None)]
     except InputError as error:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.files import read_file
+from wrt.formats.encodings import as_utf8
 from wrt.formats.mitsuba.document import Document, Element
 from wrt.formats.mitsuba.observer import D65, OBSERVER, WAVELENGTHS
 from wrt.formats.mitsuba.plugin import Plugin
@@ -131,7 +132,7 @@ def _from_file(element: Element, document: Document) -> Spectrum:
     """Return the spectrum of a text file of wavelengths, nm, and values."""
     path = document.file(element, element.get("filename"))
     try:
-        lines = [line.split("#")[0].split() for line in read_file(path).decode("utf-8").splitlines()]
+        lines = [line.split("#")[0].split() for line in as_utf8(read_file(path)).decode("utf-8").splitlines()]
         pairs = [(float(line[0]), float(line[1])) for line in lines if line]
     except (OSError, ValueError, IndexError):
         raise element.error(f"{path}: not a spectrum: each line must have a wavelength and a value") from None

@@ -18,7 +18,7 @@ from wrt.formats.images import read_image
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.spectra import COLOR_TAGS, color_of
 from wrt.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import Vec3
+from wrt.values import Vec3, sealed
 
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 """Of linear Rec. 709 (ITU-R BT.709): what a colour is where a number is wanted."""
@@ -129,7 +129,7 @@ class Textures:
             if not np.isfinite(pixels).all() or (pixels < 0.0).any():
                 texture.warn(f"{file.name} has values below 0 or not finite; they are 0")
                 pixels = np.maximum(np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
-            self._pixels[file, raw] = np.ascontiguousarray(pixels[::-1])
+            self._pixels[file, raw] = sealed(np.ascontiguousarray(pixels[::-1]))
         wrap = texture.choice("wrap_mode", "repeat", "repeat", "mirror", "clamp")
         kind = texture.choice("filter_type", "bilinear", "bilinear", "nearest")
         return _laid(texture, ImageTexture(self._pixels[file, raw], file.name, wrap=wrap, filter=kind))
