@@ -348,3 +348,30 @@ def test_a_planted_fault_is_noticed(tmp_path, monkeypatch):
     assert run("render", "fuze.obj", *SMALL) == 0
     with pytest.raises(AssertionError):
         assert_only_added(before, tmp_path)
+
+
+def test_pictures_of_several_inputs_step_aside_for_files_and_for_one_another(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(write_obj(tmp_path), tmp_path / "fuze-render.obj")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "fuze.png").write_bytes(b"notes")
+    before = contents(tmp_path)
+    assert run("render", "fuze.obj", "fuze-render.obj", *SMALL) == 0
+    assert_only_added(before, tmp_path, "fuze-render.png", "fuze-render-render.png")
+    before = contents(tmp_path)
+    assert run("render", "fuze.obj", "fuze-render.obj", "-o", "out/", *SMALL) == 0
+    assert_only_added(before, tmp_path, "out/fuze-render.png", "out/fuze-render-render.png")
+
+
+def test_a_file_that_appears_during_the_render_is_kept_and_so_is_the_picture(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    passes = wrt.Renderer.passes
+
+    def interfere(self, **options):
+        yield from passes(self, **options)
+        (tmp_path / "a.png").write_bytes(b"notes")
+
+    monkeypatch.setattr(wrt.Renderer, "passes", interfere)
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 0
+    assert sorted(contents(tmp_path)) == ["a-render.png", "a.png"]
+    assert (tmp_path / "a.png").read_bytes() == b"notes"

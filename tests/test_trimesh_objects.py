@@ -385,7 +385,7 @@ def test_axes_are_for_everything_that_is_rendered():
     for source in (box, mesh, wrt.load(box)):
         with pytest.raises(wrt.InputError, match="a number of triangles goes with a scene that has a procedural mesh"):
             wrt.load(source, triangles=1000)
-        with pytest.raises(wrt.InputError, match="parameters goes with a Mitsuba scene"):
+        with pytest.raises(wrt.InputError, match="parameters go with a Mitsuba scene"):
             wrt.render(source, parameters={"a": 1}, width=8, height=8, spp=1)
     cloud = trimesh.Scene([mesh, trimesh.PointCloud(np.zeros((3, 3)))])
     with pytest.raises(wrt.InputError, match="a PointCloud has no triangles"):
