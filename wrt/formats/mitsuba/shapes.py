@@ -34,7 +34,13 @@ MOST_EXACT_LIGHTS = 64
 
 
 class Shapes:
-    """Turns `shape` plugins into wrt's shapes, and into lights where they only shine."""
+    """Turns `shape` plugins into wrt's shapes, and into lights where they only shine.
+
+    Attributes:
+        lights: the shapes that became lights.
+        exteriors: what shapes say is around them, each with the shape.
+        interiors: what shapes say is in them.
+    """
 
     def __init__(self, materials: Materials, textures: Textures, detail: Detail, *, exact_lights: bool = True) -> None:
         """Start without any.
@@ -47,7 +53,8 @@ class Shapes:
         """
         self.materials, self.textures, self.detail = materials, textures, detail
         self.lights: list[Light] = []
-        self.around: Medium | None = None
+        self.exteriors: list[tuple[Plugin, Medium]] = []
+        self.interiors: set[Medium] = set()
         self._exact_lights = exact_lights
         self._groups: dict[int, list[Shape]] = {}
 
@@ -103,7 +110,10 @@ class Shapes:
         if bsdf is not None:
             flat = self.materials.surface(bsdf, Laid())
         inside, outside = (self._medium(plugin.named(name)) for name in ("interior", "exterior"))
-        self.around = self.around or outside
+        if inside is not None:
+            self.interiors.add(inside)
+        if outside is not None:
+            self.exteriors.append((plugin, outside))
         flip = plugin.boolean("flip_normals", False)
         plugin.ignore("silhouette_sampling_weight")
         if self._exact_lights and shines(emission) and isinstance(emission, tuple) and is_black(flat):
