@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.device import Device
+from wrt.errors import InputError
 from wrt.film_layers import FilmLayers
 
 STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
@@ -51,6 +52,29 @@ class Film:
         for name in (*STATE_ARRAYS, "rays"):
             getattr(self.data, name).zero_()
         self.layers.clear()
+
+    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+        """Raise InputError where no rendering can have come to a state.
+
+        Args:
+            state: arrays of the shapes and types that `state` gives.
+            shapes: how many the scene has.
+        """
+        total, squares, count, rejected = (state[name] for name in STATE_ARRAYS)
+        if (count < 0).any():
+            raise InputError(f"'count' is {count.min()} samples in a pixel")
+        if ((rejected < 0) | (rejected > count)).any():
+            raise InputError("'rejected' is below 0 or above 'count'")
+        if not (np.isfinite(total).all() and np.isfinite(squares).all()):
+            raise InputError("sums of samples are not finite")
+        if (squares < 0.0).any():
+            raise InputError("a sum of squares is negative")
+        # By Cauchy and Schwarz, but for rounding; so where there are no samples the sums are 0.
+        with np.errstate(over="ignore"):
+            possible = np.abs(total) <= np.sqrt(squares * count[:, None]) * (1.0 + 1e-6)
+        if not possible.all():
+            raise InputError("sums of samples do not go with their squares and their number")
+        self.layers.check(state, shapes)
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""

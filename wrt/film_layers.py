@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.device import Device
+from wrt.errors import InputError
 from wrt.layers import LAYERS, NUMBERS
 from wrt.materials import Material
 
@@ -57,6 +58,29 @@ class FilmLayers:
             for array in (self.data.sums, self.data.nearest, self.data.object_number):
                 array.zero_()
             self.data.off_middle.fill_(float("inf"))
+
+    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+        """Raise InputError where no rendering can have come to a state; see `wrt.film.Film.check`."""
+        if not self.names:
+            return
+        sums, nearest, objects, off_middle = (state[_PREFIX + name] for name in _ARRAYS)
+        if not np.isfinite(sums).all():
+            raise InputError("sums of layers are not finite")
+        for name in self.names:
+            first, channels = self._first.get(name, -1), LAYERS[name].channels
+            if LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
+                means = sums[:, first : first + len(channels)]
+                least = 0.0 if name == "alpha" else -np.inf
+                if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
+                    raise InputError(f"the layer {name!r} is beyond what it can be")
+            # Where a point goes that is behind the camera is no number.
+            shown = first >= 0 and not LAYERS[name].averaged and name != "motion"
+            if shown and np.isnan(nearest[:, first : first + len(channels)]).any():
+                raise InputError(f"the layer {name!r} is not a number everywhere")
+        if ((objects < 0) | (objects > shapes)).any():
+            raise InputError(f"an object's number is not one of the scene's {shapes}")
+        if not (off_middle >= 0.0).all():
+            raise InputError("'off_middle' is below 0, or not a number")
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""

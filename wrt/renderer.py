@@ -420,6 +420,10 @@ class Renderer:
             found = arrays.get(name)
             if found is None or found.shape != array.shape or found.dtype != array.dtype:
                 raise InputError(f"{path}: damaged, its array {name!r} is missing or of another shape")
+        try:
+            self.film.check(arrays, len(self.scene.shapes))
+        except InputError as error:
+            raise InputError(f"{path}: damaged, {error}") from None
         self.film.restore(arrays)
 
     def _identity(self) -> dict[str, Any]:

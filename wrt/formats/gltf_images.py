@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import read_file, why_not
+from wrt.formats import growth
 from wrt.formats.parts import warn
 from wrt.formats.texture_images import TextureImages
 from wrt.textures import ImageTexture
@@ -130,9 +131,11 @@ class GltfImages:
                 raise InputError(f"{self._path}: a data URI in it is damaged: {error}") from None
         file = self._path.parent / unquote(uri)
         try:
-            return read_file(file)
+            data = read_file(file)
         except InputError as error:
             raise InputError(f"{self._path}: {str(file)!r}, which it refers to: {why_not(file, error)}") from None
+        growth.reads(file)
+        return data
 
 
 def placement_of(info: Tree) -> Tree:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import PathLike, naming, read_file, require_file
+from wrt.formats import growth
 from wrt.formats.arrays import read_mesh_arrays
 from wrt.formats.gltf import read_gltf
 from wrt.formats.kinds import hint, hinting
@@ -124,6 +125,7 @@ def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES
     return in_the_world(load_file(path, smooth_degrees=smooth_degrees).shapes)
 
 
+@growth.one_load()
 def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
@@ -143,6 +145,7 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
     file = Path(path)
     reader = _READERS.get(file.suffix.lower())
     require_file(file)
+    growth.reads(file)
     if file.suffix.lower() == ARRAYS_SUFFIX:
         with hinting(file):
             return Scene([Shape(read_mesh_arrays(file), name=file.stem)])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file
+from wrt.formats import growth
 from wrt.formats.images import FLOAT_SUFFIXES, open_image, pixels_of, read_float
 from wrt.formats.parts import warn
 
@@ -86,6 +87,8 @@ class TextureImages:
                 warn(f"{error}; it is left out")
                 return None
             try:
+                if isinstance(found, Path):
+                    growth.reads(found)
                 if isinstance(found, Path) and found.suffix.lower() not in FLOAT_SUFFIXES:
                     found = read_file(found)
                 if isinstance(found, bytes):

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file, require_file, why_not
+from wrt.formats import growth
 from wrt.formats.images import open_image
 from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
 from wrt.formats.polygons import triangulate
@@ -76,6 +77,7 @@ class Beside:
         """
         file = self.find(name)
         data = read_file(file)
+        growth.reads(file)
         if file.suffix.lower() == ".mtl":
             return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", as_text(data))
         return self._not_too_large(file, data)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,17 @@ from xml.parsers import expat
 
 from wrt.errors import InputError, did_you_mean
 from wrt.files import first_line, read_file, require_file
+from wrt.formats import growth
 from wrt.formats.parts import warn
 
 MOST_INCLUDES = 1000
 """Files that a scene may include, each counted as often as it is."""
+
+BYTES_PER_ELEMENT = 300
+"""Memory of an element that has an attribute or two."""
+
+LONGEST_VALUE = 2**16
+"""Characters of an attribute after parameters were put in, if it has more than was written: those of a long list."""
 
 MOST_LEVELS = 64
 """How deep elements may lie within one another."""
@@ -187,9 +195,25 @@ class Document:
                 hint = did_you_mean(name, self._parameters)
                 raise element.error(f"the parameter ${name} has no value{hint}; give one by -D {name}=VALUE")
             self._used.add(name)
-            return self._parameters[name]
+            found = self._parameters[name]
+            length[0] += len(found)
+            if length[0] > LONGEST_VALUE:
+                raise element.error(f"with its parameters, a value is longer than {LONGEST_VALUE} characters")
+            return found
 
-        return _PARAMETER.sub(value, text)
+        length = [0]
+        result = _PARAMETER.sub(value, text)
+        if length[0]:
+            with self._growing(element):
+                growth.take(growth.TEXT, len(result))
+        return result
+
+    @contextmanager
+    def _growing(self, element: Element) -> Iterator[None]:
+        try:
+            yield
+        except InputError as error:
+            raise element.error(str(error)) from None
 
     def _set_default(self, element: Element) -> None:
         name = element.get("name")
@@ -227,12 +251,17 @@ def parse(path: Path) -> Element:
         InputError: where it is not well-formed XML, or has a document type.
     """
     data = read_file(path)
+    growth.reads(path)
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
+        try:
+            growth.take(growth.TEXT, BYTES_PER_ELEMENT)
+        except InputError as error:
+            raise element.error(str(error)) from None
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
 

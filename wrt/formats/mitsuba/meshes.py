@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file
+from wrt.formats import growth
 from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.obj import read_obj
 from wrt.formats.parts import Part, merge, to_shapes
@@ -34,6 +35,7 @@ def read_mesh(plugin: Plugin) -> Mesh:
     upside_down = plugin.boolean("flip_tex_coords", plugin.type == "obj")
     try:
         data = read_file(path)
+        growth.reads(path)
         parts = read_obj(path, _without_materials(data)) if plugin.type == "obj" else _read_ply(path, data)
         meshes = [shape.mesh for shape in to_shapes(str(path), parts, None)]
     except InputError as error:

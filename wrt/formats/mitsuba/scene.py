@@ -8,6 +8,7 @@ from typing import Any
 
 from wrt.errors import InputError
 from wrt.files import PathLike
+from wrt.formats import growth
 from wrt.formats.mitsuba.cameras import camera_of, settings_of, warn_of_clipping
 from wrt.formats.mitsuba.document import Document
 from wrt.formats.mitsuba.lights import Emitters
@@ -21,6 +22,7 @@ from wrt.medium import Medium
 from wrt.scene import Scene
 
 
+@growth.one_load()
 def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None, allow_outside: bool = False) -> Scene:
     """Read a scene file of Mitsuba 3, in XML.
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.camera import PerspectiveCamera
 from wrt.errors import InputError
+from wrt.formats import growth
 from wrt.formats.mitsuba import surfaces
 from wrt.formats.mitsuba.bumps import Laid, laid_on
 from wrt.formats.mitsuba.materials import BLACK, UNKNOWN, Materials, Surface, clear, is_black
@@ -100,6 +101,7 @@ class Shapes:
         matrix = plugin.transform()
         plugin.finish()
         for shape in self._groups[key]:
+            growth.take(growth.MESHES, growth.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
 
     def _shape(self, plugin: Plugin) -> Shape | None:
@@ -126,6 +128,7 @@ class Shapes:
             plugin.ignore("filename", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
             return None
         mesh = self._mesh(plugin, shines(emission))
+        growth.take(growth.MESHES, growth.BYTES_PER_ELEMENT + growth.size_of(mesh))
         if flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
