@@ -17,6 +17,12 @@ _ARRAYS = ("sums", "nearest", "object_number", "off_middle")
 _PREFIX = "layer_"
 
 
+def bytes_per_pixel(names: tuple[str, ...]) -> int:
+    """Return the memory of layers."""
+    channels = [(8 if LAYERS[name].averaged else 4) * len(LAYERS[name].channels) for name in names]
+    return sum(channels) + 8 if names else 0
+
+
 class FilmLayers:
     """The layers of a film that were asked for; none take no memory."""
 
@@ -40,17 +46,16 @@ class FilmLayers:
         if not names:
             return
         pixels = width * height
-        device.require_memory(pixels * (8 * counts[True] + 4 * counts[False] + 8), f"{width}x{height} pixels of layers")
         self.data.sums = wp.zeros((pixels, counts[True]), dtype=wp.float64, device=device.name)
         self.data.nearest = wp.zeros((pixels, counts[False]), dtype=wp.float32, device=device.name)
         self.data.object_number = wp.zeros(pixels, dtype=wp.int32, device=device.name)
         self.data.off_middle = wp.full(pixels, float("inf"), dtype=wp.float32, device=device.name)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return copies of all that must be kept to go on later, by name."""
+        """Return all that must be kept to go on later, by name; the arrays themselves where the device is the CPU."""
         if not self.names:
             return {}
-        return {_PREFIX + name: getattr(self.data, name).numpy().copy() for name in _ARRAYS}
+        return {_PREFIX + name: getattr(self.data, name).numpy() for name in _ARRAYS}
 
     def clear(self) -> None:
         """Start anew, with no samples."""

@@ -174,6 +174,7 @@ class Renderer:
                 self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
             )
             built = time.perf_counter()
+        self.film.require_memory()  # beside what the scene takes by now
         self.seconds_compile = time.perf_counter() - built
         self._inputs = self._prepare()
         self.seconds_render = 0.0
@@ -416,7 +417,7 @@ class Renderer:
     def restore(self, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take over the content of a checkpoint read from `path`."""
         require_same(path, header, self._identity())
-        for name, array in self.film.state().items():
+        for name, array in self.film.arrays().items():
             found = arrays.get(name)
             if found is None or found.shape != array.shape or found.dtype != array.dtype:
                 raise InputError(f"{path}: damaged, its array {name!r} is missing or of another shape")

@@ -26,8 +26,8 @@ from wrt.formats.trimesh_files import load, part_of
 _KNOWN_EXTENSIONS = ("KHR_materials_", "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform")
 _INTEGERS = (5120, 5121, 5122, 5123, 5125)
 _FAN = 6
-_BYTES_PER_ROW = 24
-"""Memory of an index, or of a vertex's position, normal or coordinates, while it is read."""
+_BYTES_PER_ROW = 12
+"""Memory of an index, or of a vertex's position, normal or coordinates."""
 _SECOND = "_SECOND_COORDINATES"
 """Under such a name trimesh hands on what it does not know."""
 
@@ -99,7 +99,8 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
     accessors = tree.get("accessors", [])
     meshes = tree.get("meshes", [])
     placed_primitives = sum(len(meshes[node["mesh"]]["primitives"]) for node in tree.get("nodes", []) if "mesh" in node)
-    growth.take(growth.MESHES, placed_primitives * growth.BYTES_PER_SHAPE)
+    growth.take(growth.SHAPES, placed_primitives * growth.BYTES_PER_SHAPE)
+    used: set[int] = set()
     for primitive in (p for mesh in meshes for p in mesh["primitives"]):
         attributes = primitive["attributes"]
         if primitive.get("mode") == _FAN:
@@ -123,8 +124,9 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
             accessor = accessors[index]
             if "sparse" in accessor or "bufferView" not in accessor:
                 raise InputError(f"{path}: sparse or empty accessors are not supported; export without them")
-            # Each primitive gets arrays of its own, also of accessors that it shares with others.
-            growth.take(growth.MESHES, accessor["count"] * _BYTES_PER_ROW)
+            if index in used:  # each primitive gets arrays of its own
+                growth.take(growth.MESHES, accessor["count"] * _BYTES_PER_ROW)
+            used.add(index)
             whole = accessor["componentType"] in _INTEGERS
             if whole and (key in ("TEXCOORD_0", _SECOND) or (key == "POSITION" and accessor.get("normalized"))):
                 name = "POSITION" if key == "POSITION" else "TEXCOORD"

@@ -37,9 +37,14 @@ IMAGES = Limit("images", 2**29, 512)
 """32 million pixels, such as 8192x4096, of any file; beyond, 32 for each byte of the files. Photographs have 1 to 15 a
 byte, whatever the format; a picture of one colour has 40 as JPEG, and thousands in other formats."""
 
-MESHES = Limit("shapes and meshes", 2**28, 256)
-"""A mesh that is written out takes up to ten times its file. A shape of a scene file is some hundred bytes, which stand
-for up to 200,000: a sphere. Thousands of spheres, or twenty copies of a mesh of a million triangles, are within."""
+MESHES = Limit("meshes", 2**28, 32)
+"""A mesh that is written out takes up to ten times its file; the rest is for copies of it."""
+
+SHAPES = Limit("shapes", 2**28, 256)
+"""A shape takes some hundred bytes of a scene file, an instance fifty: 65,000 places, and five for each of these."""
+
+MADE = Limit("spheres and other round shapes", 5 * 2**27, 256)
+"""24 million triangles. A sphere that is seen from afar has 4,000, another five times as many."""
 
 TEXT = Limit("XML elements and texts", 2**26, 128)
 """The shortest element has four bytes and takes 300."""
@@ -48,10 +53,10 @@ BYTES_PER_PIXEL = 16
 """Memory of a pixel that is decoded: what the decoder makes of it, and three numbers in single precision."""
 
 BYTES_PER_SHAPE = 4096
-"""A shape without its mesh. That is more than it takes: with it go the 30 µs for each, 2 s for all that are free."""
+"""A shape without its mesh. That is more than it takes, so that all that are free take no more than 2 s."""
 
 BYTES_PER_ELEMENT = 2**14
-"""A shape that is made of an element of XML, likewise: 300 µs."""
+"""A shape that is made from an element of XML, likewise: each takes 0.3 ms."""
 
 PATIENCE = 200_000_000
 """Steps, a few seconds, of a load for all work that takes longer than its data are large, such as concave polygons."""
@@ -112,7 +117,7 @@ def require(limit: Limit, size: int) -> None:
     most = limit.free + limit.per_byte * load.size
     if total > most:
         raise InputError(
-            f"its {limit.what} would take {_amount(total)} of memory; from files of {_amount(load.size)} they may take "
+            f"its {limit.what} would take {_amount(total)}; from files of {_amount(load.size)} they may take "
             f"{_amount(most)} ({_amount(limit.free)}, and {limit.per_byte} times the files)"
         )
 

@@ -121,7 +121,7 @@ def _matrices(file: Path) -> NDArray[np.float64]:
     with naming(file):
         growth.reads(file)
         matrices = array(read_array(read_file(file)), "matrices", np.float64)
-        growth.take(growth.MESHES, len(matrices) * growth.BYTES_PER_SHAPE)
+        growth.take(growth.SHAPES, len(matrices) * growth.BYTES_PER_SHAPE)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) == 0:
         raise InputError(f"{file}: must be (N, 4, 4) matrices, not an array of {matrices.shape}")
     return matrices

@@ -351,7 +351,7 @@ class _Reader:
         def moved(mesh: Mesh) -> Mesh:
             return mesh if matrix is None else mesh.transformed(matrix)
 
-        growth.take(growth.MESHES, len(made) * len(places) * growth.BYTES_PER_SHAPE)
+        growth.take(growth.SHAPES, len(made) * len(places) * growth.BYTES_PER_SHAPE)
         result = []
         for shape in made:
             changes = read_deformation(self, table, shape.mesh, moved)
@@ -359,7 +359,7 @@ class _Reader:
             two_sided = boolean(table.get("two_sided_emission", own), "two_sided_emission")
             looks = (material or shape.material, emission, two_sided, name or shape.name)
             if shape.transform is None:
-                if matrix is not None or table["type"] != "mesh":
+                if matrix is not None:
                     growth.take(growth.MESHES, growth.size_of(shape.mesh))
                 mesh, first = moved(shape.mesh), None
             else:  # one of several places in its file, whose mesh is there once

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,9 @@ MOST_INCLUDES = 1000
 
 BYTES_PER_ELEMENT = 300
 """Memory of an element that has an attribute or two."""
+
+_COUNTED = 1000
+"""Elements that are counted at once."""
 
 LONGEST_VALUE = 2**16
 """Characters of an attribute after parameters were put in, if it has more than was written: those of a long list."""
@@ -204,16 +206,8 @@ class Document:
         length = [0]
         result = _PARAMETER.sub(value, text)
         if length[0]:
-            with self._growing(element):
-                growth.take(growth.TEXT, len(result))
+            _grow(element, len(result))
         return result
-
-    @contextmanager
-    def _growing(self, element: Element) -> Iterator[None]:
-        try:
-            yield
-        except InputError as error:
-            raise element.error(str(error)) from None
 
     def _set_default(self, element: Element) -> None:
         name = element.get("name")
@@ -255,13 +249,13 @@ def parse(path: Path) -> Element:
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
+    made = [0]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
-        try:
-            growth.take(growth.TEXT, BYTES_PER_ELEMENT)
-        except InputError as error:
-            raise element.error(str(error)) from None
+        made[0] += 1
+        if made[0] % _COUNTED == 0:
+            _grow(element, _COUNTED * BYTES_PER_ELEMENT)
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
 
@@ -290,7 +284,16 @@ def parse(path: Path) -> Element:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    _grow(roots[0], made[0] % _COUNTED * BYTES_PER_ELEMENT)
     return roots[0]
+
+
+def _grow(where: Element, size: int) -> None:
+    """Count bytes of memory that elements and their texts take; raise InputError where they are too many."""
+    try:
+        growth.take(growth.TEXT, size)
+    except InputError as error:
+        raise where.error(str(error)) from None
 
 
 def _real(path: Path) -> Path:

@@ -101,7 +101,7 @@ class Shapes:
         matrix = plugin.transform()
         plugin.finish()
         for shape in self._groups[key]:
-            growth.take(growth.MESHES, growth.BYTES_PER_SHAPE)
+            growth.take(growth.SHAPES, growth.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
 
     def _shape(self, plugin: Plugin) -> Shape | None:
@@ -128,7 +128,8 @@ class Shapes:
             plugin.ignore("filename", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
             return None
         mesh = self._mesh(plugin, shines(emission))
-        growth.take(growth.MESHES, growth.BYTES_PER_ELEMENT + growth.size_of(mesh))
+        growth.take(growth.SHAPES, growth.BYTES_PER_ELEMENT)
+        growth.take(growth.MESHES if plugin.type in ("obj", "ply") else growth.MADE, growth.size_of(mesh))
         if flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
