@@ -358,6 +358,8 @@ def main() -> None:
     Image.fromarray(rgba).save(SEEDS / "colors.png")
     Image.fromarray(rgba[..., 0]).save(SEEDS / "grey.png")
     Image.fromarray(rgba[..., 0]).convert("P").save(SEEDS / "palette.png")
+    Image.fromarray(rgba[..., 2:]).save(SEEDS / "grey-alpha.png")
+    Image.fromarray(rgba[..., 0] > 100).save(SEEDS / "bits.png")
     Image.fromarray(rng.integers(0, 65536, (4, 4), np.uint16)).save(SEEDS / "deep.png")
     Image.fromarray(rgba[..., :3]).save(SEEDS / "photo.jpg", quality=50)
     Image.fromarray(rgba[..., :3]).save(SEEDS / "raw.bmp")
@@ -390,6 +392,8 @@ def main() -> None:
     write("sky.toml", TOML_SKY)
     write("plugins.xml", XML_SCENE)
     write("lamp.xml", XML_INCLUDED)
+    for name, text in (("marked.obj", OBJ_POLYGONS), ("marked.toml", TOML_SHAPES), ("marked.xml", XML_INCLUDED)):
+        write(name, "\ufeff" + text)  # as editors on Windows do
     np.savez(SEEDS / "box.npz", vertices=VERTICES, faces=FACES)
     np.savez_compressed(SEEDS / "packed.npz", vertices=VERTICES, faces=FACES, colors=VERTICES)
     count = np.full(12, 2, np.int32)
