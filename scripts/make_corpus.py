@@ -392,8 +392,6 @@ def main() -> None:
     write("sky.toml", TOML_SKY)
     write("plugins.xml", XML_SCENE)
     write("lamp.xml", XML_INCLUDED)
-    for name, text in (("marked.obj", OBJ_POLYGONS), ("marked.toml", TOML_SHAPES), ("marked.xml", XML_INCLUDED)):
-        write(name, "\ufeff" + text)  # as editors on Windows do
     np.savez(SEEDS / "box.npz", vertices=VERTICES, faces=FACES)
     np.savez_compressed(SEEDS / "packed.npz", vertices=VERTICES, faces=FACES, colors=VERTICES)
     count = np.full(12, 2, np.int32)

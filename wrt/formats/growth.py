@@ -43,8 +43,8 @@ MESHES = Limit("meshes", 2**28, 32)
 SHAPES = Limit("shapes", 2**28, 256)
 """A shape takes some hundred bytes of a scene file, an instance fifty: 65,000 places, and five for each of these."""
 
-MADE = Limit("spheres and other round shapes", 5 * 2**27, 256)
-"""24 million triangles. A sphere that is seen from afar has 4,000, another five times as many."""
+MADE = Limit("spheres and other round shapes", 2**29, 256)
+"""19 million triangles. A sphere that is seen from afar has 4,000, another five times as many."""
 
 TEXT = Limit("XML elements and texts", 2**26, 128)
 """The shortest element has four bytes and takes 300."""

@@ -45,15 +45,9 @@ class Beside:
     def __init__(self, path: Path, *, images: bool = True) -> None:
         """Take the path of the file, and whether what it refers to are images; else they may be anything."""
         self.path = path
-        self._asked = 0
+        self.file_name = path.name
         self.missing: list[str] = []
         self._images = images
-
-    @property
-    def file_name(self) -> str:
-        """A name for what has none, another one each time: trimesh would look for one in time quadratic in them."""
-        self._asked += 1
-        return f"{self.path.name} {self._asked}"
 
     def find(self, name: str) -> Path:
         """Return the path of a file that may be read.
