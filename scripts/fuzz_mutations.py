@@ -69,7 +69,9 @@ TOML_VALUES = (
     '{ texture = "missing.png" }',
     '"vertex-colors"',
     "[" * 300 + "]" * 300,
+    "{ a = " * 300 + "1" + " }" * 300,
     "9" * 5000,
+    "100000",
 )
 """What a value of a scene file is replaced by."""
 
@@ -110,6 +112,15 @@ _XML_TAGS = (
     b'<default name="n" value="$n$n$n"/>',
     b'<ref id="x"/>',
     b"<x>" * 2000,
+    b'<default name="n" value="' + b"n" * 300 + b'"/>' + b'<default name="n" value="$n$n$n$n"/>' * 2,
+    *(b'<default name="n%d" value="%s"/>' % (i, (b"$n%d" % (i - 1)) * 10 if i else b"n" * 10) for i in range(8)),
+    b'<shape type="merge" id="m">' + b'<ref id="s"/>' * 300 + b"</shape>",
+    b'<shape type="cube" id="s"/>',
+    b'<ref id="m"/>' * 300,
+    b'<shape type="shapegroup" id="g">' + b'<shape type="cube"/>' * 300 + b"</shape>",
+    b'<shape type="instance"><ref id="g"/></shape>' * 300,
+    b'<shape type="sphere"/>' * 300,
+    b'<medium type="homogeneous" name="exterior"/><medium type="homogeneous" name="interior"/>',
 )
 
 
@@ -232,6 +243,23 @@ def _toml_value(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
     return data[: match.start()] + line + data[match.end() :]
 
 
+def _toml_table(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Repeat a table many times, or make a key one of many parts."""
+    if rng.random() < 0.5:
+        tables = re.split(rb"(?m)^(?=\[)", data)
+        i = rng.randrange(len(tables))
+        return b"".join([*tables[:i], tables[i] * rng.choice([2, 30, 1000]), *tables[i + 1 :]])
+    parts = rng.choice([2, 60, 300, 20000])
+    return _replaced(rng, data, _TOML_LINE, lambda line: b".".join([b"a"] * parts) + b"." + line.lstrip())
+
+
+def _bom(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Write text as editors on Windows do: with a byte order mark, perhaps in UTF-16."""
+    if rng.random() < 0.5:
+        return b"\xef\xbb\xbf" + data
+    return data.decode("utf-8", "replace").encode("utf-16")
+
+
 def _xml_text(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
     words = [word for other in others for word in _XML_TEXT.findall(other)] + [n.encode() for n in NUMBERS]
     return _replaced(rng, data, _XML_TEXT, lambda _: rng.choice(words))
@@ -289,6 +317,43 @@ def _change(rng: Random, tree: Any) -> None:
         node[key] = rng.choice(JSON_VALUES)
 
 
+def _png_size(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Change width, height, bits and colours of a PNG, and make them black: few bytes are very many pixels."""
+    bits, colors = rng.choice(
+        [(1, 0), (8, 0), (16, 0), (8, 2), (16, 2), (1, 3), (8, 3), (8, 4), (16, 4), (8, 6), (16, 6)]
+    )
+    width, height = (rng.choice([1, 7, 300, 4096, 16384, 2**20, 2**24]) for _ in range(2))
+    row = 1 + width * bits * {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colors] // 8
+    size = min(row * height, 2**26)
+    parts = [
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colors, 0, 0, rng.randrange(2))),
+        *([(b"PLTE", bytes(3)), (b"tRNS", b"\0")] if colors == 3 else []),
+        (b"IDAT", zlib.compress(bytes(size), 9)),
+        (b"IEND", b""),
+    ]
+    written = (struct.pack(">I", len(c)) + n + c + struct.pack(">I", zlib.crc32(n + c)) for n, c in parts)
+    return data[:8] + b"".join(written)
+
+
+def _json_copies(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Have many primitives, meshes, nodes or images share what is there once, in a glTF file as text."""
+    try:
+        tree = json.loads(data)
+        times = rng.choice([10, 300, 3000])
+        if rng.random() < 0.5:
+            for mesh in tree["meshes"]:
+                mesh["primitives"] *= times
+        else:
+            nodes = [{"mesh": k % len(tree["meshes"])} for k in range(times)]
+            tree.update(nodes=nodes, scenes=[{"nodes": list(range(times))}], scene=0)
+        if rng.random() < 0.3:
+            for accessor in tree["accessors"]:
+                accessor["count"] *= rng.choice([1, 1000, 10**6])
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return data
+    return json.dumps(tree).encode()
+
+
 def _png_chunk(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
     """Change a chunk of a PNG and make its check sum fit."""
     chunks, place = [], 8
@@ -323,16 +388,16 @@ _TEXT = (
 )
 _MIXED = (*_BINARY, _number, _word, _lines)
 _WAYS = {
-    "obj": _TEXT,
-    "mtl": _TEXT,
-    "off": _TEXT,
+    "obj": (*_TEXT, _bom),
+    "mtl": (*_TEXT, _bom),
+    "off": (*_TEXT, _bom),
     "ply": _MIXED,
     "stl": _MIXED,
-    "gltf": (*_TEXT, *(_json,) * 12),
+    "gltf": (*_TEXT, *(_json,) * 12, _json_copies, _bom),
     "glb": (*_BINARY, *(_json,) * 10),
-    "toml": (*_TEXT, *(_toml_value,) * 12),
-    "xml": (*_TEXT, *(_xml_text, _xml_tag) * 5),
-    "png": (*_BINARY, *(_png_chunk,) * 5),
+    "toml": (*_TEXT, *(_toml_value,) * 12, _toml_table, _toml_table, _bom),
+    "xml": (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom),
+    "png": (*_BINARY, *(_png_chunk,) * 5, _png_size, _png_size),
     "hdr": _MIXED,
     "npy": _MIXED,
 }

@@ -358,6 +358,8 @@ def main() -> None:
     Image.fromarray(rgba).save(SEEDS / "colors.png")
     Image.fromarray(rgba[..., 0]).save(SEEDS / "grey.png")
     Image.fromarray(rgba[..., 0]).convert("P").save(SEEDS / "palette.png")
+    Image.fromarray(rgba[..., 2:]).save(SEEDS / "grey-alpha.png")
+    Image.fromarray(rgba[..., 0] > 100).save(SEEDS / "bits.png")
     Image.fromarray(rng.integers(0, 65536, (4, 4), np.uint16)).save(SEEDS / "deep.png")
     Image.fromarray(rgba[..., :3]).save(SEEDS / "photo.jpg", quality=50)
     Image.fromarray(rgba[..., :3]).save(SEEDS / "raw.bmp")

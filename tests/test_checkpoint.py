@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import json
+import re
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 import wrt
 from wrt.checkpoint import FORMAT, read_checkpoint, require_same, write_checkpoint
+from wrt.layers import LAYERS
 
 HEADER = {"width": 2, "scene": {"geometry": "abc"}, "text": "größer", "none": None, "float": 0.1}
 ARRAYS = {
@@ -325,3 +327,40 @@ def test_require_same_tells_missing_from_different() -> None:
     for stored in ({}, {"a": 2, "b": {"c": 2}}, {"a": 1, "b": {}}, {"a": 1, "b": 5}):
         with pytest.raises(wrt.InputError, match="cannot resume"):
             require_same("x", stored, {"a": 1, "b": {"c": 2}})
+
+
+IMPOSSIBLE = {
+    "count": [(-1, "'count' is -1 samples"), (2, "do not go with their squares")],
+    "rejected": [(-1, "'rejected' is below 0 or above"), (4, "'rejected' is below 0 or above")],
+    "total": [(np.nan, "not finite"), (-np.inf, "not finite"), (1e30, "do not go with their squares")],
+    "total_of_squares": [(np.inf, "not finite"), (-1.0, "negative"), (1e-9, "do not go with their squares")],
+    "layer_sums": [(np.nan, "not finite"), (1e6, "the layer '(normal|alpha)' is beyond what")],
+    "layer_nearest": [(np.nan, "not a number everywhere")],
+    "layer_object_number": [(-1, "not one of the scene's 1"), (2, "not one of the scene's 1")],
+    "layer_off_middle": [(np.nan, "'off_middle'"), (-1.0, "'off_middle'")],
+}
+
+
+@pytest.mark.parametrize(("name", "value", "reason"), [(n, *each) for n, pairs in IMPOSSIBLE.items() for each in pairs])
+def test_impossible_numbers_are_refused(name: str, value: float, reason: str, tmp_path: Path) -> None:
+    """As in archives that were edited: their checksums are right, the numbers are not."""
+    path = tmp_path / "film"
+    renderer = rendered(layers=("normal", "alpha", "depth", "uv", "object"))
+    renderer.save_checkpoint(path)
+    before = renderer.film.state()
+    header, arrays = read_checkpoint(path)
+    arrays[name][len(arrays[name]) // 2] = value
+    write_checkpoint(path, header, arrays)
+    for call in (lambda: renderer.load_checkpoint(path), lambda: wrt.Renderer.resume(path, scene())):
+        assert re.search(rf"{path}: damaged, .*{reason}", refusal(call, path))
+    assert all(np.array_equal(before[key], now) for key, now in renderer.film.state().items())
+
+
+@pytest.mark.parametrize("filter", ["box", "blackman-harris"])
+def test_what_a_renderer_has_seen_is_always_possible(filter: str, tmp_path: Path) -> None:
+    """Light of 1e18 and of 1e-18 side by side, whose sums round most, and none at all."""
+    lit = scene(environment=wrt.ImageEnvironment(np.float32([[[1e18] * 3, [1e-18] * 3], [[0.0] * 3, [1.0] * 3]])))
+    renderer = wrt.Renderer(lit, width=16, height=12, max_depth=3, filter=filter, layers=tuple(LAYERS))
+    for _ in renderer.passes(spp=64):
+        renderer.save_checkpoint(tmp_path / "film")
+        renderer.load_checkpoint(tmp_path / "film")

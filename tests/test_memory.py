@@ -1,17 +1,20 @@
-"""Memory is given back to the system, and all that was there works as before."""
+"""What memory is left is known; memory is given back to the system, and all that was there works as before."""
 
 from __future__ import annotations
 
 import ctypes
 import os
+import re
+import resource
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 
-from wrt.memory import trim
+from wrt.memory import memory_left, trim
 
 STARTED = """
 import re, sys
@@ -90,3 +93,96 @@ def test_freed_blocks_are_given_back() -> None:
     trim()
     assert before - resident() > 0.5 * size * count
     free(blocks[-1])
+
+
+def fake(folder: Path, cgroup: str, files: dict[str, str]) -> tuple[Path, Path]:
+    proc, groups = folder / "proc", folder / "groups"
+    proc.mkdir()
+    (proc / "statm").write_text("3000 1000 10 1 0 2000 0\n")
+    (proc / "cgroup").write_text(cgroup)
+    for name, text in files.items():
+        (groups / name).parent.mkdir(parents=True, exist_ok=True)
+        (groups / name).write_text(text)
+    return proc, groups
+
+
+MACHINE = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+RESIDENT = 1000 * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.parametrize(
+    ("cgroup", "files", "limit"),
+    [
+        ("", {}, MACHINE),
+        ("0::/a/b\n", {"a/b/memory.max": "max\n", "a/memory.max": "max\n"}, MACHINE),
+        ("0::/a/b\n", {"a/b/memory.max": "50000000\n", "a/memory.max": "max\n"}, 50_000_000),
+        ("0::/a/b\n", {"a/b/memory.max": "50000000\n", "a/memory.max": "40000000\n"}, 40_000_000),
+        ("0::/a/b\n", {"a/b/memory.max": "max\n", "other/memory.max": "1\n"}, MACHINE),
+        ("0::/\n", {"memory.max": "30000000\n"}, 30_000_000),  # a container with a name space of its own
+        ("0::/machine/c1\n", {"memory.max": "30000000\n"}, 30_000_000),  # and without
+        ("1:name=systemd:/x\n4:memory:/a\n", {"memory/a/memory.limit_in_bytes": "20000000\n"}, 20_000_000),
+        ("4:cpu,memory:/a\n", {"cpu,memory/a/memory.limit_in_bytes": "20000000\n"}, 20_000_000),
+        ("4:memory:/docker/c\n", {"memory/memory.limit_in_bytes": "20000000\n"}, 20_000_000),
+        ("4:memory:/a\n", {"memory/a/memory.limit_in_bytes": "9223372036854771712\n"}, MACHINE),
+        ("0::/\n4:memory:/a\n", {"memory/a/memory.limit_in_bytes": "20000000\n", "unified/memory.max": "max"}, 2e7),
+        ("0::/a:b\n", {"a:b/memory.max": "50000000\n"}, 50_000_000),
+        ("nonsense\n0::/a\n", {"a/memory.max": "none of these\n"}, MACHINE),
+        ("0::/a\n", {"a/memory.max": "1000\n"}, RESIDENT),  # less than there is already
+    ],
+)
+def test_limits_of_control_groups(cgroup: str, files: dict[str, str], limit: int, tmp_path: Path) -> None:
+    assert memory_left(*fake(tmp_path, cgroup, files)) == limit - RESIDENT
+
+
+def test_where_the_system_says_nothing(tmp_path: Path) -> None:
+    assert memory_left(tmp_path / "none", tmp_path / "none") == MACHINE
+
+
+TOO_LARGE = ("-m", "wrt", "render", "cornell-box", "--size", "8000x8000", "--spp", "1", "-o", "x.png", "--quiet")
+
+
+def refused(folder: Path, before: Callable[[], None]) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, *TOO_LARGE]
+    result = subprocess.run(
+        command,
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        preexec_fn=before,
+        timeout=300,
+        check=False,
+    )
+    assert result.returncode == 2, result.stderr
+    assert re.fullmatch(
+        r"wrt: error: a picture of 8000x8000 needs 7\.7 GB, more than the [0-2]\.\d GB that cpu can give\n",
+        result.stderr,
+    )
+
+
+@pytest.mark.parametrize("kind", [resource.RLIMIT_AS, resource.RLIMIT_DATA])
+def test_limits_of_the_process_are_known(kind: int, tmp_path: Path) -> None:
+    refused(tmp_path, lambda: resource.setrlimit(kind, (2 << 30, 2 << 30)))
+
+
+def test_the_limit_of_a_real_control_group_is_known(tmp_path: Path) -> None:
+    places = [(Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes"), (Path("/sys/fs/cgroup"), "memory.max")]
+    root, name = next(((root, name) for root, name in places if root.is_dir()), (Path(), ""))
+    group = root / f"wrt-test-{os.getpid()}"
+    try:
+        group.mkdir()
+    except OSError:
+        pytest.skip("no control groups can be made here")
+    try:
+        try:
+            (group / name).write_text(str(2 << 30))
+            probe = subprocess.run(
+                ["true"], preexec_fn=lambda: (group / "cgroup.procs").write_text(str(os.getpid())), check=False
+            )
+        except (OSError, subprocess.SubprocessError):
+            pytest.skip("no process can be put into a control group here")
+        assert probe.returncode == 0
+        refused(tmp_path, lambda: (group / "cgroup.procs").write_text(str(os.getpid())) and None)
+    finally:
+        group.rmdir()

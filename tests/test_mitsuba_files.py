@@ -104,6 +104,14 @@ CASES = {
     "direct": Case("direct; fov_axis smaller", ('"direct"', '"path"')),
     "media": Case("volpath, homogeneous, hg, null around a medium", ('"g" value="0.5"', '"g" value="0.2"'), 1024),
     "fog": Case("the medium of a sensor, exterior", ('"0.15, 0.2, 0.25"', '"0.2, 0.2, 0.25"'), 1024),
+    "nested": Case(
+        "an exterior that is the interior of another shape, by ref and written out; media within media",
+        ('"0.9, 0.8, 0.6"', '"0.7, 0.8, 0.6"'),
+        1024,
+    ),
+    "within": Case(
+        "a sensor in a body, which is of the sensor's medium", ('"0.12, 0.2, 0.3"', '"0.2, 0.2, 0.3"'), 1024
+    ),
     "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
 SIGNIFICANCE = sidak(0.01, len(CASES))

@@ -391,3 +391,65 @@ def test_what_is_left_out_is_told(body: str, tmp_path: Path) -> None:
     assert all(": line " in message and "\n" not in message for message in messages)
     with pytest.raises(wrt.InputError, match=re.escape(messages[0])):
         loaded(tmp_path, body, strict=True)
+
+
+# --- What fills the space around bodies -----------------------------------------------------------
+
+HAZE = '<rgb name="sigma_t" value="0.9, 0.7, 0.5"/><rgb name="albedo" value="0.5"/>'
+SMOKE = '<rgb name="sigma_t" value="0.3"/><rgb name="albedo" value="0.5"/>'
+CAMERA = '<transform name="to_world"><lookat origin="0, 0, {z}" target="0, 0, -9" up="0, 1, 0"/></transform>'
+
+
+def body(radius: float, *media: tuple[str, str]) -> str:
+    inner = "".join(f'<medium type="homogeneous" name="{name}">{text}</medium>' for name, text in media)
+    return f'<shape type="sphere"><float name="radius" value="{radius}"/><bsdf type="null"/>{inner}</shape>'
+
+
+def sensor(z: float, medium: str = "") -> str:
+    inside = f'<medium type="homogeneous">{medium}</medium>' if medium else ""
+    return f'<sensor type="perspective">{CAMERA.format(z=z)}{inside}</sensor>'
+
+
+NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interior", HAZE))]
+
+
+@pytest.mark.parametrize(
+    ("parts", "around"),
+    [
+        (NESTED, None),
+        (NESTED[::-1], None),
+        ([*NESTED, sensor(5.0)], None),
+        ([*NESTED, sensor(5.0, SMOKE)], SMOKE),
+        ([*NESTED, sensor(5.0, HAZE)], HAZE),  # the same haze inside and outside
+        ([*NESTED, sensor(0.75, HAZE)], None),  # the camera is in the haze of the larger body
+        ([*NESTED, sensor(0.25, SMOKE)], None),  # and in the smaller one
+        ([*NESTED, body(0.2, ("exterior", SMOKE))], None),
+        ([body(0.5, ("exterior", HAZE), ("interior", SMOKE))], HAZE),  # of no shape's inside
+        ([body(0.5, ("exterior", SMOKE)), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
+        ([sensor(0.75, HAZE), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
+    ],
+)
+def test_the_space_around_has_the_medium_that_is_in_no_body(parts: list[str], around: str, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = loaded(tmp_path, "".join(parts) + BALL)
+    expected = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
+    assert scene.medium == expected[around]
+
+
+def test_a_second_medium_around_is_told(tmp_path: Path) -> None:
+    shapes = body(0.5, ("exterior", HAZE)) + body(1.0, ("exterior", SMOKE))
+    with pytest.warns(InputWarning, match=r"line 2: shape 'sphere': its 'exterior' is left out: another medium fills"):
+        assert loaded(tmp_path, shapes + BALL).medium == wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25))
+
+
+def test_naming_what_is_around_an_inner_body_changes_no_bit(tmp_path: Path, device: str) -> None:
+    glass = '<shape type="sphere"><float name="radius" value="0.4"/><bsdf type="dielectric"/>{}</shape>'
+    haze = '<medium type="homogeneous" name="{}">' + HAZE + "</medium>"
+    rest = body(1.0, ("interior", HAZE)) + sensor(5.0) + '<emitter type="constant"/>'
+    named, plain = (
+        wrt.render(loaded(tmp_path, glass.format(text) + rest), width=16, height=12, spp=4, device=device)
+        for text in (haze.format("exterior"), "")
+    )
+    assert plain.mean() > 0.5
+    np.testing.assert_array_equal(named, plain)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
 from wrt.headers import keep_headers, lend_headers
-from wrt.memory import forget_code, trim
+from wrt.memory import forget_code, memory_left, trim
 from wrt.values import integer
 
 SLICES_PER_THREAD = 16
@@ -194,19 +194,27 @@ class Device:
         """Whether kernels run on the CPU."""
         return self.name == "cpu"
 
-    def require_memory(self, size: int, what: str) -> None:
-        """Raise InputError where `what` needs more bytes than the device has at all.
+    def require_memory(self, size: int, what: str, *, copies: int = 0) -> None:
+        """Raise InputError where `what` needs more bytes than can be had.
 
         On the CPU an allocation that large may well succeed, and the process be killed for using it.
+
+        Args:
+            size: bytes on the device.
+            what: for the message.
+            copies: bytes beyond them in the host's memory, for a time.
         """
         import warp as wp
 
-        if self.is_cpu:
-            total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        else:
-            total = wp.get_device(self.name).total_memory
-        if size > total:
-            raise InputError(f"{what} needs {size / 1e9:.1f} GB, more than the {total / 1e9:.1f} GB of {self.name}")
+        places = {"cpu": (size if self.is_cpu else 0) + copies}
+        if not self.is_cpu:
+            places[self.name] = size
+        for name, needed in places.items():
+            left = memory_left() if name == "cpu" else wp.get_device(name).total_memory
+            if needed > left:
+                raise InputError(
+                    f"{what} needs {needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} can give"
+                )
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:
         """Return an uninitialised array of numbers, or of vectors of them, for large data such as a ray tree.

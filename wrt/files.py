@@ -36,6 +36,7 @@ class _OutsideError(Exception):
 
 
 _confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
+_sizes: ContextVar[dict[str, int] | None] = ContextVar("sizes", default=None)
 _inputs: dict[str, Identity] = {}  # what this process has read, by its path without links
 
 
@@ -56,6 +57,17 @@ def is_input(path: Path) -> bool:
 def forget_input(path: Path) -> None:
     """From here on, do not count the file at `path` as one that was read: wrt has made it itself."""
     _inputs.pop(os.path.realpath(path), None)
+
+
+@contextmanager
+def counting_sizes() -> Iterator[dict[str, int]]:
+    """Within the context, gather the bytes of the files that are read, by their paths without links."""
+    sizes: dict[str, int] = {}
+    token = _sizes.set(sizes)
+    try:
+        yield sizes
+    finally:
+        _sizes.reset(token)
 
 
 @contextmanager
@@ -138,6 +150,9 @@ def _read(path: Path, count: int) -> bytes:
     if not data:
         raise InputError(f"{path}: the file is empty")
     _inputs[real] = identity_of(found)
+    sizes = _sizes.get()
+    if sizes is not None:
+        sizes[real] = found.st_size
     return data
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.device import Device
-from wrt.film_layers import FilmLayers
+from wrt.errors import InputError
+from wrt.film_layers import FilmLayers, bytes_per_pixel
 
 STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
 """The arrays that make up a film's state; the rays traced only report on this run."""
@@ -16,6 +17,9 @@ STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
 
 BYTES_PER_PIXEL = 64
 """Memory of a film: two sums of three doubles, two counts and a tally."""
+
+COPIED_PER_PIXEL = 56
+"""Memory of copies for a time: for a checkpoint, all but the tally; a picture in 8 bits takes less."""
 
 NOISE_PIXELS = 1 << 14
 """At least, in a slice of the launch that finds their noise: several times the work of starting one."""
@@ -32,7 +36,8 @@ class Film:
 
         self.width, self.height, self.device = width, height, device
         self.pixels = pixels = width * height
-        device.require_memory(pixels * BYTES_PER_PIXEL, f"a picture of {width}x{height}")
+        self._per_pixel = bytes_per_pixel(layers)
+        self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
         self.layers = FilmLayers(layers, width, height, device)
         self.data = FilmData()
         self.data.total = wp.zeros(pixels, dtype=wp.vec3d, device=device.name)
@@ -41,9 +46,19 @@ class Film:
         self.data.rejected = wp.zeros(pixels, dtype=wp.int32, device=device.name)
         self.data.rays = wp.zeros(pixels, dtype=wp.int64, device=device.name)
 
+    def require_memory(self, new: int = 0) -> None:
+        """Raise InputError where there is no memory for `new` bytes a pixel, and the copies that saving makes."""
+        what = f"a picture of {self.width}x{self.height}"
+        copies = self.pixels * (COPIED_PER_PIXEL + self._per_pixel)
+        self.device.require_memory(self.pixels * new, what, copies=copies)
+
     def state(self) -> dict[str, NDArray[Any]]:
         """Return copies of all that must be kept to go on later, by name."""
-        own = {name: getattr(self.data, name).numpy().copy() for name in STATE_ARRAYS}
+        return {name: array.copy() for name, array in self.arrays().items()}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what `state` copies, itself where the device is the CPU."""
+        own = {name: getattr(self.data, name).numpy() for name in STATE_ARRAYS}
         return {**own, **self.layers.state()}
 
     def clear(self) -> None:
@@ -51,6 +66,29 @@ class Film:
         for name in (*STATE_ARRAYS, "rays"):
             getattr(self.data, name).zero_()
         self.layers.clear()
+
+    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+        """Raise InputError where no rendering can have come to a state.
+
+        Args:
+            state: arrays of the shapes and types that `state` gives.
+            shapes: how many the scene has.
+        """
+        total, squares, count, rejected = (state[name] for name in STATE_ARRAYS)
+        if (count < 0).any():
+            raise InputError(f"'count' is {count.min()} samples in a pixel")
+        if ((rejected < 0) | (rejected > count)).any():
+            raise InputError("'rejected' is below 0 or above 'count'")
+        if not (np.isfinite(total).all() and np.isfinite(squares).all()):
+            raise InputError("sums of samples are not finite")
+        if (squares < 0.0).any():
+            raise InputError("a sum of squares is negative")
+        # By Cauchy and Schwarz, but for rounding; so where there are no samples the sums are 0.
+        with np.errstate(over="ignore"):
+            possible = np.abs(total) <= np.sqrt(squares * count[:, None]) * (1.0 + 1e-6)
+        if not possible.all():
+            raise InputError("sums of samples do not go with their squares and their number")
+        self.layers.check(state, shapes)
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""

@@ -9,11 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.device import Device
+from wrt.errors import InputError
 from wrt.layers import LAYERS, NUMBERS
 from wrt.materials import Material
 
 _ARRAYS = ("sums", "nearest", "object_number", "off_middle")
 _PREFIX = "layer_"
+
+
+def bytes_per_pixel(names: tuple[str, ...]) -> int:
+    """Return the memory of layers."""
+    channels = [(8 if LAYERS[name].averaged else 4) * len(LAYERS[name].channels) for name in names]
+    return sum(channels) + 8 if names else 0
 
 
 class FilmLayers:
@@ -39,17 +46,16 @@ class FilmLayers:
         if not names:
             return
         pixels = width * height
-        device.require_memory(pixels * (8 * counts[True] + 4 * counts[False] + 8), f"{width}x{height} pixels of layers")
         self.data.sums = wp.zeros((pixels, counts[True]), dtype=wp.float64, device=device.name)
         self.data.nearest = wp.zeros((pixels, counts[False]), dtype=wp.float32, device=device.name)
         self.data.object_number = wp.zeros(pixels, dtype=wp.int32, device=device.name)
         self.data.off_middle = wp.full(pixels, float("inf"), dtype=wp.float32, device=device.name)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return copies of all that must be kept to go on later, by name."""
+        """Return all that must be kept to go on later, by name; the arrays themselves where the device is the CPU."""
         if not self.names:
             return {}
-        return {_PREFIX + name: getattr(self.data, name).numpy().copy() for name in _ARRAYS}
+        return {_PREFIX + name: getattr(self.data, name).numpy() for name in _ARRAYS}
 
     def clear(self) -> None:
         """Start anew, with no samples."""
@@ -57,6 +63,29 @@ class FilmLayers:
             for array in (self.data.sums, self.data.nearest, self.data.object_number):
                 array.zero_()
             self.data.off_middle.fill_(float("inf"))
+
+    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+        """Raise InputError where no rendering can have come to a state; see `wrt.film.Film.check`."""
+        if not self.names:
+            return
+        sums, nearest, objects, off_middle = (state[_PREFIX + name] for name in _ARRAYS)
+        if not np.isfinite(sums).all():
+            raise InputError("sums of layers are not finite")
+        for name in self.names:
+            first, channels = self._first.get(name, -1), LAYERS[name].channels
+            if LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
+                means = sums[:, first : first + len(channels)]
+                least = 0.0 if name == "alpha" else -np.inf
+                if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
+                    raise InputError(f"the layer {name!r} is beyond what it can be")
+            # Where a point goes that is behind the camera is no number.
+            shown = first >= 0 and not LAYERS[name].averaged and name != "motion"
+            if shown and np.isnan(nearest[:, first : first + len(channels)]).any():
+                raise InputError(f"the layer {name!r} is not a number everywhere")
+        if ((objects < 0) | (objects > shapes)).any():
+            raise InputError(f"an object's number is not one of the scene's {shapes}")
+        if not (off_middle >= 0.0).all():
+            raise InputError("'off_middle' is below 0, or not a number")
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from a state; arrays must have the shapes and types that `state` gives."""

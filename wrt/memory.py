@@ -1,4 +1,4 @@
-"""Memory that libraries leave behind, given back to the system."""
+"""How much memory this process may still take, and memory that libraries leave behind, given back to the system."""
 
 from __future__ import annotations
 
@@ -6,11 +6,61 @@ import contextlib
 import ctypes
 import os
 import re
+import resource
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 _MADV_DONTNEED = 4  # of Linux's mman.h
 _MAPPING = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) \S+ \S+ \S+ +(/.*)")
+
+
+def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cgroup")) -> int:
+    """Return how many bytes this process may take beyond those it has: of the machine, its control groups, its limits.
+
+    What other processes have is not counted, as the system may move it away.
+
+    Args:
+        proc: what the system says of the process.
+        groups: where control groups are mounted.
+    """
+    page = os.sysconf("SC_PAGE_SIZE")
+    try:
+        space, resident, _, _, _, data, _ = (page * int(n) for n in (proc / "statm").read_text().split())
+    except (OSError, ValueError):  # not Linux
+        space = resident = data = 0
+    held = [os.sysconf("SC_PHYS_PAGES") * page, *_group_limits(proc, groups)]
+    left = min(held) - resident
+    for kind, used in ((resource.RLIMIT_AS, space), (resource.RLIMIT_DATA, data)):
+        limit, _ = resource.getrlimit(kind)
+        if limit != resource.RLIM_INFINITY:
+            left = min(left, limit - used)
+    return max(left, 0)
+
+
+def _group_limits(proc: Path, groups: Path) -> Iterator[int]:
+    """Yield the limits of the process's control groups and of all above them, of both versions of control groups.
+
+    In a container the path may be that of the machine, whose upper part is not to be seen: then the group is the root
+    of what is mounted.
+    """
+    try:
+        lines = (proc / "cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        number, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
+        if number == "0" and not controllers:
+            roots, name = (groups, groups / "unified"), "memory.max"
+        elif "memory" in controllers.split(","):
+            roots, name = (groups / "memory", groups / controllers), "memory.limit_in_bytes"
+        else:
+            continue
+        inner = Path(path.lstrip("/"))
+        for folder in (root / part for root in roots for part in (inner, *inner.parents)):
+            with contextlib.suppress(OSError, ValueError):  # not there; or "max", without limit
+                yield int((folder / name).read_text())
 
 
 def trim() -> None:

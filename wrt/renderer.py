@@ -171,6 +171,7 @@ class Renderer:
             self._built = build_scene(
                 self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
             )
+        self.film.require_memory()  # beside what the scene takes by now
         self._inputs = self._prepare()
         self.seconds_render, self.paths, self._updated = 0.0, 0, False
 
@@ -425,10 +426,14 @@ class Renderer:
     def restore(self, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         """Take over the content of a checkpoint read from `path`."""
         require_same(path, header, self._identity())
-        for name, array in self.film.state().items():
+        for name, array in self.film.arrays().items():
             found = arrays.get(name)
             if found is None or found.shape != array.shape or found.dtype != array.dtype:
                 raise InputError(f"{path}: damaged, its array {name!r} is missing or of another shape")
+        try:
+            self.film.check(arrays, len(self.scene.shapes))
+        except InputError as error:
+            raise InputError(f"{path}: damaged, {error}") from None
         self.film.restore(arrays)
 
     def _identity(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import naming, read_file
+from wrt.formats import growth
 from wrt.formats.npy import read_archive
 from wrt.mesh import Mesh
 
@@ -25,6 +26,7 @@ def read_arrays(file: Path, *, required: Iterable[str], optional: Iterable[str] 
         found = read_archive(data, (*required, *optional))
     except InputError as error:
         raise InputError(f"{file}: not a NumPy archive, or damaged ({error})") from None
+    growth.take(growth.MESHES, sum(array.nbytes for array in found.values()))
     for name in required:
         if name not in found:
             raise InputError(f"{file}: there is no array {name!r} in it")

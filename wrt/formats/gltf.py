@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line
+from wrt.formats import growth
 from wrt.formats.gltf_images import IMAGE_KEYS, GltfImages, Tree
 from wrt.formats.gltf_materials import GltfMaterials, coordinate_sets
 from wrt.formats.gltf_scene import cameras_of, lights_of
@@ -25,6 +26,8 @@ from wrt.formats.trimesh_files import load, part_of
 _KNOWN_EXTENSIONS = ("KHR_materials_", "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform")
 _INTEGERS = (5120, 5121, 5122, 5123, 5125)
 _FAN = 6
+_BYTES_PER_ROW = 12
+"""Memory of an index, or of a vertex's position, normal or coordinates."""
 _SECOND = "_SECOND_COORDINATES"
 """Under such a name trimesh hands on what it does not know."""
 
@@ -94,7 +97,11 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
     for unused in ("images", "textures", "samplers"):
         tree.pop(unused, None)
     accessors = tree.get("accessors", [])
-    for primitive in (p for mesh in tree.get("meshes", []) for p in mesh["primitives"]):
+    meshes = tree.get("meshes", [])
+    placed_primitives = sum(len(meshes[node["mesh"]]["primitives"]) for node in tree.get("nodes", []) if "mesh" in node)
+    growth.take(growth.SHAPES, placed_primitives * growth.BYTES_PER_SHAPE)
+    used: set[int] = set()
+    for primitive in (p for mesh in meshes for p in mesh["primitives"]):
         attributes = primitive["attributes"]
         if primitive.get("mode") == _FAN:
             warn(f"{path}: triangle fans are left out; export triangles")
@@ -117,6 +124,9 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
             accessor = accessors[index]
             if "sparse" in accessor or "bufferView" not in accessor:
                 raise InputError(f"{path}: sparse or empty accessors are not supported; export without them")
+            if index in used:  # each primitive gets arrays of its own
+                growth.take(growth.MESHES, accessor["count"] * _BYTES_PER_ROW)
+            used.add(index)
             whole = accessor["componentType"] in _INTEGERS
             if whole and (key in ("TEXCOORD_0", _SECOND) or (key == "POSITION" and accessor.get("normalized"))):
                 name = "POSITION" if key == "POSITION" else "TEXCOORD"

@@ -130,9 +130,10 @@ class GltfImages:
                 raise InputError(f"{self._path}: a data URI in it is damaged: {error}") from None
         file = self._path.parent / unquote(uri)
         try:
-            return read_file(file)
+            data = read_file(file)
         except InputError as error:
             raise InputError(f"{self._path}: {str(file)!r}, which it refers to: {why_not(file, error)}") from None
+        return data
 
 
 def placement_of(info: Tree) -> Tree:

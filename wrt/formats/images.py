@@ -18,6 +18,7 @@ from wrt._version import __version__
 from wrt.environment import ImageEnvironment
 from wrt.errors import InputError
 from wrt.files import PathLike, first_line, forget_input, is_input, naming, read_file, require_file
+from wrt.formats import growth
 from wrt.formats.npy import read_array
 from wrt.layers import channel_names
 from wrt.safe_write import Kind, require_place, write_whole
@@ -66,6 +67,7 @@ _DEFLATED = 1032
 """Bytes of PNG's data that one of the file can stand for. Where data end sooner, Pillow takes the rest to be black."""
 
 
+@growth.one_load()
 def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
     """Read an image as (H, W, 3) float32, linear Rec. 709; row 0 is the top.
 
@@ -155,6 +157,7 @@ def open_image(file: Path | io.BytesIO) -> Image:
         require_pixels(*image.size)
         if image.width * image.height > _most_pixels(image, size):
             raise InputError(f"the file is too short for {image.width}x{image.height} pixels; it is truncated")
+        growth.require(growth.IMAGES, image.width * image.height * growth.BYTES_PER_PIXEL)
     except InputError:
         image.close()
         raise
@@ -176,6 +179,7 @@ def _most_pixels(image: Image, size: int) -> float:
 def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32]:
     """Return a Pillow image as (H, W, 3) float32, linear Rec. 709; see `load_image`."""
     require_pixels(*image.size)
+    growth.take(growth.IMAGES, image.width * image.height * growth.BYTES_PER_PIXEL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what decoders say about odd files is for those who made them
         return _pixels_of(image, linear=linear)
@@ -223,6 +227,8 @@ def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
         if spec.width * spec.height * len(names) > _PIXELS_PER_BYTE * path.stat().st_size:
             raise InputError(f"{path}: the file is too short for {spec.width}x{spec.height} pixels; it is truncated")
         require_pixels(spec.width, spec.height * -(-len(names) // 16))
+        per_pixel = max(growth.BYTES_PER_PIXEL, 4 * len(names))
+        growth.take(growth.IMAGES, spec.width * spec.height * spec.depth * per_pixel)
         pixels = source.read_image("float")
         if pixels is None:
             raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")

@@ -15,6 +15,7 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.files import PathLike, naming, read_file, require_file
+from wrt.formats import growth
 from wrt.formats.arrays import read_mesh_arrays
 from wrt.formats.encodings import as_text, as_utf8
 from wrt.formats.gltf import read_gltf
@@ -128,6 +129,7 @@ def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES
     return in_the_world(load_file(path, smooth_degrees=smooth_degrees).shapes)
 
 
+@growth.one_load()
 def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 

@@ -32,7 +32,7 @@ _DAMAGE = (
     struct.error,
 )
 
-_SMALL, _GAIN = 2**30, 20
+_SMALL, _GAIN = 2**28, 20
 """Bytes that may come out of any archive, and how many times its size may come out of a larger one."""
 
 
@@ -52,8 +52,12 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
             wanted = {name: entry for name, entry in entries.items() if names is None or name in names}
-            if sum(entry.file_size for entry in wanted.values()) > max(_SMALL, _GAIN * len(data)):
-                raise InputError("its content is many times larger than the file")
+            total, most = sum(entry.file_size for entry in wanted.values()), max(_SMALL, _GAIN * len(data))
+            if total > most:
+                raise InputError(
+                    f"its content, {total} bytes, is many times larger than the file; it may be {most} at most: "
+                    f"{_SMALL}, or {_GAIN} times the file"
+                )
             return {name: read_array(archive.read(entry)) for name, entry in wanted.items()}
     except (*_DAMAGE, zipfile.BadZipFile) as error:
         raise InputError(first_line(error)) from None

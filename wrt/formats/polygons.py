@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_Int = NDArray[np.int64]
+from wrt.formats import growth
 
-_PATIENCE = 200_000_000
-"""Steps, a few seconds, for all concave polygons of a call. One that crosses itself may take a number of steps that is
-cubic in its corners."""
+_Int = NDArray[np.int64]
 
 
 def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _Int) -> tuple[_Int, _Int]:
@@ -31,7 +29,7 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
         return starts[:, None] + np.arange(3), np.arange(len(counts))
     pieces = [np.zeros((0, 3), np.int64)]
     owners = [np.zeros(0, np.int64)]
-    patience = _PATIENCE
+    first = patience = growth.patience()  # one that crosses itself may take steps cubic in its corners
     with np.errstate(all="ignore"):  # positions are judged later, by the caller
         for size in np.unique(counts[counts >= 3]):
             owner = np.flatnonzero(counts == size)
@@ -45,6 +43,7 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
                     triangles[polygon], patience = _clip_ears(points[polygon], patience)
             pieces.append((starts[owner][:, None, None] + triangles).reshape(-1, 3))
             owners.append(np.repeat(owner, size - 2))
+    growth.spend(first - patience)
     all_owners = np.concatenate(owners)
     order = np.argsort(all_owners, kind="stable")
     return np.concatenate(pieces)[order], all_owners[order]

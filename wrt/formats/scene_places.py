@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wrt.deformation import Deformation
 from wrt.errors import InputError
 from wrt.files import naming, read_file
+from wrt.formats import growth
 from wrt.formats.arrays import read_arrays
 from wrt.formats.npy import read_array
 from wrt.formats.parts import merge
@@ -119,6 +120,7 @@ def _affine(rows: Any) -> NDArray[np.float64]:
 def _matrices(file: Path) -> NDArray[np.float64]:
     with naming(file):
         matrices = array(read_array(read_file(file)), "matrices", np.float64)
+        growth.take(growth.SHAPES, len(matrices) * growth.BYTES_PER_SHAPE)
     if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) == 0:
         raise InputError(f"{file}: must be (N, 4, 4) matrices, not an array of {matrices.shape}")
     return matrices
@@ -168,6 +170,7 @@ def read_deformation(
                         f"{file} has {len(key.vertices)} vertices, the shape {len(mesh.vertices)}; "
                         "without normals in its file the shape needs smooth = false"
                     )
+                growth.take(growth.MESHES, growth.size_of(key))
                 keys.append(place(key))
         normals = None
         if mesh.normals is not None and all(key.normals is not None for key in keys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 import typing
 from collections.abc import Callable, Iterable, Iterator
@@ -19,6 +20,7 @@ from wrt.camera import CAMERAS, Camera
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
 from wrt.files import PathLike, read_file, require_file
+from wrt.formats import growth
 from wrt.formats.encodings import as_utf8
 from wrt.formats.images import load_environment, read_image
 from wrt.formats.kinds import hinting
@@ -40,7 +42,7 @@ from wrt.formats.scene_keys import (
     own_fields,
 )
 from wrt.formats.scene_places import after, joined, read_deformation, read_motion, read_places
-from wrt.formats.toml_values import Table, check_triangles, choice, points_of, table_of, text_of
+from wrt.formats.toml_values import Table, check_triangles, choice, points_of, require_short_keys, table_of, text_of
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
@@ -53,6 +55,7 @@ from wrt.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import boolean, integer, number, sealed, vector
 
 
+@growth.one_load()
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
     """Read a scene file.
 
@@ -84,12 +87,18 @@ def _parse(path: Path) -> Table:
     else:
         import tomli as tomllib
     try:
-        return dict(tomllib.loads(as_utf8(read_file(path)).decode("utf-8")))
+        text = as_utf8(read_file(path)).decode("utf-8")
+        require_short_keys(text)
+        return dict(tomllib.loads(text))
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"not TOML: {error}") from None
-    except (RecursionError, OverflowError, ValueError) as error:
+    except InputError:
+        raise
+    except RecursionError:
+        raise InputError("not TOML: arrays or tables lie too deep within one another") from None
+    except (OverflowError, ValueError) as error:
         raise InputError(f"not TOML: {type(error).__name__}") from None
 
 
@@ -102,9 +111,9 @@ class _Reader:
         self.triangles_used = False
         self.place: list[str] = []
         self.media: dict[str, Medium] = {}
-        self.pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
+        self.pixels: dict[tuple[str, bool], NDArray[np.float32]] = {}
         self.textures: dict[tuple[Path, bool, str], ImageTexture] = {}
-        self.mesh_files: dict[tuple[Path, bool], list[Shape]] = {}
+        self.mesh_files: dict[tuple[str, bool], list[Shape]] = {}
 
     @contextmanager
     def at(self, key: str) -> Iterator[None]:
@@ -288,19 +297,25 @@ class _Reader:
         linear = boolean(table.get("linear", False), "linear")
         with self.at("texture"):
             file = self.beside(table["texture"])
-            if (file, linear) not in self.pixels:
-                self.pixels[file, linear] = sealed(read_image(file, linear=linear))
+            pixels = self.image(file, linear=linear)
             options = {key: table[key] for key in laid if key in table}
             key = (file, linear, repr(sorted(options.items())))
             if key not in self.textures:
-                self.textures[key] = ImageTexture(self.pixels[file, linear], file.name, **options)
+                self.textures[key] = ImageTexture(pixels, file.name, **options)
             return self.textures[key]
+
+    def image(self, file: Path, *, linear: bool) -> NDArray[np.float32]:
+        """Return an image; the same array for the same file, however it is named."""
+        key = os.path.realpath(file), linear
+        if key not in self.pixels:
+            self.pixels[key] = sealed(read_image(file, linear=linear))
+        return self.pixels[key]
 
     def normal_map(self, table: Table) -> NormalMap:
         self.check_table(table, NORMAL_MAP, others=own_fields(NormalMap))
         with self.at("texture"):
             file = self.beside(table["texture"])
-            pixels = read_image(file, linear=True)
+            pixels = self.image(file, linear=True)
         options = {key: value for key, value in table.items() if key != "texture"}
         return NormalMap(pixels, name=file.name, **options)
 
@@ -336,6 +351,7 @@ class _Reader:
         def moved(mesh: Mesh) -> Mesh:
             return mesh if matrix is None else mesh.transformed(matrix)
 
+        growth.take(growth.SHAPES, len(made) * len(places) * growth.BYTES_PER_SHAPE)
         result = []
         for shape in made:
             changes = read_deformation(self, table, shape.mesh, moved)
@@ -343,6 +359,8 @@ class _Reader:
             two_sided = boolean(table.get("two_sided_emission", own), "two_sided_emission")
             looks = (material or shape.material, emission, two_sided, name or shape.name)
             if shape.transform is None:
+                if matrix is not None:
+                    growth.take(growth.MESHES, growth.size_of(shape.mesh))
                 mesh, first = moved(shape.mesh), None
             else:  # one of several places in its file, whose mesh is there once
                 mesh, first = shape.mesh, after(matrix, shape.transform)
@@ -399,12 +417,13 @@ class _Reader:
         """
         boolean(smooth, "smooth")
         with self.at("file"):
-            key = self.beside(file), smooth
+            path = self.beside(file)
+            key = os.path.realpath(path), smooth
         if key not in self.mesh_files:
             with self.at("file"):
                 from wrt.formats.meshes import load_file
 
-                loaded = load_file(key[0], smooth_degrees=CREASE_DEGREES if smooth else None).shapes
+                loaded = load_file(path, smooth_degrees=CREASE_DEGREES if smooth else None).shapes
             if not smooth:
                 flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
                 loaded = [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]

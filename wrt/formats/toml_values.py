@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
-from wrt.shapes import MAX_SUBDIVISIONS
+from wrt.shapes import MAX_SUBDIVISIONS, sphere
 from wrt.values import number, vector
 
 Table = dict[str, Any]
 
+_SUBDIVISIONS = inspect.signature(sphere).parameters["subdivisions"].default
+
 MAX_MADE_TRIANGLES = 30_000_000
 """Of all spheres and procedural meshes of a scene file, a few gigabytes: a few words may stand for very many."""
+
+
+MOST_LEVELS = 64
+"""Parts of a dotted key. The parser takes time and memory that are quadratic in them."""
+
+_PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_TOO_LONG = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{MOST_LEVELS}}}", re.ASCII)
+
+
+def require_short_keys(text: str) -> None:
+    """Raise InputError where a dotted key in a TOML file has more than MOST_LEVELS parts."""
+    if found := _TOO_LONG.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(f"line {line}: a dotted key has more than {MOST_LEVELS} parts")
 
 
 def choice(table: Table, choices: dict[str, Any], *, default: str | None = None) -> Any:
@@ -66,9 +84,13 @@ def check_triangles(tables: Any, procedural: int | None) -> None:
     total = 0
     for table in tables if isinstance(tables, list) else []:
         match table:
-            case {"type": "sphere", "subdivisions": int(times)}:
-                total += 20 * 4 ** min(max(times, 0), MAX_SUBDIVISIONS)
+            case {"type": "sphere"}:
+                times = table.get("subdivisions", _SUBDIVISIONS)
+                total += 20 * 4 ** min(max(times, 0), MAX_SUBDIVISIONS) if isinstance(times, int) else 0
             case {"type": "many-triangles", "triangles": int(count)}:
                 total += count if procedural is None else procedural
     if total > MAX_MADE_TRIANGLES:
-        raise InputError(f"spheres and procedural meshes have more than {MAX_MADE_TRIANGLES} triangles together")
+        raise InputError(
+            f"spheres and procedural meshes have more than {MAX_MADE_TRIANGLES} triangles together; "
+            "give spheres fewer subdivisions"
+        )

@@ -15,10 +15,20 @@ from xml.parsers import expat
 
 from wrt.errors import InputError, did_you_mean
 from wrt.files import first_line, read_file, require_file, require_inside
+from wrt.formats import growth
 from wrt.formats.parts import warn
 
 MOST_INCLUDES = 1000
 """Files that a scene may include, each counted as often as it is."""
+
+BYTES_PER_ELEMENT = 300
+"""Memory of an element that has an attribute or two."""
+
+_COUNTED = 1000
+"""Elements that are counted at once."""
+
+LONGEST_VALUE = 2**16
+"""Characters of an attribute after parameters were put in, if it has more than was written: those of a long list."""
 
 MOST_LEVELS = 64
 """How deep elements may lie within one another."""
@@ -177,9 +187,17 @@ class Document:
                 hint = did_you_mean(name, self._parameters)
                 raise element.error(f"the parameter ${name} has no value{hint}; give one by -D {name}=VALUE")
             self._used.add(name)
-            return self._parameters[name]
+            found = self._parameters[name]
+            length[0] += len(found)
+            if length[0] > LONGEST_VALUE:
+                raise element.error(f"with its parameters, a value is longer than {LONGEST_VALUE} characters")
+            return found
 
-        return _PARAMETER.sub(value, text)
+        length = [0]
+        result = _PARAMETER.sub(value, text)
+        if length[0]:
+            _grow(element, len(result))
+        return result
 
     def _set_default(self, element: Element) -> None:
         name = element.get("name")
@@ -220,9 +238,13 @@ def parse(path: Path) -> Element:
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
+    made = [0]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
+        made[0] += 1
+        if made[0] % _COUNTED == 0:
+            _grow(element, _COUNTED * BYTES_PER_ELEMENT)
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
 
@@ -251,7 +273,16 @@ def parse(path: Path) -> Element:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    _grow(roots[0], made[0] % _COUNTED * BYTES_PER_ELEMENT)
     return roots[0]
+
+
+def _grow(where: Element, size: int) -> None:
+    """Count bytes of memory that elements and their texts take; raise InputError where they are too many."""
+    try:
+        growth.take(growth.TEXT, size)
+    except InputError as error:
+        raise where.error(str(error)) from None
 
 
 def _real(path: Path) -> Path:

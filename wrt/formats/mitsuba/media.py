@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Collection, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.formats.mitsuba.plugin import Plugin
@@ -10,6 +15,8 @@ from wrt.formats.mitsuba.textures import Textures
 from wrt.materials import Material
 from wrt.materials.body import Body, Null
 from wrt.medium import Medium
+from wrt.mesh import Mesh
+from wrt.scene import Scene
 
 
 def medium_of(plugin: Plugin, textures: Textures) -> Medium | None:
@@ -71,3 +78,51 @@ def filled(shape: Plugin, material: Material, medium: Medium) -> Material:
 def boundary_of_nothing(medium: Medium) -> Material:
     """Return what bounds a medium and does nothing to light itself."""
     return Null(interior=medium)
+
+
+def surrounding(
+    scene: Scene, seen_from: Medium | None, exteriors: Iterable[tuple[Plugin, Medium]], interiors: Collection[Medium]
+) -> Medium | None:
+    """Return the medium that fills the space outside of all bodies, or None.
+
+    It is the sensor's, unless the camera is in a body that this medium fills; else the first `exterior` that is the
+    `interior` of no shape: what fills a body is outside of a shape that lies within that body, and there only. Media
+    with the same numbers are one medium.
+
+    Args:
+        scene: its shapes and its camera.
+        seen_from: the medium of the sensor.
+        exteriors: those of shapes, in their order, each with the shape.
+        interiors: those of shapes.
+    """
+    in_a_body = seen_from in interiors and _camera_is_within(scene, seen_from)
+    around = None if in_a_body else seen_from
+    for shape, medium in exteriors:
+        if medium in interiors or medium == around:
+            continue
+        if around is None:
+            around = medium
+        else:
+            shape.warn("its 'exterior' is left out: another medium fills the space outside of all bodies")
+    return around
+
+
+def _camera_is_within(scene: Scene, medium: Medium | None) -> bool:
+    """Return whether the camera is in what the shapes bound that have this medium as their interior."""
+    if scene.camera is None:
+        return False
+    bounds = [shape.mesh_at(0.0) for shape in scene.shapes if getattr(shape.material, "interior", None) == medium]
+    return abs(sum(_windings(mesh, np.array(scene.camera.origin)) for mesh in bounds)) > 0.5
+
+
+def _windings(mesh: Mesh, point: NDArray[np.float64]) -> float:
+    """Return how often a mesh goes around a point: the sum of its triangles' solid angles, over 4 π.
+
+    Van Oosterom and Strackee 1983, "The Solid Angle of a Plane Triangle", equation 8.
+    """
+    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) - point for k in range(3))
+    u, v, w = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a)))
+    angles = 2.0 * np.arctan2(volume, u * v * w + ab * w + bc * u + ca * v)
+    return float(angles.sum()) / (4.0 * math.pi)

@@ -8,11 +8,12 @@ from typing import Any
 
 from wrt.errors import InputError
 from wrt.files import PathLike
+from wrt.formats import growth
 from wrt.formats.mitsuba.cameras import camera_of, settings_of, warn_of_clipping
 from wrt.formats.mitsuba.document import Document
 from wrt.formats.mitsuba.lights import Emitters
 from wrt.formats.mitsuba.materials import Materials
-from wrt.formats.mitsuba.media import medium_of
+from wrt.formats.mitsuba.media import medium_of, surrounding
 from wrt.formats.mitsuba.plugin import Plugin, plugin_of
 from wrt.formats.mitsuba.shapes import Shapes
 from wrt.formats.mitsuba.surfaces import Detail
@@ -21,6 +22,7 @@ from wrt.medium import Medium
 from wrt.scene import Scene
 
 
+@growth.one_load()
 def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None) -> Scene:
     """Read a scene file of Mitsuba 3, in XML.
 
@@ -55,7 +57,7 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None)
         shapes = Shapes(Materials(textures), textures, detail, exact_lights=False)
         made = [made for shape in kinds["shape"] for made in shapes.shapes(shape)]
     scene = Scene(made, [*emitters.lights, *shapes.lights], emitters.environment, camera, settings)
-    scene.medium = _around(sensor, textures, shapes)
+    scene.medium = _around(sensor, textures, shapes, scene)
     if sensor is not None:
         warn_of_clipping(sensor, scene)
     if not scene.shapes:
@@ -63,10 +65,13 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None)
     return scene
 
 
-def _around(sensor: Plugin | None, textures: Textures, shapes: Shapes) -> Medium | None:
-    """Return what fills the space around everything: the medium of the sensor, or else that of shapes' exteriors."""
+def _around(sensor: Plugin | None, textures: Textures, shapes: Shapes, scene: Scene) -> Medium | None:
+    """Return what fills the space outside of all bodies."""
     own = None if sensor is None else sensor.only("medium")
-    return shapes.around if own is None else medium_of(own, textures)
+    seen_from = None if own is None else medium_of(own, textures)
+    if own is not None and seen_from is None:
+        return None  # of a kind that is left out
+    return surrounding(scene, seen_from, shapes.exteriors, shapes.interiors)
 
 
 def _objects(document: Document) -> list[Plugin]:

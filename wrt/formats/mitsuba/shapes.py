@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.camera import PerspectiveCamera
 from wrt.errors import InputError
+from wrt.formats import growth
 from wrt.formats.mitsuba import surfaces
 from wrt.formats.mitsuba.bumps import Laid, laid_on
 from wrt.formats.mitsuba.materials import BLACK, UNKNOWN, Materials, Surface, clear, is_black
@@ -34,7 +35,13 @@ MOST_EXACT_LIGHTS = 64
 
 
 class Shapes:
-    """Turns `shape` plugins into wrt's shapes, and into lights where they only shine."""
+    """Turns `shape` plugins into wrt's shapes, and into lights where they only shine.
+
+    Attributes:
+        lights: the shapes that became lights.
+        exteriors: what shapes say is around them, each with the shape.
+        interiors: what shapes say is in them.
+    """
 
     def __init__(self, materials: Materials, textures: Textures, detail: Detail, *, exact_lights: bool = True) -> None:
         """Start without any.
@@ -47,7 +54,8 @@ class Shapes:
         """
         self.materials, self.textures, self.detail = materials, textures, detail
         self.lights: list[Light] = []
-        self.around: Medium | None = None
+        self.exteriors: list[tuple[Plugin, Medium]] = []
+        self.interiors: set[Medium] = set()
         self._exact_lights = exact_lights
         self._groups: dict[int, list[Shape]] = {}
 
@@ -93,6 +101,7 @@ class Shapes:
         matrix = plugin.transform()
         plugin.finish()
         for shape in self._groups[key]:
+            growth.take(growth.SHAPES, growth.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
 
     def _shape(self, plugin: Plugin) -> Shape | None:
@@ -103,7 +112,10 @@ class Shapes:
         if bsdf is not None:
             flat = self.materials.surface(bsdf, Laid())
         inside, outside = (self._medium(plugin.named(name)) for name in ("interior", "exterior"))
-        self.around = self.around or outside
+        if inside is not None:
+            self.interiors.add(inside)
+        if outside is not None:
+            self.exteriors.append((plugin, outside))
         flip = plugin.boolean("flip_normals", False)
         plugin.ignore("silhouette_sampling_weight")
         if self._exact_lights and shines(emission) and isinstance(emission, tuple) and is_black(flat):
@@ -116,6 +128,8 @@ class Shapes:
             plugin.ignore("filename", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
             return None
         mesh = self._mesh(plugin, shines(emission))
+        growth.take(growth.SHAPES, growth.BYTES_PER_ELEMENT)
+        growth.take(growth.MESHES if plugin.type in ("obj", "ply") else growth.MADE, growth.size_of(mesh))
         if flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)

@@ -1,0 +1,204 @@
+"""Few bytes never become gigabytes: files are refused for a limit that is named, in a process of little memory."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import wrt
+from wrt.files import read_file
+from wrt.formats import growth
+
+CHILD = """
+import resource, sys, warnings
+warnings.simplefilter("ignore")
+import wrt
+import wrt.formats.mitsuba.scene, wrt.formats.gltf, wrt.formats.scene_toml
+from wrt.formats.images import load_image
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + (1 << 30), resource.RLIM_INFINITY))
+try:
+    (load_image if sys.argv[1].endswith(".png") else wrt.load)(sys.argv[1])
+    print("read")
+except wrt.InputError as error:
+    print(error)
+"""
+
+QUAD = 'type = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\n'
+
+
+def scene(body: str) -> str:
+    return f'<scene version="3.0.0">{body}</scene>'
+
+
+def png(width: int, height: int) -> bytes:
+    """A black picture of 24 bits a pixel, as small as it gets."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(bytes(3 * width + 1)) for _ in range(height)) + packer.flush()
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def gltf(primitives: int, meshes: int = 1, nodes: int | None = None) -> str:
+    """A file in which all primitives have the same accessors."""
+    count = 5000
+    random = np.random.default_rng(0)
+    positions = random.random((count, 3)).astype(np.float32).tobytes()
+    faces = np.arange(2 * count)[:, None] // 2 + np.array([0, 1, 7])
+    blob = positions + (faces % count).astype(np.uint32).tobytes()
+    places = meshes if nodes is None else nodes
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "buffers": [{"byteLength": len(blob), "uri": "data:;base64," + base64.b64encode(blob).decode()}],
+            "bufferViews": [
+                {"buffer": 0, "byteLength": len(positions)},
+                {"buffer": 0, "byteOffset": len(positions), "byteLength": len(blob) - len(positions)},
+            ],
+            "accessors": [
+                {"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"},
+                {"bufferView": 1, "componentType": 5125, "count": 6 * count, "type": "SCALAR"},
+            ],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}] * primitives}] * meshes,
+            "nodes": [{"mesh": i % meshes} for i in range(places)],
+            "scenes": [{"nodes": list(range(places))}],
+        }
+    )
+
+
+def doubled() -> str:
+    first = '<default name="a0" value="aaaaaaaaaa"/>'
+    return scene(first + "".join(f'<default name="a{i}" value="{f"$a{i - 1}" * 10}"/>' for i in range(1, 10)))
+
+
+def write_places(folder: Path) -> str:
+    np.save(folder / "places.npy", np.tile(np.eye(4), (8192, 1, 1)))
+    return f'[[shapes]]\n{QUAD}instances = "places.npy"\n' * 1000
+
+
+def write_cubes(folder: Path) -> str:
+    (folder / "cubes.xml").write_text(scene('<shape type="cube"/>' * 100))
+    return scene('<include filename="cubes.xml"/>' * 999)
+
+
+def write_elements(folder: Path) -> str:
+    (folder / "many.xml").write_text(scene("<x/>" * 30000))
+    return scene('<include filename="many.xml"/>' * 999)
+
+
+def write_copies(folder: Path) -> str:
+    ball = wrt.sphere(subdivisions=7)
+    np.savez_compressed(folder / "ball.npz", vertices=ball.vertices, faces=ball.faces)
+    return "".join(f'[[shapes]]\ntype = "mesh"\nfile = "ball.npz"\ntranslate = [{i}, 0, 0]\n' for i in range(3000))
+
+
+def write_images(folder: Path) -> str:
+    (folder / "black.png").write_bytes(png(4096, 4096))
+    text = "".join(f'[materials.m{i}]\ntype = "diffuse"\nreflectance = {{ texture = "b{i}.png" }}\n' for i in range(9))
+    for i in range(9):
+        (folder / f"b{i}.png").write_bytes((folder / "black.png").read_bytes())
+    return f"{text}[[shapes]]\n{QUAD}"
+
+
+def write_zeros(folder: Path) -> bytes:
+    np.savez_compressed(folder / "zeros.npz", vertices=np.zeros((25_000_000, 3), np.float32))
+    return (folder / "zeros.npz").read_bytes()
+
+
+MERGED = '<shape type="cube" id="c"/><shape type="merge" id="m">' + '<ref id="c"/>' * 1300 + "</shape>"
+GROUP = '<shape type="shapegroup" id="g">' + '<shape type="cube"/>' * 1000 + "</shape>"
+
+BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] = {
+    "defaults": ("xml", doubled(), "longer than 65536 characters"),
+    "values": (
+        "xml",
+        scene(f'<default name="a" value="{"a" * 60000}"/>' + '<shape type="$a"/>' * 5000),
+        "XML elements and texts would take",
+    ),
+    "includes": ("xml", write_cubes, "shapes would take"),
+    "elements": ("xml", write_elements, "XML elements and texts would take"),
+    "merged": ("xml", scene(MERGED + '<ref id="m"/>' * 1400), "shapes would take"),
+    "groups": ("xml", scene(GROUP + '<shape type="instance"><ref id="g"/></shape>' * 1800), "shapes would take"),
+    "spheres": ("xml", scene('<shape type="sphere"/>' * 20000), "round shapes would take"),
+    "dotted": ("toml", "x = 1\na" + ".a" * 50000 + " = 1\n", "line 2: a dotted key has more than 64 parts"),
+    "headers": ("toml", '[a. "b" .' + " a ." * 100 + "c]\n", "line 1: a dotted key has more than 64 parts"),
+    "arrays": ("toml", "a = " + "[" * 50000 + "]" * 50000 + "\n", "too deep within one another"),
+    "places": ("toml", write_places, "shapes would take"),
+    "copies": ("toml", write_copies, "meshes would take"),
+    "images": ("toml", write_images, "images would take"),
+    "default-spheres": ("toml", '[[shapes]]\ntype = "sphere"\n' * 9000, "more than 30000000 triangles"),
+    "archive": ("npz", write_zeros, "its content, 300000.* bytes, is many times larger than the file"),
+    "image": ("png", png(16384, 8192), "images would take 2.15 GB; .* 512 times the files"),
+    "primitives": ("gltf", gltf(3000), "meshes would take"),
+    "meshes": ("gltf", gltf(1, 3000), "meshes would take"),
+    "nodes": ("gltf", gltf(100, 1, 20000), "shapes would take"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_bombs_are_refused(name: str, tmp_path: Path) -> None:
+    suffix, content, reason = BOMBS[name]
+    path = tmp_path / f"{name}.{suffix}"
+    data = content(tmp_path) if callable(content) else content
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    command = [sys.executable, "-c", CHILD, str(path)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 0, result.stderr
+    assert str(path) in result.stdout
+    assert re.search(reason, result.stdout), result.stdout
+
+
+def test_what_is_honest_is_read(tmp_path: Path) -> None:
+    instances = '<shape type="shapegroup" id="g"><shape type="cube"/></shape>' + "".join(
+        f'<shape type="instance"><ref id="g"/><transform name="to_world"><translate x="{3 * i}"/></transform></shape>'
+        for i in range(10_000)
+    )
+    (tmp_path / "instances.xml").write_text(scene(instances))
+    assert len(wrt.load(tmp_path / "instances.xml").shapes) == 10_000
+    boxes = "".join(
+        f'[[shapes]]\ntype = "box"\nlow = [{2 * i}, 0, 0]\nhigh = [{2 * i + 1}, 1, 1]\n' for i in range(2000)
+    )
+    (tmp_path / "boxes.toml").write_text(boxes)
+    assert len(wrt.load(tmp_path / "boxes.toml").shapes) == 2000
+    # Twenty parts of one mesh, each with the vertices of all.
+    (tmp_path / "parts.gltf").write_text(gltf(20))
+    assert len(wrt.load(tmp_path / "parts.gltf").shapes) > 20
+    (tmp_path / "black.png").write_bytes(png(8192, 4096))
+    assert wrt.load_image(tmp_path / "black.png").shape == (4096, 8192, 3)
+    numbers = "# 1.2.3.4\n" + "[[shapes]]\n" + QUAD.replace("[0, 0, 0]", "[" + " 0.0," * 3 + "]")
+    (tmp_path / "numbers.toml").write_text(numbers)
+    assert len(wrt.load(tmp_path / "numbers.toml").shapes) == 1
+
+
+def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(bytes(1000))
+    (tmp_path / "b").symlink_to("a")
+    few = growth.Limit("things", 10, 1)
+    with growth.one_load():
+        for name in ("a", "b", "./a"):
+            read_file(tmp_path / name)
+        growth.take(few, 1000)
+        with growth.one_load():  # belongs to the one around it
+            growth.take(few, 10)
+            with pytest.raises(wrt.InputError, match=r"its things would take 1.01 kB; from files of 1 kB"):
+                growth.take(few, 1)
+    with growth.one_load(), pytest.raises(wrt.InputError):
+        growth.take(few, 11)
+    growth.take(few, 1000)  # of no load
