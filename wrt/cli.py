@@ -251,9 +251,11 @@ def _convert(options: argparse.Namespace) -> int:
 
 def _render(options: argparse.Namespace) -> int:
     from wrt.interrupts import Interrupts
+    from wrt.progress import once, short_warnings
 
     said: set[str] = set()
-    with Interrupts() as interrupts:
+    show = once(lambda line: print(line, file=sys.stderr, flush=True), said)  # while there is no bar yet
+    with Interrupts() as interrupts, short_warnings(show):
         try:
             if not options.own_process or options.device != "cpu":
                 return _render_until_interrupted(options, interrupts, said)
