@@ -146,7 +146,8 @@ def _prepare_folders() -> None:
     version = wp.config.version
     kernels = Path(wp.config.kernel_cache_dir)
     kernels = kernels if kernels.name == version else kernels / version  # which Warp adds when it starts
-    cache_folders.remove_leftovers(kernels, cache_folders.wrt_folder())
+    notes = cache_folders.wrt_folder()
+    cache_folders.remove_leftovers(kernels, notes, *notes.glob("headers-*"))
 
 
 def _is_lean() -> bool:
