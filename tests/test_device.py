@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import heapq
 import signal
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import warp as wp
 
 import wrt
-from wrt.device import SLICES_PER_THREAD, SMALLEST_SLICE, Device, _slices, available_threads
+from wrt.device import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, SMALLEST_SLICE, Device, Slices, available_threads
 
 
 @wp.kernel(enable_backward=False)
@@ -59,19 +61,65 @@ def test_launches_are_few_and_share_the_work(monkeypatch: pytest.MonkeyPatch) ->
     assert threading.main_thread().name not in {name for _, _, name in starts}
 
 
+def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: int = 1) -> list[tuple[int, int, float]]:
+    """Return starts, sizes and seconds of slices that threads take in turn, each as soon as its last one has ended.
+
+    Args:
+        n: how many indices there are.
+        threads: how many threads.
+        seconds: what an index takes.
+        least: how many indices a slice should have at least.
+    """
+    slices, found = Slices(n, threads, least), []
+    running: list[tuple[float, int, int, float]] = []  # end, start, size, seconds
+    free = [0.0] * threads
+    while True:
+        while free and (taken := slices.take()) is not None:
+            start, size = taken
+            took = sum(seconds(i) for i in range(start, start + size))
+            found.append((start, size, took))
+            heapq.heappush(running, (free.pop() + took, start, size, took))
+        if not running:
+            return found
+        end, _, size, took = heapq.heappop(running)
+        slices.ended(size, took)
+        free.append(end)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 3, 16, 64])
 @pytest.mark.parametrize("n", [0, 1, 63, 1000, 65_536])
 def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) -> None:
-    slices = list(_slices(n, threads))
-    sizes = [size for _, size in slices]
-    assert [start for start, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
+    slices = simulated(n, threads, lambda _: 1e-9)
+    sizes = [size for _, size, _ in slices]
+    assert [start for start, _, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
     assert sum(sizes) == n
-    assert sizes == sorted(sizes, reverse=True)
-    assert min([size for _, size in _slices(n, threads, least=40)][:-1], default=40) >= 40
+    few = [size for _, size, _ in simulated(n, threads, lambda _: 1e-9, least=40)][:-1]
+    assert min(few, default=40) >= 40
     if n == 65_536:
-        assert sizes[0] == -(-n // (threads * SLICES_PER_THREAD))
-        assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * sizes[0]
-        assert len(sizes) < threads * (SLICES_PER_THREAD + 10)
+        assert max(sizes) == -(-n // (threads * SLICES_PER_THREAD))
+        assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * max(sizes)
+        assert len(sizes) < threads * (SLICES_PER_THREAD + 13)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 16])
+@pytest.mark.parametrize("total", [1.0, 60.0, 1000.0])
+def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> None:
+    """Where indices are alike, and where one half takes ten times as long as the other."""
+    n = 1 << 18
+    for slow in (1.0, 10.0):
+        each = total * threads / n
+
+        def seconds(i: int, each: float = each, slow: float = slow) -> float:
+            return each * (slow if i > n // 2 else 1.0)
+
+        slices = simulated(n, threads, seconds)
+        longest = sorted((took for _, _, took in slices), reverse=True)
+        first = max(total * FIRST_SLICE / SLICES_PER_THREAD, slow * each)  # an index at least
+        assert longest[0] <= max(SLICE_SECONDS * slow, first) * 1.01
+        # Those that run where it changes and the next, whose size is by the mean of both, and no others.
+        assert longest[2 * threads :][0] <= max(SLICE_SECONDS, first) * 1.01
+        # Which is no more than a launch of 25 us for every 0.05 s.
+        assert len(slices) <= threads * (SLICES_PER_THREAD + 20) + sum(longest) / 0.05
 
 
 @pytest.mark.parametrize(("spared", "running"), [(0, 3), (1, 2), (5, 1)])

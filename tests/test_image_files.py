@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import wrt
-from wrt.formats.images import check_output, load_environment, load_image, quantize, save_image
+from wrt.formats.images import PICTURE, check_output, load_environment, load_image, quantize, save_image
 from wrt.safe_write import write_whole
 from wrt.srgb import linear_from_srgb, srgb_from_linear
 
@@ -109,7 +109,7 @@ def test_an_interrupted_write_leaves_nothing(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_whole(tmp_path / "a.png", interrupted)
+        write_whole(tmp_path / "a.png", interrupted, PICTURE)
     assert list(tmp_path.iterdir()) == []
 
 

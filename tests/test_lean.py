@@ -16,6 +16,7 @@ import warp as wp
 from conftest import ROOT
 
 from wrt import lean
+from wrt.kernel_cache import digest
 from wrt.lean import builds
 from wrt.lean.builds import Builds, Missing
 
@@ -87,24 +88,35 @@ edge_v = [0, 2, 0]
 """
 
 
+def read_notes(path: Path) -> dict[str, dict[str, object]]:
+    said, _, text = path.read_bytes().partition(b"\n")
+    assert said == digest(text)
+    return json.loads(text)
+
+
 @pytest.mark.slow
 def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, environment: dict[str, str]) -> None:
     (tmp_path / "dark.toml").write_text(DARK)
     whole, said = render(tmp_path, environment, "a.npy", "dark.toml")
     assert whole
     assert said.count("no light") == 1
-    (index,) = (tmp_path / "cache" / "wrt").iterdir()
-    known = json.loads(index.read_text())
+    (index,) = (tmp_path / "cache" / "wrt").glob("builds-*.json")
+    known = read_notes(index)
     # A file of another size than when it was noted, and one that is gone.
     for name, change in (("wrt.kernels.bvh_split", {"bytes": 1}), ("wrt.kernels.bvh_top", {"file": "gone.o"})):
-        index.write_text(json.dumps(known | {name: known[name] | change}))
+        text = json.dumps(known | {name: known[name] | change}).encode()
+        index.write_bytes(digest(text) + b"\n" + text)
         assert render(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
-        assert json.loads(index.read_text()) == known
+        assert read_notes(index) == known
         assert render(tmp_path, environment, "c.npy", "dark.toml") == (False, said)
-    for damaged in ("", "[1]", json.dumps(known)[:-9]):
-        index.write_text(damaged)
-        assert render(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
-    assert json.loads(index.read_text()) == known
+    for damaged in (b"", b"[1]", json.dumps(known).encode(), index.read_bytes()[:-9]):
+        index.write_bytes(damaged)
+        whole, told = render(tmp_path, environment, "b.npy", "dark.toml")
+        assert whole
+        warned, rest = told.split("\n", 1)
+        assert warned == f"wrt: warning: {index}: notes of compiled kernels were damaged, and are written anew"
+        assert rest == said
+    assert read_notes(index) == known
     images = {(tmp_path / f"{name}.npy").read_bytes() for name in "abc"}
     assert len(images) == 1
 
@@ -169,8 +181,8 @@ def test_many_may_note_at_once(tmp_path: Path) -> None:
     for thread in threads:
         thread.start()
     while any(thread.is_alive() for thread in threads):
-        assert len(json.loads(path.read_text())) in range(1, 21)  # whole at any time
-    assert len(json.loads(path.read_text())) == 20
+        assert len(read_notes(path)) in range(1, 21)  # whole at any time
+    assert len(read_notes(path)) == 20
     assert [found.name for found in path.parent.iterdir()] == ["builds.json"]
 
 

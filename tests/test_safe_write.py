@@ -296,6 +296,7 @@ def test_what_replaces_a_file_may_be_read_by_the_same_people(tmp_path):
 WRITING = """
 import sys, time
 from pathlib import Path
+from wrt.formats.images import PICTURE
 from wrt.safe_write import write_whole
 
 def write(temporary):
@@ -303,7 +304,7 @@ def write(temporary):
     print("writing", flush=True)
     time.sleep(60)
 
-write_whole(Path(sys.argv[1]), write)
+write_whole(Path(sys.argv[1]), write, PICTURE)
 """
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import mmap
 import os
-import queue
 import sys
 import threading
 import time
@@ -19,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt import cache_folders, kernel_cache
 from wrt.errors import InputError, did_you_mean
-from wrt.headers import keep_headers, lend_headers
 from wrt.memory import forget_code, memory_left, trim
 from wrt.values import integer
 
@@ -30,6 +29,16 @@ stay under 0.2 % of a 0.3 s pass."""
 
 SMALLEST_SLICE = 1.0 / 16.0
 """Of the others: the last ones get smaller, so that all threads end together."""
+
+FIRST_SLICE = 1.0 / 256.0
+"""Of the others: nobody knows yet how long an index takes."""
+
+SLICE_GROWTH = 8
+"""How many times as many indices a slice may have as one that has ended."""
+
+SLICE_SECONDS = 0.2
+"""What a slice should take at most, by what others took: an interrupt waits for those that run. Where indices begin to
+take longer, it may be some times that."""
 
 LARGE = 1 << 21
 """Bytes of a huge page, from which on an array has pages of its own."""
@@ -43,6 +52,8 @@ LOAD_SECONDS = 0.2
 
 _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
+
+os.register_at_fork(after_in_child=_LOADING.clear)  # by threads that a fork has not
 
 
 STACK_BYTES = 8 << 20
@@ -72,6 +83,9 @@ _COMPILER = _Threads(1, "wrt-compile")
 """The one thread of a process that compiles beside others. Warp writes its headers down once a thread, in a form quick
 to read, which is nearly half of what compiling an ordinary render kernel takes."""
 
+_LOADER = _Threads(1, "wrt-load")
+"""The thread that compiles while whoever needs the kernel waits, since native code cannot be interrupted."""
+
 
 def available_threads() -> int:
     """Return how many CPU cores this process may use."""
@@ -95,7 +109,10 @@ def initialize_warp() -> None:
 
     import warp as wp
 
+    if _is_lean():
+        return  # nothing starts
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
+    _prepare_folders()
     sys.stderr.flush()
     kept = os.dup(2)
     try:
@@ -118,6 +135,24 @@ def initialize_warp() -> None:
 def _forget_start() -> None:
     """Give back 90 MB of Warp's libraries, once: what runs when they are loaded lies all over them."""
     forget_code(*_libraries())
+
+
+@cache
+def _prepare_folders() -> None:
+    """Choose where compiled kernels are, and remove what killed processes have left there."""
+    import warp as wp
+
+    cache_folders.choose_warp_folder()
+    version = wp.config.version
+    kernels = Path(wp.config.kernel_cache_dir)
+    kernels = kernels if kernels.name == version else kernels / version  # which Warp adds when it starts
+    notes = cache_folders.wrt_folder()
+    cache_folders.remove_leftovers(kernels, notes, *notes.glob("headers-*"))
+
+
+def _is_lean() -> bool:
+    """Return whether the module `warp` is only what stands in for it (`wrt/lean`)."""
+    return hasattr(sys.modules["warp"], "builds")
 
 
 def _libraries() -> list[Path]:
@@ -233,25 +268,37 @@ class Device:
         )
 
     def compile(self, kernel: Any) -> float:
-        """Load a kernel's module, compiling it where no cached build is found; return the seconds.
+        """Load a kernel's module, compiling it where no whole build is in the cache; return the seconds.
 
-        Where another thread is about that already, wait for it.
+        Where another thread is about that already, wait for it. After KeyboardInterrupt a compile that has begun goes
+        on in its own thread, and who asks for the same kernel later waits for it.
+
+        Raises:
+            OSError: where there is no room to compile it.
         """
-        seconds = self._load(kernel)
+        start = time.perf_counter()
+        if _is_lean() or kernel_cache.is_loaded(kernel.module, self.name):
+            self._load(kernel)
+        else:
+            loading = _LOADER.submit(self._load, kernel)
+            try:
+                _finish({loading})
+            finally:
+                loading.cancel()
+        seconds = time.perf_counter() - start
         self.seconds_compile += seconds
         return seconds
 
     def _load(self, kernel: Any) -> float:
-        """Do as `compile` does, whether or not anybody waits for it."""
+        """Do what `compile` does, in this thread, whether or not anybody waits for it."""
         import warp as wp
 
         start = time.perf_counter()
         with _LOADING.setdefault(kernel.module.name, threading.Lock()):
-            lend_headers()
+            kernel_cache.provide(kernel.module, self.name)
             wp.load_module(kernel.module, device=self.name)
         seconds = time.perf_counter() - start
         if seconds > LOAD_SECONDS:
-            keep_headers()
             trim()
             forget_code(*_libraries())
         return seconds
@@ -262,6 +309,7 @@ class Device:
 
         On the CPU another thread does so beside what else goes on, if there is to be more than one: Warp lets one
         thread at a time write code for its compiler, which then takes most of the time and no interpreter lock.
+        After an exception no other compile begins, and nobody waits for the one that has begun.
         """
         if not self.is_cpu or self.threads == 1:
             kernels: list[Any] = []
@@ -276,7 +324,8 @@ class Device:
             _finish(workers)
             self.seconds_compile += time.perf_counter() - start
         finally:
-            wait({worker for worker in workers if not worker.cancel()})  # so that nothing is left half done
+            for worker in workers:
+                worker.cancel()
 
     def launch(self, kernel: Any, count: int, inputs: list[Any], *, spared: int = 0, least: int = 1) -> None:
         """Run `kernel` over indices 0 to count − 1 and wait for it, on all threads but those to be spared.
@@ -288,24 +337,21 @@ class Device:
         """
         import warp as wp
 
+        # Here and not by each of the threads, which would compile it all at once, with headers read by each.
+        self.compile(kernel)
         if not self.is_cpu:
             wp.launch(kernel, dim=count, inputs=[0, *inputs], device=self.name)
             wp.synchronize_device(self.name)
             return
-        # Here and not by each of the threads, which would compile it all at once, with headers read by each.
-        self.compile(kernel)
-        slices: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
-        for each in _slices(count, self.threads, least):
-            slices.put(each)
+        slices = Slices(count, self.threads, least)
         stop = threading.Event()
 
         def work() -> None:
-            while not stop.is_set():
-                try:
-                    start, size = slices.get_nowait()
-                except queue.Empty:
-                    return
+            while not stop.is_set() and (taken := slices.take()) is not None:
+                start, size = taken
+                began = time.perf_counter()
                 wp.launch(kernel, dim=size, inputs=[start, *inputs], device="cpu")
+                slices.ended(size, time.perf_counter() - began)
 
         workers = {self._workers.submit(work) for _ in range(max(1, self.threads - spared))}
         try:
@@ -315,18 +361,37 @@ class Device:
             wait(workers)
 
 
-def _slices(count: int, threads: int, least: int = 1) -> Iterator[tuple[int, int]]:
-    """Yield where slices of a launch begin, and their sizes.
+class Slices:
+    """The slices that a launch is cut into, which threads take one after the other.
 
-    They are alike, but none is more than one thread's share of what is left (Polychronopoulos and Kuck 1987).
+    None is more than one thread's share of what is left (Polychronopoulos and Kuck 1987), or than what takes
+    SLICE_SECONDS by what earlier ones took; but for that they are alike.
     """
-    most = max(least, -(-count // (threads * SLICES_PER_THREAD)))
-    least, start = max(least, int(most * SMALLEST_SLICE)), 0
-    while start < count:
-        left = count - start
-        size = min(most, max(least, left // threads), left)
-        yield start, size
-        start += size
+
+    def __init__(self, count: int, threads: int, least: int = 1) -> None:
+        """Take how many indices there are, the threads, and how many indices a slice should have at least."""
+        self._count, self._threads, self._start = count, threads, 0
+        self._most = max(least, -(-count // (threads * SLICES_PER_THREAD)))
+        self._least, self._smallest = least, max(least, int(self._most * SMALLEST_SLICE))
+        self._limit = max(least, int(self._most * FIRST_SLICE))
+        self._seconds_each = 0.0
+        self._lock = threading.Lock()
+
+    def take(self) -> tuple[int, int] | None:
+        """Return where the next slice begins and its size; None where there is none."""
+        with self._lock:
+            left = self._count - self._start
+            size = min(self._most, self._limit, max(self._smallest, left // self._threads), left)
+            start, self._start = self._start, self._start + size
+            return (start, size) if size else None
+
+    def ended(self, size: int, seconds: float) -> None:
+        """Take note of how long a slice took."""
+        with self._lock:
+            # What is slower counts at once, what is faster by and by: neighbours often are as slow.
+            self._seconds_each = max(seconds / size, 0.5 * self._seconds_each)
+            in_time = int(SLICE_SECONDS / max(self._seconds_each, 1e-12))
+            self._limit = max(self._least, min(in_time, SLICE_GROWTH * max(size, self._limit)))
 
 
 def _finish(workers: set[Future[Any]]) -> None:

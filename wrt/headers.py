@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import shutil
 import sys
+import tempfile
 import threading
+import warnings
 import zlib
 from pathlib import Path
 from typing import Any
 
-from wrt.errors import InputError
-from wrt.lean.builds import TESTED, digest_of_warp, kept_folder
-from wrt.safe_write import keep_latest, write_whole
+from wrt.cache_folders import keep_latest, put, work_folder, wrt_folder
+from wrt.lean.builds import TESTED, digest_of_warp
 
 WRITTEN = "builtin_*.pch"
 """Names of files that Warp writes for the CPU; what its compiler for CUDA writes lies in the same folder."""
@@ -28,47 +28,54 @@ KEPT = 4
 
 
 _THREAD = threading.local()
+"""Of a thread `lent`: names of the headers that are known to other processes."""
 
 
 def lend_headers() -> None:
     """Let Warp's compiler find in this thread what another process has written down."""
     if hasattr(_THREAD, "lent"):
         return
-    _THREAD.lent = True
-    with contextlib.suppress(OSError, RuntimeError):  # the latter where nobody has a home
+    _THREAD.lent = set()
+    with contextlib.suppress(OSError):
         if (folder := _of_thread()) is not None:
             for kept in _kept().glob(f"{WRITTEN}-*"):
                 name, _, digest = kept.name.rpartition("-")
-                if digest == _digest(kept):
-                    (folder / name).symlink_to(kept)
+                data = kept.read_bytes()
+                if digest == _digest(data):
+                    # A copy: another process may remove what is kept, and this one would write into it.
+                    (folder / name).write_bytes(data)
+                    _THREAD.lent.add(name)
                 else:
+                    warnings.warn(f"{kept}: Warp's headers were damaged, and are written anew", stacklevel=2)
                     kept.unlink()
 
 
 def keep_headers() -> None:
     """Keep what Warp's compiler has written down in this thread, for other processes."""
-    with contextlib.suppress(OSError, RuntimeError, InputError):
+    with contextlib.suppress(OSError):
         if (folder := _of_thread()) is None:
             return
         for written in folder.glob(WRITTEN):
-            kept = _kept() / f"{written.name}-{_digest(written)}"
-            if not written.is_symlink() and not kept.exists():
-                _keep(written, kept)
+            if written.name not in _THREAD.lent:
+                data = written.read_bytes()
+                _keep(data, _kept() / f"{written.name}-{_digest(data)}")
+                _THREAD.lent.add(written.name)
 
 
-def _keep(written: Path, kept: Path) -> None:
-    """Copy a file; remove others in its place, and what is of the oldest Warps or processors."""
+def _keep(data: bytes, kept: Path) -> None:
+    """Keep what was written; remove others in its place, and what is of the oldest Warps or processors."""
     folder = kept.parent
     folder.mkdir(parents=True, exist_ok=True)
-    for before in folder.glob(f"{written.name}-*"):
-        before.unlink(missing_ok=True)
-    write_whole(kept, functools.partial(shutil.copyfile, written))
+    for before in folder.glob(f"{kept.name.rpartition('-')[0]}-*"):
+        if before != kept:
+            before.unlink(missing_ok=True)
+    put(kept, data)
     keep_latest(folder.parent, "headers-*", KEPT)
 
 
-def _digest(file: Path) -> str:
-    """Return what tells a file from a damaged one, which could end the compiler and this process with it."""
-    return f"{zlib.crc32(file.read_bytes()):08x}"
+def _digest(data: bytes) -> str:
+    """Return what tells headers from damaged ones, which could end the compiler and this process with it."""
+    return f"{zlib.crc32(data):08x}"
 
 
 def _of_thread() -> Path | None:
@@ -76,11 +83,16 @@ def _of_thread() -> Path | None:
     context: Any = sys.modules.get("warp._src.context")
     if context is None or sys.modules["warp"].config.version not in TESTED:
         return None
-    folder = context.runtime.get_clang_pch_dir()
+    runtime = context.runtime
+    with runtime._pch_dirs_lock:
+        if (thread := threading.get_ident()) not in runtime._pch_dirs:
+            # Where they go with this process however it ends. While another thread still writes there, some may stay.
+            runtime._pch_dirs[thread] = tempfile.TemporaryDirectory(dir=work_folder(), ignore_cleanup_errors=True)
+    folder = runtime.get_clang_pch_dir()
     return None if folder is None else Path(folder)
 
 
 @functools.cache
 def _kept() -> Path:
     """Return the folder of what is kept for this Warp, its headers as they are, and this processor."""
-    return kept_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"
+    return wrt_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"

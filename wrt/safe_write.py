@@ -1,7 +1,7 @@
 """Writing files: whole or not at all, and never over one that somebody would miss.
 
-All that wrt writes goes through `write_whole`; what is written after long work is checked by `require_place` before it.
-The rule of both, whatever the output:
+All that wrt writes for people goes through `write_whole`. What is written after long work is checked before it, by
+`require_place`. The rule of both, whatever the output:
 
 - a file that this process has read is never written;
 - what is no regular file, such as a device, a pipe or a folder, is refused, and links are followed;
@@ -47,10 +47,6 @@ class Kind:
     may_force: bool = True
 
 
-KEPT = Kind("a file of wrt's cache", lambda _: True)
-"""What lies in a folder of wrt's own."""
-
-
 class NotReplacedError(InputError):
     """A file is there already, and not one that may be replaced."""
 
@@ -82,7 +78,7 @@ def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset())
     raise NotReplacedError(f"{path}: so are {_MOST_NAMES} names like it; name another file")
 
 
-def write_whole(path: Path, write: Callable[[Path], object], kind: Kind = KEPT, *, force: bool = False) -> None:
+def write_whole(path: Path, write: Callable[[Path], object], kind: Kind, *, force: bool = False) -> None:
     """Have `write` fill a file that then takes the place of `path`, or leave things as they were.
 
     Args:
@@ -138,13 +134,6 @@ def new_folder(path: Path) -> Iterator[Path]:
     finally:
         _remove(folder)
         os.close(handle)
-
-
-def keep_latest(folder: Path, pattern: str, count: int) -> None:
-    """Remove what a pattern names in a folder, files or folders, but those that were written last."""
-    found = sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)
-    for path in found[:-count]:
-        _remove(path)
 
 
 def _remove(path: Path) -> None:

@@ -20,6 +20,7 @@ import weakref
 from pathlib import Path
 from typing import Any
 
+from wrt import cache_folders
 from wrt.device import Device
 from wrt.lean.builds import Builds, loaded_by_warp
 
@@ -128,10 +129,11 @@ class WideKernel:
         features = json.dumps(dataclasses.asdict(self._features))
         # Not `-m`, which would import what is called `wrt` in the folder that the user is in.
         begin = f"import sys; sys.path[0] = {package!r}; from wrt.wide import main; sys.exit(main(sys.argv))"
-        command = [sys.executable, "-c", begin, features, str(os.getpid())]
-        cache = getattr(sys.modules["warp"].config, "kernel_cache_dir", None)
-        if cache:
-            command.append(str(Path(cache).parent))  # to which Warp adds a folder of its version
+        try:
+            command = [sys.executable, "-c", begin, features, str(os.getpid()), *self._folders()]
+        except OSError:  # there is no room
+            self._possible = False
+            return
         nothing = subprocess.DEVNULL
         try:
             self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
@@ -140,6 +142,22 @@ class WideKernel:
             return
         self._compiling_since = time.perf_counter()
         weakref.finalize(self, _end, self._compiler)  # nobody else waits for it
+
+    def _folders(self) -> list[str]:
+        """Return where to work, where to put what is compiled, and where notes of it if not in their usual place."""
+        work = cache_folders.work_folder()
+        folders = [work, work / "warp", work / "wrt"]
+        config = sys.modules["warp"].config
+        try:
+            known = getattr(config, "kernel_cache_dir", None)
+            kernels = Path(known).parent if known else cache_folders.warp_folder()  # to which Warp adds its version
+            cache_folders.require_writable(kernels / config.version)
+            folders[1] = kernels
+        except OSError as error:
+            cache_folders.say_unwritable(Path(error.filename or folders[1]).parent, error)
+        if self._builds is not None:
+            self._builds.elsewhere = folders[2]
+        return [str(folder) for folder in folders]
 
     def _compiled(self) -> None:
         """Take note of how compiling has ended."""
@@ -188,19 +206,22 @@ def main(arguments: list[str]) -> int:
     """Compile the kernel for features given as JSON, and note it for other processes.
 
     Of the arguments the first is the program's name, as everywhere, the second the features. It ends with the process
-    that asked for it, whose number is the third; a fourth is the folder for what is compiled. Of several that are asked
-    at once, one compiles after the other.
+    that asked for it, whose number is the third; then come the folders of `WideKernel._folders`. Of several that are
+    asked at once, one compiles after the other.
     """
     import warp as wp
 
     from wrt.kernels.features import Features
     from wrt.kernels.wide.render import make_wide_render_kernel, module_name
 
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches all processes of a terminal
     _end_with_parent()
     if os.getppid() != int(arguments[2]):
         return 1  # it ended before this
     if arguments[3:]:
-        wp.config.kernel_cache_dir = arguments[3]
+        work, kernels, notes = map(Path, arguments[3:])
+        cache_folders.work_within(work)
+        wp.config.kernel_cache_dir = str(kernels)
     described = json.loads(arguments[1])
     features = Features(
         **{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()}
@@ -208,6 +229,8 @@ def main(arguments: list[str]) -> int:
     builds = Builds.known()
     if builds is None:
         return 1
+    if arguments[3:]:
+        builds.elsewhere = notes
     with builds.alone():
         builds.refresh()
         if not builds.has(module_name(features)):
@@ -220,7 +243,7 @@ def _end_with_parent() -> None:
     """Have the system end this process when the one that started it ends, however that does."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
-        prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a background job may ignore others
 
 
 if __name__ == "__main__":

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
-from wrt.cli.status import complain
+from wrt.cli.status import complain, warn
 
 
 def _say(text: str) -> None:
     """Print what was asked for."""
     print(text, flush=True)
-
-
-def _warn(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
 
 
 def scenes(options: argparse.Namespace) -> int:
@@ -61,7 +56,7 @@ def info(options: argparse.Namespace) -> int:
     from wrt.formats.meshes import MESH_SUFFIXES, load_file
     from wrt.progress import short_warnings
 
-    with short_warnings(_warn):
+    with short_warnings(warn):
         # Of a mesh file that is there, what is in it, and not the studio around it.
         path = Path(options.source)
         alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
@@ -92,6 +87,6 @@ def _convert(options: argparse.Namespace) -> None:
     from wrt.formats.scene_writer import save_scene
     from wrt.progress import short_warnings
 
-    with short_warnings(_warn):
+    with short_warnings(warn):
         scene = load(options.source, up=options.up, confined=options.confined)
         save_scene(options.output, scene, force=options.force)

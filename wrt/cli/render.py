@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 from wrt.cli.options import SAVE_EVERY_SECONDS
 from wrt.cli.outputs import check_paths, default_output, default_outputs, folder_for, save
-from wrt.cli.status import complain, outcome
+from wrt.cli.status import complain, outcome, warn
 from wrt.cli.summary import Clock, report, samples_text
 from wrt.errors import InputError
 from wrt.interrupts import Interrupts
 from wrt.lean import next_render, run_lean
 from wrt.process import end_now, importing_renderer, no_collections
+from wrt.progress import once, short_warnings
 
 if TYPE_CHECKING:
     from wrt.renderer import Renderer
@@ -48,9 +49,10 @@ def render(options: argparse.Namespace) -> int:
             next_render()
         return worst
 
-    if not options.own_process or options.device != "cpu":
-        return render_rest()
-    return run_lean(render_rest)
+    with short_warnings(once(warn, said)):  # while there is no bar yet
+        if not options.own_process or options.device != "cpu":
+            return render_rest()
+        return run_lean(render_rest)
 
 
 def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
@@ -111,7 +113,7 @@ def _give_up(status: int) -> None:
 
 def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts, said: set[str], clock: Clock) -> int:
     from wrt.pace import LONGEST_PASS
-    from wrt.progress import ProgressBar, once, short_warnings
+    from wrt.progress import ProgressBar
 
     output, checkpoint = check_paths(options)
     with (

@@ -17,6 +17,11 @@ def complain(kind: str, what: object) -> None:
     print(f"wrt: {kind}: {one_line(str(what))}", file=sys.stderr, flush=True)
 
 
+def warn(line: str) -> None:
+    """Show a line on standard error."""
+    print(line, file=sys.stderr, flush=True)
+
+
 def outcome(run: Callable[[], int], *, name: str = "") -> int:
     """Return the exit status that `run` returns, or that of what it raises, which is said.
 

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from typing import TypeVar
 
+from wrt.cache_folders import remove_leftovers
 from wrt.errors import InputError
 from wrt.lean.builds import Builds, Missing, loaded_by_warp
 
@@ -33,7 +34,9 @@ def run_lean(run: Callable[[], Result]) -> Result:
 
         stand_in = sys.modules["warp"] = StandIn(builds)
         try:
-            return run()
+            result = run()
+            remove_leftovers()
+            return result
         except (InputError, OSError, MemoryError):
             raise
         except Exception as error:  # whatever it is: were it not for the stand-in, it comes again

@@ -9,15 +9,19 @@ import json
 import os
 import sys
 import threading
+import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from wrt.errors import InputError
-from wrt.safe_write import keep_latest, write_whole
+from wrt.cache_folders import keep_latest, put, wrt_folder
+from wrt.kernel_cache import State, digest, state
 
 TESTED = ("1.19.0",)
 """Versions of Warp whose memory layout `wrt/lean` has been tested against; with others, Warp itself is imported."""
+
+FORMAT = 2
+"""Of the notes: one line of digest, then JSON."""
 
 KEPT = 16
 """Notes about so many versions of kernels, Warp and processors."""
@@ -38,12 +42,15 @@ class Builds:
     """The compiled modules that are known, and those loaded into this process.
 
     Attributes:
-        warp_version: of the Warp that made them.
+        path: The file that they are noted in.
+        elsewhere: A folder for notes where that file cannot be written, or None.
+        warp_version: The version of the Warp that made them.
     """
 
     def __init__(self, path: Path, warp: Path, warp_version: str, modules: dict[str, Any]) -> None:
         """Take the file that they are noted in, Warp's folder, and what is noted."""
         self.path, self.warp_version = path, warp_version
+        self.elsewhere: Path | None = None
         self._warp, self._modules = warp, modules
         self._clang: Any = None
         self._loaded: dict[str, bytes] = {}
@@ -60,8 +67,8 @@ class Builds:
             version = _version(warp)
             if version not in TESTED:
                 return None
-            path = kept_folder() / f"builds-{fingerprint(warp)}.json"
-        except (OSError, RuntimeError):  # the latter where nobody has a home
+            path = wrt_folder() / f"builds-{fingerprint(warp)}.json"
+        except OSError:
             return None
         builds = cls(path, warp, version, {})
         builds.refresh()
@@ -69,10 +76,14 @@ class Builds:
 
     def refresh(self) -> None:
         """Read again what others may have noted."""
-        with contextlib.suppress(OSError, ValueError):
-            modules = json.loads(self.path.read_bytes())
-            if isinstance(modules, dict):
-                self._modules |= modules
+        for folder in (self.path.parent, *filter(None, [self.elsewhere])):
+            path = folder / self.path.name
+            with contextlib.suppress(OSError):
+                said, _, text = path.read_bytes().partition(b"\n")
+                if said == digest(text):
+                    self._modules |= json.loads(text)
+                else:
+                    warnings.warn(f"{path}: notes of compiled kernels were damaged, and are written anew", stacklevel=2)
 
     def __bool__(self) -> bool:
         """Whether there is what every render needs at its end, when it would be late to miss that."""
@@ -83,9 +94,11 @@ class Builds:
         """Within the context, be the only process of this user that is in one; wait for others first."""
         import fcntl
 
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with open(self.path.parent / "compiling.lock", "a") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+        with contextlib.ExitStack() as stack:
+            with contextlib.suppress(OSError):  # where it cannot be written, others are as well alone
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                file = stack.enter_context(open(self.path.parent / "compiling.lock", "a"))
+                fcntl.flock(file, fcntl.LOCK_EX)
             yield
 
     def has(self, name: str) -> bool:
@@ -107,8 +120,8 @@ class Builds:
                 self._loaded[name] = self._load(name)
 
     def _load(self, name: str) -> bytes:
-        if not self.has(name):
-            raise Missing(name)
+        if not self.has(name) or state(Path(self._modules[name]["file"])) is not State.WHOLE:
+            raise Missing(name)  # of what is damaged Warp's way in tells
         handle = f"wrt_{len(self._loaded)}".encode()
         if self._native().wp_load_obj(os.fsencode(self._modules[name]["file"]), handle, False) != 0:
             raise Missing(name)
@@ -148,12 +161,14 @@ class Builds:
         if not modules:
             return
         self._modules |= modules
-        with contextlib.suppress(OSError, InputError):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            # What two write at once, one of them notes again next time.
-            text = json.dumps(self._modules)
-            write_whole(self.path, lambda file: file.write_text(text, encoding="utf-8"))
-            keep_latest(self.path.parent, "builds-*.json", KEPT)
+        text = json.dumps(self._modules).encode()
+        for folder in (self.path.parent, *filter(None, [self.elsewhere])):
+            with contextlib.suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+                # What two write at once, one of them notes again next time.
+                put(folder / self.path.name, digest(text) + b"\n" + text)
+                keep_latest(folder, "builds-*.json", KEPT)
+                return
 
 
 def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
@@ -187,11 +202,6 @@ def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
     return found
 
 
-def kept_folder() -> Path:
-    """Return where things are kept from one process to the next."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "wrt"
-
-
 def _kernels() -> Path:
     """Return the folder of the kernels' sources."""
     spec = importlib.util.find_spec("wrt.kernels")
@@ -210,7 +220,7 @@ def _version(warp: Path) -> str:
 
 def fingerprint(warp: Path) -> str:
     """Return a digest of all that a build depends on: kernels, Warp, the processor, Python, the environment."""
-    things: list[object] = []
+    things: list[object] = [FORMAT]
     folder = _kernels()
     for root, folders, files in os.walk(folder):
         folders.sort()

@@ -1,0 +1,416 @@
+"""What is in the cache is loaded as it was made or not at all; where nothing can be kept, rendering goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from wrt import cache_folders, kernel_cache
+from wrt.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
+from wrt.kernel_cache import State, seal, state
+
+sys.path.insert(0, str(ROOT / "scripts"))
+import damage_cache
+
+SMALL = """
+import sys
+import warp as wp
+from wrt.device import Device
+
+@wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_cache"))
+def double(first: int, x: wp.array(dtype=float)):
+    x[first + wp.tid()] *= 2.0
+
+device = Device("cpu", threads=2)
+compiled = []
+import warp._src.build as build
+build_cpu, build.build_cpu = build.build_cpu, lambda *a, **k: (compiled.append(a), build_cpu(*a, **k))
+x = wp.ones(100, dtype=float, device="cpu")
+device.launch(double, 100, [x])
+assert (x.numpy() == 2.0).all()
+print(len(compiled))
+"""
+"""A program that needs one kernel, and prints whether it was compiled."""
+
+
+class Cache:
+    """A cache folder of a test's own, with the program above."""
+
+    def __init__(self, folder: Path) -> None:
+        """Take a folder for all of it."""
+        self.folder, self.program = folder / "cache", folder / "program.py"
+        self.program.write_text(SMALL)
+
+    def begin(self, **variables: str) -> subprocess.Popen[str]:
+        """Start the program."""
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("WARP_")}
+        environment |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(self.folder), **variables}
+        return subprocess.Popen(
+            [sys.executable, "-W", "always", str(self.program)],
+            cwd=self.program.parent,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def run(self, **variables: str) -> tuple[int, str]:
+        """Run the program; return how many kernels were compiled, and warnings."""
+        process = self.begin(**variables)
+        out, error = process.communicate()
+        assert process.returncode == 0, error
+        return int(out), "\n".join(
+            line.split("UserWarning: ")[1] for line in error.splitlines() if "UserWarning: " in line
+        )
+
+    def file(self, suffix: str) -> Path:
+        """Return a file of the kernel."""
+        (found,) = self.folder.glob(f"warp/*/wp_wrt.test_cache_*/*{suffix}")
+        return found
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Cache:
+    return Cache(tmp_path)
+
+
+def flip(path: Path, at: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)
+
+
+# Digests
+
+
+@pytest.fixture
+def build(tmp_path: Path) -> tuple[Path, Path]:
+    """Return the files of a build, which is whole."""
+    folder = tmp_path / "warp" / "module"
+    folder.mkdir(parents=True)
+    files = folder / "a.o", folder / "a.meta"
+    for file in files:
+        file.write_bytes(file.suffix.encode() * 100)
+    seal(*files)
+    return files
+
+
+def test_any_bit_that_is_not_as_it_was_is_seen(build: tuple[Path, Path]) -> None:
+    assert state(*build) is state(build[0]) is State.WHOLE
+    for file in (*build, Path(f"{build[0]}.digest")):
+        whole = file.read_bytes()
+        for at in range(len(whole)):
+            flip(file, at)
+            assert state(*build) is State.DAMAGED
+            file.write_bytes(whole[:at])
+            assert state(*build) is State.DAMAGED
+            file.write_bytes(whole)
+    assert state(*build) is State.WHOLE
+
+
+@pytest.mark.parametrize("which", ["a.o", "a.meta", "a.o.digest"])
+def test_what_is_not_there_is_not_damaged(which: str, build: tuple[Path, Path]) -> None:
+    (build[0].parent / which).unlink()
+    assert state(*build) is State.UNKNOWN
+
+
+def test_who_reads_while_another_writes_sees_no_damage(build: tuple[Path, Path], tmp_path: Path) -> None:
+    """A build is replaced by another one, again and again, which no reader takes for damage."""
+    kept, over = build[0].parent, threading.Event()
+    others = []
+    for k in range(2):
+        own = tmp_path / f"own{k}"
+        own.mkdir()
+        (own / "a.o").write_bytes(bytes([k]) * 10_000)
+        (own / "a.meta").write_text("{}")
+        seal(own / "a.o", own / "a.meta")
+        others.append(own)
+
+    def write() -> None:
+        while not over.is_set():
+            for own in others:
+                kernel_cache._publish(own, kept, "a.o")
+
+    writers = [threading.Thread(target=write) for _ in range(2)]
+    for writer in writers:
+        writer.start()
+    try:
+        unsure = 0
+        for _ in range(300):
+            assert state(*build) is State.WHOLE
+            unsure += kernel_cache._state(*build) is not State.WHOLE
+    finally:
+        over.set()
+        for writer in writers:
+            writer.join()
+    assert unsure > 0  # without the lock it would have been seen
+    assert sorted(file.name for file in kept.iterdir()) == ["a.meta", "a.o", "a.o.digest"]
+
+
+def test_a_reader_does_not_wait_for_ever_for_one_that_was_stopped(
+    build: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache_folders, "LOCK_SECONDS", 0.1)
+    flip(build[0], 0)
+    with locked(build[0].parent.parent):
+        assert state(*build) is State.DAMAGED
+
+
+@pytest.mark.slow
+def test_damage_is_told_once_and_mended_and_what_is_unknown_without_a_word(cache: Cache) -> None:
+    assert cache.run() == (1, "")
+    assert cache.run() == (0, "")
+    for suffix in (".o", ".meta", ".digest"):
+        flip(cache.file(suffix), 7)
+        count, said = cache.run()
+        assert count == 1
+        assert said == f"{cache.file('.o')}: the compiled kernel was damaged, and is compiled again"
+        assert cache.run() == (0, "")
+    cache.file(".digest").unlink()  # as older versions left it
+    flip(cache.file(".o"), 100)
+    assert cache.run() == (1, "")
+    assert cache.run() == (0, "")
+
+
+@pytest.mark.slow
+def test_those_that_compile_the_same_at_once_do_each_other_no_harm(cache: Cache) -> None:
+    for damaged in (False, True):
+        if damaged:
+            flip(cache.file(".o"), 200)
+        processes = [cache.begin() for _ in range(3)]
+        for process in processes:
+            _, error = process.communicate()
+            assert process.returncode == 0, error
+            assert "Traceback" not in error
+            assert damaged or "UserWarning" not in error
+        assert cache.run() == (0, "")
+
+
+@pytest.mark.slow
+def test_the_script_that_damages_caches_finds_nothing(tmp_path: Path) -> None:
+    """Every kind of damage once; `scripts/damage_cache.py` does more."""
+    failures: list[str] = []
+    rounds, seen = [], set()
+    for number in range(1000):  # the first round of each kind
+        chance = damage_cache.random.Random(f"0 {number}")
+        (kind,) = chance.choices(list(damage_cache.KINDS), [kind.weight for kind in damage_cache.KINDS.values()])
+        if kind not in seen:
+            seen.add(kind)
+            rounds.append(number)
+    assert seen == set(damage_cache.KINDS)
+    counts = damage_cache.run(rounds, 1, 0, failures.append)
+    assert not failures
+    assert sum(count for (_, outcome), count in counts.items() if outcome == "noticed") >= len(seen) - 3
+
+
+# Folders
+
+
+def test_where_caches_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/home/somebody")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/elsewhere")
+    assert user_folder() == Path("/elsewhere")
+    for unset in ("", "relative", "./x"):
+        monkeypatch.setenv("XDG_CACHE_HOME", unset)
+        assert user_folder() == Path("/home/somebody/.cache")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert user_folder() == Path("/home/somebody/.cache")
+    import pwd
+
+    known = pwd.getpwuid(os.getuid())
+    for unset in ("", "relative"):
+        monkeypatch.setenv("HOME", unset)
+        assert user_folder() == Path(known.pw_dir, ".cache")
+
+    def nobody(_: int) -> None:
+        raise KeyError
+
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    with pytest.raises(FileNotFoundError, match="no home"):
+        user_folder()
+
+
+@contextlib.contextmanager
+def mounted(folder: Path, *options: str) -> Iterator[None]:
+    """Within the context, have a file system of its own in a folder; skip the test where nobody may do that."""
+    folder.mkdir(exist_ok=True)
+    try:
+        subprocess.run(["mount", "-t", "tmpfs", *options, "none", str(folder)], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no file system can be mounted here")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(cache: Cache, tmp_path: Path) -> None:
+    cache.folder.write_text("a file where the folder should be")
+    count, said = cache.run()
+    assert count == 1
+    assert f"{cache.folder}/warp: cannot be written: Not a directory; compiled kernels are kept in " in said
+    assert said.count("\n") == 0
+    assert not Path(said.split(" kept in ")[1].split()[0]).exists()  # once the process has ended
+    given = tmp_path / "given"
+    given.write_text("")
+    count, said = cache.run(WARP_CACHE_PATH=str(given))
+    assert (count, said.count("\n")) == (1, 0)
+    assert f"{given}: cannot be written" in said
+
+
+def test_variables_that_are_empty_make_no_folder_here(cache: Cache, tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    assert cache.run(XDG_CACHE_HOME="", WARP_CACHE_PATH="", HOME=str(home)) == (1, "")
+    assert (home / ".cache" / "warp").is_dir()
+    assert cache.run(XDG_CACHE_HOME="relative", HOME=str(home)) == (0, "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "program.py"]
+
+
+def test_a_read_only_cache_is_of_use(cache: Cache) -> None:
+    with mounted(cache.folder):
+        assert cache.run() == (1, "")
+        subprocess.run(["mount", "-o", "remount,ro", str(cache.folder)], check=True)
+        assert cache.run() == (0, "")
+        cache.program.write_text(SMALL.replace("*= 2.0", "+= 1.0"))  # another kernel
+        count, said = cache.run()
+        assert count == 1
+        assert said.count("cannot be written: Read-only file system") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", ["4k", "8k", "12k"])
+def test_a_disk_that_is_full_is_done_without(size: str, cache: Cache) -> None:
+    with mounted(cache.folder, "-o", f"size={size}"):
+        for _ in range(2):
+            count, said = cache.run()
+            assert count == 1
+            assert said.count("cannot be written: No space left on device") == 1
+            assert said.count("\n") == 0
+    assert cache.run() == (1, "")
+
+
+def test_a_file_that_may_not_get_longer_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no file system can be mounted: a write that ends in the middle leaves nothing behind."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    put(tmp_path / "file", b"as it was")
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="large"):
+            put(tmp_path / "file", bytes(5000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"as it was")]
+
+
+def test_no_room_to_compile_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache_folders, "ROOM", 1 << 60)
+    monkeypatch.setattr(cache_folders, "_work", None)
+    with pytest.raises(OSError, match="compiling kernels takes"):
+        work_folder()
+
+
+# What killed processes leave
+
+
+def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    names = {
+        f"wp_wrt.render.x_1234567_p{ended.pid}_t99": False,
+        f".0011_p{ended.pid}_t99": False,
+        f"wp_wrt.render.x_1234567_p{os.getpid()}_t99": True,
+        f".0011_p{os.getpid()}_t99": True,
+        f"wp_other.program_1234567_p{ended.pid}_t99": True,  # not ours
+        "wp_wrt.render.x_1234567": True,
+    }
+    for name in names:
+        if name.startswith("."):
+            (tmp_path / name).write_text("half")
+        else:
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "half.cpp").write_text("half")
+    remove_leftovers(tmp_path, tmp_path / "not there")
+    assert {path.name for path in tmp_path.iterdir()} == {name for name, stays in names.items() if stays}
+
+
+def test_the_folder_of_a_killed_process_is_removed_by_the_next(cache: Cache, tmp_path: Path) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    work = "import time; from wrt.cache_folders import work_folder; print(work_folder(), flush=True); time.sleep(600)"
+    cache.program.write_text(work)
+    processes = [cache.begin(TMPDIR=str(temporary)) for _ in range(2)]
+    try:
+        folders = [Path(process.stdout.readline().strip()) for process in processes if process.stdout]
+        assert all(folder.parent == temporary and folder.stat().st_mode & 0o777 == 0o700 for folder in folders)
+        processes[0].kill()
+        processes[0].communicate()
+        cache.program.write_text(SMALL)
+        assert cache.run(TMPDIR=str(temporary)) == (1, "")
+        assert list(temporary.iterdir()) == [folders[1]]
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+
+
+def test_a_fork_does_not_remove_the_folder_of_its_parent(tmp_path: Path) -> None:
+    program = "import os; from wrt.cache_folders import work_folder as w; f = w(); print(f.is_dir())\n"
+    program += "if not os.fork(): assert w() != f and w().is_dir()\nelse: os.wait(); print(f.is_dir())"
+    command = [sys.executable, "-c", program]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split().count("True") >= 2
+    assert "False" not in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+# Signals
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "seconds", "options"),
+    [
+        (signal.SIGTERM, 1.0, []),
+        (signal.SIGINT, 2.0, []),
+        (signal.SIGHUP, 2.5, []),
+        (signal.SIGTERM, 3.0, ["--threads", "1"]),
+        (signal.SIGKILL, 3.5, []),
+    ],
+)
+def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
+    number: signal.Signals, seconds: float, options: list[str], tmp_path: Path
+) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "wrt", "render", "cornell-box", "--size", "16x16", "--spp", "1", "--quiet", "-o"]
+    subprocess.run([*command, "right.npy"], cwd=tmp_path, env=environment, check=True)
+    environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
+    environment.pop("WARP_CACHE_PATH", None)
+    process = subprocess.Popen(
+        [*command, "film.npy", *options], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    while not list(tmp_path.glob("wrt-work-*")) and process.poll() is None:
+        time.sleep(0.01)
+    time.sleep(seconds)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=5.0)
+    assert process.returncode != 0  # else it had ended before
+    assert said.count("\n") <= 1
+    done = subprocess.run([*command, "film.npy"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "film.npy").read_bytes() == (tmp_path / "right.npy").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "film.npy", "right.npy"]

@@ -1,0 +1,281 @@
+"""Where things are kept from one process to the next, and where this process works in the meantime."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import errno
+import os
+import re
+import threading
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOM = 32 << 20
+"""Bytes that a folder must have left for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
+large kernel 4 MB. Where room runs out, LLVM ends the process."""
+
+LOCK_SECONDS = 2.0
+"""How long a lock is waited for, which others hold for milliseconds. After that they are taken to be stopped."""
+
+_OF_PROCESS = re.compile(r"_p(\d+)_t\d+$")
+"""How names end of what a thread of a process is at work on: Warp names its folders so, and so does `put`."""
+
+_PREFIX = "wrt-work-"
+"""How names of the folders begin that processes work in."""
+
+_lock = threading.Lock()
+_work: tuple[int, Path] | None = None
+_held: list[int] = []
+_within: Path | None = None
+_said: set[Path] = set()
+
+
+def user_folder() -> Path:
+    """Return the folder where programs of this user keep what can be made again.
+
+    An empty or relative XDG_CACHE_HOME counts as unset (XDG Base Directory Specification), as does such a HOME, in
+    place of which the password database is asked.
+
+    Raises:
+        FileNotFoundError: where nobody knows a home of this user.
+    """
+    if os.path.isabs(named := os.environ.get("XDG_CACHE_HOME", "")):
+        return Path(named)
+    home = os.environ.get("HOME", "")
+    if not os.path.isabs(home):
+        import pwd
+
+        with contextlib.suppress(KeyError):
+            home = pwd.getpwuid(os.getuid()).pw_dir
+    if not os.path.isabs(home):
+        raise FileNotFoundError(errno.ENOENT, "no home folder is known", "~")
+    return Path(home) / ".cache"
+
+
+def wrt_folder() -> Path:
+    """Return the folder of wrt's notes and of Warp's headers; this process's own where nobody has a home."""
+    try:
+        return user_folder() / "wrt"
+    except FileNotFoundError:
+        return work_folder() / "wrt"
+
+
+def warp_folder() -> Path:
+    """Return the folder in which Warp keeps compiled kernels, in one of its version.
+
+    Raises:
+        FileNotFoundError: see `user_folder`.
+    """
+    return Path(os.environ.get("WARP_CACHE_PATH") or user_folder() / "warp")
+
+
+def choose_warp_folder() -> None:
+    """Tell Warp, before it starts, in which folder its kernels are: in one that it can make, or that is there."""
+    import warp as wp
+    from warp._src import context
+
+    if context.runtime is not None:
+        return  # it has started, and has one
+    folder = Path("~")
+    try:
+        folder = Path(wp.config.kernel_cache_dir or warp_folder())
+        (folder / wp.config.version).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        say_unwritable(folder, error)
+        folder = work_folder() / "warp"
+    wp.config.kernel_cache_dir = str(folder)
+
+
+def say_unwritable(folder: Path, error: OSError) -> None:
+    """Warn that what is compiled is of use to this process only."""
+    if folder not in _said:
+        _said.add(folder)
+        why = error.strerror or str(error)
+        now = f"compiled kernels are kept in {work_folder()} until this process ends"
+        warnings.warn(f"{folder}: cannot be written: {why}; {now}", stacklevel=3)
+
+
+def require_writable(folder: Path) -> None:
+    """Raise OSError unless there is room for a kernel in a folder, which is made, and one may write there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _require_room(folder, ROOM // 4)
+    put(probe := folder / ".probe", b"")
+    probe.unlink(missing_ok=True)
+
+
+def _require_room(folder: Path, size: int) -> None:
+    found = os.statvfs(folder)
+    if found.f_bavail * found.f_frsize < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+
+
+def put(path: Path, data: bytes) -> None:
+    """Have a file hold bytes, or be as it was.
+
+    Raises:
+        OSError: where it cannot be written.
+    """
+    temporary = path.with_name(f".{os.urandom(4).hex()}_p{os.getpid()}_t{threading.get_ident()}")
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def keep_latest(folder: Path, pattern: str, count: int) -> None:
+    """Remove what a pattern names in a folder, files or folders, but those that were written last."""
+    found = sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)
+    for path in found[:-count]:
+        _remove_any(path)
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Within the context, be the only one that is in such a context for a folder, if its file system can tell."""
+    import fcntl
+    import time
+
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        yield
+        return
+    try:
+        until = time.monotonic() + LOCK_SECONDS
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > until:
+                    break
+                time.sleep(0.005)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        os.close(handle)
+
+
+def work_within(folder: Path) -> None:
+    """Have this process work within the folder of another one, which removes it."""
+    global _within
+    _within = folder
+
+
+def work_folder() -> Path:
+    """Return a folder that only this process uses, and nobody else may read; it is removed when the process ends.
+
+    Raises:
+        OSError: where there is no room for one.
+    """
+    global _work
+    with _lock:
+        if _work is None or _work[0] != os.getpid():
+            _work = os.getpid(), _make_work_folder()
+            atexit.register(_remove, *_work)
+        return _work[1]
+
+
+def _make_work_folder() -> Path:
+    import fcntl
+    import tempfile
+
+    if _within is not None:
+        return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_within))
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_place_with_room()))
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        # The lock says that this process lives, to processes in other containers too, where its number is another's.
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if folder.is_dir():  # nobody has taken it for left over before it was locked
+            _held.append(handle)
+            return folder
+        os.close(handle)
+
+
+def _places() -> list[str]:
+    """Return folders for temporary files, the best first."""
+    named = os.environ.get("TMPDIR", "")
+    return [*([named] if os.path.isabs(named) else []), "/tmp", "/var/tmp", "/dev/shm"]
+
+
+def _place_with_room() -> str:
+    for place in _places():
+        with contextlib.suppress(OSError):
+            _require_room(Path(place), ROOM)
+            if os.access(place, os.W_OK | os.X_OK):
+                return place
+    places = " or ".join(_places())
+    raise OSError(errno.ENOSPC, f"compiling kernels takes {ROOM >> 20} MB in {places}, which have less left")
+
+
+def _remove(process: int, folder: Path) -> None:
+    if os.getpid() == process:  # and not a fork of it
+        import shutil
+
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_leftovers(*folders: Path) -> None:
+    """Remove what processes were at work on that are there no longer.
+
+    Args:
+        folders: where kernels and notes are kept; folders for temporary files are gone through anyway.
+    """
+    for folder in folders:
+        for name in _names(folder):
+            found = _OF_PROCESS.search(name)
+            if found and name.startswith(("wp_wrt.", ".")) and not _lives(int(found[1])):
+                _remove_any(folder / name)
+    for place in {*_places()}:
+        for name in _names(place):
+            if name.startswith(_PREFIX):
+                _remove_if_nobody_works_in(Path(place, name))
+
+
+def _names(folder: str | Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _remove_any(path: Path) -> None:
+    import shutil
+
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def _remove_if_nobody_works_in(folder: Path) -> None:
+    import fcntl
+    import shutil
+
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        try:
+            if os.fstat(handle).st_uid == os.getuid():
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(handle)

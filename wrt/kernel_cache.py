@@ -1,0 +1,181 @@
+"""Compiled kernels, of which none is loaded that is not as it was made.
+
+What Warp compiles is machine code, which it loads as it finds it: one bit turned over by a disk or a cable may end the
+process, or make another picture. So beside each build lies a digest of its files. They are compared before Warp, or
+what stands in for it (`wrt/lean`), loads them; a build that does not fit is compiled again.
+
+Warp compiles in a folder of this process alone, since LLVM ends the process where room runs out. From there the files
+are put among the others, under a lock, the digest last. A reader without a lock that sees no digest, or another's,
+looks again with one, and so never takes a build for damaged that somebody is just writing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib.util
+import os
+import sys
+import warnings
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from wrt.cache_folders import ROOM, locked, put, say_unwritable, work_folder
+
+DIGEST = ".digest"
+"""What the name of a binary's file of digests ends with: its own, and that of what Warp notes beside it (`.meta`)."""
+
+
+class State(Enum):
+    """What is known of a build in the cache."""
+
+    WHOLE = "as it was made"
+    UNKNOWN = "not there, or without a digest"
+    DAMAGED = "not as it was made"
+
+
+def digest(data: bytes) -> bytes:
+    """Return 16 characters that tell bytes from damaged ones."""
+    # What Python tells changed sources by, a SipHash: hashlib takes longer to import than all is read.
+    return importlib.util.source_hash(data).hex().encode("ascii")
+
+
+def state(binary: Path, meta: Path | None = None) -> State:
+    """Return how a build is found.
+
+    Args:
+        binary: what was compiled.
+        meta: what Warp notes beside it, where that is to be read too.
+    """
+    found = _state(binary, meta)
+    if found is State.WHOLE or not binary.parent.is_dir():
+        return found
+    with locked(binary.parent.parent):
+        return _state(binary, meta)
+
+
+def _state(binary: Path, meta: Path | None) -> State:
+    try:
+        said = Path(f"{binary}{DIGEST}").read_bytes().split(b" ")
+        found = [digest(path.read_bytes()) for path in (binary, meta) if path is not None]
+    except FileNotFoundError:
+        return State.UNKNOWN
+    except OSError:
+        return State.DAMAGED
+    return State.WHOLE if len(said) == 2 and said[: len(found)] == found else State.DAMAGED
+
+
+def seal(binary: Path, meta: Path) -> None:
+    """Write the digests of a build that was just made."""
+    put(Path(f"{binary}{DIGEST}"), b" ".join(digest(path.read_bytes()) for path in (binary, meta)))
+
+
+def is_loaded(module: Any, device: str) -> bool:
+    """Return whether Warp has loaded a module as it is now."""
+    build = _Build.of(module, device)
+    return build is not None and build.is_loaded
+
+
+def provide(module: Any, device: str) -> None:
+    """See to it that what Warp loads of a module next is whole: compile it where it is damaged, or not there.
+
+    Raises:
+        OSError: where there is no room to compile it.
+    """
+    build = _Build.of(module, device)
+    if build is None or build.is_loaded:
+        return
+    kept = Path(sys.modules["warp"].config.kernel_cache_dir, build.identifier)
+    found = state(kept / build.binary, kept / build.meta)
+    if found is State.WHOLE:
+        return
+    import shutil
+
+    if found is State.DAMAGED:
+        warnings.warn(f"{kept / build.binary}: the compiled kernel was damaged, and is compiled again", stacklevel=2)
+    own = work_folder() / "kernels" / build.identifier
+    if state(own / build.binary, own / build.meta) is not State.WHOLE:
+        build.compile(own)
+    try:
+        _publish(own, kept, build.binary)
+    except OSError as error:
+        say_unwritable(kept.parent, error)
+        build.load(own)
+    else:
+        shutil.rmtree(own, ignore_errors=True)
+
+
+class _Build:
+    """A module of kernels as Warp compiles it for a device."""
+
+    def __init__(self, context: Any, module: Any, device: str) -> None:
+        self._module, self._device = module, context.runtime.get_device(device)
+        self._block = context._resolve_launch_block_dim(
+            self._device, None if self._device.is_cpu else module.options["block_dim"]
+        )
+
+    @classmethod
+    def of(cls, module: Any, device: str) -> _Build | None:
+        """Return that of a module; None where it is not one of Warp's."""
+        context: Any = sys.modules.get("warp._src.context")
+        return cls(context, module, device) if context and isinstance(module, context.Module) else None
+
+    @property
+    def is_loaded(self) -> bool:
+        found = self._module.execs.get((self._device.context, self._block))
+        return found is not None and bool(found.module_hash == self._module.get_module_hash(self._block))
+
+    @property
+    def identifier(self) -> str:
+        return str(self._module.get_module_identifier(self._block))
+
+    @property
+    def binary(self) -> str:
+        return str(self._module._get_compile_output_name(self._device, block_dim=self._block))
+
+    @property
+    def meta(self) -> str:
+        return str(self._module._get_meta_name(self._block))
+
+    def compile(self, folder: Path) -> None:
+        """Compile it into a folder of its own."""
+        import shutil
+
+        from wrt.headers import keep_headers, lend_headers
+
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lend_headers()
+        self._module.get_module_hash(self._block)  # which resolves the options
+        options = self._module.resolved_options[self._block]
+        arch = self._module._get_compile_arch(self._device)
+        try:
+            self._module._compile(self._device, folder, self.binary, arch, options=options)
+            seal(folder / self.binary, folder / self.meta)
+        except Exception as error:
+            room = os.statvfs(folder.parent)
+            if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder.parent)) from error
+            raise
+        keep_headers()
+
+    def load(self, folder: Path) -> None:
+        """Have Warp load it from a folder."""
+        arch = self._module._get_compile_arch(self._device)
+        files = {"binary_path": folder / self.binary, "meta_path": folder / self.meta}
+        self._module.load(self._device, self._block, output_arch=arch, **files)
+
+
+def _publish(own: Path, kept: Path, binary: str) -> None:
+    """Put a whole build among those that other processes find."""
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with locked(kept.parent):
+        kept.mkdir(exist_ok=True)
+        for left in kept.glob(".*"):  # by one that was killed here
+            with contextlib.suppress(OSError):
+                left.unlink()
+        seals = f"{binary}{DIGEST}"
+        (kept / seals).unlink(missing_ok=True)
+        for file in sorted(own.iterdir(), key=lambda file: file.name == seals):
+            put(kept / file.name, file.read_bytes())
