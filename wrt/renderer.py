@@ -377,12 +377,8 @@ class Renderer:
     def save(self, path: PathLike, *, force: bool = False) -> None:
         """Write the picture as `wrt render` does: with its layers, and what it was made with as the file's metadata.
 
-        Args:
-            path: ends in .png, .exr or .npy.
-            force: whether to replace a file that wrt has not made, see `wrt.save_image`.
-
         Raises:
-            InputError: see `wrt.save_image`; and where there are layers and the name does not end in .exr.
+            InputError: see `wrt.save_image`, whose `force` it is; and where there are layers and no .exr to hold them.
         """
         from wrt.output import save_render
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import sys
 import typing
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -19,9 +18,8 @@ from wrt import shapes
 from wrt.camera import CAMERAS, Camera
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError, did_you_mean
-from wrt.files import PathLike, read_file, require_file
+from wrt.files import PathLike, require_file
 from wrt.formats import growth
-from wrt.formats.encodings import as_utf8
 from wrt.formats.images import load_environment, read_image
 from wrt.formats.kinds import hinting
 from wrt.formats.parts import in_the_world, merge
@@ -42,7 +40,8 @@ from wrt.formats.scene_keys import (
     own_fields,
 )
 from wrt.formats.scene_places import after, joined, read_deformation, read_motion, read_places
-from wrt.formats.toml_values import Table, check_triangles, choice, points_of, require_short_keys, table_of, text_of
+from wrt.formats.toml_text import read_toml
+from wrt.formats.toml_values import Table, check_triangles, choice, points_of, table_of, text_of
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.materials.composite import MAX_NESTING
@@ -73,33 +72,12 @@ def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
     require_file(file)
     reader = _Reader(file, triangles)
     with hinting(file), reader.at(""):
-        return reader.scene(_parse(file))
+        return reader.scene(read_toml(file))
 
 
 def shape_makers() -> dict[str, Callable[..., Any]]:
     """Return what makes shapes from keys of their own, by their `type`."""
     return dict(_Reader(Path(), None).makers())
-
-
-def _parse(path: Path) -> Table:
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:
-        import tomli as tomllib
-    try:
-        text = as_utf8(read_file(path)).decode("utf-8")
-        require_short_keys(text)
-        return dict(tomllib.loads(text))
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not TOML: {error}") from None
-    except InputError:
-        raise
-    except RecursionError:
-        raise InputError("not TOML: arrays or tables lie too deep within one another") from None
-    except (OverflowError, ValueError) as error:
-        raise InputError(f"not TOML: {type(error).__name__}") from None
 
 
 class _Reader:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from typing import Any
 
 import numpy as np
@@ -19,20 +18,6 @@ _SUBDIVISIONS = inspect.signature(sphere).parameters["subdivisions"].default
 
 MAX_MADE_TRIANGLES = 30_000_000
 """Of all spheres and procedural meshes of a scene file, a few gigabytes: a few words may stand for very many."""
-
-
-MOST_LEVELS = 64
-"""Parts of a dotted key. The parser takes time and memory that are quadratic in them."""
-
-_PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')"""
-_TOO_LONG = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{MOST_LEVELS}}}", re.ASCII)
-
-
-def require_short_keys(text: str) -> None:
-    """Raise InputError where a dotted key in a TOML file has more than MOST_LEVELS parts."""
-    if found := _TOO_LONG.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        raise InputError(f"line {line}: a dotted key has more than {MOST_LEVELS} parts")
 
 
 def choice(table: Table, choices: dict[str, Any], *, default: str | None = None) -> Any:
