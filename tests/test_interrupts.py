@@ -80,6 +80,13 @@ def test_a_signal_never_ends_what_is_worth_saving():
     assert run_and_signal("interrupts.worth_saving = True; busy()", signal.SIGTERM)[0] is None
 
 
+def test_a_signal_that_a_library_swallows_is_found_all_the_same():
+    swallowing = "exec('try: time.sleep(5)\\nexcept BaseException: pass'); interrupts.check(); time.sleep(60)"
+    status, out, seconds = run_and_signal(swallowing, signal.SIGTERM)
+    assert (status, out) == (143, "obeyed\n")
+    assert seconds < GRACE_SECONDS
+
+
 def test_a_signal_never_ends_what_is_being_written():
     assert run_and_signal("interrupts.hold(busy)", signal.SIGTERM)[0] is None
     assert run_and_signal("interrupts.disarm(); busy()", signal.SIGTERM)[0] is None

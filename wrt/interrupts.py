@@ -95,6 +95,11 @@ class Interrupts:
                 self._give_up(128 + numbers[0])
             time.sleep(_LOOK_SECONDS)
 
+    def check(self) -> None:
+        """Raise KeyboardInterrupt where there was a signal: some libraries catch every exception, and go on."""
+        if self._signal_number and not self._done:
+            raise KeyboardInterrupt
+
     def disarm(self) -> None:
         """From here on let nothing interrupt: what is left to do is to save."""
         self._armed = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from wrt.cli.status import complain, warn
+from wrt.cli.status import complain, give_up, warn
 
 
 def _say(text: str) -> None:
@@ -73,11 +73,12 @@ def convert(options: argparse.Namespace) -> int:
     """Write a scene file."""
     from wrt.interrupts import Interrupts
 
-    with Interrupts() as interrupts:
+    nothing = f"{options.output} was not written"
+    with Interrupts((lambda status: give_up(status, nothing)) if options.own_process else None) as interrupts:
         try:
             _convert(options)
         except KeyboardInterrupt:
-            complain("stopped", f"{options.output} was not written")
+            complain("stopped", nothing)
             return interrupts.exit_status
     return 0
 

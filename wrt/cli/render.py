@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from wrt.cli.options import SAVE_EVERY_SECONDS
 from wrt.cli.outputs import check_paths, default_output, default_outputs, folder_for, save
-from wrt.cli.status import complain, outcome, warn
+from wrt.cli.status import complain, give_up, outcome, warn
 from wrt.cli.summary import Clock, report, samples_text
 from wrt.errors import InputError
 from wrt.interrupts import Interrupts
 from wrt.lean import next_render, run_lean
-from wrt.process import end_now, importing_renderer, no_collections
+from wrt.process import importing_renderer, no_collections
 from wrt.progress import once, short_warnings
 
 if TYPE_CHECKING:
@@ -95,20 +95,15 @@ def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[
 
     What was `said` before is not said again.
     """
-    with Interrupts(_give_up if job.own_process else None) as interrupts:
+    nothing = f"{job.name}: {NOTHING_YET}" if job.name else NOTHING_YET
+    with Interrupts((lambda status: give_up(status, nothing)) if job.own_process else None) as interrupts:
         try:
             status = outcome(lambda: _render_until_interrupted(job, interrupts, said, clock), name=job.name)
         except KeyboardInterrupt:
-            complain("stopped", f"{job.name}: {NOTHING_YET}" if job.name else NOTHING_YET)
+            complain("stopped", nothing)
             status = interrupts.exit_status
         # One that came while the last file was written has ended nothing.
         return status, interrupts.exit_status if interrupts.exit_status > 128 else 0
-
-
-def _give_up(status: int) -> None:
-    """End the process, whatever its main thread is busy with."""
-    complain("stopped", NOTHING_YET)
-    end_now(status)
 
 
 def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts, said: set[str], clock: Clock) -> int:
@@ -129,6 +124,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
             pass_seconds = save_every if save_every < LONGEST_PASS else None
             for progress in renderer.passes(spp=spp, time=options.time, pass_seconds=pass_seconds):
                 interrupts.worth_saving = True
+                interrupts.check()
                 bar.update(progress)
                 if time.monotonic() - saved_at >= save_every:
                     interrupts.hold(lambda: save(renderer, output, checkpoint, force=options.force))

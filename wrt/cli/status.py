@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 from wrt.errors import InputError, one_line
+from wrt.process import end_now
 
 FAILED = 1
 UNUSABLE = 2
@@ -20,6 +22,12 @@ def complain(kind: str, what: object) -> None:
 def warn(line: str) -> None:
     """Show a line on standard error."""
     print(line, file=sys.stderr, flush=True)
+
+
+def give_up(status: int, what: str) -> NoReturn:
+    """End the process from another thread than the main one, which does not come to a signal; say what of it."""
+    complain("stopped", what)
+    end_now(status)
 
 
 def outcome(run: Callable[[], int], *, name: str = "") -> int:
