@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-LEFTOVER = re.compile(r"\.wrt-[0-9a-f]{8}\.part.*")
+LEFTOVER = re.compile(r"\.wrt-[0-9a-f-]+\.part.*")
 
 SCENES = (
     ("cornell-box", "--size", "96x96", "--spp", "192"),

@@ -38,5 +38,5 @@ def test_the_script_notices_what_a_kill_would_damage(tmp_path: Path) -> None:
         with pytest.raises(RoundError, match="a damaged file"):
             require_whole(tmp_path)
     (tmp_path / "a.ckpt").unlink()
-    (tmp_path / ".wrt-01234567.part.npy").write_bytes(np.zeros(3).tobytes())
-    assert leftovers(tmp_path) == [".wrt-01234567.part.npy"]
+    (tmp_path / ".wrt-01234567-89abcdef.part.npy").write_bytes(np.zeros(3).tobytes())
+    assert leftovers(tmp_path) == [".wrt-01234567-89abcdef.part.npy"]

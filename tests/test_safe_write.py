@@ -147,9 +147,7 @@ def test_the_default_name_steps_aside_for_what_wrt_has_not_made(tmp_path, monkey
     assert_only_added(before, tmp_path, "cornell-box-render-2.png")
 
 
-@pytest.mark.parametrize(
-    "content", [b"v 0 0 0\n", b"", b"PK\3\4 an archive", None], ids=["text", "empty", "zip", "npz"]
-)
+@pytest.mark.parametrize("content", [b"v 0 0 0\n", b"PK\3\4 an archive", None], ids=["text", "zip", "npz"])
 def test_a_checkpoint_replaces_a_checkpoint_alone(content, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     options = ("render", "cornell-box", "--checkpoint", "a.ckpt", "-o", "a.png", *SMALL)
@@ -181,7 +179,7 @@ def test_convert_replaces_nothing_without_leave(tmp_path, monkeypatch, capsys):
     wrt.load("fuze.toml")
 
 
-def test_convert_replaces_no_folder_and_no_scene_that_it_reads(tmp_path, monkeypatch, capsys):
+def test_convert_replaces_no_folder_and_no_scene_that_it_reads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path)
     assert run("convert", "fuze.obj", "ok.toml") == 0
@@ -192,10 +190,34 @@ def test_convert_replaces_no_folder_and_no_scene_that_it_reads(tmp_path, monkeyp
     shutil.copy("ok.toml", "kept.toml")
     (tmp_path / "ok.toml").unlink()
     before = contents(tmp_path)
-    capsys.readouterr()
-    assert run("convert", "fuze.obj", "ok.toml") == 2
-    assert "ok_files: is there already" in capsys.readouterr().err
-    assert_only_added(before, tmp_path)
+    # The arrays of the scene that was copied are left alone.
+    assert run("convert", "fuze.obj", "ok.toml") == 0
+    added = set(contents(tmp_path)) - set(before)
+    assert_only_added(before, tmp_path, *added)
+    assert {name.split("/")[0] for name in added} == {"ok.toml", "ok_files-2"}
+    assert wrt.load("ok.toml").shapes
+
+
+def test_a_conversion_that_replaces_another_leaves_that_whole_until_its_end(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path)
+    assert run("convert", "cornell-box", "a.toml") == 0
+    (tmp_path / "a_files" / "notes.txt").write_text("mine")
+    before = contents(tmp_path)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("wrt.formats.scene_writer._write_text", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            wrt.save_scene("a.toml", wrt.load("fuze.obj"), force=True)
+    assert {name: contents(tmp_path)[name] for name in before} == before
+    wrt.load("a.toml")
+    script = "import wrt; wrt.save_scene('a.toml', wrt.load('fuze.obj'), force=True)"
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=tmp_path)
+    assert sorted(os.listdir(tmp_path / "a_files")) == ["notes.txt"]
+    assert wrt.load("a.toml").shapes
 
 
 def test_a_conversion_that_fails_leaves_nothing(tmp_path, monkeypatch):
@@ -320,7 +342,7 @@ def test_leftovers_of_killed_writes_are_removed_and_no_others(tmp_path):
     killed, living = processes
     killed.kill()
     killed.wait()
-    assert len(list(tmp_path.glob(".wrt-????????.part.png"))) == 2
+    assert len(list(tmp_path.glob(".wrt-????????-????????.part.png"))) == 2
     next_run = WRITING.replace("time.sleep(60)", "")
     subprocess.run([sys.executable, "-c", next_run, str(tmp_path / "b.png")], check=True, stdout=subprocess.DEVNULL)
     left = [path.name for path in tmp_path.glob(".wrt-*.part*")]

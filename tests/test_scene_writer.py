@@ -149,13 +149,13 @@ def test_lights_cameras_and_environments(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["convert", "cornell-box", str(tmp_path / "a.txt")]) == 2
     assert main(["convert", "cornell-box", str(tmp_path / "none" / "a.toml")]) == 2
-    (tmp_path / "b_files").write_text("in the way")
+    (tmp_path / "b.toml").mkdir()
     assert main(["convert", "cornell-box", str(tmp_path / "b.toml")]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 3
     assert "must end in .toml" in errors[0]
-    assert "b_files: is there already" in errors[2]
-    assert not (tmp_path / "b.toml").exists()
+    assert "b.toml: is a directory" in errors[2]
+    assert not (tmp_path / "b_files").exists()
 
 
 @pytest.mark.parametrize(

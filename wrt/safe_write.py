@@ -16,20 +16,23 @@ import contextlib
 import os
 import re
 import stat
+import time
+import zlib
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from wrt.errors import InputError
 from wrt.files import Identity, first_line, forget_input, identity_of, is_input
 
-_TEMPORARY = re.compile(r"\.wrt-[0-9a-f]{8}\.part(\..*)?")
-"""Names of files and folders that are being written."""
+_TEMPORARY = re.compile(r"\.wrt-([0-9a-f]{8})-[0-9a-f]{8}\.part(\..*)?")
+"""Names of files and folders that are being written, with a digest of the host's name."""
+
+_FOREIGN_SECONDS = 3600.0
+"""Age of a file that another host was writing from which on it counts as left over: locks may not reach so far."""
 
 _MOST_NAMES = 1000
-
-_written: dict[str, Identity] = {}  # what this process has written, by its path without links
-_swept: set[str] = set()  # folders in which leftovers were looked for
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,10 @@ class Kind:
     may_force: bool = True
 
 
+_written: dict[str, tuple[Identity, Kind]] = {}  # what this process has written, by its path without links
+_swept: set[str] = set()  # folders in which leftovers were looked for
+
+
 class NotReplacedError(InputError):
     """A file is there already, and not one that may be replaced."""
 
@@ -56,13 +63,14 @@ def require_place(path: Path, kind: Kind, *, force: bool = False) -> None:
     _target(path, kind, force)
 
 
-def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset()) -> Path:
+def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(), force: bool = False) -> Path:
     """Return `path`, or the first of `NAME-render`, `NAME-render-2` and so on at which a file of a kind may be written.
 
     Args:
         path: the place that is tried first.
         kind: what is to be written.
         taken: places that it must not be.
+        force: see `write_whole`.
 
     Raises:
         InputError: where it is not for the sake of a file that is there that none may be.
@@ -70,7 +78,7 @@ def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset())
     for number in range(_MOST_NAMES):
         tried = path if number == 0 else path.with_stem(f"{path.stem}-render{'' if number == 1 else f'-{number}'}")
         try:
-            require_place(tried, kind)
+            require_place(tried, kind, force=force)
         except NotReplacedError:
             continue
         if tried not in taken:
@@ -97,10 +105,10 @@ def write_whole(path: Path, write: Callable[[Path], object], kind: Kind, *, forc
             write(temporary)
             os.fsync(handle)  # or a crash could leave the new name with nothing behind it
             target = _target(path, kind, force)  # somebody may have put a file there meanwhile
-            with contextlib.suppress(FileNotFoundError):
+            with contextlib.suppress(OSError):  # there is none yet, or modes cannot be set
                 os.fchmod(handle, stat.S_IMODE(target.stat().st_mode))
             temporary.replace(target)
-            _written[os.fspath(target)] = identity_of(os.fstat(handle))
+            _written[os.fspath(target)] = identity_of(os.fstat(handle)), kind
         forget_input(target)
     except InputError:
         raise
@@ -116,24 +124,32 @@ def new_folder(path: Path) -> Iterator[Path]:
         InputError: where there is something already, or a folder cannot be made.
     """
     if os.path.lexists(path):
-        raise NotReplacedError(f"{path}: is there already; name another file, or replace it by --force (force=True)")
+        raise NotReplacedError(f"{path}: is there already; name another file")
     _sweep(path.parent)
-    folder = path.with_name(f".wrt-{os.urandom(4).hex()}.part")
     try:
+        folder, handle = _make_folder(path)
+        try:
+            yield folder
+            if any(folder.iterdir()):
+                folder.rename(path)
+        finally:
+            _remove(folder)
+            os.close(handle)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {first_line(error)}") from None
+
+
+def _make_folder(path: Path) -> tuple[Path, int]:
+    """Return a new folder beside `path`, and a handle of it that is locked."""
+    while True:
+        folder = path.with_name(_temporary_name())
         folder.mkdir()
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made: {first_line(error)}") from None
-    try:
-        _lock(handle, wait=True)
-        yield folder
-        if any(folder.iterdir()):
-            folder.rename(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made: {first_line(error)}") from None
-    finally:
-        _remove(folder)
-        os.close(handle)
+        with contextlib.suppress(FileNotFoundError):  # another process took it for left over before it was locked
+            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            _lock(handle, wait=True)
+            if folder.is_dir():
+                return folder, handle
+            os.close(handle)
 
 
 def _remove(path: Path) -> None:
@@ -148,12 +164,12 @@ def _remove(path: Path) -> None:
 
 def _target(path: Path, kind: Kind, force: bool) -> Path:
     """Return the path, without links, of a file that may be written; see `require_place`."""
-    target = Path(os.path.realpath(path))
-    _require_folder(path, target.parent if path.is_symlink() else path.parent)
     try:
-        found = os.stat(target)
-    except FileNotFoundError:
-        found = None
+        target = Path(os.path.realpath(path))
+        _require_folder(path, target.parent if path.is_symlink() else path.parent)
+        found = os.stat(target) if os.path.lexists(target) else None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be written: {first_line(error)}") from None
     if found is not None and stat.S_ISDIR(found.st_mode):
@@ -164,14 +180,21 @@ def _target(path: Path, kind: Kind, force: bool) -> Path:
         return target
     if is_input(target):
         raise NotReplacedError(f"{path}: would replace a file that was read; name another file")
-    if not found.st_mode & 0o222:
+    if not found.st_mode & 0o222 or not os.access(target, os.W_OK):
         raise NotReplacedError(f"{path}: is write-protected; name another file")
-    may_replace = (force and kind.may_force) or _written.get(os.fspath(target)) == identity_of(found)
-    if not may_replace and not kind.is_own(target):
+    may_replace = (force and kind.may_force) or _written.get(os.fspath(target)) == (identity_of(found), kind)
+    if found.st_size and not may_replace and not _is_own(target, kind):  # what is empty is no loss
         what = f" and is not {kind.name}" if kind.name else ""
         hint = ", or replace it by --force (force=True)" if kind.may_force else ""
         raise NotReplacedError(f"{path}: is there already{what}; name another file{hint}")
     return target
+
+
+def _is_own(target: Path, kind: Kind) -> bool:
+    try:
+        return kind.is_own(target)
+    except OSError:  # it may not be read
+        return False
 
 
 def _require_folder(path: Path, folder: Path) -> None:
@@ -189,7 +212,7 @@ def _temporary(target: Path) -> Iterator[tuple[Path, int]]:
     Gives its path and a handle. The name is short whatever the target's is, which may be as long as names can be.
     """
     while True:
-        path = target.with_name(f".wrt-{os.urandom(4).hex()}.part{target.suffix}")
+        path = target.with_name(_temporary_name() + target.suffix)
         # Opened without mkstemp, whose files only their owner may read.
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         try:
@@ -200,6 +223,16 @@ def _temporary(target: Path) -> Iterator[tuple[Path, int]]:
         finally:
             path.unlink(missing_ok=True)
             os.close(handle)
+
+
+def _temporary_name() -> str:
+    return f".wrt-{_host()}-{os.urandom(4).hex()}.part"
+
+
+@cache
+def _host() -> str:
+    """Return a digest of the host's name, 8 characters."""
+    return f"{zlib.crc32(os.fsencode(os.uname().nodename)):08x}"
 
 
 def _lock(handle: int, *, wait: bool) -> bool:
@@ -219,11 +252,13 @@ def _sweep(folder: Path) -> None:
         return
     _swept.add(os.fspath(folder))
     with contextlib.suppress(OSError):
-        for name in filter(_TEMPORARY.fullmatch, os.listdir(folder)):
+        for found in filter(None, map(_TEMPORARY.fullmatch, os.listdir(folder))):
             with contextlib.suppress(OSError):
-                handle = os.open(folder / name, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+                left = folder / found[0]
+                handle = os.open(left, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
                 try:
-                    if _lock(handle, wait=False):
-                        _remove(folder / name)
+                    age = time.time() - os.fstat(handle).st_mtime
+                    if (found[1] == _host() or age > _FOREIGN_SECONDS) and _lock(handle, wait=False):
+                        _remove(left)
                 finally:
                     os.close(handle)

@@ -36,8 +36,9 @@ IMAGES = Limit("images", 2**29, 512)
 """32 million pixels, such as 8192x4096, of any file; beyond, 32 for each byte of the files. Photographs have 1 to 15 a
 byte, whatever the format; a picture of one colour has 40 as JPEG, and thousands in other formats."""
 
-MESHES = Limit("meshes", 2**28, 32)
-"""A mesh that is written out takes up to ten times its file; the rest is for copies of it."""
+MESHES = Limit("meshes", 2**28, 128)
+"""A mesh that is written out takes up to ten times its file; the rest is for copies of it. In glTF files many
+primitives may share one large array of vertices, of which each gets a copy."""
 
 SHAPES = Limit("shapes", 2**28, 256)
 """A shape takes some hundred bytes of a scene file, an instance fifty: 65,000 places, and five for each of these."""
@@ -69,16 +70,20 @@ class _Load:
         sizes: bytes of each file, which counts once, by whichever path it is named.
         made: bytes of memory by their limits.
         patience: see `patience`.
+        counted: the number of files and their bytes, when they were last added up.
     """
 
     sizes: dict[str, int]
     made: dict[Limit, int] = field(default_factory=dict)
     patience: int = PATIENCE
+    counted: tuple[int, int] = (0, 0)
 
     @property
     def size(self) -> int:
         """Bytes of all files."""
-        return sum(self.sizes.values())
+        if len(self.sizes) != self.counted[0]:  # a sum for each thing that is made would be quadratic
+            self.counted = len(self.sizes), sum(self.sizes.values())
+        return self.counted[1]
 
 
 _LOAD: contextvars.ContextVar[_Load | None] = contextvars.ContextVar("wrt_load", default=None)

@@ -9,6 +9,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import itertools
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +22,7 @@ from numpy.typing import NDArray
 from wrt.camera import CAMERAS
 from wrt.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.errors import InputError
-from wrt.files import PathLike
+from wrt.files import PathLike, is_input
 from wrt.lights import LIGHTS
 from wrt.materials import MATERIALS, Material
 from wrt.medium import Medium
@@ -30,6 +34,11 @@ from wrt.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
 
+_ARRAYS = re.compile(r"(mesh|image|normals|environment|places|deformation)-\d+\.np[yz]")
+"""Names of files of arrays."""
+
+_MOST_FOLDERS = 100
+
 SCENE = Kind("", lambda _: False)
 """A scene file: somebody may have written it by hand, or gone on writing in it."""
 
@@ -37,13 +46,14 @@ SCENE = Kind("", lambda _: False)
 def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     """Write a scene file, and beside it a folder of the arrays that it names.
 
-    The folder is called like the file, with `_files` in place of the suffix. Files are written whole or not at all, the
-    scene file last. None that is there already is replaced without `force`, and none that this process has read.
+    The folder is called like the file, with `_files` in place of the suffix, or `_files-2` where there is one of that
+    name. The scene file is written last, so that an old one stays whole until then. It is not replaced without `force`,
+    and never if this process has read it.
 
     Args:
         path: ends in .toml.
         scene: what to write.
-        force: whether files may be replaced.
+        force: whether a scene file may be replaced, with its arrays.
 
     Raises:
         InputError: where it cannot be written, or holds what scene files cannot say: materials of one's own.
@@ -54,20 +64,51 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     if file.suffix.lower() != ".toml":
         raise InputError(f"{file}: the name of a scene file must end in .toml")
     require_place(file, SCENE, force=force)
-    arrays = file.with_name(f"{file.stem}_files")
-    if force and arrays.exists() and not arrays.is_dir():
-        raise InputError(f"{arrays}: is not a folder, in which arrays of the scene could lie")
-    with contextlib.nullcontext(arrays) if force and arrays.is_dir() else new_folder(arrays) as folder:
-        text = tomli_w.dumps(_Writer(folder, arrays.name, force=force).scene(scene))
-    write_whole(file, lambda temporary: _write_text(temporary, text), SCENE, force=force)
+    replaces = force and file.exists()
+    arrays = _free_folder(file)
+    with new_folder(arrays) as folder:
+        text = tomli_w.dumps(_Writer(folder, arrays.name).scene(scene))
+    try:
+        write_whole(file, lambda temporary: _write_text(temporary, text), SCENE, force=force)
+    except InputError:
+        _remove_arrays(arrays)
+        raise
+    if replaces:
+        for other in _folders(file):
+            if other != arrays:
+                _remove_arrays(other)
+
+
+def _folders(file: Path) -> Iterator[Path]:
+    """Yield where arrays of a scene file may lie."""
+    first = file.with_name(f"{file.stem}_files")
+    yield first
+    yield from (first.with_name(f"{first.name}-{number}") for number in range(2, _MOST_FOLDERS))
+
+
+def _free_folder(file: Path) -> Path:
+    for folder in _folders(file):
+        if not os.path.lexists(folder):
+            return folder
+    raise InputError(f"{file}: there are {_MOST_FOLDERS} folders for its arrays already; name another file")
+
+
+def _remove_arrays(folder: Path) -> None:
+    """Remove what `save_scene` has written into a folder, but for what this process has read."""
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if _ARRAYS.fullmatch(path.name) and not path.is_symlink() and not is_input(path):
+                path.unlink()
+        folder.rmdir()
 
 
 class _Writer:
     """Turns objects into tables; what several things share is written once."""
 
-    def __init__(self, folder: Path, called: str, *, force: bool) -> None:
+    def __init__(self, folder: Path, called: str) -> None:
         """Write arrays into a folder, which scene files will find under the name `called`."""
-        self.folder, self.called, self.force = folder, called, force
+        self.folder, self.called = folder, called
+        self.counts: Counter[str] = Counter()
         self.names: dict[int, str] = {}
         self.kept: list[Any] = []  # objects by whose id there is a name
         self.materials: Table = {}
@@ -196,14 +237,15 @@ class _Writer:
     def written(self, kind: str, owner: Any, suffix: str, save: Any) -> str:
         if id(owner) not in self.names:
             self.kept.append(owner)
-            name = f"{kind}-{sum(1 for each in self.names.values() if each.startswith(kind + '-'))}{suffix}"
+            name = f"{kind}-{self.counts[kind]}{suffix}"
+            self.counts[kind] += 1
             self.names[id(owner)] = name
 
             def write(temporary: Path) -> None:
                 with temporary.open("wb") as handle:
                     save(handle)
 
-            write_whole(self.folder / name, write, SCENE, force=self.force)
+            write_whole(self.folder / name, write, SCENE)
         return f"{self.called}/{self.names[id(owner)]}"
 
 
