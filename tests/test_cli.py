@@ -270,7 +270,7 @@ def test_killed_and_resumed_gives_the_same_bytes(tmp_path: Path) -> None:
 
     resumed = run(tmp_path, *command, "-o", "resumed.npy")
     assert resumed.returncode == 0, resumed.stderr
-    found = re.match(r"wrt: going on from state, (\d+) samples per pixel\n", resumed.stderr)
+    found = re.match(r"wrt: resuming from state, (\d+) samples per pixel\n", resumed.stderr)
     assert found, resumed.stderr
     assert 0 < int(found[1]) < samples, "the kill came too late to prove anything"
 
@@ -301,7 +301,7 @@ def test_interrupt_saves_picture_and_checkpoint(number: signal.Signals, status: 
         assert picture.text["Samples per pixel"] == found[2]  # type: ignore[attr-defined]
     resumed = run(tmp_path, *SMALL, "--spp", "1", "--checkpoint", "state", "--resume", "-o", "out.png")
     assert resumed.returncode == 0
-    assert resumed.stderr.startswith(f"wrt: going on from state, {found[1]} samples per pixel\n")
+    assert resumed.stderr.startswith(f"wrt: resuming from state, {found[1]} samples per pixel\n")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "state"]
 
 

@@ -80,9 +80,9 @@ def test_a_slash_makes_it_a_folder_for_one_input_too(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["-o", "x.png"], "x.png: of several inputs the output must be a folder; end its name in / to have it made"),
-        (["-o", "new"], "new: of several inputs the output must be a folder"),
-        (["-o", "one.obj/"], "one.obj/: cannot be made: "),
+        (["-o", "x.png"], "x.png: with several inputs the output must be a folder; end its name with / to create it"),
+        (["-o", "new"], "new: with several inputs the output must be a folder"),
+        (["-o", "one.obj/"], "one.obj/: cannot be created: "),
         (["--checkpoint", "state"], "--checkpoint is for one input, and several are given"),
         (["one.obj"], "one.obj: given twice"),
     ],
@@ -122,8 +122,8 @@ def test_longer_names_are_said(folder: Path) -> None:
     result = run(folder, "render", "a/room.obj", "b/room.obj", *SMALL)
     assert written(folder) == ["a-room.png", "b-room.png"]
     said = result.stderr.splitlines()
-    assert "wrt: note: a/room.obj: its picture is a-room.png, since another input is called alike" in said
-    assert "wrt: note: b/room.obj: its picture is b-room.png, since another input is called alike" in said
+    assert "wrt: note: a/room.obj: its picture is a-room.png, because another input has the same name" in said
+    assert "wrt: note: b/room.obj: its picture is b-room.png, because another input has the same name" in said
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
