@@ -154,7 +154,7 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.Captur
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 3
     assert "must end in .toml" in errors[0]
-    assert "b_files: is there already" in errors[2]
+    assert "b_files: already exists" in errors[2]
     assert not (tmp_path / "b.toml").exists()
 
 
