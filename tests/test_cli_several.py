@@ -1,4 +1,4 @@
-"""Several inputs of one command: each is rendered, whatever becomes of the others, and no picture replaces another."""
+"""Several inputs of one command: each is rendered even if others fail, and no picture replaces another."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_each_gets_its_own_picture_and_line_of_json(folder: Path) -> None:
         == [line.split()[0] for line in result.stderr.splitlines()]
     )
     assert sorted(each["output"] for each in summaries) == written(folder)
-    assert summaries[2]["seconds_total"] < summaries[0]["seconds_total"], "time counts from the end of the one before"
+    assert summaries[2]["seconds_total"] < summaries[0]["seconds_total"], "time counts from the end of the last input"
 
 
 def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder: Path) -> None:
