@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Damage the kernel cache, one file a round, and see that rendering goes on as if nothing had been.
+"""Damage the kernel cache, one file a round, and check that renders cope with it.
 
     scripts/damage_cache.py --rounds 1000 --jobs 2 --seed 1
 
-A round damages one byte of one file of a warm cache, or cuts the file off, and renders a small scene from the shell as
-a user does. It must end with status 0, without a traceback, with at most warnings of one line each, and with the bits
-of an undamaged cache; and the next render must have nothing to say. The script prints what came of each kind of file,
-and ends with status 1 where any round failed. `--only N` repeats one round of a seed.
+A round damages one byte of one file of a warm cache, or truncates the file, and renders a small scene from the shell.
+The render must end with status 0, print nothing but one-line warnings, and give the same bits as with an intact cache;
+the next render must print nothing. The script prints the outcomes for each kind of file, and ends with status 1 if any
+round failed. `--only N` repeats one round of a seed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parent.parent
 COMMAND = ("render", "cornell-box", "--size", "32x32", "--spp", "2", "--quiet", "-o", "film.npy")
 
 SECONDS = 300.0
-"""After which a render is taken to hang."""
+"""Time after which a render counts as hung."""
 
 NOTES = "wrt/builds-*.json"
 FILM = "warp/*/wp_wrt.kernels.film_*"
@@ -39,7 +39,7 @@ FILM = "warp/*/wp_wrt.kernels.film_*"
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of damage: files of which one is taken, what else is removed so that it is read, and how often."""
+    """A kind of damage: a pattern for the file to damage, files to remove so that it is read, and a weight."""
 
     files: str
     removed: tuple[str, ...]
@@ -59,13 +59,13 @@ KINDS = {
 
 
 class Place:
-    """A folder with a cache of its own, and a copy of how that was."""
+    """A folder with a cache of its own, and an intact copy of the cache."""
 
     def __init__(self, folder: Path) -> None:
         """Fill the cache by rendering."""
         self.cache, self._whole, self._folder = folder / "cache", folder / "whole", folder
         folder.mkdir()
-        for _ in range(2):  # the second time by the notes of the first
+        for _ in range(2):  # the second render uses the notes of the first
             status, said = self.render()
             if status != 0 or said:
                 raise SystemExit(f"a render with an empty cache ends with status {status}: {said}")
@@ -78,7 +78,7 @@ class Place:
         shutil.copytree(self._whole, self.cache)
 
     def render(self) -> tuple[int, str]:
-        """Render; return exit status and what was said."""
+        """Render; return the exit status and the output."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith(("WARP_", "WRT_"))}
         environment |= {"XDG_CACHE_HOME": str(self.cache), "PYTHONPATH": str(ROOT)}
         (self._folder / "film.npy").unlink(missing_ok=True)
@@ -92,7 +92,7 @@ class Place:
         return done.returncode, done.stdout + done.stderr
 
     def failure(self) -> tuple[str, str]:
-        """Render; return what is wrong with that, if anything, and what was said."""
+        """Render; return what went wrong (empty if nothing) and the output."""
         status, said = self.render()
         if status != 0:
             return f"status {status}", said
@@ -103,7 +103,7 @@ class Place:
 
 
 def damage(file: Path, chance: random.Random) -> str:
-    """Damage a file; return how."""
+    """Damage a file; return a description of the damage."""
     data = bytearray(file.read_bytes())
     at = chance.randrange(len(data))
     if chance.random() < 0.25:
@@ -118,7 +118,7 @@ def damage(file: Path, chance: random.Random) -> str:
 
 
 def play(place: Place, seed: int, number: int) -> tuple[str, str, str]:
-    """Return a round's kind, what came of it, and, where it failed, why."""
+    """Play a round; return its kind, its outcome, and the reason if it failed."""
     chance = random.Random(f"{seed} {number}")
     (name,) = chance.choices(list(KINDS), [kind.weight for kind in KINDS.values()])
     kind = KINDS[name]
@@ -139,13 +139,13 @@ def play(place: Place, seed: int, number: int) -> tuple[str, str, str]:
 
 
 def run(rounds: Sequence[int], jobs: int, seed: int, tell: Callable[[str], None] = print) -> Counter[tuple[str, str]]:
-    """Play rounds; return how many there were of each kind and outcome.
+    """Play rounds; return the number of rounds by kind and outcome.
 
     Args:
-        rounds: their numbers.
-        jobs: how many to play at once.
-        seed: what they do.
-        tell: called with what failed.
+        rounds: the numbers of the rounds.
+        jobs: how many rounds to play at once.
+        seed: determines what each round does.
+        tell: called with a description of each failure.
     """
     counts: Counter[tuple[str, str]] = Counter()
     with tempfile.TemporaryDirectory(prefix="damage-cache-") as folder, ThreadPoolExecutor(jobs) as pool:
@@ -168,12 +168,12 @@ def run(rounds: Sequence[int], jobs: int, seed: int, tell: Callable[[str], None]
 
 
 def main() -> int:
-    """Run as the command line asks; return the exit status."""
+    """Run the command line; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=100, help="default: 100")
-    parser.add_argument("--jobs", type=int, default=2, help="renders at a time (default: 2)")
-    parser.add_argument("--seed", type=int, default=0, help="another seed, other damage (default: 0)")
-    parser.add_argument("--only", type=int, metavar="N", help="this round alone")
+    parser.add_argument("--jobs", type=int, default=2, help="number of renders at a time (default: 2)")
+    parser.add_argument("--seed", type=int, default=0, help="random seed (default: 0)")
+    parser.add_argument("--only", type=int, metavar="N", help="play only this round")
     options = parser.parse_args()
     rounds = range(options.rounds) if options.only is None else range(options.only, options.only + 1)
     start = time.monotonic()

@@ -43,8 +43,8 @@ from fuzz_mutations import mutate
 ROOT = Path(__file__).resolve().parent.parent
 CORPUS = ROOT / "tests" / "corpus"
 SECONDS, MEGABYTES = 10.0, 1536
-"""Limits of one input: seconds of CPU, and address space beyond what the process had before it, twice what small files
-may take by `wrt/formats/growth.py`."""
+"""Limits of one input: seconds of CPU, and additional address space, twice what
+`wrt/formats/growth.py` allows for small files."""
 
 READERS = "fuzz:readers"
 """Where the function is that names what reads a kind."""

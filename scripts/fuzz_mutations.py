@@ -244,7 +244,7 @@ def _toml_value(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 
 def _toml_table(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Repeat a table many times, or make a key one of many parts."""
+    """Repeat a table many times, or give a key many dotted parts."""
     if rng.random() < 0.5:
         tables = re.split(rb"(?m)^(?=\[)", data)
         i = rng.randrange(len(tables))
@@ -254,7 +254,7 @@ def _toml_table(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 
 def _bom(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Write text as editors on Windows do: with a byte order mark, perhaps in UTF-16."""
+    """Encode text as editors on Windows do: with a byte-order mark, perhaps in UTF-16."""
     if rng.random() < 0.5:
         return b"\xef\xbb\xbf" + data
     return data.decode("utf-8", "replace").encode("utf-16")
@@ -318,7 +318,7 @@ def _change(rng: Random, tree: Any) -> None:
 
 
 def _png_size(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Change width, height, bits and colours of a PNG, and make them black: few bytes are very many pixels."""
+    """Change width, height, bit depth and colour type of a PNG and make it black: a few bytes for many pixels."""
     bits, colors = rng.choice(
         [(1, 0), (8, 0), (16, 0), (8, 2), (16, 2), (1, 3), (8, 3), (8, 4), (16, 4), (8, 6), (16, 6)]
     )
@@ -336,7 +336,7 @@ def _png_size(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 
 def _json_copies(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Have many primitives, meshes, nodes or images share what is there once, in a glTF file as text."""
+    """Make many primitives, meshes, nodes or images of a text glTF file share the same data."""
     try:
         tree = json.loads(data)
         times = rng.choice([10, 300, 3000])

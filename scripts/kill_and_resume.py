@@ -1,11 +1,11 @@
-"""Kill renders at random moments, resume them, and demand the picture of a render that nobody killed, to the byte.
+"""Kill renders at random moments, resume them, and compare the pictures with those of uninterrupted renders.
 
     scripts/kill_and_resume.py --rounds 100
 
-Each round renders some scene with a checkpoint, kills it (SIGKILL) one to three times, and lets it finish. Of the kills
-half are aimed at a moment in which a file is being written, and a tenth at a compile, in a cache that is empty then.
-After each kill the files that are there must be whole; at the end nothing of what was half written may be left. Ends
-with status 1 where a round fails, whose folder is kept.
+Each round renders a scene with a checkpoint, kills it (SIGKILL) one to three times, and lets it finish. Half of the
+kills are aimed at a moment when a file is being written, and a tenth at a compile with an empty cache. After each kill,
+existing files must be intact. At the end no temporary files may be left, and the picture must be the same, byte for
+byte. If a round fails, its folder is kept and the script ends with status 1.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ SCENES = (
     ("still-life", "--size", "80x60", "--spp", "96", "--layers", "albedo,normal"),
     ("many-triangles", "--triangles", "20000", "--size", "96x64", "--spp", "128"),
 )
-"""What is rendered: about two to five seconds each, on two cores."""
+"""The scenes and options: each renders for about two to five seconds on two cores."""
 
 INTERVALS = (0.05, 0.1, 0.3)
 """Seconds between checkpoints."""
 
 LONGEST_WAIT = 120.0
-"""Seconds after which a render that neither ends nor comes to the moment of its kill has failed."""
+"""Seconds after which a render has failed that neither ended nor reached the moment of its kill."""
 
 COMPILING = 4.0
-"""Seconds into a render in an empty cache within which its kernels are being compiled."""
+"""Seconds for which a render with an empty cache compiles its kernels."""
 
 
 AIMS = {"write": 0.5, "time": 0.4, "compile": 0.1}
-"""Moments that kills are aimed at, and how often."""
+"""The moments that kills are aimed at, and their shares."""
 
 
 class RoundError(Exception):
-    """A round did not end as it must."""
+    """A round failed."""
 
 
 @dataclass
 class Kills:
-    """What has been done so far, by the moments that kills were aimed at and that they met."""
+    """Counts of kills, by the moments they were aimed at and the moments they hit."""
 
     aimed: Counter[str]
     met: Counter[str]
@@ -74,13 +74,13 @@ def suffix_of(scene: tuple[str, ...]) -> str:
 
 
 def environment(cache: Path | None) -> dict[str, str]:
-    """Return the variables of a render; with a cache folder of its own if there is one."""
+    """Return the environment variables of a render; `cache` replaces the cache folder if it is given."""
     own = {} if cache is None else {"XDG_CACHE_HOME": str(cache)}
     return {**os.environ, "PYTHONPATH": str(ROOT), **own}
 
 
 def picture(path: Path) -> bytes:
-    """Return what must be the same: of OpenEXR files the pixels, since their metadata tell the seconds."""
+    """Return the bytes to compare: for OpenEXR files only the pixels, since their metadata contain times."""
     if path.suffix == ".npy":
         return path.read_bytes()
     import OpenEXR
@@ -90,7 +90,7 @@ def picture(path: Path) -> bytes:
 
 
 def references(folder: Path) -> list[bytes]:
-    """Return the pictures of renders that are left alone."""
+    """Return the pictures of uninterrupted renders."""
     found = []
     for k, scene in enumerate(SCENES):
         output = folder / f"whole-{k}{suffix_of(scene)}"
@@ -100,7 +100,7 @@ def references(folder: Path) -> list[bytes]:
 
 
 def require_whole(folder: Path) -> None:
-    """Raise RoundError unless the checkpoint and the picture can be read, if they are there."""
+    """Raise RoundError if an existing checkpoint or picture cannot be read."""
     import numpy as np
 
     try:
@@ -116,12 +116,12 @@ def require_whole(folder: Path) -> None:
 
 
 def leftovers(folder: Path) -> list[str]:
-    """Return the names of files that are being written, or were when a render was killed."""
+    """Return the names of temporary files: of files being written, or left by a killed render."""
     return [name for name in os.listdir(folder) if LEFTOVER.fullmatch(name)]
 
 
 def kill_at_a_moment(process: subprocess.Popen[bytes], folder: Path, aim: str, chance: random.Random) -> str:
-    """Kill a render at the moment that is aimed at; return what was met: that, or its end before."""
+    """Kill a render at the moment `aim`; return the moment it hit, or "ended before"."""
     deadline = time.monotonic() + LONGEST_WAIT
     before = set(leftovers(folder))
     writes = chance.randrange(1, 12)
@@ -152,7 +152,7 @@ def play_round(whole: list[bytes], folder: Path, chance: random.Random, kills: K
     """Kill and resume one render.
 
     Raises:
-        RoundError: where anything is not as it must be.
+        RoundError: where the round fails.
     """
     k = chance.randrange(len(SCENES))
     scene, interval = SCENES[k], chance.choice(INTERVALS)
@@ -178,7 +178,7 @@ def play_round(whole: list[bytes], folder: Path, chance: random.Random, kills: K
 
 
 def main() -> int:
-    """Run the rounds; return 1 where one failed."""
+    """Run the rounds; return 1 if one failed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=100, metavar="N")
     parser.add_argument("--seed", type=int, default=0, metavar="N")

@@ -330,12 +330,12 @@ def test_require_same_tells_missing_from_different() -> None:
 
 
 IMPOSSIBLE = {
-    "count": [(-1, "'count' is -1 samples"), (2, "do not go with their squares")],
+    "count": [(-1, "'count' is -1 samples"), (2, "do not match their squares")],
     "rejected": [(-1, "'rejected' is below 0 or above"), (4, "'rejected' is below 0 or above")],
-    "total": [(np.nan, "not finite"), (-np.inf, "not finite"), (1e30, "do not go with their squares")],
-    "total_of_squares": [(np.inf, "not finite"), (-1.0, "negative"), (1e-9, "do not go with their squares")],
-    "layer_sums": [(np.nan, "not finite"), (1e6, "the layer '(normal|alpha)' is beyond what")],
-    "layer_nearest": [(np.nan, "not a number everywhere")],
+    "total": [(np.nan, "not finite"), (-np.inf, "not finite"), (1e30, "do not match their squares")],
+    "total_of_squares": [(np.inf, "not finite"), (-1.0, "negative"), (1e-9, "do not match their squares")],
+    "layer_sums": [(np.nan, "not finite"), (1e6, "the layer '(normal|alpha)' has impossible values")],
+    "layer_nearest": [(np.nan, "has values that are not numbers")],
     "layer_object_number": [(-1, "not one of the scene's 1"), (2, "not one of the scene's 1")],
     "layer_off_middle": [(np.nan, "'off_middle'"), (-1.0, "'off_middle'")],
 }
@@ -343,7 +343,7 @@ IMPOSSIBLE = {
 
 @pytest.mark.parametrize(("name", "value", "reason"), [(n, *each) for n, pairs in IMPOSSIBLE.items() for each in pairs])
 def test_impossible_numbers_are_refused(name: str, value: float, reason: str, tmp_path: Path) -> None:
-    """As in archives that were edited: their checksums are right, the numbers are not."""
+    """Like an edited archive: its checksums are right, its numbers are wrong."""
     path = tmp_path / "film"
     renderer = rendered(layers=("normal", "alpha", "depth", "uv", "object"))
     renderer.save_checkpoint(path)
@@ -358,7 +358,7 @@ def test_impossible_numbers_are_refused(name: str, value: float, reason: str, tm
 
 @pytest.mark.parametrize("filter", ["box", "blackman-harris"])
 def test_what_a_renderer_has_seen_is_always_possible(filter: str, tmp_path: Path) -> None:
-    """Light of 1e18 and of 1e-18 side by side, whose sums round most, and none at all."""
+    """Radiance of 1e18 next to 1e-18, whose sums round most, and of 0."""
     lit = scene(environment=wrt.ImageEnvironment(np.float32([[[1e18] * 3, [1e-18] * 3], [[0.0] * 3, [1.0] * 3]])))
     renderer = wrt.Renderer(lit, width=16, height=12, max_depth=3, filter=filter, layers=tuple(LAYERS))
     for _ in renderer.passes(spp=64):

@@ -50,7 +50,7 @@ def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedPr
 
 
 def without_progress(said: str) -> str:
-    """Leave out the lines that come while a render takes long, as on a busy machine or when kernels are compiled."""
+    """Remove progress lines, which appear when a render is slow, as on a busy machine or while kernels are compiled."""
     lines = said.splitlines(keepends=True)
     return "".join(line for line in lines if not re.match(r"wrt: .*: (getting ready;|\d+ %  \d)", line))
 
@@ -270,7 +270,7 @@ def test_killed_and_resumed_gives_the_same_bytes(tmp_path: Path) -> None:
 
     resumed = run(tmp_path, *command, "-o", "resumed.npy")
     assert resumed.returncode == 0, resumed.stderr
-    found = re.match(r"wrt: going on from state, (\d+) samples per pixel\n", resumed.stderr)
+    found = re.match(r"wrt: resuming from state, (\d+) samples per pixel\n", resumed.stderr)
     assert found, resumed.stderr
     assert 0 < int(found[1]) < samples, "the kill came too late to prove anything"
 
@@ -301,7 +301,7 @@ def test_interrupt_saves_picture_and_checkpoint(number: signal.Signals, status: 
         assert picture.text["Samples per pixel"] == found[2]  # type: ignore[attr-defined]
     resumed = run(tmp_path, *SMALL, "--spp", "1", "--checkpoint", "state", "--resume", "-o", "out.png")
     assert resumed.returncode == 0
-    assert resumed.stderr.startswith(f"wrt: going on from state, {found[1]} samples per pixel\n")
+    assert resumed.stderr.startswith(f"wrt: resuming from state, {found[1]} samples per pixel\n")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "state"]
 
 
@@ -356,7 +356,7 @@ def test_checkpoint_of_another_render_is_refused(tmp_path: Path) -> None:
 
 
 def shown_on_terminal(folder: Path, columns: int, *arguments: str) -> list[str]:
-    """Return what a terminal of so many columns is sent, line by line and frame by frame; 0: it does not tell."""
+    """Return what is sent to a terminal of some width, by lines and frames; width 0 means unknown."""
     import fcntl
     import pty
     import struct
@@ -404,7 +404,7 @@ def test_up_axis_may_be_negative(axis: str) -> None:
 
 @pytest.mark.slow
 def test_seconds_of_compiling_are_those_waited_for(tmp_path: Path) -> None:
-    # With caches of its own, as after an installation.
+    # With its own caches, as after an installation.
     options: dict[str, Any] = {"env": {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path / "cache")}}
     cold, warm, again = (summary_of(run(tmp_path, *SMALL, "--spp", "1", "--json", **options)) for _ in range(3))
     assert cold["seconds_compile"] > 0.5 * cold["seconds_total"]

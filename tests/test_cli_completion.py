@@ -1,4 +1,4 @@
-"""Shells that have run what `wrt completion` prints complete commands, options, their values, scenes and files."""
+"""With the output of `wrt completion`, shells complete commands, options, their values, scenes and files."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("bunny.obj", "bunny.txt", "room.toml", "old.png", "two words.ply", ".hidden.obj", "sub/scene.xml"):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).touch()
-    # The program as it is installed, wherever the tests find it.
+    # A launcher like the installed one.
     (folder / ".bin").mkdir()
     program = folder / ".bin" / "wrt"
     program.write_text(f"#!{sys.executable}\nfrom wrt.__main__ import run\nrun()\n")

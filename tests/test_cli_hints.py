@@ -1,4 +1,4 @@
-"""Who mistypes a word is told the one that was meant: commands, options, and names that options take."""
+"""Errors suggest the right word for mistyped commands, options and names that options take."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from test_cli import ENVIRONMENT, without_progress
 
-# It gets the signal from itself, when so many functions have been called since its own first line: what Python prints
-# when it is interrupted before that is none of the program's doing.
+# The program sends itself the signal after a number of function calls from its first line on. What Python prints when
+# it is interrupted earlier is beyond the program's control.
 PROGRAM = """
 import sys, _signal
 left = int(sys.argv.pop(1))

@@ -1,4 +1,4 @@
-"""Several inputs of one command: each is rendered, whatever becomes of the others, and no picture replaces another."""
+"""Several inputs of one command: each is rendered even if others fail, and no picture replaces another."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_each_gets_its_own_picture_and_line_of_json(folder: Path) -> None:
         == [line.split()[0] for line in result.stderr.splitlines()]
     )
     assert sorted(each["output"] for each in summaries) == written(folder)
-    assert summaries[2]["seconds_total"] < summaries[0]["seconds_total"], "time counts from the end of the one before"
+    assert summaries[2]["seconds_total"] < summaries[0]["seconds_total"], "time counts from the end of the last input"
 
 
 def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder: Path) -> None:
@@ -80,9 +80,9 @@ def test_a_slash_makes_it_a_folder_for_one_input_too(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["-o", "x.png"], "x.png: of several inputs the output must be a folder; end its name in / to have it made"),
-        (["-o", "new"], "new: of several inputs the output must be a folder"),
-        (["-o", "one.obj/"], "one.obj/: cannot be made: "),
+        (["-o", "x.png"], "x.png: with several inputs the output must be a folder; end its name with / to create it"),
+        (["-o", "new"], "new: with several inputs the output must be a folder"),
+        (["-o", "one.obj/"], "one.obj/: cannot be created: "),
         (["--checkpoint", "state"], "--checkpoint is for one input, and several are given"),
         (["one.obj"], "one.obj: given twice"),
     ],
@@ -122,8 +122,8 @@ def test_longer_names_are_said(folder: Path) -> None:
     result = run(folder, "render", "a/room.obj", "b/room.obj", *SMALL)
     assert written(folder) == ["a-room.png", "b-room.png"]
     said = result.stderr.splitlines()
-    assert "wrt: note: a/room.obj: its picture is a-room.png, since another input is called alike" in said
-    assert "wrt: note: b/room.obj: its picture is b-room.png, since another input is called alike" in said
+    assert "wrt: note: a/room.obj: its picture is a-room.png, because another input has the same name" in said
+    assert "wrt: note: b/room.obj: its picture is b-room.png, because another input has the same name" in said
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

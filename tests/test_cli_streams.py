@@ -1,4 +1,4 @@
-"""Whatever the standard streams are, closed, full, or of few letters, no command ends in a traceback."""
+"""No command ends in a traceback if standard streams are closed, full or ASCII only."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ PRINTING = {
     "info": ["info", "möbius.obj"],
     "render --json": ["render", "möbius.obj", "--size", "8x8", "--spp", "1", "--json"],
 }
-"""Commands whose standard output is what they are for."""
+"""Commands whose result is their standard output."""
 
 WRITING = {
     "convert": ["convert", "teapot", "teapot.toml"],
     "render": ["render", "möbius.obj", "--size", "8x8", "--spp", "1"],
 }
-"""Commands whose files are what they are for."""
+"""Commands whose result is a file."""
 
 UNUSABLE = {"no file": ["render", "abßent.obj"], "no option": ["render", "x.obj", "--nö"], "no command": ["rendr"]}
 
@@ -90,7 +90,7 @@ def test_closed_streams(command: str, close: tuple[int, ...], folder: Path) -> N
     said = without_progress(done.stderr.decode())
     if command in PRINTING and close == (1,):
         assert said.endswith("wrt: error: standard output: Bad file descriptor\n")
-    if command == "render":  # and it is a picture, not what somebody meant for standard error
+    if command == "render":  # the picture, not text for standard error
         assert (folder / "möbius.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -107,7 +107,7 @@ def test_streams_that_cannot_be_written_to(
     if command in PRINTING and streams == ("stdout",):
         said = without_progress(done.stderr.decode()).splitlines()[command == "render --json" :]
         full = ["wrt: error: standard output: No space left on device"]
-        assert said == (full if place is full_device else []), "who closed a pipe has seen enough"
+        assert said == (full if place is full_device else []), "a closed pipe is no error"
 
 
 ENCODINGS = {

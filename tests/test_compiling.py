@@ -170,7 +170,7 @@ def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(
     with pytest.raises(error), Device("cpu", threads=2).compiling() as compile:
         fail(compile)
     assert loads.ended == []
-    Device("cpu", threads=2).compile(kernel("a"))  # waits for the one that goes on
+    Device("cpu", threads=2).compile(kernel("a"))  # waits for the compile that continues
     assert [name for name, _ in loads.begun] == loads.ended == ["a"]
 
 
@@ -203,7 +203,7 @@ def test_an_interrupt_does_not_wait_for_the_compiler(
             device.launch(kernel("a"), 10, [])
 
     try:
-        with pytest.raises(KeyboardInterrupt):  # which fails after a minute if anything waits
+        with pytest.raises(KeyboardInterrupt):  # fails after a minute if anything waits
             begin()
     finally:
         signal.signal(signal.SIGINT, before)
@@ -295,7 +295,7 @@ def test_seconds_are_those_that_somebody_waited(loads: Loads) -> None:
     device = Device("cpu", threads=2)
     with device.compiling() as compile:
         compile(kernel("beside"))
-        while not loads.ended:  # other work, which takes longer
+        while not loads.ended:  # other work that takes longer
             time.sleep(0.01)
     assert device.seconds_compile < 0.15
     with device.compiling() as compile:
@@ -306,7 +306,7 @@ def test_seconds_are_those_that_somebody_waited(loads: Loads) -> None:
     assert device.seconds_compile > before + 0.15
     before = device.seconds_compile
     device.launch(kernel("needed at once"), 1, [])
-    assert device.seconds_compile < before + 0.15, "it was there"
+    assert device.seconds_compile < before + 0.15, "it was loaded already"
 
 
 def test_seconds_of_another_process_are_counted_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:

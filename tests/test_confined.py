@@ -1,4 +1,4 @@
-"""Files that a scene names may lie anywhere; reading that is confined to the scene's folder refuses all others."""
+"""A scene may refer to files anywhere; reading confined to its folder refuses files outside."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ CASES: dict[str, Callable[[Path, str], str]] = {
 
 @pytest.fixture
 def folders(tmp_path: Path) -> tuple[Path, Path]:
-    """Return the folder of a scene, and one beside it with all that a scene may name."""
+    """Return the folder of a scene, and one beside it with every kind of file that a scene may refer to."""
     scene, outside = tmp_path / "scene", tmp_path / "outside"
     scene.mkdir()
     outside.mkdir()
@@ -142,7 +142,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def ways_out(scene: Path, outside: Path) -> list[str]:
-    """Return what leads from one folder to the other: upwards, by an absolute path, by a link."""
+    """Return paths from one folder to the other: with "..", absolute, and through a link."""
     (scene / "link").symlink_to(outside)
     return ["../outside", str(outside), "link"]
 

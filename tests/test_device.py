@@ -62,13 +62,13 @@ def test_launches_are_few_and_share_the_work(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: int = 1) -> list[tuple[int, int, float]]:
-    """Return starts, sizes and seconds of slices that threads take in turn, each as soon as its last one has ended.
+    """Return starts, sizes and seconds of slices; each thread takes one as soon as its previous one has ended.
 
     Args:
-        n: how many indices there are.
-        threads: how many threads.
-        seconds: what an index takes.
-        least: how many indices a slice should have at least.
+        n: number of indices.
+        threads: number of threads.
+        seconds: time that an index takes.
+        least: smallest number of indices in a slice.
     """
     slices, found = Slices(n, threads, least), []
     running: list[tuple[float, int, int, float]] = []  # end, start, size, seconds
@@ -104,7 +104,7 @@ def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) 
 @pytest.mark.parametrize("threads", [1, 2, 16])
 @pytest.mark.parametrize("total", [1.0, 60.0, 1000.0])
 def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> None:
-    """Where indices are alike, and where one half takes ten times as long as the other."""
+    """For indices that take the same time, and for a second half that takes ten times as long."""
     n = 1 << 18
     for slow in (1.0, 10.0):
         each = total * threads / n
@@ -114,11 +114,11 @@ def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> Non
 
         slices = simulated(n, threads, seconds)
         longest = sorted((took for _, _, took in slices), reverse=True)
-        first = max(total * FIRST_SLICE / SLICES_PER_THREAD, slow * each)  # an index at least
+        first = max(total * FIRST_SLICE / SLICES_PER_THREAD, slow * each)  # at least one index
         assert longest[0] <= max(SLICE_SECONDS * slow, first) * 1.01
-        # Those that run where it changes and the next, whose size is by the mean of both, and no others.
+        # Only slices that run when the time changes, and the next ones, sized by the mean of both, take longer.
         assert longest[2 * threads :][0] <= max(SLICE_SECONDS, first) * 1.01
-        # Which is no more than a launch of 25 us for every 0.05 s.
+        # At most one launch, which costs 25 us, for every 0.05 s.
         assert len(slices) <= threads * (SLICES_PER_THREAD + 20) + sum(longest) / 0.05
 
 

@@ -1,4 +1,4 @@
-"""A text file means the same in every encoding that programs write it in, with or without a byte-order mark."""
+"""A text file means the same in every common encoding, with or without a byte-order mark."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ XML = """<scene version="3.0.0">
 </scene>
 """
 
-# The file that is written anew, and the one that is loaded.
+# The file that is re-encoded, and the file that is loaded.
 FILES = [
     ("textured.obj", "textured.obj"),
     ("polygons.obj", "polygons.obj"),
@@ -62,7 +62,7 @@ def folder(tmp_path):
 @pytest.mark.parametrize(("written", "loaded"), FILES)
 def test_every_reader_takes_it(written, loaded, encoding, folder):
     if written.endswith(".xml") and encoding == "utf-32":
-        pytest.skip("XML processors need to know UTF-8 and UTF-16 alone; the next test has what is said")
+        pytest.skip("XML parsers must support only UTF-8 and UTF-16; the next test checks the error message")
     before = scene_fingerprint(wrt.load(folder / loaded))
     name, mark = ENCODINGS[encoding]
     file = folder / written
@@ -91,7 +91,7 @@ def test_what_only_begins_so_is_refused_in_one_line(name, folder):
 
 def test_materials_that_only_begin_so_are_told_and_left_out(folder):
     (folder / "paints.mtl").write_bytes(codecs.BOM_UTF16_LE + b"\0\xd8\0")
-    told = r"paints\.mtl: begins as UTF-16 text and is none .*; it is left out"
+    told = r"paints\.mtl: begins as UTF-16 text but is invalid .*; it is left out"
     with pytest.warns(InputWarning, match=told):
         wrt.load(folder / "textured.obj")
 

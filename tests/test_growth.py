@@ -1,4 +1,4 @@
-"""Few bytes never become gigabytes: files are refused for a limit that is named, in a process of little memory."""
+"""Small files that would take gigabytes are refused by a limit that is named, in a process of little memory."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def scene(body: str) -> str:
 
 
 def png(width: int, height: int) -> bytes:
-    """A black picture of 24 bits a pixel, as small as it gets."""
+    """A black 24-bit image, compressed as much as possible."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -56,7 +56,7 @@ def png(width: int, height: int) -> bytes:
 
 
 def gltf(primitives: int, meshes: int = 1, nodes: int | None = None) -> str:
-    """A file in which all primitives have the same accessors."""
+    """A file in which all primitives share the same accessors."""
     count = 5000
     random = np.random.default_rng(0)
     positions = random.random((count, 3)).astype(np.float32).tobytes()
@@ -138,13 +138,13 @@ BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] =
     "spheres": ("xml", scene('<shape type="sphere"/>' * 20000), "round shapes would take"),
     "dotted": ("toml", "x = 1\na" + ".a" * 50000 + " = 1\n", "line 2: a dotted key has more than 64 parts"),
     "headers": ("toml", '[a. "b" .' + " a ." * 100 + "c]\n", "line 1: a dotted key has more than 64 parts"),
-    "arrays": ("toml", "a = " + "[" * 50000 + "]" * 50000 + "\n", "too deep within one another"),
+    "arrays": ("toml", "a = " + "[" * 50000 + "]" * 50000 + "\n", "nested too deeply"),
     "places": ("toml", write_places, "shapes would take"),
     "copies": ("toml", write_copies, "meshes would take"),
     "images": ("toml", write_images, "images would take"),
     "default-spheres": ("toml", '[[shapes]]\ntype = "sphere"\n' * 9000, "more than 30000000 triangles"),
     "archive": ("npz", write_zeros, "its content, 300000.* bytes, is many times larger than the file"),
-    "image": ("png", png(16384, 8192), "images would take 2.15 GB; .* 512 times the files"),
+    "image": ("png", png(16384, 8192), "images would take 2.15 GB; .* 512 times the file size"),
     "primitives": ("gltf", gltf(3000), "meshes would take"),
     "meshes": ("gltf", gltf(1, 3000), "meshes would take"),
     "nodes": ("gltf", gltf(100, 1, 20000), "shapes would take"),
@@ -177,7 +177,7 @@ def test_what_is_honest_is_read(tmp_path: Path) -> None:
     )
     (tmp_path / "boxes.toml").write_text(boxes)
     assert len(wrt.load(tmp_path / "boxes.toml").shapes) == 2000
-    # Twenty parts of one mesh, each with the vertices of all.
+    # Twenty parts of one mesh, each of which holds all its vertices.
     (tmp_path / "parts.gltf").write_text(gltf(20))
     assert len(wrt.load(tmp_path / "parts.gltf").shapes) > 20
     (tmp_path / "black.png").write_bytes(png(8192, 4096))
@@ -195,10 +195,10 @@ def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
         for name in ("a", "b", "./a"):
             read_file(tmp_path / name)
         growth.take(few, 1000)
-        with growth.one_load():  # belongs to the one around it
+        with growth.one_load():  # belongs to the outer load
             growth.take(few, 10)
-            with pytest.raises(wrt.InputError, match=r"its things would take 1.01 kB; from files of 1 kB"):
+            with pytest.raises(wrt.InputError, match=r"its things would take 1.01 kB; for files of 1 kB"):
                 growth.take(few, 1)
     with growth.one_load(), pytest.raises(wrt.InputError):
         growth.take(few, 11)
-    growth.take(few, 1000)  # of no load
+    growth.take(few, 1000)  # outside of any load

@@ -1,4 +1,4 @@
-"""A signal is obeyed within seconds, whatever the main thread is busy with, and never loses what was rendered."""
+"""A signal acts within seconds even if the main thread is busy, and never loses what was rendered."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 from wrt.interrupts import SIGNALS, Interrupts
 
 GRACE_SECONDS = 1.0
-"""Of the programs here, which do not wait as long as `wrt render` does."""
+"""Grace period of the programs here, shorter than that of `wrt render`."""
 
-# A call into C that lets other threads run and takes far longer than anybody would wait.
+# `busy` is a long call into C that releases the interpreter lock.
 PROGRAM = """
 import hashlib, os, sys, time
 import wrt.interrupts
@@ -45,7 +45,7 @@ def program(body: str) -> str:
 
 
 def run_and_signal(body: str, number: signal.Signals) -> tuple[int | None, str, float]:
-    """Return status, output after the signal, and seconds until the program's end; None if it went on."""
+    """Return status, output after the signal, and seconds until the program's end; None if it kept running."""
     command = [sys.executable, "-c", program(body)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -1,4 +1,4 @@
-"""What is in the cache is loaded as it was made or not at all; where nothing can be kept, rendering goes on."""
+"""Damaged files of the kernel cache are never loaded, and rendering works without a writable cache."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ device.launch(double, 100, [x])
 assert (x.numpy() == 2.0).all()
 print(len(compiled))
 """
-"""A program that needs one kernel, and prints whether it was compiled."""
+"""A program that needs one kernel, and prints how often it was compiled."""
 
 
 class Cache:
-    """A cache folder of a test's own, with the program above."""
+    """A test's own cache folder, with the program above."""
 
     def __init__(self, folder: Path) -> None:
-        """Take a folder for all of it."""
+        """Put the cache and the program into `folder`."""
         self.folder, self.program = folder / "cache", folder / "program.py"
         self.program.write_text(SMALL)
 
@@ -96,7 +96,7 @@ def flip(path: Path, at: int) -> None:
 
 @pytest.fixture
 def build(tmp_path: Path) -> tuple[Path, Path]:
-    """Return the files of a build, which is whole."""
+    """Return the files of an intact build."""
     folder = tmp_path / "warp" / "module"
     folder.mkdir(parents=True)
     files = folder / "a.o", folder / "a.meta"
@@ -126,7 +126,7 @@ def test_what_is_not_there_is_not_damaged(which: str, build: tuple[Path, Path]) 
 
 
 def test_who_reads_while_another_writes_sees_no_damage(build: tuple[Path, Path], tmp_path: Path) -> None:
-    """A build is replaced by another one, again and again, which no reader takes for damage."""
+    """A build is replaced again and again, and no reader takes that for damage."""
     kept, over = build[0].parent, threading.Event()
     others = []
     for k in range(2):
@@ -154,7 +154,7 @@ def test_who_reads_while_another_writes_sees_no_damage(build: tuple[Path, Path],
         over.set()
         for writer in writers:
             writer.join()
-    assert unsure > 0  # without the lock it would have been seen
+    assert unsure > 0  # a reader without the lock would have seen damage
     assert sorted(file.name for file in kept.iterdir()) == ["a.meta", "a.o", "a.o.digest"]
 
 
@@ -177,7 +177,7 @@ def test_damage_is_told_once_and_mended_and_what_is_unknown_without_a_word(cache
         assert count == 1
         assert said == f"{cache.file('.o')}: the compiled kernel was damaged, and is compiled again"
         assert cache.run() == (0, "")
-    cache.file(".digest").unlink()  # as older versions left it
+    cache.file(".digest").unlink()  # as in the caches of older versions
     flip(cache.file(".o"), 100)
     assert cache.run() == (1, "")
     assert cache.run() == (0, "")
@@ -199,7 +199,7 @@ def test_those_that_compile_the_same_at_once_do_each_other_no_harm(cache: Cache)
 
 @pytest.mark.slow
 def test_the_script_that_damages_caches_finds_nothing(tmp_path: Path) -> None:
-    """Every kind of damage once; `scripts/damage_cache.py` does more."""
+    """Each kind of damage once; `scripts/damage_cache.py` plays more rounds."""
     failures: list[str] = []
     rounds, seen = [], set()
     for number in range(1000):  # the first round of each kind
@@ -243,7 +243,7 @@ def test_where_caches_are(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextlib.contextmanager
 def mounted(folder: Path, *options: str) -> Iterator[None]:
-    """Within the context, have a file system of its own in a folder; skip the test where nobody may do that."""
+    """Mount a file system in a folder for the context; skip the test where that is not permitted."""
     folder.mkdir(exist_ok=True)
     try:
         subprocess.run(["mount", "-t", "tmpfs", *options, "none", str(folder)], check=True, capture_output=True)
@@ -301,7 +301,7 @@ def test_a_disk_that_is_full_is_done_without(size: str, cache: Cache) -> None:
 
 
 def test_a_file_that_may_not_get_longer_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no file system can be mounted: a write that ends in the middle leaves nothing behind."""
+    """A write that fails in the middle leaves nothing behind; this test needs no mounted file system."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     put(tmp_path / "file", b"as it was")
@@ -322,7 +322,7 @@ def test_no_room_to_compile_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch)
         work_folder()
 
 
-# What killed processes leave
+# Leftovers of killed processes
 
 
 def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
@@ -408,7 +408,7 @@ def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
     time.sleep(seconds)
     process.send_signal(number)
     _, said = process.communicate(timeout=5.0)
-    assert process.returncode != 0  # else it had ended before
+    assert process.returncode != 0  # otherwise it ended before the signal
     assert said.count("\n") <= 1
     done = subprocess.run([*command, "film.npy"], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")

@@ -1,4 +1,4 @@
-"""A render that is killed at any moment and resumed has the picture of one that was left alone."""
+"""A render that is killed at any moment and resumed gives the picture of an uninterrupted one."""
 
 from __future__ import annotations
 

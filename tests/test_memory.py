@@ -1,4 +1,4 @@
-"""What memory is left is known; memory is given back to the system, and all that was there works as before."""
+"""The memory left is found correctly; memory is returned to the system without breaking anything."""
 
 from __future__ import annotations
 
@@ -118,8 +118,8 @@ RESIDENT = 1000 * os.sysconf("SC_PAGE_SIZE")
         ("0::/a/b\n", {"a/b/memory.max": "50000000\n", "a/memory.max": "max\n"}, 50_000_000),
         ("0::/a/b\n", {"a/b/memory.max": "50000000\n", "a/memory.max": "40000000\n"}, 40_000_000),
         ("0::/a/b\n", {"a/b/memory.max": "max\n", "other/memory.max": "1\n"}, MACHINE),
-        ("0::/\n", {"memory.max": "30000000\n"}, 30_000_000),  # a container with a name space of its own
-        ("0::/machine/c1\n", {"memory.max": "30000000\n"}, 30_000_000),  # and without
+        ("0::/\n", {"memory.max": "30000000\n"}, 30_000_000),  # a container with its own cgroup namespace
+        ("0::/machine/c1\n", {"memory.max": "30000000\n"}, 30_000_000),  # a container without one
         ("1:name=systemd:/x\n4:memory:/a\n", {"memory/a/memory.limit_in_bytes": "20000000\n"}, 20_000_000),
         ("4:cpu,memory:/a\n", {"cpu,memory/a/memory.limit_in_bytes": "20000000\n"}, 20_000_000),
         ("4:memory:/docker/c\n", {"memory/memory.limit_in_bytes": "20000000\n"}, 20_000_000),
@@ -127,7 +127,7 @@ RESIDENT = 1000 * os.sysconf("SC_PAGE_SIZE")
         ("0::/\n4:memory:/a\n", {"memory/a/memory.limit_in_bytes": "20000000\n", "unified/memory.max": "max"}, 2e7),
         ("0::/a:b\n", {"a:b/memory.max": "50000000\n"}, 50_000_000),
         ("nonsense\n0::/a\n", {"a/memory.max": "none of these\n"}, MACHINE),
-        ("0::/a\n", {"a/memory.max": "1000\n"}, RESIDENT),  # less than there is already
+        ("0::/a\n", {"a/memory.max": "1000\n"}, RESIDENT),  # less than the process has already
     ],
 )
 def test_limits_of_control_groups(cgroup: str, files: dict[str, str], limit: int, tmp_path: Path) -> None:

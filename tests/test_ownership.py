@@ -1,4 +1,4 @@
-"""A scene owns its arrays: what happens afterwards to those that it was made from changes no picture."""
+"""A scene owns its arrays: later changes to the arrays it was made from do not change pictures."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_the_own_arrays_cannot_be_written_to():
             getattr(scene.shapes[0].mesh, name)[0] = 0
     with pytest.raises(ValueError, match="read-only"):
         wrt.ImageTexture(PIXELS.copy()).pixels[0] = 0.0
-    assert TRIANGLE.flags.writeable  # what was given still can
+    assert TRIANGLE.flags.writeable  # the caller's array stays writeable
 
 
 def test_arrays_handed_over_are_not_copied():

@@ -101,16 +101,16 @@ def test_long_names_lose_their_middle() -> None:
 
 
 class Terminal(io.StringIO):
-    """What is written to a terminal; of letters it has those of ASCII."""
+    """An ASCII-only terminal that keeps what is written to it."""
 
     encoding = "ascii"  # type: ignore[assignment]
 
     def isatty(self) -> bool:
-        """Return that it is one."""
+        """Return True, as a terminal does."""
         return True
 
     def fileno(self) -> int:
-        """Return a number that `os.get_terminal_size` is replaced for."""
+        """Return a file descriptor; `os.get_terminal_size` is patched and ignores it."""
         return 2
 
 
@@ -142,7 +142,7 @@ def test_the_bar_follows_a_terminal_that_changes_its_size(monkeypatch: pytest.Mo
             bar.update(progress())
             line = terminal.getvalue().rpartition("\r")[2].rstrip()
             assert 0 < len(line) < columns
-            assert columns < 40 or r"\u7d75" in line, "letters that the terminal lacks take more than one column"
+            assert columns < 40 or r"\u7d75" in line, "escapes take more than one column"
 
 
 class File(io.StringIO):
@@ -169,6 +169,6 @@ def test_off_a_terminal_there_are_lines_ever_more_seldom(wanted: bool, monkeypat
     assert after.startswith(ready)
     assert rendering in after
     assert set(after.splitlines(keepends=True)) == {waiting, rendering}
-    assert len(after.splitlines()) <= 8, "more often than every tenth of a second"
+    assert len(after.splitlines()) <= 8, "lines came too often"
     time.sleep(0.15)
-    assert written.getvalue() == after, "it went on after the end"
+    assert written.getvalue() == after, "lines came after the end"

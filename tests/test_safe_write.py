@@ -1,4 +1,4 @@
-"""No file is lost by what wrt writes: what it read, what it did not make, what is no file at all stay as they are."""
+"""wrt never replaces a file that it has read, a file that it did not write, or anything but a regular file."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def run(*arguments: object) -> int:
     return main([str(argument) for argument in arguments])
 
 
-# What the scene reads.
+# Files that the scene reads.
 
 
 def test_the_default_name_steps_aside_for_a_texture(tmp_path, monkeypatch, capsys):
@@ -57,7 +57,7 @@ def test_the_default_name_steps_aside_for_a_texture(tmp_path, monkeypatch, capsy
     assert run("render", "fuze.obj", *SMALL[:-1]) == 0
     assert_only_added(before, tmp_path, "fuze-render.png")
     assert "fuze.png must not be replaced; the picture goes to fuze-render.png" in capsys.readouterr().err
-    # And so again, on wrt's own picture.
+    # A second render replaces the first one's picture.
     assert run("render", "fuze.obj", *SMALL) == 0
     assert_only_added(before, tmp_path, "fuze-render.png")
 
@@ -114,14 +114,14 @@ def test_what_was_read_and_written_anew_may_be_written_again(tmp_path):
     assert wrt.load_image(tmp_path / "b.npy").max() == 0.0
 
 
-# What wrt has not made.
+# Files that wrt did not write.
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
 def test_a_picture_replaces_a_picture_of_wrt_alone(suffix, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     name = f"a{suffix}"
-    for _ in range(2):  # by another process, whose pictures are known by what is in them
+    for _ in range(2):  # by another process: pictures are recognized by their metadata
         script = f"import wrt.cli, sys; sys.exit(wrt.cli.main(['render', 'cornell-box', '-o', {name!r}, *{SMALL!r}]))"
         assert subprocess.run([sys.executable, "-c", script], cwd=tmp_path).returncode == 0
     foreign = {
@@ -132,7 +132,7 @@ def test_a_picture_replaces_a_picture_of_wrt_alone(suffix, tmp_path, monkeypatch
     foreign[suffix]()
     before = contents(tmp_path)
     assert run("render", "cornell-box", "-o", name, *SMALL) == 2
-    assert f"{name}: is there already and is not a picture that wrt has made" in capsys.readouterr().err
+    assert f"{name}: already exists and is not a picture that wrt has made" in capsys.readouterr().err
     assert_only_added(before, tmp_path)
     assert run("render", "cornell-box", "-o", name, *SMALL, "--force") == 0
     assert contents(tmp_path) != before
@@ -161,7 +161,7 @@ def test_a_checkpoint_replaces_a_checkpoint_alone(content, tmp_path, monkeypatch
     before = contents(tmp_path)
     for force in ((), ("--force",)):
         assert run(*options, *force) == 2
-        assert "a.ckpt: is there already and is not a checkpoint; name another file" in capsys.readouterr().err
+        assert "a.ckpt: already exists and is not a checkpoint; name another file" in capsys.readouterr().err
         assert_only_added(before, tmp_path)
 
 
@@ -171,7 +171,7 @@ def test_convert_replaces_nothing_without_leave(tmp_path, monkeypatch, capsys):
     (tmp_path / "fuze.toml").write_text("# by hand\n")
     before = contents(tmp_path)
     assert run("convert", "fuze.obj", "fuze.toml") == 2
-    assert "fuze.toml: is there already; name another file, or replace it by --force" in capsys.readouterr().err
+    assert "fuze.toml: already exists; name another file, or replace it by --force" in capsys.readouterr().err
     assert_only_added(before, tmp_path)
     assert run("convert", "fuze.obj", "fuze.toml", "--force") == 0
     after = contents(tmp_path)
@@ -234,7 +234,7 @@ def test_a_conversion_that_fails_leaves_nothing(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == []
 
 
-# What is no file.
+# Devices, pipes and folders.
 
 
 def make_special(kind: str, path: Path) -> None:
@@ -313,7 +313,7 @@ def test_what_replaces_a_file_may_be_read_by_the_same_people(tmp_path):
     assert stat.S_IMODE((tmp_path / "a.png").stat().st_mode) == 0o640
 
 
-# What is left of writing.
+# Temporary files.
 
 WRITING = """
 import sys, time
@@ -348,7 +348,7 @@ def test_leftovers_of_killed_writes_are_removed_and_no_others(tmp_path):
     left = [path.name for path in tmp_path.glob(".wrt-*.part*")]
     living.kill()
     living.wait()
-    assert len(left) == 2  # that of the process that still writes, and the file that is not wrt's
+    assert len(left) == 2  # the file that is still being written, and the file that is not wrt's
     assert mine.name in left
     assert (tmp_path / "b.png").read_bytes() == b"half"
     for process in processes:
@@ -363,7 +363,7 @@ def test_names_as_long_as_they_may_be(tmp_path):
 
 
 def test_a_planted_fault_is_noticed(tmp_path, monkeypatch):
-    """Without the rule, the texture is gone: what these tests look at does change."""
+    """Without the rules the texture is replaced: these tests would notice."""
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path)
     before = contents(tmp_path)

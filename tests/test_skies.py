@@ -344,6 +344,6 @@ def test_the_exposure_that_the_docs_name_shows_a_day_well() -> None:
     scene.add(wrt.sphere((0.0, 0.7, 0.0), 0.7), material=wrt.Diffuse(0.8))
     image = wrt.render(scene, width=40, height=30, spp=64)
     shown = image * 2.0**-5.5
-    assert (image.min(axis=2) > 1.0).mean() > 0.9  # at 0 all but the depth of shadows is white
+    assert (image.min(axis=2) > 1.0).mean() > 0.9  # at 0 stops everything but deep shadows is overexposed
     assert 0.65 < np.quantile(shown.max(axis=2), 0.995) < 0.85
     assert 0.1 < np.median(shown) < 0.5

@@ -1,4 +1,4 @@
-"""A trimesh object is its file: it loads as what it was loaded from, or would be saved as."""
+"""A trimesh object loads like the file that it was loaded from, or would be saved to."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SEEDS = ROOT / "tests" / "corpus" / "seeds"
 LOADERS = pytest.mark.parametrize("loader", [trimesh.load, trimesh.load_scene], ids=["load", "load_scene"])
 
 HALF_A_STEP = 0.5 / 255 + 2.0**-24
-"""By which a value from 0 to 1 is off that trimesh has rounded to 8 bits, and that is then held in single precision."""
+"""Largest error of a value from 0 to 1 that was rounded to 8 bits by trimesh and then to single precision."""
 
 ASSETS: dict[str, dict[str, float]] = {
     "stanford-bunny.obj": {},
@@ -29,10 +29,10 @@ ASSETS: dict[str, dict[str, float]] = {
     "spot.obj": {},
     "igea.ply": {},
     "fuze/fuze.obj": {},
-    # trimesh makes normals unit in double precision.
+    # trimesh normalizes normals in double precision.
     "AlphaBlendModeTest.glb": {"normals": 2e-7},
-    # trimesh drops samplers, so the image has no levels. It has the camera by its own node alone, without the scale of
-    # the node above: the camera is left out, and the duck framed like any other.
+    # trimesh drops samplers, so the image has no levels. It keeps the camera without the
+    # scale of its parent node: the camera is left out, and the duck framed like any other.
     "Duck.glb": {"material.base_color.filter": np.inf, "camera": np.inf},
 }
 """What may differ between each file and its object, and by how much."""
@@ -48,13 +48,13 @@ SAMPLES: dict[str, dict[str, float]] = {
     "box.stl": {},
     "box.off": {},
     "quads.off": {},
-    # trimesh takes the options before the image's name for a part of it, and so finds no image for map_Kd.
+    # trimesh takes options before the image's name as part of the name, and so finds no image for map_Kd.
     "textured.obj": {"material.base_color": np.inf},
 }
 
 
 def check(path: Path, made: object, allowed: dict[str, float]) -> None:
-    """Compare a file and an object as they are shown."""
+    """Compare the scenes of a file and an object."""
     found = differences(wrt.load(path), wrt.load(made))
     for name, amount in found.items():
         bounds = [bound for key, bound in allowed.items() if name == key or name.startswith(f"{key}.")]
@@ -97,7 +97,7 @@ def test_what_trimesh_changes_of_polygons():
 
 @pytest.mark.parametrize("name", ["scene.gltf", "scene.glb"])
 def test_what_trimesh_loses_of_a_scene(name):
-    # trimesh drops nodes with orthographic cameras, and leads to nothing below them: here the only light. It also
+    # trimesh drops nodes with orthographic cameras and loses their children: here the only light. It also
     # drops extensions of materials, scales of normal maps, second coordinates, transforms of textures, and samplers.
     with pytest.warns(InputWarning, match=r"trimesh: node '3' is left out: nothing leads to it"):
         made = load_object(trimesh.load(SEEDS / name))
@@ -211,7 +211,7 @@ def test_maps_besides_the_color_come_from_beside_the_file(tmp_path):
     assert differences(file, made) == {}
     assert isinstance(made.shapes[0].material.normal_map, wrt.NormalMap)
     with pytest.raises(wrt.InputError, match=r"'gone\.png', which a material names, cannot be looked up"):
-        wrt.load(mesh.copy(), strict=True)  # which does not know where it is from
+        wrt.load(mesh.copy(), strict=True)  # a copy does not know its file
 
 
 def test_several_materials_of_one_mesh():
@@ -247,7 +247,7 @@ def test_colors_of_vertices_with_alpha_are_those_of_their_file(suffix, tmp_path)
     mesh = trimesh.load(path, process=False)
     assert differences(wrt.load(path), wrt.load(mesh)) == {}
     seen = load_object(mesh).shapes[0]
-    # In glTF, alpha counts where a material says so, and here is none.
+    # In glTF, alpha counts only if a material enables it, and here there is no material.
     assert seen.mesh.colors.shape[1] == (4 if suffix == "ply" else 3)
 
 
@@ -265,7 +265,7 @@ def test_alpha_that_is_zero_everywhere_stands_for_none(tmp_path):
 
 def test_normals_of_a_file_are_kept_even_where_they_are_what_trimesh_would_compute(tmp_path):
     box = trimesh.creation.box()
-    assert box.vertex_normals.shape == (8, 3)  # computed: they round the box off
+    assert box.vertex_normals.shape == (8, 3)  # computed normals, which round off the box
     assert len(from_trimesh(box)[0].mesh.vertices) == 24
     box.apply_transform(trimesh.transformations.rotation_matrix(0.3, (1, 2, 3)))
     assert len(from_trimesh(box)[0].mesh.vertices) == 24
@@ -279,7 +279,7 @@ def test_normals_of_a_file_are_kept_even_where_they_are_what_trimesh_would_compu
 
 @pytest.mark.parametrize(("suffix", "axis"), [("stl", "z"), ("off", "z"), ("obj", "y"), ("ply", "y"), ("glb", "y")])
 def test_the_axis_is_that_of_the_file(suffix, axis, tmp_path):
-    # A ball stands on no axis rather than on another, so that the type of the file decides.
+    # A ball stands on no axis more than on another, so the type of the file decides.
     ball = trimesh.creation.icosphere(radius=2.0)
     ball.vertices *= (1.0, 1.001, 1.002)
     ball.export(tmp_path / f"ball.{suffix}")
@@ -300,7 +300,7 @@ def test_what_lies_on_its_side_is_set_up():
 
 def test_cameras_and_lights_of_a_scene():
     scene = trimesh.Scene(trimesh.creation.box())
-    assert wrt.load(scene).camera.fov_degrees == 24.0  # framed: the scene has none until it is asked for one
+    assert wrt.load(scene).camera.fov_degrees == 24.0  # framed by wrt: trimesh creates a camera only on request
     matrix = trimesh.transformations.rotation_matrix(0.5, (0, 1, 0))
     matrix[:3, 3] = 1.0, 2.0, 3.0
     scene.camera = trimesh.scene.Camera(resolution=(80, 60), fov=(60, 45))
@@ -310,7 +310,7 @@ def test_cameras_and_lights_of_a_scene():
     np.testing.assert_allclose(made.camera.origin, (1, 2, 3))
     np.testing.assert_allclose(np.subtract(made.camera.target, made.camera.origin), -matrix[:3, 2])
     assert made.lights == []
-    assert len(scene.lights) == 2  # asked, trimesh makes two by itself
+    assert len(scene.lights) == 2  # trimesh creates two when asked for lights
     assert wrt.load(scene).lights == []
     lighting = trimesh.scene.lighting
     scene.lights = [
@@ -347,7 +347,7 @@ def test_lights_that_trimesh_carries_on_from_gltf(tmp_path):
     path = write(tmp_path, "lit.gltf", json.dumps(tree))
     file, made = wrt.load(path), wrt.load(trimesh.load(path))
     assert len(file.lights) == 1
-    # The camera's node must not be mistaken for one that may hold it; the light's might.
+    # The camera's node must not be mistaken for a parent of the camera; the light's may be.
     assert differences(file, made).keys() <= {"camera", *(f"camera.{key}" for key in ("origin", "target"))}
     np.testing.assert_allclose(made.lights[0].position, (1, 2, 3))
 

@@ -9,7 +9,7 @@ import os
 
 from wrt._version import __version__
 
-TYPE_CHECKING = False  # as in `typing`, which takes as long to import as all this; type checkers know the name
+TYPE_CHECKING = False  # instead of importing `typing`, which would double the import time; type checkers know the name
 
 # Kernels and sample meshes live beside this package in the source tree and inside it in an
 # installed one (see package-dir in pyproject.toml). In a checkout, `wrt` may be found here even

@@ -1,8 +1,8 @@
 """Runs the command line: as ``python -m wrt``, and as the program ``wrt``."""
 
-import _signal  # type: ignore[import-not-found]  # what `signal` is made of, which would import more first
+import _signal  # type: ignore[import-not-found]  # the C module behind `signal`, which imports more
 
-# Ctrl-C while modules are imported ends the process as it ends others, and not in the middle of somebody's code.
+# Ctrl-C during the imports ends the process at once, by the signal's default action and without a traceback.
 if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
     _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
 

@@ -22,9 +22,9 @@ from wrt.presentation import SETTINGS, present
 from wrt.scene import Scene, Shape
 
 MOST_NAMES = 10_000
-"""Of files in a folder among which one may have been meant."""
+"""File names of a folder that are searched for one like a missing file's."""
 _WITH_AXES = ("glb", "gltf", "npz")
-"""Types of files whose axis y points up."""
+"""File types whose y axis points up."""
 
 _FOR_MESHES = "an up axis goes with a mesh, not with a scene"
 _FOR_PROCEDURAL = "a number of triangles goes with a scene that has a procedural mesh"
@@ -45,17 +45,17 @@ def load(
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
             PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
             Meshes are put into a studio (see `wrt.presentation`), unless their file has lights of its own; a
-            camera of its own is kept. A trimesh object is read as its file would be, as far as trimesh keeps what is
-            in the file: materials, colours, up axis, camera and lights.
+            camera of its own is kept. A trimesh object is read like its file, as far as trimesh keeps the file's
+            content: materials, colours, up axis, camera and lights.
         triangles: size of the procedural meshes of a scene that has some.
         up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y for glTF, which says so, and for
             a Mesh, which has wrt's own axes; for files that do not say, the one of y and z on which the mesh stands
-            (see `wrt.orientation.guess_up`), and in doubt z for STL and OFF, whose programs mostly mean that, and y
-            for the others. For trimesh objects it is the same by the type of the file that they were loaded from; ones
-            that were made otherwise, or copied, are treated like those of an OBJ file.
+            (see `wrt.orientation.guess_up`), and in doubt z for STL and OFF, which most programs write with z up, and
+            y for the others. For a trimesh object the type of the file it was loaded from decides; an object that was
+            not loaded from a file, or was copied, is treated like an OBJ file.
         parameters: for Mitsuba's scenes, what `$name` stands for in them.
         strict: whether what would be left out with a warning is an error instead.
-        confined: whether a file that names others outside its own folder is refused, as for strangers' uploads (see
+        confined: whether to refuse a file that refers to files outside its own folder, as is wise for uploads (see
             docs/security.md).
 
     Raises:
@@ -75,7 +75,7 @@ def load(
 
 
 def _confined(source: Any) -> contextlib.AbstractContextManager[None]:
-    """Return a context in which reading is confined to the folder of a file; where it is none, to nothing."""
+    """Return a context that confines reading to the folder of `source` if it is a path; otherwise to nothing."""
     is_path = isinstance(source, (str, os.PathLike)) and not _is_builtin(source)
     return confined_to(Path(source).parent if is_path else None)
 
@@ -108,7 +108,7 @@ def _load(source: Any, triangles: int | None, up: str | None, parameters: Mappin
 
 
 def _refuse(parameters: Mapping[str, Any] | None, source: object) -> None:
-    """Raise an InputError where parameters of Mitsuba's scene files are given for something else."""
+    """Raise InputError if there are parameters, for a source that is not a Mitsuba scene."""
     if parameters:
         raise InputError(f"{source}: parameters go with a Mitsuba scene (.xml), and with nothing else")
 
@@ -124,7 +124,7 @@ def _load_path(
         raise InputError("the name of what is to be rendered is empty")
     if _is_builtin(source):
         path = meshes.scene_path(str(source))
-    elif not os.path.lexists(path):  # of links that lead nowhere the reader says more
+    elif not os.path.lexists(path):  # for a broken link, the reader has a better message
         raise InputError(_not_there(source))
     if path.suffix.lower() == ".xml":
         if up is not None or triangles is not None:
@@ -152,7 +152,7 @@ def _load_path(
 
 
 def _not_there(source: str | os.PathLike[str]) -> str:
-    """Return what to say of a file that does not exist, with what may have been meant."""
+    """Return the error message for a missing file, with a hint at the nearest name."""
     from wrt import meshes
 
     path = Path(source)
@@ -164,15 +164,15 @@ def _not_there(source: str | os.PathLike[str]) -> str:
         known += meshes.scene_names()
         if not path.suffix:
             said += f", and no built-in scene of that name ({', '.join(meshes.scene_names())})"
-    return said + did_you_mean(path.name, known, likeness=0.75)  # most have a suffix in common
+    return said + did_you_mean(path.name, known, likeness=0.75)  # higher than usual: most names share a suffix
 
 
 def _shown(source: object, scene: Scene, up: str | None, kind: str) -> Scene:
-    """Return what a mesh file or an object holds as it is shown: lit as it says itself, or in a studio.
+    """Return the content of a mesh file or an object, with its own lights or else in a studio.
 
     Args:
-        source: what it is, for messages.
-        scene: what is in it.
+        source: the file or object, for messages.
+        scene: its content.
         up: the axis that points up, if it was given.
         kind: the type of the file, such as "stl"; empty where it is not known.
     """

@@ -1,4 +1,4 @@
-"""Where things are kept from one process to the next, and where this process works in the meantime."""
+"""The folders of the kernel cache, and the temporary folder that a process works in."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOM = 32 << 20
-"""Bytes that a folder must have left for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
-large kernel 4 MB. Where room runs out, LLVM ends the process."""
+"""Free bytes that a folder needs for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
+large kernel 4 MB. LLVM ends the process when the disk is full."""
 
 LOCK_SECONDS = 2.0
-"""How long a lock is waited for, which others hold for milliseconds. After that they are taken to be stopped."""
+"""Longest wait for a lock. Processes hold it for milliseconds; one that holds it for longer is taken to be stopped."""
 
 _OF_PROCESS = re.compile(r"_p(\d+)_t\d+$")
-"""How names end of what a thread of a process is at work on: Warp names its folders so, and so does `put`."""
+"""End of the name of a folder or file that a thread is still writing: used by Warp, and by `put`."""
 
 _PREFIX = "wrt-work-"
-"""How names of the folders begin that processes work in."""
+"""Start of the names of work folders."""
 
 _lock = threading.Lock()
 _work: tuple[int, Path] | None = None
@@ -33,13 +33,13 @@ _said: set[Path] = set()
 
 
 def user_folder() -> Path:
-    """Return the folder where programs of this user keep what can be made again.
+    """Return the user's cache folder.
 
-    An empty or relative XDG_CACHE_HOME counts as unset (XDG Base Directory Specification), as does such a HOME, in
-    place of which the password database is asked.
+    An empty or relative XDG_CACHE_HOME counts as unset (XDG Base Directory Specification). So does such a HOME; the
+    home folder then comes from the password database.
 
     Raises:
-        FileNotFoundError: where nobody knows a home of this user.
+        FileNotFoundError: where this user has no home folder.
     """
     if os.path.isabs(named := os.environ.get("XDG_CACHE_HOME", "")):
         return Path(named)
@@ -55,7 +55,7 @@ def user_folder() -> Path:
 
 
 def wrt_folder() -> Path:
-    """Return the folder of wrt's notes and of Warp's headers; this process's own where nobody has a home."""
+    """Return the folder of wrt's notes and of Warp's headers; in the work folder if the user has no home."""
     try:
         return user_folder() / "wrt"
     except FileNotFoundError:
@@ -63,7 +63,7 @@ def wrt_folder() -> Path:
 
 
 def warp_folder() -> Path:
-    """Return the folder in which Warp keeps compiled kernels, in one of its version.
+    """Return the folder of Warp's compiled kernels, which has a subfolder for each version of Warp.
 
     Raises:
         FileNotFoundError: see `user_folder`.
@@ -72,12 +72,12 @@ def warp_folder() -> Path:
 
 
 def choose_warp_folder() -> None:
-    """Tell Warp, before it starts, in which folder its kernels are: in one that it can make, or that is there."""
+    """Set Warp's kernel cache folder before Warp starts; use the work folder if the usual one cannot be created."""
     import warp as wp
     from warp._src import context
 
     if context.runtime is not None:
-        return  # it has started, and has one
+        return  # Warp has started and has its folder
     folder = Path("~")
     try:
         folder = Path(wp.config.kernel_cache_dir or warp_folder())
@@ -89,7 +89,7 @@ def choose_warp_folder() -> None:
 
 
 def say_unwritable(folder: Path, error: OSError) -> None:
-    """Warn that what is compiled is of use to this process only."""
+    """Warn, once for each folder, that compiled kernels will not outlive this process."""
     if folder not in _said:
         _said.add(folder)
         why = error.strerror or str(error)
@@ -98,7 +98,7 @@ def say_unwritable(folder: Path, error: OSError) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Raise OSError unless there is room for a kernel in a folder, which is made, and one may write there."""
+    """Create a folder, and raise OSError unless it can be written to and has room for a kernel."""
     folder.mkdir(parents=True, exist_ok=True)
     _require_room(folder, ROOM // 4)
     put(probe := folder / ".probe", b"")
@@ -112,7 +112,7 @@ def _require_room(folder: Path, size: int) -> None:
 
 
 def put(path: Path, data: bytes) -> None:
-    """Have a file hold bytes, or be as it was.
+    """Write a file atomically: after an error it is unchanged.
 
     Raises:
         OSError: where it cannot be written.
@@ -128,7 +128,7 @@ def put(path: Path, data: bytes) -> None:
 
 
 def keep_latest(folder: Path, pattern: str, count: int) -> None:
-    """Remove what a pattern names in a folder, files or folders, but those that were written last."""
+    """Remove files and folders that match a pattern, except the `count` most recent."""
     found = sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)
     for path in found[:-count]:
         _remove_any(path)
@@ -136,7 +136,7 @@ def keep_latest(folder: Path, pattern: str, count: int) -> None:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Within the context, be the only one that is in such a context for a folder, if its file system can tell."""
+    """Within the context, hold an exclusive lock on a folder, if its file system has locks."""
     import fcntl
     import time
 
@@ -163,16 +163,16 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def work_within(folder: Path) -> None:
-    """Have this process work within the folder of another one, which removes it."""
+    """Make `work_folder` return a subfolder of another process's work folder; that process removes it."""
     global _within
     _within = folder
 
 
 def work_folder() -> Path:
-    """Return a folder that only this process uses, and nobody else may read; it is removed when the process ends.
+    """Return this process's temporary folder, readable by its user alone; it is removed when the process ends.
 
     Raises:
-        OSError: where there is no room for one.
+        OSError: where no folder has room for it.
     """
     global _work
     with _lock:
@@ -191,10 +191,10 @@ def _make_work_folder() -> Path:
     while True:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_place_with_room()))
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        # The lock says that this process lives, to processes in other containers too, where its number is another's.
+        # The lock shows that this process is alive; process ids would not, as they differ between containers.
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_EX)
-        if folder.is_dir():  # nobody has taken it for left over before it was locked
+        if folder.is_dir():  # no other process removed it as a leftover before it was locked
             _held.append(handle)
             return folder
         os.close(handle)
@@ -213,21 +213,21 @@ def _place_with_room() -> str:
             if os.access(place, os.W_OK | os.X_OK):
                 return place
     places = " or ".join(_places())
-    raise OSError(errno.ENOSPC, f"compiling kernels takes {ROOM >> 20} MB in {places}, which have less left")
+    raise OSError(errno.ENOSPC, f"compiling kernels takes {ROOM >> 20} MB of disk space in {places}; none has as much")
 
 
 def _remove(process: int, folder: Path) -> None:
-    if os.getpid() == process:  # and not a fork of it
+    if os.getpid() == process:  # not in a fork of it
         import shutil
 
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def remove_leftovers(*folders: Path) -> None:
-    """Remove what processes were at work on that are there no longer.
+    """Remove unfinished files and work folders of processes that no longer run.
 
     Args:
-        folders: where kernels and notes are kept; folders for temporary files are gone through anyway.
+        folders: the folders of kernels and notes; those for temporary files are always searched.
     """
     for folder in folders:
         for name in _names(folder):

@@ -38,7 +38,7 @@ FORMAT = 1
 _HEADER = "header"
 
 _BEGINNING = 512
-"""Bytes of a checkpoint in which its header begins, whose text NumPy keeps in four bytes a character."""
+"""Leading bytes of a checkpoint that contain the start of its header, which NumPy stores as UTF-32."""
 
 
 def _is_checkpoint(path: Path) -> bool:
@@ -49,7 +49,7 @@ def _is_checkpoint(path: Path) -> bool:
 
 
 CHECKPOINT = Kind("a checkpoint", _is_checkpoint, may_force=False)
-"""A checkpoint replaces nothing else, whatever is asked for."""
+"""A checkpoint replaces only checkpoints, even with `force`."""
 
 
 def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
@@ -78,7 +78,7 @@ def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[A
         raise InputError(f"{path}: no such checkpoint file")
     try:
         arrays = read_archive(read_file(path))
-        forget_input(path)  # a render that goes on from it replaces it
+        forget_input(path)  # a resumed render may replace its checkpoint
         header = json.loads(str(arrays.pop(_HEADER)))
     except (KeyError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a wrt checkpoint, or damaged ({first_line(error)})") from None
@@ -103,8 +103,8 @@ def require_same(path: PathLike, stored: dict[str, Any], wanted: dict[str, Any])
 
 
 def refuse_to_be_copied(_: object, __: Any) -> Any:
-    """Raise a TypeError, in place of a renderer's `__reduce_ex__`: its arrays and threads belong to a device."""
+    """Raise TypeError; used as a renderer's `__reduce_ex__`, since its arrays and threads belong to a device."""
     raise TypeError(
-        "a Renderer cannot be copied or pickled: send its Scene, which can, and what save_checkpoint writes, and go on "
-        "there by Renderer.resume"
+        "a Renderer cannot be copied or pickled; copy its Scene and a file from save_checkpoint instead, and continue "
+        "with Renderer.resume"
     )

@@ -31,14 +31,14 @@ SMALLEST_SLICE = 1.0 / 16.0
 """Of the others: the last ones get smaller, so that all threads end together."""
 
 FIRST_SLICE = 1.0 / 256.0
-"""Of the others: nobody knows yet how long an index takes."""
+"""Size of the first slices, relative to the others: it is not known yet how long an index takes."""
 
 SLICE_GROWTH = 8
-"""How many times as many indices a slice may have as one that has ended."""
+"""Largest ratio of a slice's size to that of a slice that has ended."""
 
 SLICE_SECONDS = 0.2
-"""What a slice should take at most, by what others took: an interrupt waits for those that run. Where indices begin to
-take longer, it may be some times that."""
+"""Longest time that a slice should take, estimated from earlier slices, since an interrupt waits for running slices.
+Where indices get slower, a slice may take a few times as long."""
 
 LARGE = 1 << 21
 """Bytes of a huge page, from which on an array has pages of its own."""
@@ -53,7 +53,7 @@ LOAD_SECONDS = 0.2
 _LOADING: dict[str, threading.Lock] = {}
 """By the names of modules of kernels, what the one thread holds that loads it."""
 
-os.register_at_fork(after_in_child=_LOADING.clear)  # by threads that a fork has not
+os.register_at_fork(after_in_child=_LOADING.clear)  # a fork lacks the threads that hold these locks
 
 
 STACK_BYTES = 8 << 20
@@ -84,7 +84,7 @@ _COMPILER = _Threads(1, "wrt-compile")
 to read, which is nearly half of what compiling an ordinary render kernel takes."""
 
 _LOADER = _Threads(1, "wrt-load")
-"""The thread that compiles while whoever needs the kernel waits, since native code cannot be interrupted."""
+"""The thread that compiles while the caller waits, so that the caller can be interrupted; native code cannot."""
 
 
 def available_threads() -> int:
@@ -110,7 +110,7 @@ def initialize_warp() -> None:
     import warp as wp
 
     if _is_lean():
-        return  # nothing starts
+        return  # there is no Warp to start
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     _prepare_folders()
     sys.stderr.flush()
@@ -139,19 +139,19 @@ def _forget_start() -> None:
 
 @cache
 def _prepare_folders() -> None:
-    """Choose where compiled kernels are, and remove what killed processes have left there."""
+    """Choose the folder of compiled kernels, and remove leftovers of killed processes."""
     import warp as wp
 
     cache_folders.choose_warp_folder()
     version = wp.config.version
     kernels = Path(wp.config.kernel_cache_dir)
-    kernels = kernels if kernels.name == version else kernels / version  # which Warp adds when it starts
+    kernels = kernels if kernels.name == version else kernels / version  # Warp adds the version when it starts
     notes = cache_folders.wrt_folder()
     cache_folders.remove_leftovers(kernels, notes, *notes.glob("headers-*"))
 
 
 def _is_lean() -> bool:
-    """Return whether the module `warp` is only what stands in for it (`wrt/lean`)."""
+    """Return whether the module `warp` is the stand-in of `wrt/lean`."""
     return hasattr(sys.modules["warp"], "builds")
 
 
@@ -187,7 +187,7 @@ class Device:
     Attributes:
         name: "cpu", or "cuda:N".
         threads: CPU threads that share a launch; 1 on CUDA.
-        seconds_compile: what its callers have waited for kernels to be compiled or loaded.
+        seconds_compile: time that callers have waited for kernels to be compiled or loaded.
     """
 
     def __init__(self, name: str = "cpu", *, threads: int | None = None) -> None:
@@ -236,8 +236,8 @@ class Device:
 
         Args:
             size: bytes on the device.
-            what: for the message.
-            copies: bytes beyond them in the host's memory, for a time.
+            what: the thing that needs them, for the message.
+            copies: additional bytes that are needed temporarily in host memory.
         """
         import warp as wp
 
@@ -268,13 +268,13 @@ class Device:
         )
 
     def compile(self, kernel: Any) -> float:
-        """Load a kernel's module, compiling it where no whole build is in the cache; return the seconds.
+        """Load a kernel's module, compiling it if the cache has no intact build; return the seconds.
 
-        Where another thread is about that already, wait for it. After KeyboardInterrupt a compile that has begun goes
-        on in its own thread, and who asks for the same kernel later waits for it.
+        If another thread is loading it already, wait for that thread. After KeyboardInterrupt, a compile that has begun
+        continues in its own thread; a later call for the same kernel waits for it.
 
         Raises:
-            OSError: where there is no room to compile it.
+            OSError: where there is not enough disk space to compile it.
         """
         start = time.perf_counter()
         if _is_lean() or kernel_cache.is_loaded(kernel.module, self.name):
@@ -290,7 +290,7 @@ class Device:
         return seconds
 
     def _load(self, kernel: Any) -> float:
-        """Do what `compile` does, in this thread, whether or not anybody waits for it."""
+        """Load a kernel's module in this thread; see `compile`."""
         import warp as wp
 
         start = time.perf_counter()
@@ -309,7 +309,7 @@ class Device:
 
         On the CPU another thread does so beside what else goes on, if there is to be more than one: Warp lets one
         thread at a time write code for its compiler, which then takes most of the time and no interpreter lock.
-        After an exception no other compile begins, and nobody waits for the one that has begun.
+        After an exception no further compile begins, and one that has begun is not waited for.
         """
         if not self.is_cpu or self.threads == 1:
             kernels: list[Any] = []
@@ -337,7 +337,7 @@ class Device:
         """
         import warp as wp
 
-        # Here and not by each of the threads, which would compile it all at once, with headers read by each.
+        # Before the threads start: otherwise each would compile the kernel, and read the headers for it.
         self.compile(kernel)
         if not self.is_cpu:
             wp.launch(kernel, dim=count, inputs=[0, *inputs], device=self.name)
@@ -364,12 +364,12 @@ class Device:
 class Slices:
     """The slices that a launch is cut into, which threads take one after the other.
 
-    None is more than one thread's share of what is left (Polychronopoulos and Kuck 1987), or than what takes
-    SLICE_SECONDS by what earlier ones took; but for that they are alike.
+    All have the same size, except that none exceeds one thread's share of the remaining indices (Polychronopoulos and
+    Kuck 1987), or what should take SLICE_SECONDS, estimated from earlier slices.
     """
 
     def __init__(self, count: int, threads: int, least: int = 1) -> None:
-        """Take how many indices there are, the threads, and how many indices a slice should have at least."""
+        """Prepare slices of `count` indices for some threads, each of at least `least` indices."""
         self._count, self._threads, self._start = count, threads, 0
         self._most = max(least, -(-count // (threads * SLICES_PER_THREAD)))
         self._least, self._smallest = least, max(least, int(self._most * SMALLEST_SLICE))
@@ -378,7 +378,7 @@ class Slices:
         self._lock = threading.Lock()
 
     def take(self) -> tuple[int, int] | None:
-        """Return where the next slice begins and its size; None where there is none."""
+        """Return the start and size of the next slice; None after the last."""
         with self._lock:
             left = self._count - self._start
             size = min(self._most, self._limit, max(self._smallest, left // self._threads), left)
@@ -386,9 +386,9 @@ class Slices:
             return (start, size) if size else None
 
     def ended(self, size: int, seconds: float) -> None:
-        """Take note of how long a slice took."""
+        """Record how long a slice took."""
         with self._lock:
-            # What is slower counts at once, what is faster by and by: neighbours often are as slow.
+            # Adapt to slower slices at once and to faster ones gradually, since neighbours are often as slow.
             self._seconds_each = max(seconds / size, 0.5 * self._seconds_each)
             in_time = int(SLICE_SECONDS / max(self._seconds_each, 1e-12))
             self._limit = max(self._least, min(in_time, SLICE_GROWTH * max(size, self._limit)))

@@ -132,8 +132,9 @@ class SunSkyEnvironment:
     The model "hosek-wilkie", that of Hošek and Wilkie (2012, 2013), is in `wrt.hosek_wilkie`; "preetham", that of
     Preetham, Shirley and Smits (1999), in `wrt.sky`. The sun is a disk of 0.53 degrees, equally bright all over. The
     ground reflects what sun and sky send down, the same everywhere. Radiance is absolute, some W·sr⁻¹·m⁻² in the sky
-    and over 10⁶ in the sun, and irradiance over 100 W·m⁻²: at an exposure of 0 pictures are white. At −5.5 stops what
-    is white (0.8) in a sun of 45 degrees comes out at three quarters of the brightest; a low sun wants about −5.
+    and over 10⁶ in the sun, and irradiance over 100 W·m⁻²: at an exposure of 0 stops pictures are overexposed. At
+    −5.5 stops a white surface (reflectance 0.8) under a sun at 45 degrees has three quarters of full brightness; a low
+    sun needs about −5.
 
     Attributes:
         elevation_degrees: of the sun above the horizon, above 0 to 90.

@@ -23,12 +23,12 @@ class InputError(ValueError):
 
 
 def did_you_mean(word: object, known: Iterable[str], *, likeness: float = 0.6) -> str:
-    """Return a hint at the known word that is nearest, to put behind a message; empty if none is near.
+    """Return a hint at the most similar known word, to append to a message; empty if none is similar.
 
     Args:
         word: what was typed.
-        known: what can be meant.
-        likeness: of two words, 0 to 1, from which on one may be meant by the other.
+        known: the valid words.
+        likeness: smallest similarity of two words that makes a hint, 0 to 1.
     """
     import difflib
 

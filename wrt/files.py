@@ -1,7 +1,7 @@
-"""Reading files: they may not be there, may be no files at all, or lie where a stranger's scene has no business.
+"""Reading files: refuses missing files, devices and pipes, and files outside a confinement.
 
-`read_file` and `require_file` are the only ways in. They note what was read, so that no output replaces it
-(`wrt/safe_write.py`), and keep to the folder that `confined_to` names.
+All input goes through `read_file` and `require_file`. They record what was read, so that no output replaces it
+(`wrt/safe_write.py`), and refuse files outside the folder that `confined_to` names.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from wrt.errors import InputError, one_line
 PathLike: TypeAlias = str | os.PathLike[str]
 
 Identity: TypeAlias = tuple[int, int, int, int]
-"""What tells a file from all others and from itself after a change: device, inode, time of change in ns, size."""
+"""Identifies one version of a file: device, inode, time of change in ns, size."""
 
 
 class _Confinement:
-    """A folder that reading is confined to, and the first path that led out of it."""
+    """A folder that reading is confined to, and the first path that was refused."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(os.path.realpath(folder))
@@ -32,12 +32,12 @@ class _Confinement:
 
 
 class _OutsideError(Exception):
-    """A path leads out of the folder: no InputError, since readers go on without what one of these is about."""
+    """A path leads out of the folder. Not an InputError, since readers continue after those with a warning."""
 
 
 _confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
 _sizes: ContextVar[dict[str, int] | None] = ContextVar("sizes", default=None)
-_inputs: dict[str, Identity] = {}  # what this process has read, by its path without links
+_inputs: dict[str, Identity] = {}  # the files that this process has read, by real path
 
 
 def identity_of(found: os.stat_result) -> Identity:
@@ -55,13 +55,13 @@ def is_input(path: Path) -> bool:
 
 
 def forget_input(path: Path) -> None:
-    """From here on, do not count the file at `path` as one that was read: wrt has made it itself."""
+    """Stop counting the file at `path` as read, so that it may be replaced."""
     _inputs.pop(os.path.realpath(path), None)
 
 
 @contextmanager
 def counting_sizes() -> Iterator[dict[str, int]]:
-    """Within the context, gather the bytes of the files that are read, by their paths without links."""
+    """Record the sizes of the files that are read within the context, by real path."""
     sizes: dict[str, int] = {}
     token = _sizes.set(sizes)
     try:
@@ -72,10 +72,10 @@ def counting_sizes() -> Iterator[dict[str, int]]:
 
 @contextmanager
 def confined_to(folder: Path | None) -> Iterator[None]:
-    """Within the context, refuse to read files outside a folder, whatever links lead there; None refuses nothing.
+    """Refuse to read files outside a folder within the context, also through links; None refuses nothing.
 
     Raises:
-        InputError: where a file was refused, even if its reader went on without it.
+        InputError: where a file was refused, even if its reader continued without it.
     """
     confinement = None if folder is None else _Confinement(folder)
     token = _confinement.set(confinement)
@@ -91,7 +91,7 @@ def confined_to(folder: Path | None) -> Iterator[None]:
 
 
 def require_inside(path: Path) -> None:
-    """End what is done in `confined_to` where `path` leads out of the folder, whether or not something is there."""
+    """Raise unless `path` is inside the folder of `confined_to`, whether or not the file exists."""
     _require_inside(path, os.path.realpath(path))
 
 
@@ -134,7 +134,7 @@ def _read(path: Path, count: int) -> bytes:
             if not stat.S_ISREG(found.st_mode):
                 raise InputError(f"{path}: is a pipe or a device, not a file")
             real = _path_of(handle, path)
-            _require_inside(path, real)  # again, since a link may have been changed in between
+            _require_inside(path, real)  # again: a link may have changed in between
             # Of files that the system makes up the size is 0, and reading them may wait.
             size = found.st_size if count < 0 else min(count, found.st_size)
             with open(handle, "rb", closefd=False) as file:
@@ -157,7 +157,7 @@ def _read(path: Path, count: int) -> bytes:
 
 
 def _path_of(handle: int, path: Path) -> str:
-    """Return where an open file lies, without links."""
+    """Return the real path of an open file."""
     with contextlib.suppress(OSError):
         return os.readlink(f"/proc/self/fd/{handle}")
     return os.path.realpath(path)

@@ -19,7 +19,7 @@ BYTES_PER_PIXEL = 64
 """Memory of a film: two sums of three doubles, two counts and a tally."""
 
 COPIED_PER_PIXEL = 56
-"""Memory of copies for a time: for a checkpoint, all but the tally; a picture in 8 bits takes less."""
+"""Memory of temporary copies: a checkpoint copies all but the tally; an 8-bit picture takes less."""
 
 NOISE_PIXELS = 1 << 14
 """At least, in a slice of the launch that finds their noise: several times the work of starting one."""
@@ -47,7 +47,7 @@ class Film:
         self.data.rays = wp.zeros(pixels, dtype=wp.int64, device=device.name)
 
     def require_memory(self, new: int = 0) -> None:
-        """Raise InputError where there is no memory for `new` bytes a pixel, and the copies that saving makes."""
+        """Raise InputError unless there is memory for `new` bytes a pixel and for the copies that saving makes."""
         what = f"a picture of {self.width}x{self.height}"
         copies = self.pixels * (COPIED_PER_PIXEL + self._per_pixel)
         self.device.require_memory(self.pixels * new, what, copies=copies)
@@ -57,7 +57,7 @@ class Film:
         return {name: array.copy() for name, array in self.arrays().items()}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what `state` copies, itself where the device is the CPU."""
+        """Return the arrays that `state` copies; on the CPU these are the film's own arrays."""
         own = {name: getattr(self.data, name).numpy() for name in STATE_ARRAYS}
         return {**own, **self.layers.state()}
 
@@ -68,11 +68,11 @@ class Film:
         self.layers.clear()
 
     def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
-        """Raise InputError where no rendering can have come to a state.
+        """Raise InputError if no render can have produced a state.
 
         Args:
             state: arrays of the shapes and types that `state` gives.
-            shapes: how many the scene has.
+            shapes: number of shapes in the scene.
         """
         total, squares, count, rejected = (state[name] for name in STATE_ARRAYS)
         if (count < 0).any():
@@ -83,11 +83,11 @@ class Film:
             raise InputError("sums of samples are not finite")
         if (squares < 0.0).any():
             raise InputError("a sum of squares is negative")
-        # By Cauchy and Schwarz, but for rounding; so where there are no samples the sums are 0.
+        # The Cauchy-Schwarz inequality, with a margin for rounding; without samples the sums must be 0.
         with np.errstate(over="ignore"):
             possible = np.abs(total) <= np.sqrt(squares * count[:, None]) * (1.0 + 1e-6)
         if not possible.all():
-            raise InputError("sums of samples do not go with their squares and their number")
+            raise InputError("sums of samples do not match their squares and count")
         self.layers.check(state, shapes)
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:

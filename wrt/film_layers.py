@@ -18,7 +18,7 @@ _PREFIX = "layer_"
 
 
 def bytes_per_pixel(names: tuple[str, ...]) -> int:
-    """Return the memory of layers."""
+    """Return the bytes that layers take for each pixel."""
     channels = [(8 if LAYERS[name].averaged else 4) * len(LAYERS[name].channels) for name in names]
     return sum(channels) + 8 if names else 0
 
@@ -52,7 +52,7 @@ class FilmLayers:
         self.data.off_middle = wp.full(pixels, float("inf"), dtype=wp.float32, device=device.name)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return all that must be kept to go on later, by name; the arrays themselves where the device is the CPU."""
+        """Return the arrays to save for resuming, by name; on the CPU these are the layers' own arrays."""
         if not self.names:
             return {}
         return {_PREFIX + name: getattr(self.data, name).numpy() for name in _ARRAYS}
@@ -65,7 +65,7 @@ class FilmLayers:
             self.data.off_middle.fill_(float("inf"))
 
     def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
-        """Raise InputError where no rendering can have come to a state; see `wrt.film.Film.check`."""
+        """Raise InputError if no render can have produced a state; see `wrt.film.Film.check`."""
         if not self.names:
             return
         sums, nearest, objects, off_middle = (state[_PREFIX + name] for name in _ARRAYS)
@@ -77,13 +77,13 @@ class FilmLayers:
                 means = sums[:, first : first + len(channels)]
                 least = 0.0 if name == "alpha" else -np.inf
                 if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
-                    raise InputError(f"the layer {name!r} is beyond what it can be")
-            # Where a point goes that is behind the camera is no number.
+                    raise InputError(f"the layer {name!r} has impossible values")
+            # Motion is NaN where a point moves behind the camera.
             shown = first >= 0 and not LAYERS[name].averaged and name != "motion"
             if shown and np.isnan(nearest[:, first : first + len(channels)]).any():
-                raise InputError(f"the layer {name!r} is not a number everywhere")
+                raise InputError(f"the layer {name!r} has values that are not numbers")
         if ((objects < 0) | (objects > shapes)).any():
-            raise InputError(f"an object's number is not one of the scene's {shapes}")
+            raise InputError(f"an object number is not one of the scene's {shapes}")
         if not (off_middle >= 0.0).all():
             raise InputError("'off_middle' is below 0, or not a number")
 

@@ -28,7 +28,7 @@ KEPT = 4
 
 
 _THREAD = threading.local()
-"""Of a thread `lent`: names of the headers that are known to other processes."""
+"""`lent`: the names of this thread's headers that came from, or went to, the cache."""
 
 
 def lend_headers() -> None:
@@ -42,7 +42,7 @@ def lend_headers() -> None:
                 name, _, digest = kept.name.rpartition("-")
                 data = kept.read_bytes()
                 if digest == _digest(data):
-                    # A copy: another process may remove what is kept, and this one would write into it.
+                    # Copy it: another process may remove the cached file, and Warp here would write into it.
                     (folder / name).write_bytes(data)
                     _THREAD.lent.add(name)
                 else:
@@ -63,7 +63,7 @@ def keep_headers() -> None:
 
 
 def _keep(data: bytes, kept: Path) -> None:
-    """Keep what was written; remove others in its place, and what is of the oldest Warps or processors."""
+    """Put headers into the cache, in place of others of that name; keep the KEPT latest folders only."""
     folder = kept.parent
     folder.mkdir(parents=True, exist_ok=True)
     for before in folder.glob(f"{kept.name.rpartition('-')[0]}-*"):
@@ -74,7 +74,7 @@ def _keep(data: bytes, kept: Path) -> None:
 
 
 def _digest(data: bytes) -> str:
-    """Return what tells headers from damaged ones, which could end the compiler and this process with it."""
+    """Return a checksum of headers: damaged ones could crash the compiler, and this process with it."""
     return f"{zlib.crc32(data):08x}"
 
 
@@ -86,7 +86,7 @@ def _of_thread() -> Path | None:
     runtime = context.runtime
     with runtime._pch_dirs_lock:
         if (thread := threading.get_ident()) not in runtime._pch_dirs:
-            # Where they go with this process however it ends. While another thread still writes there, some may stay.
+            # In the work folder, which is removed with this process. Files that a thread is still writing may remain.
             runtime._pch_dirs[thread] = tempfile.TemporaryDirectory(dir=work_folder(), ignore_cleanup_errors=True)
     folder = runtime.get_clang_pch_dir()
     return None if folder is None else Path(folder)

@@ -14,7 +14,7 @@ from typing import Any
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 GRACE_SECONDS = 3.0
-"""Time from a signal until the process is ended, if nothing is worth saving and the main thread has not come to it."""
+"""Grace period after a signal: then the process is ended, unless the main thread has reacted or must save."""
 
 _LOOK_SECONDS = 0.1
 
@@ -26,7 +26,7 @@ class Interrupts:
     back the handlers it found; outside the main thread, which gets no signals, it does nothing.
 
     Python runs handlers between two instructions of the main thread. So while a library reads a large file, or a kernel
-    is compiled, a signal would wait for many seconds. A thread that the C-level handler wakes up sees to that.
+    is compiled, a signal could wait for many seconds. A thread that the C-level handler wakes up ends the process then.
 
     Attributes:
         worth_saving: whether there are samples that a signal must not lose.
@@ -36,8 +36,8 @@ class Interrupts:
         """Start armed; signals count from when the context is entered.
 
         Args:
-            give_up: ends the process with an exit status, for signals that the main thread does not come to; None
-                where the process is somebody else's.
+            give_up: ends the process with an exit status if the main thread does not react; None where the process does
+                not belong to the command line.
         """
         self.worth_saving = False
         self._give_up = give_up
@@ -66,7 +66,7 @@ class Interrupts:
         self._done = True
         if self._pipe is not None:
             signal.set_wakeup_fd(self._previous_wakeup)
-            os.close(self._pipe[1])  # upon which the thread ends
+            os.close(self._pipe[1])  # the thread then ends
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
@@ -80,7 +80,7 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def _watch(self, pipe: int) -> None:
-        """Wait for a signal, and end the process if it is not obeyed in time and nothing is lost by that."""
+        """Wait for a signal; end the process if the main thread does not react in time and nothing is worth saving."""
         with contextlib.closing(os.fdopen(pipe, "rb", buffering=0)) as file:
             while numbers := file.read(1):
                 if numbers[0] in self._previous:
@@ -96,7 +96,7 @@ class Interrupts:
             time.sleep(_LOOK_SECONDS)
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt where there was a signal: some libraries catch every exception, and go on."""
+        """Raise KeyboardInterrupt if there was a signal, since some libraries swallow the exception."""
         if self._signal_number and not self._done:
             raise KeyboardInterrupt
 

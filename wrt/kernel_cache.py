@@ -1,12 +1,13 @@
-"""Compiled kernels, of which none is loaded that is not as it was made.
+"""The cache of compiled kernels: each build is checked against its digests before it is loaded.
 
-What Warp compiles is machine code, which it loads as it finds it: one bit turned over by a disk or a cable may end the
-process, or make another picture. So beside each build lies a digest of its files. They are compared before Warp, or
-what stands in for it (`wrt/lean`), loads them; a build that does not fit is compiled again.
+Warp compiles kernels to machine code and loads it unchecked: one flipped bit may crash the process or change the
+picture. So each build has a file of digests beside it. They are compared before Warp, or its stand-in (`wrt/lean`),
+loads the build; a build that does not match is compiled again.
 
-Warp compiles in a folder of this process alone, since LLVM ends the process where room runs out. From there the files
-are put among the others, under a lock, the digest last. A reader without a lock that sees no digest, or another's,
-looks again with one, and so never takes a build for damaged that somebody is just writing.
+Kernels are compiled in this process's work folder, which is checked for room first, since LLVM ends the process when
+the disk is full. The files are then copied into the cache under a lock, the digests last. A reader first looks without
+the lock. If the digests are missing or do not match, it looks again with the lock, so that it never takes a build for
+damaged that another process is writing.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from typing import Any
 from wrt.cache_folders import ROOM, locked, put, say_unwritable, work_folder
 
 DIGEST = ".digest"
-"""What the name of a binary's file of digests ends with: its own, and that of what Warp notes beside it (`.meta`)."""
+"""Suffix of the file that holds two digests: of a binary, and of Warp's `.meta` file beside it."""
 
 
 class State(Enum):
-    """What is known of a build in the cache."""
+    """The state of a build in the cache."""
 
     WHOLE = "as it was made"
     UNKNOWN = "not there, or without a digest"
@@ -36,17 +37,17 @@ class State(Enum):
 
 
 def digest(data: bytes) -> bytes:
-    """Return 16 characters that tell bytes from damaged ones."""
-    # What Python tells changed sources by, a SipHash: hashlib takes longer to import than all is read.
+    """Return a checksum of 16 characters."""
+    # The SipHash by which Python recognizes changed sources: importing hashlib takes longer than reading the cache.
     return importlib.util.source_hash(data).hex().encode("ascii")
 
 
 def state(binary: Path, meta: Path | None = None) -> State:
-    """Return how a build is found.
+    """Check a build and return its state.
 
     Args:
-        binary: what was compiled.
-        meta: what Warp notes beside it, where that is to be read too.
+        binary: the compiled file.
+        meta: Warp's `.meta` file beside it, if that is to be read too.
     """
     found = _state(binary, meta)
     if found is State.WHOLE or not binary.parent.is_dir():
@@ -67,21 +68,21 @@ def _state(binary: Path, meta: Path | None) -> State:
 
 
 def seal(binary: Path, meta: Path) -> None:
-    """Write the digests of a build that was just made."""
+    """Write the digests of a new build."""
     put(Path(f"{binary}{DIGEST}"), b" ".join(digest(path.read_bytes()) for path in (binary, meta)))
 
 
 def is_loaded(module: Any, device: str) -> bool:
-    """Return whether Warp has loaded a module as it is now."""
+    """Return whether Warp has loaded the current version of a module."""
     build = _Build.of(module, device)
     return build is not None and build.is_loaded
 
 
 def provide(module: Any, device: str) -> None:
-    """See to it that what Warp loads of a module next is whole: compile it where it is damaged, or not there.
+    """Make sure that Warp finds an intact build of a module: compile it if it is damaged or missing.
 
     Raises:
-        OSError: where there is no room to compile it.
+        OSError: where there is not enough disk space to compile it.
     """
     build = _Build.of(module, device)
     if build is None or build.is_loaded:
@@ -117,7 +118,7 @@ class _Build:
 
     @classmethod
     def of(cls, module: Any, device: str) -> _Build | None:
-        """Return that of a module; None where it is not one of Warp's."""
+        """Return the build of a module; None where it is not one of Warp's modules."""
         context: Any = sys.modules.get("warp._src.context")
         return cls(context, module, device) if context and isinstance(module, context.Module) else None
 
@@ -147,7 +148,7 @@ class _Build:
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         lend_headers()
-        self._module.get_module_hash(self._block)  # which resolves the options
+        self._module.get_module_hash(self._block)  # it resolves the options as a side effect
         options = self._module.resolved_options[self._block]
         arch = self._module._get_compile_arch(self._device)
         try:
@@ -168,11 +169,11 @@ class _Build:
 
 
 def _publish(own: Path, kept: Path, binary: str) -> None:
-    """Put a whole build among those that other processes find."""
+    """Copy a complete build into the cache, where other processes find it."""
     kept.parent.mkdir(parents=True, exist_ok=True)
     with locked(kept.parent):
         kept.mkdir(exist_ok=True)
-        for left in kept.glob(".*"):  # by one that was killed here
+        for left in kept.glob(".*"):  # left by a process that was killed here
             with contextlib.suppress(OSError):
                 left.unlink()
         seals = f"{binary}{DIGEST}"

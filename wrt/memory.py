@@ -1,4 +1,4 @@
-"""How much memory this process may still take, and memory that libraries leave behind, given back to the system."""
+"""How much memory this process may still take, and returning unused memory of libraries to the system."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _MAPPING = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) \S+ \S+ \S+ +(/.*)")
 
 
 def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cgroup")) -> int:
-    """Return how many bytes this process may take beyond those it has: of the machine, its control groups, its limits.
+    """Return how many more bytes this process may take, by the machine's memory, its control groups and its limits.
 
-    What other processes have is not counted, as the system may move it away.
+    Memory of other processes counts as free, as the system may swap it out.
 
     Args:
-        proc: what the system says of the process.
+        proc: the process's folder in /proc.
         groups: where control groups are mounted.
     """
     page = os.sysconf("SC_PAGE_SIZE")
@@ -39,10 +39,10 @@ def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cg
 
 
 def _group_limits(proc: Path, groups: Path) -> Iterator[int]:
-    """Yield the limits of the process's control groups and of all above them, of both versions of control groups.
+    """Yield the memory limits of the process's control groups and of all their parents, for versions 1 and 2.
 
-    In a container the path may be that of the machine, whose upper part is not to be seen: then the group is the root
-    of what is mounted.
+    In a container the path may be the host's, of which the upper part is not mounted: then the process's group is the
+    mounted root.
     """
     try:
         lines = (proc / "cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
@@ -59,7 +59,7 @@ def _group_limits(proc: Path, groups: Path) -> Iterator[int]:
             continue
         inner = Path(path.lstrip("/"))
         for folder in (root / part for root in roots for part in (inner, *inner.parents)):
-            with contextlib.suppress(OSError, ValueError):  # not there; or "max", without limit
+            with contextlib.suppress(OSError, ValueError):  # the file is missing, or says "max": no limit
                 yield int((folder / name).read_text())
 
 

@@ -27,7 +27,7 @@ SMALLEST, LARGEST = 1e-11, 1e12
 class Mesh:
     """Triangles by index, with optional attributes at the vertices.
 
-    A mesh owns its arrays, which cannot be written to: it copies what it is given, unless that is read-only already.
+    A mesh owns its arrays, which are read-only: it copies the arrays it is given unless they are read-only already.
 
     Attributes:
         vertices: (N, 3) float32 positions, metres.
@@ -95,10 +95,10 @@ class Mesh:
         colors: NDArray[Any] | None = None,
         name: str = "mesh",
     ) -> Mesh:
-        """Return the mesh of arrays that the caller hands over: they become read-only, and large ones are not copied.
+        """Make a mesh from arrays that the caller gives up: they become read-only, and are not copied.
 
         Args:
-            vertices: (N, 3), see Mesh, and so are the others. What is of another type than it says there is converted.
+            vertices: (N, 3); see Mesh for all of them. Arrays of another type than Mesh uses are converted.
             faces: (M, 3).
             normals: (N, 3) or None.
             uvs: (N, 2), (N, 4) or None.
@@ -111,7 +111,7 @@ class Mesh:
         return cls(vertices, faces, normals, uvs, colors, name)
 
     def share(self, name: str, array: NDArray[Any]) -> None:
-        """Hold a read-only view of `array`, of the same numbers, in place of the one of that name."""
+        """Replace the array of that name by a read-only view of `array`, which must have the same values."""
         array = array.view()
         array.flags.writeable = False
         object.__setattr__(self, name, array)
@@ -156,9 +156,9 @@ class Mesh:
         return self.transformed(m)
 
     def standing(self, height: float) -> Mesh:
-        """Return a copy of some height, metres, that stands on y = 0, its middle above the origin.
+        """Return a copy scaled to a height in metres, standing on y = 0 and centred above the origin.
 
-        It brings a mesh of any unit of length to where a scene wants it; what is flat along y has no height to scale.
+        It places a mesh of any unit of length in a scene. A mesh that is flat along y is refused with an InputError.
         """
         low, high = self.bounds
         tall = float(high[1] - low[1])

@@ -115,7 +115,7 @@ def vertex_normals(mesh: Mesh) -> _Float:
 
 
 def corner_weighted_normals(vertices: _Float, faces: NDArray[np.integer[Any]]) -> _Float:
-    """Return (N, 3) unit normals as `vertex_normals` does, in double precision throughout."""
+    """Return (N, 3) unit normals weighted like those of `vertex_normals`, in double precision throughout."""
     corners = vertices[faces]
     edges = np.roll(corners, -1, axis=1) - corners
     cross = np.cross(edges[:, 0], edges[:, 1])

@@ -1,4 +1,4 @@
-"""Where the picture of a render goes, and what of the render goes into that file."""
+"""The path of a render's picture, and what is written to it."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from wrt.safe_write import free_place
 def picture_place(
     given: str | None, *, default: str, force: bool = False, taken: Collection[Path] = frozenset()
 ) -> Path:
-    """Return where the picture of a render goes.
+    """Return the path of a render's picture, after checking that it may be written.
 
     Args:
         given: the path that was asked for, or None.
-        default: where it goes then, or to a name like it where a file must not be replaced.
+        default: the path to use then; a similar name is chosen if a file there may not be replaced.
         force: see `wrt.save_image`; a path that was not given is never forced.
-        taken: places of other pictures, which must not be replaced either.
+        taken: paths of other pictures, which must not be replaced either.
 
     Raises:
-        InputError: where it cannot be written there, or would replace another file; see `wrt.safe_write`. That the
-            scene reads a file is known once the scene was loaded.
+        InputError: where it cannot be written there, or would replace another file; see `wrt.safe_write`. The files
+            that the scene reads are known only after it was loaded.
     """
     if given is not None:
         return check_output(given, force=force)

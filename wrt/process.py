@@ -108,7 +108,7 @@ def end(status: int) -> NoReturn:
 
 
 def end_now(status: int) -> NoReturn:
-    """End the process from a thread that is not the main one, within a second, whatever the others are busy with."""
+    """End the process from another thread than the main one, within a second, even if other threads are busy."""
     timer = threading.Timer(1.0, os._exit, (status,))
     timer.daemon = True
     timer.start()

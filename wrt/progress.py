@@ -73,9 +73,9 @@ def fraction_done(progress: Progress, *, time_limit: float | None) -> float:
 
 
 def status_pieces(progress: Progress, *, time_limit: float | None) -> list[tuple[int, str]]:
-    """Return what there is to say of a running render, each with its rank; of the lowest rank is what matters most.
+    """Return the parts of the status of a running render, each with its rank; rank 1 is the most important.
 
-    Without a limit of samples it counts seconds.
+    Without a limit of samples, the first part counts seconds.
     """
     if progress.target_spp is None and time_limit is not None:
         head = [(1, f"{progress.seconds:.0f}/{time_limit:.0f} s"), (4, f"{progress.spp} spp")]
@@ -92,14 +92,14 @@ def status_pieces(progress: Progress, *, time_limit: float | None) -> list[tuple
 
 
 def status_text(progress: Progress, *, time_limit: float | None) -> str:
-    """Return one line about a running render."""
+    """Return the status of a running render in one line."""
     return "  ".join(text for _, text in status_pieces(progress, time_limit=time_limit))
 
 
 class ProgressBar:
-    """Progress on standard error: a bar on a terminal, else a line now and then; nothing where it is not wanted.
+    """Progress on standard error: a bar on a terminal, otherwise a line from time to time.
 
-    Use it as a context manager: a bar is wiped away at the end.
+    Use it as a context manager: the bar is removed at the end.
     """
 
     def __init__(self, label: str, *, time_limit: float | None = None, wanted: bool = True) -> None:
@@ -108,7 +108,7 @@ class ProgressBar:
         Args:
             label: what is being rendered.
             time_limit: seconds of rendering after which it ends, if any.
-            wanted: False for nothing at all.
+            wanted: whether to show anything.
         """
         self._label = one_line(label)
         self._time_limit = time_limit
@@ -118,7 +118,7 @@ class ProgressBar:
         if wanted and sys.stderr.isatty():
             from tqdm import tqdm
 
-            # The numbers go into the format itself: tqdm's own are about items, which there are none of.
+            # The numbers are part of the format, since tqdm's own fields count items.
             waiting = literal(fitted(self._label, [(1, GETTING_READY)], columns := terminal_columns()))
             self._bar = tqdm(total=1.0, file=sys.stderr, leave=False, ncols=columns, bar_format=waiting)
         elif wanted:

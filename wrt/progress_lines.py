@@ -1,4 +1,4 @@
-"""Progress where nobody watches a terminal: plain lines, soon at first, then ever more seldom."""
+"""Progress for log files and pipes: plain lines, at growing intervals."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ import time
 GETTING_READY = "getting ready; kernels are compiled the first time"
 
 FIRST_SECONDS = 2.0
-"""After so long there is a line; what takes less needs none."""
+"""Time before the first line; shorter renders print none."""
 
 MOST_SECONDS = 15.0
-"""Between two lines at most; they come after 2, 4, 8, 16, 31, 46 ... seconds."""
+"""Longest interval between lines, which come after 2, 4, 8, 16, 31, 46 ... seconds."""
 
 
 class ProgressLines:
-    """A thread that says now and then where a render stands, while others are busy.
+    """A thread that prints the status of a render from time to time.
 
     Attributes:
-        text: where it stands.
+        text: the status to print next.
     """
 
     def __init__(self, label: str) -> None:
-        """Take what is being rendered."""
+        """Prepare lines that begin with `label`, the name of what is being rendered."""
         self.text = GETTING_READY
         self._label = label
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="wrt-progress", daemon=True)
 
     def start(self) -> None:
-        """Begin to count the time."""
+        """Start the thread and its clock."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Say nothing from here on."""
+        """Stop the thread; nothing is printed after this."""
         self._ended.set()
         self._thread.join()
 

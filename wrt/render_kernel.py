@@ -58,7 +58,7 @@ class RenderKernel:
 
     @property
     def seconds_beside(self) -> float:
-        """What another process has taken to compile the faster kernel, so far."""
+        """Seconds that another process has spent compiling the wide kernel so far."""
         return self._faster().seconds
 
     @property

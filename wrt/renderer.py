@@ -171,7 +171,7 @@ class Renderer:
             self._built = build_scene(
                 self.scene, self.device, texture_coordinates=uv, light_choice=light_choice, on_features=choose
             )
-        self.film.require_memory()  # beside what the scene takes by now
+        self.film.require_memory()  # check again, now that the scene has taken its memory
         self._inputs = self._prepare()
         self.seconds_render, self.paths, self._updated = 0.0, 0, False
 
@@ -216,12 +216,12 @@ class Renderer:
 
     @property
     def seconds_compile(self) -> float:
-        """Seconds for which this renderer has waited for kernels to be compiled or loaded, and did nothing else."""
+        """Seconds that this renderer has been blocked until kernels were compiled or loaded."""
         return self.device.seconds_compile
 
     @property
     def seconds_compile_beside(self) -> float:
-        """Seconds that another process has taken, so far, to compile what makes passes faster, beside rendering."""
+        """Seconds that another process has spent compiling the wide kernel so far, while this one was rendering."""
         return self._kernel.seconds_beside
 
     @property
@@ -378,18 +378,18 @@ class Renderer:
         """Write the picture as `wrt render` does: with its layers, and what it was made with as the file's metadata.
 
         Raises:
-            InputError: see `wrt.save_image`, whose `force` it is; and where there are layers and no .exr to hold them.
+            InputError: see `wrt.save_image`, also for `force`; and where there are layers and the file is not .exr.
         """
         from wrt.output import save_render
 
         save_render(Path(path), self, force=force)
 
     def save_checkpoint(self, path: PathLike) -> None:
-        """Write all that is needed to go on later, atomically; of what is there, only a checkpoint is replaced.
+        """Write everything that resuming needs, atomically. An existing file is replaced only if it is a checkpoint.
 
         Raises:
-            InputError: where it cannot be written or would replace something else, or vertices were updated, of which
-                a checkpoint knows nothing.
+            InputError: where it cannot be written or would replace another file; or where vertices were updated, which
+                a checkpoint does not hold.
         """
         if self._updated:
             raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")

@@ -1,12 +1,12 @@
-"""Writing files: whole or not at all, and never over one that somebody would miss.
+"""Writing files atomically, without replacing files of others.
 
-All that wrt writes for people goes through `write_whole`. What is written after long work is checked before it, by
-`require_place`. The rule of both, whatever the output:
+Every output of wrt is written by `write_whole`. Before long work, `require_place` checks whether its output may be
+written. Both follow the same rules for every kind of output:
 
-- a file that this process has read is never written;
-- what is no regular file, such as a device, a pipe or a folder, is refused, and links are followed;
-- a write-protected file is left alone;
-- a file that is there already is replaced if wrt has made it and it is of the output's own kind (`Kind`), or by
+- A file that this process has read is never replaced.
+- Links are followed. Anything but a regular file, such as a device, a pipe or a folder, is refused.
+- A write-protected file is never replaced.
+- Any other existing file is replaced if wrt wrote it and it is of the same kind as the output (`Kind`), or with
   `force`.
 """
 
@@ -27,10 +27,10 @@ from wrt.errors import InputError
 from wrt.files import Identity, first_line, forget_input, identity_of, is_input
 
 _TEMPORARY = re.compile(r"\.wrt-([0-9a-f]{8})-[0-9a-f]{8}\.part(\..*)?")
-"""Names of files and folders that are being written, with a digest of the host's name."""
+"""Names of temporary files and folders, with a digest of the host's name."""
 
 _FOREIGN_SECONDS = 3600.0
-"""Age of a file that another host was writing from which on it counts as left over: locks may not reach so far."""
+"""Age from which on a temporary file of another host counts as left over; its locks may not be visible here."""
 
 _MOST_NAMES = 1000
 
@@ -40,9 +40,9 @@ class Kind:
     """A kind of output.
 
     Attributes:
-        name: what one is called in messages, such as "a checkpoint"; empty where none is ever replaced without leave.
-        is_own: tells of a regular file whether wrt made it, so that it may be replaced.
-        may_force: whether a person may have others replaced.
+        name: the kind in messages, such as "a checkpoint"; empty if existing files are replaced only with `force`.
+        is_own: returns whether wrt wrote a regular file, so that it may be replaced.
+        may_force: whether `force` replaces other files too.
     """
 
     name: str
@@ -50,30 +50,30 @@ class Kind:
     may_force: bool = True
 
 
-_written: dict[str, tuple[Identity, Kind]] = {}  # what this process has written, by its path without links
-_swept: set[str] = set()  # folders in which leftovers were looked for
+_written: dict[str, tuple[Identity, Kind]] = {}  # the files that this process has written, by real path
+_swept: set[str] = set()  # folders that were searched for leftovers
 
 
 class NotReplacedError(InputError):
-    """A file is there already, and not one that may be replaced."""
+    """An existing file may not be replaced."""
 
 
 def require_place(path: Path, kind: Kind, *, force: bool = False) -> None:
-    """Raise InputError unless a file of a kind may be written at `path`; see the rule above."""
+    """Raise InputError unless a file of a kind may be written at `path`; see the rules above."""
     _target(path, kind, force)
 
 
 def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(), force: bool = False) -> Path:
-    """Return `path`, or the first of `NAME-render`, `NAME-render-2` and so on at which a file of a kind may be written.
+    """Return the first of `NAME`, `NAME-render`, `NAME-render-2` and so on where a file of a kind may be written.
 
     Args:
-        path: the place that is tried first.
-        kind: what is to be written.
-        taken: places that it must not be.
+        path: the path to try first.
+        kind: the kind of the output.
+        taken: paths that must not be used.
         force: see `write_whole`.
 
     Raises:
-        InputError: where it is not for the sake of a file that is there that none may be.
+        InputError: where all names are taken, or the path cannot be used for another reason.
     """
     for number in range(_MOST_NAMES):
         tried = path if number == 0 else path.with_stem(f"{path.stem}-render{'' if number == 1 else f'-{number}'}")
@@ -83,29 +83,29 @@ def free_place(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(),
             continue
         if tried not in taken:
             return tried
-    raise NotReplacedError(f"{path}: so are {_MOST_NAMES} names like it; name another file")
+    raise NotReplacedError(f"{path}: this and {_MOST_NAMES} similar names are taken; name another file")
 
 
 def write_whole(path: Path, write: Callable[[Path], object], kind: Kind, *, force: bool = False) -> None:
-    """Have `write` fill a file that then takes the place of `path`, or leave things as they were.
+    """Write a file atomically: `write` fills a temporary file, which then replaces `path`.
 
     Args:
-        path: the place; where it is a link, what that leads to.
-        write: is called with the path of an empty file beside the place.
-        kind: what is written.
-        force: whether any file may be replaced that this process has not read.
+        path: the path to write; a link is followed.
+        write: function that is called with the path of an empty temporary file in the same folder.
+        kind: the kind of the output.
+        force: whether to replace any file that this process has not read.
 
     Raises:
-        InputError: when it cannot be written, or the rule above forbids it.
+        InputError: when the file cannot be written, or the rules above forbid it.
     """
     target = _target(path, kind, force)
     try:
         _sweep(target.parent)
         with _temporary(target) as (temporary, handle):
             write(temporary)
-            os.fsync(handle)  # or a crash could leave the new name with nothing behind it
-            target = _target(path, kind, force)  # somebody may have put a file there meanwhile
-            with contextlib.suppress(OSError):  # there is none yet, or modes cannot be set
+            os.fsync(handle)  # otherwise a crash could leave an empty file under the new name
+            target = _target(path, kind, force)  # check again: a file may have appeared there meanwhile
+            with contextlib.suppress(OSError):  # there is no old file, or the file system has no modes
                 os.fchmod(handle, stat.S_IMODE(target.stat().st_mode))
             temporary.replace(target)
             _written[os.fspath(target)] = identity_of(os.fstat(handle)), kind
@@ -118,13 +118,13 @@ def write_whole(path: Path, write: Callable[[Path], object], kind: Kind, *, forc
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Within the context, have an empty folder, which at its end takes the place `path` if something is in it.
+    """Give an empty temporary folder, which is moved to `path` at the end of the context unless it is still empty.
 
     Raises:
-        InputError: where there is something already, or a folder cannot be made.
+        InputError: where `path` exists, or a folder cannot be created.
     """
     if os.path.lexists(path):
-        raise NotReplacedError(f"{path}: is there already; name another file")
+        raise NotReplacedError(f"{path}: already exists; name another file")
     _sweep(path.parent)
     try:
         folder, handle = _make_folder(path)
@@ -153,7 +153,7 @@ def _make_folder(path: Path) -> tuple[Path, int]:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there."""
+    """Remove a file or a folder if it exists."""
     if path.is_dir():
         import shutil
 
@@ -186,7 +186,7 @@ def _target(path: Path, kind: Kind, force: bool) -> Path:
     if found.st_size and not may_replace and not _is_own(target, kind):  # what is empty is no loss
         what = f" and is not {kind.name}" if kind.name else ""
         hint = ", or replace it by --force (force=True)" if kind.may_force else ""
-        raise NotReplacedError(f"{path}: is there already{what}; name another file{hint}")
+        raise NotReplacedError(f"{path}: already exists{what}; name another file{hint}")
     return target
 
 
@@ -207,9 +207,10 @@ def _require_folder(path: Path, folder: Path) -> None:
 
 @contextlib.contextmanager
 def _temporary(target: Path) -> Iterator[tuple[Path, int]]:
-    """Within the context, have an empty file beside `target`, locked so that no other process takes it for a leftover.
+    """Give the path and file descriptor of an empty file in the target's folder.
 
-    Gives its path and a handle. The name is short whatever the target's is, which may be as long as names can be.
+    It is locked, so that no other process takes it for a leftover. Its name is short, since a longer form of the
+    target's name could exceed the limit of the file system.
     """
     while True:
         path = target.with_name(_temporary_name() + target.suffix)
@@ -217,7 +218,7 @@ def _temporary(target: Path) -> Iterator[tuple[Path, int]]:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         try:
             _lock(handle, wait=True)
-            if path.exists():  # nobody took it for a leftover before it was locked
+            if path.exists():  # no other process removed it as a leftover before it was locked
                 yield path, handle
                 return
         finally:
@@ -236,7 +237,7 @@ def _host() -> str:
 
 
 def _lock(handle: int, *, wait: bool) -> bool:
-    """Lock an open file; return whether that went well. Not every file system can."""
+    """Lock an open file; return False if that fails, as on file systems without locks."""
     import fcntl
 
     try:
@@ -247,7 +248,7 @@ def _lock(handle: int, *, wait: bool) -> bool:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what processes that were killed have left of their writing in a folder, once in this process."""
+    """Remove temporary files that killed processes left in a folder; each folder is searched once."""
     if os.fspath(folder) in _swept:
         return
     _swept.add(os.fspath(folder))

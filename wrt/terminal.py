@@ -1,4 +1,4 @@
-"""What fits a line of a terminal: of what there is to say, the most important."""
+"""Fitting text into a line of a terminal, the most important parts first."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import unicodedata
 from collections.abc import Sequence
 
 USUAL_COLUMNS = 80
-"""Of terminals that do not tell how wide they are."""
+"""Width that is assumed for terminals that do not report one."""
 
 LEAST_BAR = 10
-"""Columns below which a bar shows nothing."""
+"""Smallest useful width of a bar, in columns."""
 
 LABEL_SHARE = 3
-"""A label takes up to one part of so many of the line, while there is more to say than fits."""
+"""Where not everything fits, a label takes at most 1/LABEL_SHARE of the line."""
 
 
 def terminal_columns() -> int:
-    """Return how many columns of the terminal at standard error may be written to; in the last one, the line ends."""
+    """Return how many columns of the terminal at standard error can be used; the last one stays free for the cursor."""
     columns = 0
     with contextlib.suppress(OSError, ValueError):  # no terminal, closed, or not a file
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
@@ -30,14 +30,14 @@ def terminal_columns() -> int:
 
 
 def columns_of(text: str) -> int:
-    """Return how many columns text takes: those of East Asia's scripts two for each character, marks on others none."""
+    """Return how many columns text takes: wide East Asian characters take two, combining marks none."""
     if text.isascii():
         return len(text)
     return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
 
 
 def shortened(text: str, columns: int) -> str:
-    """Return text of at most so many columns, with dots in place of its middle where it has more."""
+    """Return text cut to a number of columns, with dots in place of its middle if it is longer."""
     if columns_of(text) <= columns:
         return text
     dots = "..."[: max(columns, 0)]
@@ -47,7 +47,7 @@ def shortened(text: str, columns: int) -> str:
 
 
 def _beginning(text: str, columns: int) -> str:
-    """Return as much of the beginning of text as takes so many columns."""
+    """Return the longest beginning of text that fits into a number of columns."""
     taken = 0
     for number, character in enumerate(text):
         taken += columns_of(character)
@@ -57,12 +57,12 @@ def _beginning(text: str, columns: int) -> str:
 
 
 def fitted(label: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
-    """Return label and pieces in one line of at most so many columns.
+    """Return label and pieces in one line that fits into a number of columns.
 
     Args:
-        label: what it is about, which is shortened before a piece is left out.
-        pieces: rank and text of each; of those that do not fit, the ones of the highest rank are left out.
-        columns: of the line.
+        label: start of the line; it is shortened before a piece is left out.
+        pieces: rank and text of each; pieces of the highest rank are left out first.
+        columns: width of the line.
     """
     label = shown(label)
     kept = [*pieces]
@@ -76,13 +76,13 @@ def fitted(label: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
 
 
 def fitted_bar(label: str, share: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
-    """Return tqdm's format of a line with a bar, or of one without where only that fits.
+    """Return the tqdm format of a line with a bar, or without a bar where that does not fit.
 
     Args:
-        label: what it is about.
-        share: how much is done, in words.
-        pieces: see `fitted`; those up to rank 3 are more important than the bar.
-        columns: of the line.
+        label: start of the line.
+        share: finished part of the work as text, such as " 25%".
+        pieces: see `fitted`; pieces up to rank 3 are more important than the bar.
+        columns: width of the line.
     """
     room = columns - len(f" {share}||  ") - LEAST_BAR
     label = shown(label)
@@ -102,11 +102,11 @@ def fitted_bar(label: str, share: str, pieces: Sequence[tuple[int, str]], column
 
 
 def shown(text: str) -> str:
-    """Return text as standard error will show it, which may take escapes for letters that it lacks."""
+    """Return text as standard error will show it, with escapes for characters that its encoding lacks."""
     encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
     return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def literal(text: str) -> str:
-    """Return text as it has to be in a format."""
+    """Escape text for use in a format string."""
     return text.replace("{", "{{").replace("}", "}}")

@@ -127,9 +127,9 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
 
 
 def owned(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
-    """Return `value` as a contiguous array that nobody can write to, or raise InputError as `array` does.
+    """Return `value` as a contiguous read-only array, or raise InputError as `array` does.
 
-    What somebody could still write to is copied; read-only arrays are held as they are.
+    Arrays that could still be written to elsewhere are copied; read-only arrays are not.
     """
     result = np.ascontiguousarray(array(value, name, dtype))
     made_here = isinstance(value, (list, tuple)) or (
@@ -142,9 +142,9 @@ def owned(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
 
 
 def sealed(made: NDArray[Any]) -> NDArray[Any]:
-    """Return an array made read-only, with those that it views: for whoever made it and hands it over.
+    """Make an array, and the arrays that it is a view of, read-only, and return it.
 
-    What takes it then holds it without a copy.
+    `owned` then takes it without a copy. Call it only for arrays that no other code writes to.
     """
     viewed: Any = made
     while isinstance(viewed, np.ndarray):
@@ -154,7 +154,7 @@ def sealed(made: NDArray[Any]) -> NDArray[Any]:
 
 
 def _is_read_only(values: NDArray[Any]) -> bool:
-    """Whether neither an array nor any that it views can be written to."""
+    """Return whether an array and all arrays that it is a view of are read-only."""
     viewed: Any = values
     while isinstance(viewed, np.ndarray):
         if viewed.flags.writeable:
@@ -180,10 +180,10 @@ def key_times(value: object, what: str) -> NDArray[np.float64]:
 
 
 def image(value: object, what: str) -> NDArray[np.float32]:
-    """Return `value` as (H, W, 3) float32 pixels, finite, not negative and read-only, see `owned`.
+    """Return `value` as (H, W, 3) float32 pixels, finite, not negative and read-only; see `owned`.
 
     Raises:
-        InputError: where it is none, naming `what`.
+        InputError: where it is not such an image, naming `what`.
     """
     with np.errstate(over="ignore"):
         pixels = owned(value, f"{what}: pixels", np.float32)

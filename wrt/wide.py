@@ -86,7 +86,7 @@ class WideKernel:
 
     @property
     def seconds(self) -> float:
-        """Seconds that another process has taken to compile it, so far."""
+        """Seconds that another process has spent compiling the kernel so far."""
         since = self._compiling_since
         return self._seconds + (0.0 if since is None else time.perf_counter() - since)
 
@@ -131,7 +131,7 @@ class WideKernel:
         begin = f"import sys; sys.path[0] = {package!r}; from wrt.wide import main; sys.exit(main(sys.argv))"
         try:
             command = [sys.executable, "-c", begin, features, str(os.getpid()), *self._folders()]
-        except OSError:  # there is no room
+        except OSError:  # no folder has room
             self._possible = False
             return
         nothing = subprocess.DEVNULL
@@ -144,13 +144,13 @@ class WideKernel:
         weakref.finalize(self, _end, self._compiler)  # nobody else waits for it
 
     def _folders(self) -> list[str]:
-        """Return where to work, where to put what is compiled, and where notes of it if not in their usual place."""
+        """Return the folders for the compiler to work in, for its kernels, and for notes if their usual place fails."""
         work = cache_folders.work_folder()
         folders = [work, work / "warp", work / "wrt"]
         config = sys.modules["warp"].config
         try:
             known = getattr(config, "kernel_cache_dir", None)
-            kernels = Path(known).parent if known else cache_folders.warp_folder()  # to which Warp adds its version
+            kernels = Path(known).parent if known else cache_folders.warp_folder()  # Warp adds its version to the path
             cache_folders.require_writable(kernels / config.version)
             folders[1] = kernels
         except OSError as error:
@@ -205,16 +205,16 @@ def processor_flags() -> frozenset[str]:
 def main(arguments: list[str]) -> int:
     """Compile the kernel for features given as JSON, and note it for other processes.
 
-    Of the arguments the first is the program's name, as everywhere, the second the features. It ends with the process
-    that asked for it, whose number is the third; then come the folders of `WideKernel._folders`. Of several that are
-    asked at once, one compiles after the other.
+    The arguments are the program's name, the features, the id of the parent process, and the folders of
+    `WideKernel._folders`. This process ends with its parent. Processes that start at the same time compile one after
+    the other.
     """
     import warp as wp
 
     from wrt.kernels.features import Features
     from wrt.kernels.wide.render import make_wide_render_kernel, module_name
 
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches all processes of a terminal
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches every process of the terminal's foreground group
     _end_with_parent()
     if os.getppid() != int(arguments[2]):
         return 1  # it ended before this
@@ -243,7 +243,7 @@ def _end_with_parent() -> None:
     """Have the system end this process when the one that started it ends, however that does."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
-        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a background job may ignore others
+        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a background job may ignore other signals
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What two scenes differ in, apart from how their triangles and shapes are numbered."""
+"""Differences of two scenes, apart from the order of their shapes and triangles."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import wrt
 
 
 def differences(first: wrt.Scene, second: wrt.Scene) -> dict[str, float]:
-    """Return the largest difference of each thing that differs, by its name; inf for what is no number.
+    """Return the largest difference of each property that differs, by its name; inf if it is not a number.
 
     Names are such as "vertices", "normals", "material.base_color.factor" or "camera.fov_degrees". Vertices are
-    compared in the world, relative to the size of the scene; what lies at vertices at the corners of triangles. Shapes
-    are paired by their number of triangles and by where they are, triangles by their number.
+    compared in world space, relative to the size of the scene; vertex attributes are compared at the corners of
+    triangles. Shapes are paired by their number of triangles and their position, triangles by their number.
     """
     found: dict[str, float] = {}
 
@@ -49,7 +49,7 @@ def differences(first: wrt.Scene, second: wrt.Scene) -> dict[str, float]:
 
 
 def _corners(mesh: wrt.Mesh) -> np.ndarray:
-    """Return (M, 3) faces that begin at the corner with the lowest coordinates: which is first is a reader's choice."""
+    """Return (M, 3) faces that start at the corner with the lowest coordinates, since readers differ in this."""
     x, y, z = np.moveaxis(mesh.vertices[mesh.faces], 2, 0)
     first = np.lexsort((z, y, x), axis=-1)[:, :1]
     return np.take_along_axis(mesh.faces, (first + np.arange(3)) % 3, axis=1)

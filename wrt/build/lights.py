@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def has_light(scene: Scene) -> bool:
-    """Return whether anything in a scene gives off light."""
+    """Return whether anything in a scene emits light."""
     return (
         any(shape.emits for shape in scene.shapes)
         or bool(scene.lights)

@@ -211,7 +211,7 @@ class _Slots:
         return self._image_numbers[key]
 
     def _first_alike(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the first texture's pixels that are the same: those that were given one array hold a copy each."""
+        """Return the first array with the same pixels: textures that were given one array each hold a copy of it."""
         some = pixels.reshape(-1)[:: 1 + pixels.size // 64].tobytes()
         alike = self._alike.setdefault((pixels.shape, some), [])
         found = next((each for each in alike if each is pixels or np.array_equal(each, pixels)), None)

@@ -1,8 +1,8 @@
-"""The command line: ``wrt render`` and what helps to use it.
+"""The command line: ``wrt render`` and the commands around it.
 
-Exit status: 0 when done; 1 when a file or standard output could not be written or memory ran out; 2 when something
-given cannot be used; 130 and 143 when Ctrl-C or SIGTERM ended it. What goes wrong is said in one line on standard
-error. Only light modules are imported before there is work for the heavy ones.
+Exit status: 0 on success; 1 when a file or standard output could not be written or memory ran out; 2 when an input or
+an option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard error. Heavy modules
+are imported only when they are needed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
     Args:
-        argv: the arguments; by default those of the process, whose standard streams are then made safe to write to.
+        argv: the arguments; by default those of the process, whose standard streams then never raise.
     """
     if argv is not None:
         return _status(list(argv), own_process=False)

@@ -1,4 +1,4 @@
-"""What is typed on the command line, as values: each of these is a `type` of argparse."""
+"""Conversion of command-line arguments to values: functions for the `type` parameter of argparse."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PICTURES = {
     "4k": (3840, 2160),
     "8k": (7680, 4320),
 }
-"""Sizes by the names that screens have; 2k is left out, which is any of three."""
+"""Sizes by the usual names of screens; 2k is left out because it stands for three different sizes."""
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)"
 _UNITS = re.compile(
@@ -27,7 +27,7 @@ _CLOCK = re.compile(r"(?:(\d+):(?=\d\d:))?(\d+):([0-5]\d(?:\.\d*)?)", re.ASCII)
 
 
 def whole(minimum: int) -> Callable[[str], int]:
-    """Return the type of whole numbers from `minimum` on."""
+    """Return a converter to whole numbers that are at least `minimum`."""
 
     def convert(text: str) -> int:
         try:
@@ -42,7 +42,7 @@ def whole(minimum: int) -> Callable[[str], int]:
 
 
 def finite(text: str) -> float:
-    """Return a finite number."""
+    """Convert text to a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -53,7 +53,7 @@ def finite(text: str) -> float:
 
 
 def positive(text: str) -> float:
-    """Return a number above 0."""
+    """Convert text to a finite number above 0."""
     value = finite(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f"must be greater than 0, not {text}")
@@ -61,7 +61,7 @@ def positive(text: str) -> float:
 
 
 def choice(words: Sequence[str]) -> Callable[[str], str]:
-    """Return the type of one of some words."""
+    """Return a converter that accepts only the given words."""
 
     def convert(text: str) -> str:
         if text not in words:
@@ -73,7 +73,7 @@ def choice(words: Sequence[str]) -> Callable[[str], str]:
 
 
 def duration(text: str) -> float:
-    """Return seconds, from a text such as 90, 90s, 1m30s, 1.5h or 1:30."""
+    """Convert text to seconds, such as 90, 90s, 1m30s, 1.5h or 1:30."""
     stripped = text.strip().lower()
     found = _CLOCK.fullmatch(stripped) or (stripped and _UNITS.fullmatch(stripped))
     if not found:
@@ -88,7 +88,7 @@ def duration(text: str) -> float:
 
 
 def definition(text: str) -> tuple[str, str]:
-    """Return name and value, from NAME=VALUE."""
+    """Split NAME=VALUE into name and value."""
     name, equals, value = text.partition("=")
     if not equals or not name.isidentifier():
         raise argparse.ArgumentTypeError(f"must be NAME=VALUE, such as spp=64, not {text!r}")
@@ -96,7 +96,7 @@ def definition(text: str) -> tuple[str, str]:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Return width and height, from a text such as 640x480 or 1080p."""
+    """Convert text to width and height, such as 640x480 or 1080p."""
     named = PICTURES.get(text.strip().lower())
     if named is not None:
         return named
@@ -111,7 +111,7 @@ def size(text: str) -> tuple[int, int]:
 
 
 def crop(text: str) -> tuple[int, ...]:
-    """Return the four numbers of a part of a picture."""
+    """Convert X0,Y0,X1,Y1 to the four numbers of a crop window."""
     numbers = text.split(",")
     if len(numbers) != 4:
         raise argparse.ArgumentTypeError(f"must be X0,Y0,X1,Y1, such as 0,0,320,240, not {text!r}")

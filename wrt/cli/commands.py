@@ -1,4 +1,4 @@
-"""All commands but `render`: each takes the options and returns the exit status."""
+"""All commands except `render`: each function takes the options and returns the exit status."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from wrt.cli.status import complain, give_up, warn
 
 
 def _say(text: str) -> None:
-    """Print what was asked for."""
+    """Print a command's result to standard output."""
     print(text, flush=True)
 
 
@@ -31,7 +31,7 @@ def schema(options: argparse.Namespace) -> int:
 
 
 def materials(options: argparse.Namespace) -> int:
-    """List the materials, or explain one."""
+    """List the materials, or describe one."""
     from wrt.describe_materials import explain_material, list_materials
 
     _say(list_materials() if options.name is None else explain_material(options.name))
@@ -39,7 +39,7 @@ def materials(options: argparse.Namespace) -> int:
 
 
 def completion(options: argparse.Namespace) -> int:
-    """Print what makes a shell complete wrt's words."""
+    """Print the shell code for completion."""
     from wrt.cli.completion import shell_code
 
     _say(shell_code(options.shell))
@@ -47,7 +47,7 @@ def completion(options: argparse.Namespace) -> int:
 
 
 def info(options: argparse.Namespace) -> int:
-    """Tell what is in a file."""
+    """Show what a scene or mesh file contains."""
     from pathlib import Path
 
     from wrt.api import load
@@ -57,7 +57,7 @@ def info(options: argparse.Namespace) -> int:
     from wrt.progress import short_warnings
 
     with short_warnings(warn):
-        # Of a mesh file that is there, what is in it, and not the studio around it.
+        # Describe the content of a mesh file, without the studio that `load` puts around it.
         path = Path(options.source)
         alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
         if alone:
@@ -70,7 +70,7 @@ def info(options: argparse.Namespace) -> int:
 
 
 def convert(options: argparse.Namespace) -> int:
-    """Write a scene file."""
+    """Convert a scene or mesh to a scene file."""
     from wrt.interrupts import Interrupts
 
     nothing = f"{options.output} was not written"

@@ -1,4 +1,4 @@
-"""Completing words in shells, by argcomplete: commands, options, choices, built-in scenes, and files by suffix."""
+"""Shell completion by argcomplete: commands, options, choices, built-in scenes, and files by suffix."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ PICTURES = (".png", ".exr", ".npy")
 
 
 def shell_code(shell: str) -> str:
-    """Return what a shell runs to have wrt's words completed."""
+    """Return the code that a shell evaluates to complete wrt's arguments."""
     import argcomplete
 
     return str(argcomplete.shellcode(["wrt"], use_defaults=False, shell=shell)).strip("\n")
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
-    """Answer a shell that asks how a word may go on, and end the process."""
+    """Print the completions that a shell asks for, and end the process."""
     import argcomplete
 
     render, convert = (commands_of(parser)[name] for name in ("render", "convert"))
@@ -39,7 +39,7 @@ Finder = Callable[[str], Iterable[str]]
 
 
 def _finding(find: Finder) -> Callable[..., list[str]]:
-    """Return a completer as argcomplete calls it."""
+    """Wrap a finder in the signature that argcomplete calls."""
 
     def completer(prefix: str, **_: object) -> list[str]:
         return [word for word in find(prefix) if word.startswith(prefix)]
@@ -48,7 +48,7 @@ def _finding(find: Finder) -> Callable[..., list[str]]:
 
 
 def _files(prefix: str, suffixes: Iterable[str] | None = None) -> list[str]:
-    """Return the folders and the files that begin so, those of some suffixes alone if there are any."""
+    """Return the folders and files whose paths start with `prefix`; if suffixes are given, only files with these."""
     folder, begin = os.path.split(prefix)
     found = []
     with contextlib.suppress(OSError), os.scandir(os.path.expanduser(folder) or ".") as entries:
@@ -85,7 +85,7 @@ def _integrators(prefix: str) -> Iterable[str]:
 
 
 def _layers(prefix: str) -> Iterable[str]:
-    """Return the ways that a list of layers with commas may go on."""
+    """Return the completions of a comma-separated list of layers."""
     from wrt.layers import LAYERS
 
     given, comma, _ = prefix.rpartition(",")

@@ -1,4 +1,4 @@
-"""Where pictures and checkpoints go, and writing them."""
+"""The paths of pictures and checkpoints, and writing them."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 def default_output(source: str) -> str:
-    """Return the name of an input's picture, where none is given."""
+    """Return the default name of an input's picture."""
     return f"{Path(source).stem or 'picture'}.png"
 
 
 def default_outputs(sources: Sequence[str]) -> list[str]:
-    """Return the names of several inputs' pictures, no two alike.
+    """Return a different picture name for each of several inputs.
 
-    Those of inputs that are called alike get more of their paths: suffixes where these tell them apart, folders else.
+    Inputs with the same stem get longer names: with their suffixes if these differ, otherwise with their folders.
 
     Raises:
-        InputError: where that does not tell them apart either.
+        InputError: where two inputs still get the same name.
     """
     names = [default_output(source) for source in sources]
     for name in {name for name in names if names.count(name) > 1}:
@@ -49,54 +49,54 @@ def _is_name(part: str) -> bool:
 
 
 def folder_for(output: str) -> str:
-    """Return the folder that `-o` names for the pictures of several inputs, which is made where it ends in "/".
+    """Return the folder that `-o` names for the pictures of several inputs; create it if the name ends with "/".
 
     Raises:
-        InputError: where it is no folder, or cannot be made.
+        InputError: where it is not a folder, or cannot be created.
     """
     if not output.endswith("/") and not os.path.isdir(output):
-        raise InputError(f"{output}: of several inputs the output must be a folder; end its name in / to have it made")
+        raise InputError(f"{output}: with several inputs the output must be a folder; end its name with / to create it")
     try:
         os.makedirs(output, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{output}: cannot be made: {error.strerror or error}") from None
+        raise InputError(f"{output}: cannot be created: {error.strerror or error}") from None
     return output
 
 
 def check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
-    """Return where picture and checkpoint of one input go, once it is sure that they may be written.
+    """Return the paths of one input's picture and checkpoint, after checking that both may be written.
 
-    Asked again after the scene was loaded, it knows the files that the scene reads.
+    Call it again once the scene is loaded: only then are the files known that the scene reads.
     """
     from wrt.checkpoint import CHECKPOINT
     from wrt.output import picture_place
     from wrt.safe_write import require_place
 
     if options.resume and options.checkpoint is None:
-        raise InputError("--resume needs --checkpoint FILE, the file to go on from")
+        raise InputError("--resume needs --checkpoint FILE, the file to continue from")
     output = picture_place(options.output, default=options.default, force=options.force, taken=options.taken)
     if options.checkpoint is None:
         return output, None
     checkpoint = Path(options.checkpoint)
-    if os.path.realpath(checkpoint) == os.path.realpath(output):  # unlike `resolve`, it takes links in circles
+    if os.path.realpath(checkpoint) == os.path.realpath(output):  # unlike `resolve`, it accepts circular links
         raise InputError(f"{checkpoint}: the checkpoint would replace the picture; name another file")
     require_place(checkpoint, CHECKPOINT)
     return output, checkpoint
 
 
 def save(renderer: Renderer, output: Path, checkpoint: Path | None, *, force: bool) -> Path:
-    """Write the checkpoint, if there is to be one, and the picture; return where that is.
+    """Write the checkpoint, if any, and the picture; return the path of the picture.
 
-    It is another place where somebody has put a file at `output` during the render.
+    That path differs from `output` if another program has put a file there during the render.
 
     Raises:
-        OSError: where one cannot be written.
+        OSError: where a file cannot be written.
     """
     from wrt.formats.images import PICTURE
     from wrt.output import save_render
     from wrt.safe_write import NotReplacedError, free_place
 
-    if checkpoint is not None:  # first, since the picture can be had from it again
+    if checkpoint is not None:  # first, since the picture can be made from it again
         with _naming(checkpoint):
             renderer.save_checkpoint(checkpoint)
     with _naming(output):
@@ -110,10 +110,10 @@ def save(renderer: Renderer, output: Path, checkpoint: Path | None, *, force: bo
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Within the context, have what keeps `path` from being written end as an OSError that names it."""
+    """Within the context, turn every error in writing `path` into an OSError that names it."""
     try:
         yield
-    except InputError as error:  # names the file; and that the path was good had been seen before
+    except InputError as error:  # it names the file; the path itself was checked before rendering
         raise OSError(str(error)) from error
     except OSError as error:
         raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error

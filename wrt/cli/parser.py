@@ -1,4 +1,4 @@
-"""argparse with errors in one line that say what was meant, and inputs anywhere among the options."""
+"""argparse with one-line errors that suggest the nearest word, and inputs anywhere among the options."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wrt.errors import InputError, did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse, with errors like all others."""
+    """argparse that raises InputError instead of exiting."""
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError."""
@@ -20,7 +20,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class Once(argparse.Action):
-    """Takes an option's one value, and refuses a second: of a file, the first would be lost without a word."""
+    """Stores an option's value and refuses a second one: argparse would drop the first file name silently."""
 
     def __call__(
         self,
@@ -36,10 +36,10 @@ class Once(argparse.Action):
 
 
 def parse_with(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
-    """Return what arguments say to a parser that has commands.
+    """Parse arguments with a parser that has commands.
 
     Raises:
-        InputError: where they cannot be understood.
+        InputError: where the arguments are wrong.
         SystemExit: after --help and --version.
     """
     commands = commands_of(parser)
@@ -55,13 +55,13 @@ def parse_with(parser: argparse.ArgumentParser, arguments: list[str]) -> argpars
 
 
 def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """Return the commands of a parser by name."""
+    """Return the parsers of the commands by name."""
     (action,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
     return dict(action.choices)
 
 
 def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, rest: list[str]) -> None:
-    """Add what argparse leaves after the first options to the inputs, if they are that."""
+    """Add the arguments that argparse left over to the inputs; raise InputError where they are none."""
     names, dashes, literal = _split(rest)
     for word in dashes:
         known = list(command._option_string_actions)
@@ -77,14 +77,14 @@ def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, re
 
 
 def _split(rest: list[str]) -> tuple[list[str], list[str], list[str]]:
-    """Return what are names, what look like options, and what comes after "--"."""
+    """Split arguments into names, words that look like options, and everything after "--"."""
     end = rest.index("--") if "--" in rest else len(rest)
     dashes = [word for word in rest[:end] if word.startswith("-") and word != "-"]
     return [word for word in rest[:end] if word not in dashes], dashes, rest[end + 1 :]
 
 
 def _no_command(word: str, others: list[str], commands: dict[str, argparse.ArgumentParser]) -> str:
-    """Return what to say of a first word that is no command."""
+    """Return the error message for a first word that is not a command."""
     from wrt.meshes import scene_names
 
     if word.startswith("-"):

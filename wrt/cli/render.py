@@ -1,4 +1,4 @@
-"""`wrt render`: one input after the other, each to its picture."""
+"""`wrt render`: renders one input after the other, each to its own picture."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ NOTHING_YET = "nothing was rendered yet"
 
 
 def render(options: argparse.Namespace) -> int:
-    """Render every input; an error in one keeps none of the others from it, and the worst decides the exit status."""
+    """Render every input, even after an error in another one; return the highest exit status."""
     jobs = _jobs(options)
     clock = Clock(own_process=options.own_process)
     worst = 0
     said: set[str] = set()
 
     def render_rest() -> int:
-        # May be called again, in the middle of an input (see `run_lean`): what is done stays done.
+        # `run_lean` may call this again in the middle of an input; inputs that are finished are not repeated.
         nonlocal worst
         while jobs:
             job = jobs[0]
@@ -49,23 +49,23 @@ def render(options: argparse.Namespace) -> int:
             next_render()
         return worst
 
-    with short_warnings(once(warn, said)):  # while there is no bar yet
+    with short_warnings(once(warn, said)):  # until there is a progress bar
         if not options.own_process or options.device != "cpu":
             return render_rest()
         return run_lean(render_rest)
 
 
 def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
-    """Return the options of each input by itself.
+    """Return a set of options for each input.
 
-    They have `input`; `default`, the place of its picture where `output` is None; `taken`, the places of pictures
-    before it; and `name`, which errors begin with where there are several.
+    Each has `input`; `default`, the path of the picture if `output` is None; `taken`, the paths of earlier pictures;
+    and `name`, with which error messages begin if there are several inputs.
 
     Raises:
-        InputError: where options do not go with several inputs.
+        InputError: where an option is not possible with several inputs.
     """
     inputs = options.inputs
-    # What a shell's pattern stands for may be one file, so a name that ends in a slash is a folder all the same.
+    # A shell pattern may match a single file, so an output that ends with a slash is a folder even then.
     if len(inputs) == 1 and not (options.output or "").endswith("/"):
         return [_job(options, input=inputs[0], default=default_output(inputs[0]))]
     if options.checkpoint is not None and len(inputs) > 1:
@@ -79,7 +79,7 @@ def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
     taken: set[Path] = set()
     for number, (source, output) in enumerate(zip(inputs, outputs, strict=True), 1):
         if output != default_output(source) and not options.quiet:
-            complain("note", f"{source}: its picture is {output}, since another input is called alike")
+            complain("note", f"{source}: its picture is {output}, because another input has the same name")
         default = output if folder is None else os.path.join(folder, output)
         several = {"name": source, "label": f" ({number} of {len(inputs)})"} if len(inputs) > 1 else {}
         jobs.append(_job(options, input=source, output=None, default=default, taken=taken, **several))
@@ -91,9 +91,9 @@ def _job(options: argparse.Namespace, **changes: object) -> argparse.Namespace:
 
 
 def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[int, int]:
-    """Return the exit status of rendering one input, and that of all if an interrupt keeps others from being begun.
+    """Render one input; return its exit status, and that of the whole command if a signal ends it here, else 0.
 
-    What was `said` before is not said again.
+    Messages in `said` are not repeated.
     """
     nothing = f"{job.name}: {NOTHING_YET}" if job.name else NOTHING_YET
     with Interrupts((lambda status: give_up(status, nothing)) if job.own_process else None) as interrupts:
@@ -102,7 +102,7 @@ def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[
         except KeyboardInterrupt:
             complain("stopped", nothing)
             status = interrupts.exit_status
-        # One that came while the last file was written has ended nothing.
+        # A signal during the last write did not cut this render short, but no other input may start.
         return status, interrupts.exit_status if interrupts.exit_status > 128 else 0
 
 
@@ -146,7 +146,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
 
 
 def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[str], None]) -> tuple[Renderer, Path]:
-    """Return what is ready to render, its input read and its kernels compiled, and where the picture goes."""
+    """Read the input and compile the kernels; return the renderer and the path of the picture."""
     import dataclasses
 
     with no_collections():
@@ -162,7 +162,7 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
                 strict=options.strict,
                 confined=options.confined,
             )
-        output, _ = check_paths(options)  # by now it is known what the scene reads
+        output, _ = check_paths(options)  # again: the files that the scene reads are known now
         if options.output is None and output != Path(options.default):
             say(f"wrt: {options.default} must not be replaced; the picture goes to {output}")
         if options.exposure is not None:
@@ -200,5 +200,5 @@ def _make_renderer(
         else:
             renderer.load_checkpoint(checkpoint)
             if not options.quiet:
-                say(f"wrt: going on from {checkpoint}, {samples_text(renderer)}")
+                say(f"wrt: resuming from {checkpoint}, {samples_text(renderer)}")
     return renderer

@@ -1,4 +1,4 @@
-"""How a command ends: its exit status, and one line about what went wrong."""
+"""Exit statuses, and one-line messages on standard error."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ INTERRUPTED = 130
 
 
 def complain(kind: str, what: object) -> None:
-    """Say in one line on standard error what went wrong, or why it ended early."""
+    """Print one line to standard error: an error, a note, or why a command ended early."""
     print(f"wrt: {kind}: {one_line(str(what))}", file=sys.stderr, flush=True)
 
 
 def warn(line: str) -> None:
-    """Show a line on standard error."""
+    """Print a line to standard error."""
     print(line, file=sys.stderr, flush=True)
 
 
 def give_up(status: int, what: str) -> NoReturn:
-    """End the process from another thread than the main one, which does not come to a signal; say what of it."""
+    """Print `what` and end the process, from another thread while the main one is too busy to handle a signal."""
     complain("stopped", what)
     end_now(status)
 
 
 def outcome(run: Callable[[], int], *, name: str = "") -> int:
-    """Return the exit status that `run` returns, or that of what it raises, which is said.
+    """Return the exit status of `run`; report an exception that it raises and return the status for that.
 
     Args:
-        run: what to do.
-        name: what it is about, where a line may have to tell one thing from others.
+        run: the work to do.
+        name: the input it is about, for the message if there are several; otherwise empty.
     """
     try:
         return run()

@@ -1,4 +1,4 @@
-"""Standard output and standard error that may be closed, full, or of few characters: set up once, for all commands."""
+"""Standard output and standard error that never raise, even if they are closed, full or ASCII only."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from wrt.cli.status import FAILED, complain
 
 
 class Stream(io.TextIOWrapper):
-    """A stream that shows any text, by escapes where it must, and keeps its first error instead of raising it.
+    """A text stream that escapes characters its encoding lacks, and keeps its first error instead of raising it.
 
     Attributes:
-        error: what kept it from writing, if anything did.
+        error: the first error in writing, or None.
     """
 
     error: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write text, or nothing once that has failed."""
+        """Write text; do nothing after an error."""
         if self.error is None:
             try:
                 super().write(text)
@@ -30,7 +30,7 @@ class Stream(io.TextIOWrapper):
         return len(text)
 
     def flush(self) -> None:
-        """Hand on what was written, unless that has failed."""
+        """Flush the buffer; do nothing after an error."""
         if self.error is None:
             try:
                 super().flush()
@@ -39,25 +39,25 @@ class Stream(io.TextIOWrapper):
 
 
 class Streams:
-    """The two that a command writes to."""
+    """The standard streams of a command."""
 
     def __init__(self, out: Stream) -> None:
-        """Take standard output; what standard error loses, nobody can be told."""
+        """Keep standard output, to check it at the end; errors of standard error cannot be reported anywhere."""
         self._out = out
 
     def status(self, status: int) -> int:
-        """Return a command's exit status at its end, `FAILED` if all else went well but standard output is lost."""
+        """Return the final exit status: `FAILED` if `status` is 0 but standard output could not be written."""
         self._out.flush()
         error = self._out.error
         if error is None:
             return status
-        if error.errno != errno.EPIPE:  # else whoever reads it has seen enough
+        if error.errno != errno.EPIPE:  # a closed pipe is no error: its reader has seen enough
             complain("error", f"standard output: {error.strerror or error}")
         return status or FAILED
 
 
 def settle_streams() -> Streams:
-    """Take the place of the standard streams of this process, which must be its own."""
+    """Replace the standard streams of this process; call it only where the process belongs to the command line."""
     _open_closed()
     out = sys.stdout = _stream(sys.stdout, 1)
     sys.stderr = _stream(sys.stderr, 2)
@@ -65,17 +65,17 @@ def settle_streams() -> Streams:
 
 
 def _open_closed() -> None:
-    """Open those of the first three files that are closed: else a picture could become standard error."""
+    """Open file descriptors 0 to 2 where they are closed; otherwise a picture could be opened as standard error."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            # It gets the lowest number that is free; for reading alone, since writing to what was closed should fail.
+            # `open` returns the lowest free descriptor. Read-only, since writing to a closed stream should fail.
             os.open(os.devnull, os.O_RDONLY)
 
 
 def _stream(given: TextIO | None, number: int) -> Stream:
-    """Return the stream that writes to a file as `given` does, which is None where the file was closed."""
+    """Return a Stream for a file descriptor, with the settings of `given`, which is None if it was closed."""
     if given is None:
         return Stream(open(number, "wb", closefd=False), "utf-8", "backslashreplace")
     text = cast("io.TextIOWrapper", given)

@@ -1,4 +1,4 @@
-"""What a finished render came to: a line for people, and one of JSON for programs."""
+"""The summary of a finished render: a line for people, and a line of JSON for programs."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _IMPORTED_AT = time.perf_counter()
 
 
 def samples_text(renderer: Renderer) -> str:
-    """Say how many samples pixels have: after a pass that was interrupted, not all have as many."""
+    """Return the sample count as text; a range after an interrupted pass, when pixels differ."""
     least, most = renderer.spp, int(renderer.film.counts.max())
     return f"{least if least == most else f'{least} to {most}'} samples per pixel"
 
 
 def report(options: argparse.Namespace, renderer: Renderer, output: Path, seconds_total: float) -> None:
-    """Say what a finished render came to."""
+    """Print the summary of a finished render."""
     from wrt.progress import noise_text, rate_text
 
     seconds, noise = renderer.seconds_render, renderer.film.noise()
@@ -64,10 +64,10 @@ def report(options: argparse.Namespace, renderer: Renderer, output: Path, second
 
 
 class Clock:
-    """Measures how long each of several renders takes, the first one from the start of this process."""
+    """Measures how long each of several renders takes; the first is timed from the start of the process."""
 
     def __init__(self, *, own_process: bool) -> None:
-        """Start; a process that is not the command line's own may be much older than the render."""
+        """Start at the start of the process if it is the command line's own, otherwise now."""
         self._started = time.perf_counter() - (seconds_since_start() if own_process else 0.0)
 
     def lap(self) -> float:

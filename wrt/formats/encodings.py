@@ -1,6 +1,6 @@
-"""Text files in the encodings that programs write them in, as UTF-8.
+"""Conversion of text files to UTF-8 by their byte-order marks.
 
-Editors and scripts on Windows begin UTF-8 with a byte-order mark, which is no part of the text, or write UTF-16.
+Programs on Windows often write UTF-16, or UTF-8 with a byte-order mark, which is not part of the text.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import codecs
 
 from wrt.errors import InputError
 
-# Longer marks first: that of UTF-32 begins with that of UTF-16.
+# Longer marks first: the UTF-32 mark starts with the UTF-16 mark.
 _MARKS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -20,12 +20,12 @@ _MARKS = {
 
 
 def as_utf8(data: bytes) -> bytes:
-    """Return the data of a text file without a byte-order mark, and as UTF-8 where the mark tells another encoding.
+    """Return the data of a text file as UTF-8 without a byte-order mark; the mark tells the encoding.
 
-    Data without a mark are returned as they are, whatever they hold.
+    Data without a mark are returned unchanged.
 
     Raises:
-        InputError: where they are not in the encoding that the mark tells.
+        InputError: where the data are not valid in the encoding of the mark.
     """
     for mark, encoding in _MARKS.items():
         if data.startswith(mark):
@@ -35,14 +35,14 @@ def as_utf8(data: bytes) -> bytes:
                 return data.decode(encoding).encode("utf-8")
             except UnicodeDecodeError as error:
                 name = encoding.upper()
-                raise InputError(f"begins as {name} text and is none (byte {error.start}); save it as UTF-8") from None
+                raise InputError(f"begins as {name} text but is invalid (byte {error.start}); save as UTF-8") from None
     return data
 
 
 def as_text(data: bytes) -> str:
-    """Decode text of any encoding, so that file names in it come out as they were.
+    """Decode the data of a text file; bytes that are not UTF-8 survive as surrogates, so that file names keep working.
 
-    trimesh decodes UTF-8, and needs a library that may not be installed for all else.
+    trimesh itself decodes only UTF-8 without an optional library.
 
     Raises:
         InputError: see `as_utf8`.

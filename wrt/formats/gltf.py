@@ -27,7 +27,7 @@ _KNOWN_EXTENSIONS = ("KHR_materials_", "KHR_lights_punctual", "KHR_mesh_quantiza
 _INTEGERS = (5120, 5121, 5122, 5123, 5125)
 _FAN = 6
 _BYTES_PER_ROW = 12
-"""Memory of an index, or of a vertex's position, normal or coordinates."""
+"""Memory of one element of an accessor: an index, or a vertex's position, normal or texture coordinates."""
 _SECOND = "_SECOND_COORDINATES"
 """Under such a name trimesh hands on what it does not know."""
 
@@ -124,7 +124,7 @@ def _prepare(path: Path, tree: Tree) -> list[Tree]:
             accessor = accessors[index]
             if "sparse" in accessor or "bufferView" not in accessor:
                 raise InputError(f"{path}: sparse or empty accessors are not supported; export without them")
-            if index in used:  # each primitive gets arrays of its own
+            if index in used:  # shared accessors are copied for each primitive
                 growth.take(growth.MESHES, accessor["count"] * _BYTES_PER_ROW)
             used.add(index)
             whole = accessor["componentType"] in _INTEGERS

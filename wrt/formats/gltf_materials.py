@@ -64,12 +64,12 @@ class GltfMaterials:
         return self._made[key]
 
     def dressed(self, part: Part, number: int, second: NDArray[Any] | None = None) -> Part:
-        """Return a part with a material, its colours and texture coordinates as that wants them.
+        """Return a part with a material, and with the colours and texture coordinates that the material needs.
 
         Args:
-            part: its first texture coordinates have v up; its colours, with or without alpha, are not multiplied by
-                the base colour yet.
-            number: the material's.
+            part: the mesh. Its first texture coordinates have v up; its colours, with or without alpha, are not yet
+                multiplied by the base colour.
+            number: the number of the material.
             second: (N, 2) a second set of coordinates, whose v points down, as in the file.
         """
         colors, alpha, uvs = None, None, part.uvs

@@ -1,8 +1,8 @@
-"""How much more a file may become in memory than it is on the disk: few bytes can stand for more than a machine holds.
+"""Limits on the memory that a load may take, relative to the size of its files.
 
-Images are compressed, scenes name one file many times and put one shape into many places. Each of these is honest, and
-nobody can tell by one of them where it ends. So what is made is counted, over all files of one load, and held against
-their size.
+A small file can expand to more than a machine's memory: images are compressed, and scenes can use one file or one shape
+many times. Each of these is legitimate on its own. So the memory of each kind of content is counted over all files of
+one load, and compared with the total size of these files.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Limit:
     Attributes:
         what: the content, for messages.
         free: bytes that a load may take whatever the size of its files.
-        per_byte: bytes more for each byte of its files.
+        per_byte: additional bytes for each byte of its files.
     """
 
     what: str
@@ -33,42 +33,42 @@ class Limit:
 
 
 IMAGES = Limit("images", 2**29, 512)
-"""32 million pixels, such as 8192x4096, of any file; beyond, 32 for each byte of the files. Photographs have 1 to 15 a
-byte, whatever the format; a picture of one colour has 40 as JPEG, and thousands in other formats."""
+"""32 million pixels, such as 8192x4096, plus 32 pixels for each byte of the files. Photographs have 1 to 15 pixels a
+byte in any format; an image of one colour has 40 as JPEG, and thousands in other formats."""
 
 MESHES = Limit("meshes", 2**28, 128)
-"""A mesh that is written out takes up to ten times its file; the rest is for copies of it. In glTF files many
-primitives may share one large array of vertices, of which each gets a copy."""
+"""A mesh takes up to ten times the size of its file; the rest allows for copies. In glTF files many primitives may
+share one large array of vertices, of which each gets a copy."""
 
 SHAPES = Limit("shapes", 2**28, 256)
-"""A shape takes some hundred bytes of a scene file, an instance fifty: 65,000 places, and five for each of these."""
+"""65,000 shapes, plus one for each 16 bytes of the files: a shape takes about 100 bytes there, an instance 50."""
 
 MADE = Limit("spheres and other round shapes", 2**29, 256)
-"""19 million triangles. A sphere that is seen from afar has 4,000, another five times as many."""
+"""19 million triangles. A sphere far from the camera has 4,000, a near one five times as many."""
 
 TEXT = Limit("XML elements and texts", 2**26, 128)
-"""The shortest element has four bytes and takes 300."""
+"""The shortest element has 4 bytes in the file and takes 300 in memory."""
 
 BYTES_PER_PIXEL = 16
-"""Memory of a pixel that is decoded: what the decoder makes of it, and three numbers in single precision."""
+"""Memory of a decoded pixel: the decoder's own copy, and three numbers in single precision."""
 
 BYTES_PER_SHAPE = 4096
-"""A shape without its mesh. That is more than it takes, so that all that are free take no more than 2 s."""
+"""Counted for a shape without its mesh: more than it takes, so that loading all free shapes takes at most 2 s."""
 
 BYTES_PER_ELEMENT = 2**14
-"""A shape that is made from an element of XML, likewise: each takes 0.3 ms."""
+"""Counted for a shape from an XML element, for the same reason: each takes 0.3 ms to load."""
 
 PATIENCE = 200_000_000
-"""Steps, a few seconds, of a load for all work that takes longer than its data are large, such as concave polygons."""
+"""Steps that a load may spend on work that is not linear in its data, such as concave polygons: a few seconds."""
 
 
 @dataclass
 class _Load:
-    """What has been read so far.
+    """What a load has read so far.
 
     Attributes:
-        sizes: bytes of each file, which counts once, by whichever path it is named.
-        made: bytes of memory by their limits.
+        sizes: bytes of each file; a file counts once, even if different paths lead to it.
+        made: bytes of memory counted against each limit.
         patience: see `patience`.
         counted: the number of files and their bytes, when they were last added up.
     """
@@ -80,8 +80,8 @@ class _Load:
 
     @property
     def size(self) -> int:
-        """Bytes of all files."""
-        if len(self.sizes) != self.counted[0]:  # a sum for each thing that is made would be quadratic
+        """Total bytes of the files."""
+        if len(self.sizes) != self.counted[0]:  # adding up at every call would be quadratic in the files
             self.counted = len(self.sizes), sum(self.sizes.values())
         return self.counted[1]
 
@@ -91,9 +91,9 @@ _LOAD: contextvars.ContextVar[_Load | None] = contextvars.ContextVar("wrt_load",
 
 @contextmanager
 def one_load() -> Iterator[None]:
-    """Within the context, or the function that it decorates, count together what is read.
+    """Count everything that is read within the context, or the function that it decorates, as one load.
 
-    Within another such context it belongs to that.
+    A nested context belongs to the outer one.
     """
     if _LOAD.get() is not None:
         yield
@@ -107,24 +107,24 @@ def one_load() -> Iterator[None]:
 
 
 def require(limit: Limit, size: int) -> None:
-    """Raise InputError where so many bytes of memory more were too many for the files that are being read."""
+    """Raise InputError if `size` more bytes of memory would exceed a limit."""
     load = _LOAD.get()
     if load is None:
-        return  # what comes of arrays in memory
+        return  # the arrays come from memory, not from files
     total = load.made.get(limit, 0) + size
     most = limit.free + limit.per_byte * load.size
     if total > most:
         raise InputError(
-            f"its {limit.what} would take {_amount(total)}; from files of {_amount(load.size)} they may take "
-            f"{_amount(most)} ({_amount(limit.free)}, and {limit.per_byte} times the files)"
+            f"its {limit.what} would take {_amount(total)}; for files of {_amount(load.size)} the limit is "
+            f"{_amount(most)} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
         )
 
 
 def take(limit: Limit, size: int) -> None:
-    """Count so many bytes of memory more.
+    """Count `size` more bytes of memory.
 
     Raises:
-        InputError: where they are too many for the files that are being read.
+        InputError: where that exceeds the limit.
     """
     require(limit, size)
     load = _LOAD.get()
@@ -133,13 +133,13 @@ def take(limit: Limit, size: int) -> None:
 
 
 def patience() -> int:
-    """Return how many steps are left of PATIENCE, for work that may be given up."""
+    """Return how many of the PATIENCE steps are left, for work that can be given up."""
     load = _LOAD.get()
     return PATIENCE if load is None else load.patience
 
 
 def spend(steps: int) -> None:
-    """Take steps off the patience of this load."""
+    """Subtract steps from the patience of this load."""
     load = _LOAD.get()
     if load is not None:
         load.patience -= steps

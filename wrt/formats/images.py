@@ -32,13 +32,13 @@ OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
 """What `save_image` writes."""
 
 _BEGINNING = 1 << 16
-"""Bytes of a picture in which its metadata lie."""
+"""Leading bytes of a picture that contain its metadata."""
 
 _NPY_VERSION = (2, 0)
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a file is a picture that `save_image` has written, by the metadata that it writes."""
+    """Return whether `save_image` wrote a file, judging by the metadata."""
     with path.open("rb") as file:
         beginning = file.read(_BEGINNING)
     if beginning.startswith(b"\x89PNG"):
@@ -72,7 +72,7 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     """Read an image as (H, W, 3) float32, linear Rec. 709; row 0 is the top.
 
     OpenEXR, Radiance HDR, NumPy (.npy) and everything Pillow reads. Alpha is dropped; grey
-    becomes three equal channels. Unlike an image that a scene names, the file may be replaced by `save_image`.
+    becomes three equal channels. `save_image` may replace the file, unlike the images of a scene.
 
     Args:
         path: the file.
@@ -91,7 +91,7 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
 
 
 def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]:
-    """Read an image of a scene; see `load_image`."""
+    """Read an image of a scene, which no output may replace; see `load_image`."""
     require_file(file)
     suffix = file.suffix.lower()
     try:
@@ -255,7 +255,7 @@ def _read_npy(path: Path) -> NDArray[np.float32]:
 
 
 def check_output(path: PathLike, *, force: bool = False) -> Path:
-    """Return the path of a picture that may be written there, so that hours of work are not lost.
+    """Check before a long render that a picture may be written at a path, and return the path.
 
     Raises:
         InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or may not
@@ -286,7 +286,7 @@ def save_image(
     """Write a linear Rec. 709 image as PNG, OpenEXR or NumPy array, by its suffix.
 
     The file appears whole or not at all: it is written under another name beside its place and
-    then moved there. It replaces a picture that wrt has made, but no other file without `force`, and none that this
+    then moved there. It replaces pictures that wrt wrote; with `force` also other files, but never one that this
     process has read.
 
     Args:
@@ -297,7 +297,7 @@ def save_image(
             radiance as it is.
         metadata: names and values, kept as text in PNG and as attributes in OpenEXR.
         layers: what `wrt.Renderer.layers` returns, for OpenEXR: channels such as `albedo.R`, 32-bit.
-        force: whether any file that was not read may be replaced.
+        force: whether to replace a file that wrt did not write.
 
     Raises:
         InputError: see `check_output`; also when the image has another shape or writing fails.
@@ -398,6 +398,6 @@ def _write_exr(path: Path, channels: dict[str, NDArray[Any]], notes: Mapping[str
 
 
 def _write_npy(path: Path, pixels: NDArray[np.float32]) -> None:
-    # In version 2 of the format, which NumPy itself takes for headers of over 64 KB alone: so wrt knows its pictures.
+    # Version 2 of the format marks the picture as wrt's: NumPy itself uses it only for headers over 64 KB.
     with path.open("wb") as file:
         np.lib.format.write_array(file, pixels, version=_NPY_VERSION)

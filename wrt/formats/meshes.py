@@ -1,4 +1,4 @@
-"""Mesh files and trimesh objects as wrt's scenes.
+"""Reads mesh files and trimesh objects as scenes.
 
 OBJ, PLY, STL, OFF, glTF and GLB, all loaded by trimesh, and arrays. No axis is turned and no unit scaled: formats do
 not agree on either, and most do not say.
@@ -52,7 +52,7 @@ __all__ = [
 
 def _read_stl(path: Path, data: bytes) -> list[Part]:
     """Return a part for each solid, corners at one position merged."""
-    with contextlib.suppress(InputError):  # a binary file may begin with anything
+    with contextlib.suppress(InputError):  # a binary file may begin with the bytes of a mark
         plain = as_utf8(data)
         data = plain if plain.lstrip()[:5].lower() == b"solid" else data
     count = int.from_bytes(data[80:84], "little")
@@ -161,13 +161,13 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) 
 
 
 def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
-    """Return what `load_file` returns for a file, for a `trimesh.Trimesh` or `trimesh.Scene`.
+    """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file.
 
-    Materials, textures, colours with their alpha, cameras and lights are those that a file would have, as far as
-    trimesh keeps them: see `wrt.formats.trimesh_objects`. What stands in several places are shapes that share a mesh,
-    each with a transform; all else lies in world space. Colours at vertices and faces are sRGB, and linear where the
-    object was loaded from glTF or has a PBRMaterial. Normals that someone gave a mesh are kept; the ones trimesh
-    computes by itself are not, as they round every edge off. Points and paths are left out with a warning.
+    Materials, textures, colours with their alpha, cameras and lights are those of the file, as far as trimesh keeps
+    them: see `wrt.formats.trimesh_objects`. A mesh that stands in several places becomes shapes that share it, each
+    with a transform; all others lie in world space. Colours at vertices and faces are sRGB; they are linear if the
+    object was loaded from glTF or has a PBRMaterial. Normals that were given to a mesh are kept; the ones that trimesh
+    computes are not, as they round off every edge. Points and paths are left out with a warning.
 
     Args:
         source: the object.

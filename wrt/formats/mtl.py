@@ -41,7 +41,7 @@ class MtlMaterials:
     """The materials of one OBJ file, each made once for each way of using it."""
 
     def __init__(self, path: Path, find: Callable[[str], Source] | None = None) -> None:
-        """Take the path of the OBJ file, and what finds an image by its name; by default it looks beside the file."""
+        """Take the path of the OBJ file, and a function that finds images by name; by default beside the file."""
         self._find = find or Beside(path).find
         self._images = TextureImages(path)
         self._made: dict[tuple[str, bool, bool], Material] = {}

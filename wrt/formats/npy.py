@@ -55,8 +55,8 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
             total, most = sum(entry.file_size for entry in wanted.values()), max(_SMALL, _GAIN * len(data))
             if total > most:
                 raise InputError(
-                    f"its content, {total} bytes, is many times larger than the file; it may be {most} at most: "
-                    f"{_SMALL}, or {_GAIN} times the file"
+                    f"its content, {total} bytes, is many times larger than the file; the limit is {most} bytes, "
+                    f"the larger of {_SMALL} and {_GAIN} times the file size"
                 )
             return {name: read_array(archive.read(entry)) for name, entry in wanted.items()}
     except (*_DAMAGE, zipfile.BadZipFile) as error:

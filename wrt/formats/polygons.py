@@ -29,7 +29,7 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
         return starts[:, None] + np.arange(3), np.arange(len(counts))
     pieces = [np.zeros((0, 3), np.int64)]
     owners = [np.zeros(0, np.int64)]
-    first = patience = growth.patience()  # one that crosses itself may take steps cubic in its corners
+    first = patience = growth.patience()  # a polygon that crosses itself may take steps cubic in its corners
     with np.errstate(all="ignore"):  # positions are judged later, by the caller
         for size in np.unique(counts[counts >= 3]):
             owner = np.flatnonzero(counts == size)

@@ -283,7 +283,7 @@ class _Reader:
             return self.textures[key]
 
     def image(self, file: Path, *, linear: bool) -> NDArray[np.float32]:
-        """Return an image; the same array for the same file, however it is named."""
+        """Return an image; the same array for the same file, whichever path leads to it."""
         key = os.path.realpath(file), linear
         if key not in self.pixels:
             self.pixels[key] = sealed(read_image(file, linear=linear))

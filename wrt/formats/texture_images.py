@@ -52,7 +52,7 @@ class TextureImages:
         """Return (H, W, 3) linear values, read-only, or None where the image is left out.
 
         Args:
-            key: by which the image is known again.
+            key: identifies the image in later calls.
             kind: one of KINDS. An image without alpha channel is read as numbers in its place.
             label: what the image is called in warnings, such as "image 3".
             source: where it comes from, asked the first time; may raise InputError, as where there is no file.

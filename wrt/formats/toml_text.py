@@ -12,7 +12,7 @@ from wrt.files import read_file
 from wrt.formats.encodings import as_utf8
 
 MOST_LEVELS = 64
-"""Parts of a dotted key. The parser takes time and memory that are quadratic in them."""
+"""Most parts of a dotted key. The parser takes time and memory quadratic in their number."""
 
 _PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 _TOO_LONG = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{MOST_LEVELS}}}", re.ASCII)
@@ -29,7 +29,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file holds.
 
     Raises:
-        InputError: where it cannot be read, or is no TOML; the message does not name the file.
+        InputError: where it cannot be read or is not valid TOML; the message does not name the file.
     """
     if sys.version_info >= (3, 11):
         import tomllib
@@ -46,6 +46,6 @@ def read_toml(path: Path) -> dict[str, Any]:
     except InputError:
         raise
     except RecursionError:
-        raise InputError("not TOML: arrays or tables lie too deep within one another") from None
+        raise InputError("not TOML: arrays or tables are nested too deeply") from None
     except (OverflowError, ValueError) as error:
         raise InputError(f"not TOML: {type(error).__name__}") from None

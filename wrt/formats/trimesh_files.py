@@ -80,7 +80,7 @@ class Beside:
         if file.suffix.lower() == ".mtl":
             try:
                 text = as_text(data)
-            except InputError as error:  # which trimesh would keep to itself
+            except InputError as error:  # trimesh would swallow it
                 self.missing.append(f"{file}: {error}")
                 raise
             return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", text)
@@ -220,8 +220,8 @@ def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
 
     Args:
         colors: (N, 3) or (N, 4).
-        linear: whether they are linear, as in glTF. Else they are sRGB, but for alpha, and alpha that is 0 everywhere
-            stands for none, since some programs leave it so.
+        linear: whether they are linear, as in glTF. Otherwise they are sRGB, except for alpha, and an alpha of 0
+            everywhere counts as none, since some programs leave it unset.
     """
     values = colors[:, :4].astype(np.float64)
     if colors.dtype.kind in "iu":

@@ -1,8 +1,8 @@
-"""trimesh's objects as parts, with what their materials, cameras and lights say: what their files would be read as.
+"""Reads trimesh objects like their files: as parts with materials, cameras and lights.
 
-A PBRMaterial is read as the glTF material that it describes, a SimpleMaterial as the statements of an MTL file, and the
-cameras and lights of a scene as those of glTF, each by the code that reads such files. What trimesh itself has left out
-of a file, such as samplers, texture transforms and extensions of glTF, an object does not have.
+A PBRMaterial is converted to a glTF material, a SimpleMaterial to the statements of an MTL file, and the cameras and
+lights of a scene to those of glTF. The readers of these formats do the rest. What trimesh drops when it loads a file,
+such as samplers, texture transforms and extensions of glTF, is missing.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from wrt.formats.trimesh_files import COLOR_MAP, Beside, decoded, is_stand_in, m
 from wrt.normals import corner_weighted_normals
 
 _LINEAR_FILES = ("glb", "gltf")
-"""Types of files whose colours at vertices are linear."""
+"""File types whose vertex colours are linear."""
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
-"""How near normals computed twice come to each other, and so many of them at least: ones from files are rounded to
-single precision or to digits, and no nearer than 1e-8."""
+"""Normals count as computed by trimesh if at least a share of _MOSTLY is within _COMPUTED of those that wrt computes.
+Normals from files differ by 1e-8 or more, as they are rounded to single precision or to decimal digits."""
 
 _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
 _BESIDE_PBR = ("normalTexture", "occlusionTexture", "emissiveTexture", "alphaMode", "alphaCutoff", "doubleSided")
 
 
 def file_type(source: Any) -> str:
-    """Return the type of the file that an object was loaded from, such as "stl"; empty where it was not, or copied."""
+    """Return the type of the file that an object was loaded from, such as "stl"; else, and for copies, empty."""
     return str(source.source.file_type or "").lower()
 
 
@@ -66,7 +66,7 @@ def read_object(source: Any) -> Contents:
 
 
 def _place_of(scene: Any, node: Any) -> NDArray[np.float64] | None:
-    """Return the (4, 4) transform of a node, None where trimesh has lost the way to it, as behind cameras of glTF."""
+    """Return the (4, 4) transform of a node; None where trimesh has dropped its parents, such as glTF camera nodes."""
     try:
         return np.asarray(scene.graph.get(node)[0], np.float64)
     except ValueError:
@@ -75,7 +75,7 @@ def _place_of(scene: Any, node: Any) -> NDArray[np.float64] | None:
 
 
 class _HeldImages(GltfImages):
-    """Images that are there already, each known again as the same object."""
+    """Images of trimesh materials, which are in memory already; one object counts as one image."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, {"images": [], "textures": [], "samplers": []}, b"")
@@ -112,12 +112,12 @@ class _Reader:
         self._maps: dict[str, Any] = {}
 
     def parts(self, name: str, mesh: Any) -> list[Part]:
-        """Return the parts of a `trimesh.Trimesh`, one for each of its materials; none of what has no triangles."""
+        """Return the parts of a `trimesh.Trimesh`, one for each of its materials; none if it has no triangles."""
         import trimesh
         from trimesh.visual.material import MultiMaterial, PBRMaterial
 
         if not isinstance(mesh, trimesh.Trimesh):
-            # trimesh leaves the triangle strips of PLY files as they are, and takes their vertices for points.
+            # trimesh does not expand the triangle strips of PLY files: it returns their vertices as a point cloud.
             strips = strips_of(mesh.metadata.get("_ply_raw") or {})
             if not len(strips):
                 warn(f"trimesh: {name!r} is left out: a {type(mesh).__name__} has no triangles")
@@ -149,12 +149,12 @@ class _Reader:
         ]
 
     def _colors(self, given: Any) -> NDArray[Any]:
-        """Return colours, without their alpha if they come from glTF: it counts where a material says so."""
+        """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
         colors = decoded(np.asarray(given), linear=self._linear)
         return colors[:, :3] if self._linear else colors
 
     def _with_material(self, part: Part, material: Any) -> Part:
-        """Return a part with what a material makes of it."""
+        """Return a part with its material, and with the texture coordinates and colours that the material needs."""
         from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
         if isinstance(material, PBRMaterial):
@@ -166,11 +166,11 @@ class _Reader:
             statements = self._statements(material)
             if statements:
                 laid, colored = part.uvs is not None, part.colors is not None
-                # The same name may be given to several.
+                # Several materials may have the same name.
                 key = f"{material.name} {id(material)}"
                 part.material = self._simple.material(key, statements, laid=laid, colored=colored)
         elif material is not None:
-            warn(f"trimesh: a {type(material).__name__} of {part.name!r} is left out: it is not known")
+            warn(f"trimesh: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part
 
     def _described(self, material: Any) -> Tree:
@@ -192,9 +192,10 @@ class _Reader:
         return described
 
     def _statements(self, material: Any) -> dict[str, Any]:
-        """Return a SimpleMaterial as the statements of an MTL file, whose own are kept in `kwargs`.
+        """Return a SimpleMaterial as the statements of an MTL file.
 
-        Colours are rounded to 8 bits in the attributes. Where they say the same as the file's, the file's are taken.
+        trimesh keeps the file's own statements in `kwargs`, and colours rounded to 8 bits in the attributes. The file's
+        colours are used where they round to the attributes.
         """
         from trimesh.visual.color import DEFAULT_COLOR
 
@@ -203,11 +204,11 @@ class _Reader:
             if key in said and _rounds_to(said[key], rounded):
                 continue
             said.pop(key, None)
-            if not np.array_equal(rounded, DEFAULT_COLOR):  # which stands for none
+            if not np.array_equal(rounded, DEFAULT_COLOR):  # the default stands for no colour
                 said[key] = (rounded[:3] / 255.0).tolist()
                 if key == "kd" and 0 < rounded[3] < 255:
                     said.setdefault("d", [str(rounded[3] / 255.0)])
-        if "ns" in said or material.glossiness != 1.0:  # which it is by default
+        if "ns" in said or material.glossiness != 1.0:  # 1 is the default
             said["ns"] = material.glossiness
         if material.image is not None and not is_stand_in(material.image):
             said[COLOR_MAP] = [self._label(material.image)]
@@ -221,10 +222,10 @@ class _Reader:
         return label
 
     def _find(self, name: str) -> Source:
-        """Return an image of that label, or one beside the file that the object was loaded from.
+        """Return the image with a label from `_label`, or an image file beside the object's file.
 
         Raises:
-            InputError: where there is none.
+            InputError: where there is no such image.
         """
         if name in self._maps:
             image: Source = self._maps[name]
@@ -239,17 +240,17 @@ class _Reader:
 
 
 def _rounds_to(value: Any, rounded: NDArray[np.uint8]) -> bool:
-    """Whether a SimpleMaterial holds a colour as one of 8 bits."""
+    """Return whether a colour rounds to one of 8 bits, as a SimpleMaterial rounds it."""
     from trimesh.visual.color import to_rgba
 
     try:
         return np.array_equal(to_rgba(np.array(value, np.float64)), rounded)
-    except (TypeError, ValueError):  # it is no colour
+    except (TypeError, ValueError):  # it is not a colour
         return False
 
 
 def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
-    """Return vertex normals that are not merely what trimesh computes from the faces.
+    """Return the vertex normals, or None if they are those that trimesh computes from the faces.
 
     trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
     them computes them, which without scipy takes a time that is quadratic in the vertices.
@@ -266,18 +267,18 @@ def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
 
 
 def _camera(scene: Any) -> Tree:
-    """Return a scene's camera, if it has one, as glTF describes it; the scene would make one if it were asked."""
+    """Return a scene's camera, if it has one, as glTF describes it; `scene.camera` would create one."""
     if not scene.has_camera:
         return {}
     if file_type(scene) in _LINEAR_FILES:
-        # Of the nodes that the camera hung on, trimesh takes the innermost alone: it is elsewhere if others move it.
+        # trimesh keeps only the innermost transform of a camera: the camera is misplaced if a parent node has one too.
         edges = scene.graph.transforms.edge_data
         parents = {above for above, _ in edges}
         for (_, frame), edge in edges.items():
-            # trimesh calls lights of its own so.
+            # trimesh names its own lights like this.
             ends = "geometry" in edge or _extension(edge) or str(frame).startswith(("light_", scene.camera.name))
             if (frame in parents or not ends) and not np.array_equal(edge.get("matrix", np.eye(4)), np.eye(4)):
-                warn("trimesh: its camera is left out: trimesh forgets how the nodes above it in a glTF file move it")
+                warn("trimesh: its camera is left out: trimesh drops the transforms of its parent nodes in a glTF file")
                 return {}
     lens = {"type": "perspective", "perspective": {"yfov": float(np.radians(scene.camera.fov[1]))}}
     node = {"camera": 0, "matrix": np.asarray(scene.camera_transform).T.reshape(-1).tolist()}
@@ -285,9 +286,9 @@ def _camera(scene: Any) -> Tree:
 
 
 def _lights(scene: Any) -> Tree:
-    """Return a scene's lights as glTF describes them: those given to it, and those that trimesh carries on from a file.
+    """Return a scene's lights as glTF describes them: those given to it, and those that trimesh keeps from a glTF file.
 
-    Without any, trimesh makes two by itself as soon as it shows a scene; these are left out.
+    trimesh adds two lights to a scene without any when it shows it; these are left out.
     """
     lights: list[Tree] = []
     nodes: list[Tree] = []
@@ -318,14 +319,14 @@ def _lights(scene: Any) -> Tree:
 
 
 def _extension(holder: Tree) -> Tree:
-    """Return what trimesh keeps of a glTF file's lights, in the metadata of a scene or of an edge to a node."""
+    """Return a glTF file's lights extension, which trimesh keeps in the metadata of a scene or of an edge to a node."""
     metadata = holder.get("metadata") or {}
     found: Tree = metadata.get("gltf_extensions", {}).get("KHR_lights_punctual", {})
     return found
 
 
 def _is_automatic(light: Any) -> bool:
-    """Whether a light is like those that trimesh makes by itself."""
+    """Return whether a light looks like one that trimesh adds by itself."""
     from trimesh.scene.lighting import _DEFAULT_RGBA, PointLight
 
     return isinstance(light, PointLight) and light.intensity == 1.0 and np.array_equal(light.color, _DEFAULT_RGBA)

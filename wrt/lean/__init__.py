@@ -46,13 +46,13 @@ def run_lean(run: Callable[[], Result]) -> Result:
         gc.unfreeze()  # what was kept for good is of no use any more, and may be large
         gc.collect()
     result = run()
-    if "warp" in sys.modules:  # which nothing asked for if it was refused
+    if "warp" in sys.modules:  # missing if the input was refused before anything needed Warp
         builds.note(loaded_by_warp())
     return result
 
 
 def next_render() -> None:
-    """Have what comes be started over where something is missing, as if nothing had been rendered before it."""
+    """Allow the next render to start over with Warp where something is missing, although others were rendered."""
     if hasattr(stand_in := sys.modules.get("warp"), "builds"):
         vars(stand_in)["rendered"] = False
 

@@ -21,7 +21,7 @@ TESTED = ("1.19.0",)
 """Versions of Warp whose memory layout `wrt/lean` has been tested against; with others, Warp itself is imported."""
 
 FORMAT = 2
-"""Of the notes: one line of digest, then JSON."""
+"""Version of the notes' format: one line of digest, then JSON."""
 
 KEPT = 16
 """Notes about so many versions of kernels, Warp and processors."""
@@ -42,8 +42,8 @@ class Builds:
     """The compiled modules that are known, and those loaded into this process.
 
     Attributes:
-        path: The file that they are noted in.
-        elsewhere: A folder for notes where that file cannot be written, or None.
+        path: The file of the notes.
+        elsewhere: A folder for the notes if that file cannot be written, or None.
         warp_version: The version of the Warp that made them.
     """
 
@@ -95,7 +95,7 @@ class Builds:
         import fcntl
 
         with contextlib.ExitStack() as stack:
-            with contextlib.suppress(OSError):  # where it cannot be written, others are as well alone
+            with contextlib.suppress(OSError):  # without a lock, processes compile in parallel
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 file = stack.enter_context(open(self.path.parent / "compiling.lock", "a"))
                 fcntl.flock(file, fcntl.LOCK_EX)
@@ -121,7 +121,7 @@ class Builds:
 
     def _load(self, name: str) -> bytes:
         if not self.has(name) or state(Path(self._modules[name]["file"])) is not State.WHOLE:
-            raise Missing(name)  # of what is damaged Warp's way in tells
+            raise Missing(name)  # the path through Warp then reports the damage
         handle = f"wrt_{len(self._loaded)}".encode()
         if self._native().wp_load_obj(os.fsencode(self._modules[name]["file"]), handle, False) != 0:
             raise Missing(name)
@@ -165,7 +165,7 @@ class Builds:
         for folder in (self.path.parent, *filter(None, [self.elsewhere])):
             with contextlib.suppress(OSError):
                 folder.mkdir(parents=True, exist_ok=True)
-                # What two write at once, one of them notes again next time.
+                # If two processes write at once, one loses its notes; it writes them again after its next render.
                 put(folder / self.path.name, digest(text) + b"\n" + text)
                 keep_latest(folder, "builds-*.json", KEPT)
                 return
@@ -176,7 +176,7 @@ def loaded_by_warp() -> list[tuple[str, dict[str, Any]]]:
     import warp as wp
     from warp._src.context import runtime, user_modules
 
-    if runtime is None:  # imported, but not started
+    if runtime is None:  # Warp was imported, but not started
         return []
     device, found = runtime.get_device("cpu"), []
     for name, module in user_modules.items():

@@ -22,13 +22,13 @@ MOST_INCLUDES = 1000
 """Files that a scene may include, each counted as often as it is."""
 
 BYTES_PER_ELEMENT = 300
-"""Memory of an element that has an attribute or two."""
+"""Memory of an element with one or two attributes."""
 
 _COUNTED = 1000
-"""Elements that are counted at once."""
+"""Elements are counted in batches of this many."""
 
 LONGEST_VALUE = 2**16
-"""Characters of an attribute after parameters were put in, if it has more than was written: those of a long list."""
+"""Most characters of an attribute value into which parameters were substituted; enough for a long list."""
 
 MOST_LEVELS = 64
 """How deep elements may lie within one another."""
@@ -134,7 +134,7 @@ class Document:
         names it.
 
         Raises:
-            InputError: where it is not there, or may not be read.
+            InputError: where it does not exist, or may not be read.
         """
         plain = name.strip().replace("\\", "/")
         candidates = [folder / plain for folder in (*self._folders, where.file.parent)]
@@ -278,7 +278,7 @@ def parse(path: Path) -> Element:
 
 
 def _grow(where: Element, size: int) -> None:
-    """Count bytes of memory that elements and their texts take; raise InputError where they are too many."""
+    """Count the memory of elements and their texts; raise InputError where it exceeds the limit."""
     try:
         growth.take(growth.TEXT, size)
     except InputError as error:

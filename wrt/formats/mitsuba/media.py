@@ -85,15 +85,15 @@ def surrounding(
 ) -> Medium | None:
     """Return the medium that fills the space outside of all bodies, or None.
 
-    It is the sensor's, unless the camera is in a body that this medium fills; else the first `exterior` that is the
-    `interior` of no shape: what fills a body is outside of a shape that lies within that body, and there only. Media
-    with the same numbers are one medium.
+    It is the sensor's medium, unless the camera is inside a body that this medium fills. Without one, it is the first
+    `exterior` that is not also the `interior` of a shape: such an `exterior` belongs to a shape within the body that
+    this medium fills, and does not reach outside. Media with the same values count as one medium.
 
     Args:
-        scene: its shapes and its camera.
+        scene: gives the shapes and the camera.
         seen_from: the medium of the sensor.
-        exteriors: those of shapes, in their order, each with the shape.
-        interiors: those of shapes.
+        exteriors: the `exterior` media of shapes in their order, each with its shape.
+        interiors: the `interior` media of shapes.
     """
     in_a_body = seen_from in interiors and _camera_is_within(scene, seen_from)
     around = None if in_a_body else seen_from
@@ -108,7 +108,7 @@ def surrounding(
 
 
 def _camera_is_within(scene: Scene, medium: Medium | None) -> bool:
-    """Return whether the camera is in what the shapes bound that have this medium as their interior."""
+    """Return whether the camera is inside the shapes whose interior is this medium."""
     if scene.camera is None:
         return False
     bounds = [shape.mesh_at(0.0) for shape in scene.shapes if getattr(shape.material, "interior", None) == medium]
@@ -116,7 +116,7 @@ def _camera_is_within(scene: Scene, medium: Medium | None) -> bool:
 
 
 def _windings(mesh: Mesh, point: NDArray[np.float64]) -> float:
-    """Return how often a mesh goes around a point: the sum of its triangles' solid angles, over 4 π.
+    """Return the winding number of a mesh around a point: the sum of its triangles' solid angles, over 4 π.
 
     Van Oosterom and Strackee 1983, "The Solid Angle of a Plane Triangle", equation 8.
     """

@@ -66,11 +66,11 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None)
 
 
 def _around(sensor: Plugin | None, textures: Textures, shapes: Shapes, scene: Scene) -> Medium | None:
-    """Return what fills the space outside of all bodies."""
+    """Return the medium that fills the space outside of all bodies."""
     own = None if sensor is None else sensor.only("medium")
     seen_from = None if own is None else medium_of(own, textures)
     if own is not None and seen_from is None:
-        return None  # of a kind that is left out
+        return None  # a kind of medium that is not supported
     return surrounding(scene, seen_from, shapes.exteriors, shapes.interiors)
 
 

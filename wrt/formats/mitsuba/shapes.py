@@ -39,8 +39,8 @@ class Shapes:
 
     Attributes:
         lights: the shapes that became lights.
-        exteriors: what shapes say is around them, each with the shape.
-        interiors: what shapes say is in them.
+        exteriors: the `exterior` media of shapes, each with its shape.
+        interiors: the `interior` media of shapes.
     """
 
     def __init__(self, materials: Materials, textures: Textures, detail: Detail, *, exact_lights: bool = True) -> None:
