@@ -114,7 +114,7 @@ def test_inputs_that_are_called_alike_get_longer_names(inputs: list[str], output
 
 @pytest.mark.parametrize("inputs", [["x.obj", "./x.obj"], ["a/x.obj", "b/x.obj", "a-x.obj"], ["../x.obj", "/x.obj"]])
 def test_what_even_longer_names_do_not_tell_apart_is_refused(inputs: list[str]) -> None:
-    with pytest.raises(InputError, match=r"would both be rendered to .*\.png; name one of them by -o"):
+    with pytest.raises(InputError, match=r"would both be rendered to .*\.png; render them one at a time"):
         default_outputs(inputs)
 
 

@@ -190,7 +190,10 @@ def _make_work_folder() -> Path:
         return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_within))
     while True:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_place_with_room()))
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except FileNotFoundError:  # another process removed it as a leftover before it was locked
+            continue
         # The lock shows that this process is alive; process ids would not, as they differ between containers.
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_EX)

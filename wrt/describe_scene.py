@@ -12,7 +12,7 @@ from wrt.errors import one_line
 from wrt.materials import Material
 from wrt.mesh import Mesh
 from wrt.scene import Scene, Shape
-from wrt.textures import ImageTexture, NormalMap, VertexColor
+from wrt.textures import FirstAlike, ImageTexture, NormalMap, VertexColor
 
 Row: TypeAlias = tuple[str, ...]
 
@@ -62,11 +62,13 @@ def _materials(shapes: Iterable[Shape]) -> list[Material]:
 def _textures(owners: Iterable[Any]) -> list[tuple[str, np.ndarray, str]]:
     """Return name, pixels and uses of the images, each once."""
     found: dict[int, tuple[str, np.ndarray, list[str]]] = {}
+    first_alike = FirstAlike()
     for owner in owners:
         for field in dataclasses.fields(owner):
             value = getattr(owner, field.name)
             if isinstance(value, (ImageTexture, NormalMap)):
                 pixels = value.pixels.pixels if isinstance(value.pixels, ImageTexture) else value.pixels
+                pixels = first_alike(pixels)
                 _, _, uses = found.setdefault(id(pixels), (value.name, pixels, []))
                 if field.name not in uses:
                     uses.append(field.name)

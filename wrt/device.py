@@ -353,9 +353,11 @@ class Device:
                 wp.launch(kernel, dim=size, inputs=[start, *inputs], device="cpu")
                 slices.ended(size, time.perf_counter() - began)
 
-        workers = {self._workers.submit(work) for _ in range(max(1, self.threads - spared))}
+        workers: set[Future[None]] = set()
         try:
-            _finish(workers)
+            for _ in range(max(1, self.threads - spared)):
+                workers.add(self._workers.submit(work))
+            _finish(set(workers))
         finally:
             stop.set()
             wait(workers)

@@ -147,6 +147,8 @@ class _Build:
 
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
+        # Warp does not try a build again that failed before, as for want of room.
+        self._module.failed_builds.pop((self._device.context, self._block), None)
         lend_headers()
         self._module.get_module_hash(self._block)  # it resolves the options as a side effect
         options = self._module.resolved_options[self._block]

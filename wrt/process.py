@@ -107,9 +107,8 @@ def end(status: int) -> NoReturn:
     os._exit(status)
 
 
-def end_now(status: int) -> NoReturn:
-    """End the process from another thread than the main one, within a second, even if other threads are busy."""
+def end_soon(status: int) -> None:
+    """Have the process end within a second, whatever its threads are busy with."""
     timer = threading.Timer(1.0, os._exit, (status,))
     timer.daemon = True
     timer.start()
-    end(status)

@@ -36,7 +36,7 @@ class ProgressLines:
     def stop(self) -> None:
         """Stop the thread; nothing is printed after this."""
         self._ended.set()
-        self._thread.join()
+        self._thread.join(timeout=1.0)  # it may be writing to a pipe that nobody reads
 
     def _run(self) -> None:
         started, due = time.monotonic(), FIRST_SECONDS

@@ -17,12 +17,13 @@ import subprocess
 import sys
 import time
 import weakref
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from wrt import cache_folders
 from wrt.device import Device
-from wrt.lean.builds import Builds, loaded_by_warp
+from wrt.lean.builds import Builds, Missing, loaded_by_warp
 
 NEEDED = frozenset(("avx512f", "avx512bw", "avx512dq", "avx512vl", "bmi2"))
 """What the processor must know: sixteen numbers in a register, and masks for them."""
@@ -117,11 +118,11 @@ class WideKernel:
         from wrt.kernels.wide.render import declare_wide_render_kernel, make_wide_render_kernel
 
         self._possible = False  # whatever happens, not again
-        kernel = (
-            declare_wide_render_kernel(self._features, "") if _is_lean() else make_wide_render_kernel(self._features)
-        )
-        self._device.compile(kernel)
-        self.kernel = kernel
+        make = partial(declare_wide_render_kernel, code="") if _is_lean() else make_wide_render_kernel
+        with contextlib.suppress(Missing, OSError):  # the scalar kernel goes on, with the same bits
+            kernel = make(self._features)
+            self._device.compile(kernel)
+            self.kernel = kernel
 
     def _compile(self) -> None:
         """Begin compiling it, in another process."""

@@ -16,7 +16,7 @@ from wrt.build.texels import Texels
 from wrt.device import Device
 from wrt.errors import InputError
 from wrt.materials import Material, Mix, TwoSided
-from wrt.textures import CHANNELS, WRAPS, ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.textures import CHANNELS, WRAPS, ColorSource, FirstAlike, ImageTexture, NormalMap, VertexColor
 
 
 @dataclass
@@ -172,7 +172,7 @@ class _Slots:
         self.pixels: list[NDArray[np.float32]] = []
         self.normal_maps: list[tuple[int, int, int]] = []
         self._pixel_numbers: dict[int, int] = {}
-        self._alike: dict[tuple[tuple[int, ...], bytes], list[NDArray[np.float32]]] = {}
+        self._first_alike = FirstAlike()
         self._levels: dict[int, list[int]] = {}
         self._image_numbers: dict[tuple[Any, ...], int] = {}
         self._normal_map_numbers: dict[tuple[int, bool], int] = {}
@@ -209,15 +209,6 @@ class _Slots:
             self.images.append((*record, len(levels), len(self.images) + 1))
             self.images += [(level, *record[1:], 0, 0) for level in levels]
         return self._image_numbers[key]
-
-    def _first_alike(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the first array with the same pixels: textures that were given one array each hold a copy of it."""
-        some = pixels.reshape(-1)[:: 1 + pixels.size // 64].tobytes()
-        alike = self._alike.setdefault((pixels.shape, some), [])
-        found = next((each for each in alike if each is pixels or np.array_equal(each, pixels)), None)
-        if found is None:
-            alike.append(pixels)
-        return pixels if found is None else found
 
     def _add_pixels(self, pixels: NDArray[np.float32]) -> int:
         """Return the number of an array of pixels."""

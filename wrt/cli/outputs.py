@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,7 +41,9 @@ def default_outputs(sources: Sequence[str]) -> list[str]:
     for number, name in enumerate(names):
         if name in names[:number]:
             first = sources[names.index(name)]
-            raise InputError(f"{first} and {sources[number]} would both be rendered to {name}; name one of them by -o")
+            raise InputError(
+                f"{first} and {sources[number]} would both be rendered to {name}; render them one at a time"
+            )
     return names
 
 
@@ -84,28 +87,69 @@ def check_paths(options: argparse.Namespace) -> tuple[Path, Path | None]:
     return output, checkpoint
 
 
-def save(renderer: Renderer, output: Path, checkpoint: Path | None, *, force: bool) -> Path:
-    """Write the checkpoint, if any, and the picture; return the path of the picture.
-
-    That path differs from `output` if another program has put a file there during the render.
+def save(renderer: Renderer, options: argparse.Namespace, output: Path, checkpoint: Path | None) -> None:
+    """Write the checkpoint, if any, and the picture.
 
     Raises:
-        OSError: where a file cannot be written.
+        OSError: where one cannot be written, which does not keep the other from it.
     """
+    from wrt.output import save_render
+
+    try:
+        if checkpoint is not None:  # first, since the picture can be made from it again
+            with _naming(checkpoint):
+                renderer.save_checkpoint(checkpoint)
+    finally:
+        with _naming(output):
+            save_render(output, renderer, force=options.force)
+
+
+def save_at_last(renderer: Renderer, options: argparse.Namespace, output: Path, checkpoint: Path | None) -> Path:
+    """Write the checkpoint, if any, and the picture, elsewhere if it cannot be written at `output`.
+
+    Returns:
+        The path of the picture, which is another one if a file has appeared at `output` that must not be replaced.
+
+    Raises:
+        OSError: where a file cannot be written at its path; the message says where else the picture is.
+    """
+    try:
+        if checkpoint is not None:
+            with _naming(checkpoint):
+                renderer.save_checkpoint(checkpoint)
+    finally:
+        output = _save_picture(renderer, options, output)
+    return output
+
+
+def _save_picture(renderer: Renderer, options: argparse.Namespace, output: Path) -> Path:
+    from wrt.output import save_render
+    from wrt.safe_write import NotReplacedError
+
+    try:
+        save_render(output, renderer, force=options.force)
+    except InputError as error:
+        place = _save_elsewhere(renderer, options, output)
+        if place is None:
+            raise OSError(str(error)) from error
+        if not isinstance(error, NotReplacedError):
+            raise OSError(f"{error}; the picture is {place}") from error
+        return place
+    return output
+
+
+def _save_elsewhere(renderer: Renderer, options: argparse.Namespace, output: Path) -> Path | None:
+    """Write the picture under another name, if need be in another folder; return None where that fails too."""
     from wrt.formats.images import PICTURE
     from wrt.output import save_render
-    from wrt.safe_write import NotReplacedError, free_place
+    from wrt.safe_write import free_place
 
-    if checkpoint is not None:  # first, since the picture can be made from it again
-        with _naming(checkpoint):
-            renderer.save_checkpoint(checkpoint)
-    with _naming(output):
-        try:
-            save_render(output, renderer, force=force)
-        except NotReplacedError:
-            output = free_place(output, PICTURE)
-            save_render(output, renderer)
-    return output
+    for folder in (output.parent, Path(), Path(tempfile.gettempdir())):
+        with contextlib.suppress(InputError):
+            place = free_place(folder / output.name, PICTURE, taken=options.taken)
+            save_render(place, renderer)
+            return place
+    return None
 
 
 @contextlib.contextmanager

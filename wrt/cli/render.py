@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrt.cli.options import SAVE_EVERY_SECONDS
-from wrt.cli.outputs import check_paths, default_output, default_outputs, folder_for, save
+from wrt.cli.outputs import check_paths, default_output, default_outputs, folder_for, save, save_at_last
 from wrt.cli.status import complain, give_up, outcome, warn
 from wrt.cli.summary import Clock, report, samples_text
-from wrt.errors import InputError
+from wrt.errors import InputError, one_line
 from wrt.interrupts import Interrupts
 from wrt.lean import next_render, run_lean
 from wrt.process import importing_renderer, no_collections
@@ -43,7 +43,7 @@ def render(options: argparse.Namespace) -> int:
             if interrupted:
                 if jobs:
                     complain("stopped", f"{', '.join(job.input for job in jobs)}: not rendered")
-                return interrupted if jobs else status
+                return interrupted if jobs else max(worst, status)
             worst = max(worst, status)
             said.clear()
             next_render()
@@ -127,7 +127,10 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
                 interrupts.check()
                 bar.update(progress)
                 if time.monotonic() - saved_at >= save_every:
-                    interrupts.hold(lambda: save(renderer, output, checkpoint, force=options.force))
+                    try:
+                        interrupts.hold(lambda: save(renderer, options, output, checkpoint))
+                    except OSError as error:
+                        say(f"wrt: warning: {one_line(str(error))}; rendering continues")
                     saved_at = time.monotonic()
             interrupts.disarm()
         except KeyboardInterrupt:
@@ -135,7 +138,12 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
                 raise
             interrupts.disarm()
             stopped = True
-        output = save(renderer, output, checkpoint, force=options.force)
+        except (OSError, MemoryError, RuntimeError):
+            if renderer.paths > 0:  # what is rendered must not be lost by what went wrong
+                interrupts.disarm()
+                save_at_last(renderer, options, output, checkpoint)
+            raise
+        output = save_at_last(renderer, options, output, checkpoint)
         options.taken.add(output)
     if stopped:
         saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from wrt.errors import InputError, one_line
-from wrt.process import end_now
+from wrt.process import end, end_soon
 
 FAILED = 1
 UNUSABLE = 2
@@ -26,8 +26,9 @@ def warn(line: str) -> None:
 
 def give_up(status: int, what: str) -> NoReturn:
     """Print `what` and end the process, from another thread while the main one is too busy to handle a signal."""
+    end_soon(status)  # first: standard error may be a pipe that nobody reads
     complain("stopped", what)
-    end_now(status)
+    end(status)
 
 
 def outcome(run: Callable[[], int], *, name: str = "") -> int:

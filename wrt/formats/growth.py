@@ -61,6 +61,9 @@ BYTES_PER_ELEMENT = 2**14
 PATIENCE = 200_000_000
 """Steps that a load may spend on work that is not linear in its data, such as concave polygons: a few seconds."""
 
+PATIENCE_PER_BYTE = 64
+"""Steps more for each byte of the files: concave polygons of a few corners take about as many."""
+
 
 @dataclass
 class _Load:
@@ -135,7 +138,7 @@ def take(limit: Limit, size: int) -> None:
 def patience() -> int:
     """Return how many of the PATIENCE steps are left, for work that can be given up."""
     load = _LOAD.get()
-    return PATIENCE if load is None else load.patience
+    return PATIENCE if load is None else load.patience + PATIENCE_PER_BYTE * load.size
 
 
 def spend(steps: int) -> None:

@@ -7,6 +7,7 @@ such as samplers, texture transforms and extensions of glTF, is missing.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -216,9 +217,15 @@ class _Reader:
 
     def _label(self, image: Any) -> str:
         """Return a name by which `_find` knows an image."""
+        for label, known in self._maps.items():
+            if known is image:
+                return label
         first = label = str(image.info.get("file_path") or "image")
-        while self._maps.setdefault(label, image) is not image:
-            label = f"{first} {len(self._maps)}"
+        for number in itertools.count(2):
+            if label not in self._maps:
+                break
+            label = f"{first} {number}"
+        self._maps[label] = image
         return label
 
     def _find(self, name: str) -> Source:
