@@ -30,7 +30,7 @@ def picture_place(
     """
     if given is not None:
         return check_output(given, force=force)
-    return free_place(Path(default), PICTURE, taken=taken)
+    return free_place(Path(default), PICTURE, taken=taken, force=force)
 
 
 def check_layers(path: Path, renderer: Renderer) -> None:

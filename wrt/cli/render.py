@@ -82,12 +82,24 @@ def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
             complain("note", f"{source}: its picture is {output}, because another input has the same name")
         default = output if folder is None else os.path.join(folder, output)
         several = {"name": source, "label": f" ({number} of {len(inputs)})"} if len(inputs) > 1 else {}
-        jobs.append(_job(options, input=source, output=None, default=default, taken=taken, **several))
+        jobs.append(
+            _job(
+                options,
+                input=source,
+                output=None,
+                default=default,
+                taken=taken,
+                in_folder=folder is not None,
+                **several,
+            )
+        )
     return jobs
 
 
 def _job(options: argparse.Namespace, **changes: object) -> argparse.Namespace:
-    return argparse.Namespace(**{**vars(options), "name": "", "label": "", "taken": set(), **changes})
+    return argparse.Namespace(
+        **{**vars(options), "name": "", "label": "", "taken": set(), "in_folder": False, **changes}
+    )
 
 
 def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[int, int]:
