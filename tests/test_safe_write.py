@@ -384,6 +384,8 @@ def test_pictures_of_several_inputs_step_aside_for_files_and_for_one_another(tmp
     before = contents(tmp_path)
     assert run("render", "fuze.obj", "fuze-render.obj", "-o", "out/", *SMALL) == 0
     assert_only_added(before, tmp_path, "out/fuze-render.png", "out/fuze-render-render.png")
+    assert run("render", "fuze.obj", "-o", "out/", "--force", *SMALL) == 0
+    assert (tmp_path / "out" / "fuze.png").read_bytes() != b"notes"
 
 
 def test_a_file_that_appears_during_the_render_is_kept_and_so_is_the_picture(tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ def picture_place(
     Args:
         given: the path that was asked for, or None.
         default: the path to use then; a similar name is chosen if a file there may not be replaced.
-        force: see `wrt.save_image`; a path that was not given is never forced.
+        force: see `wrt.save_image`.
         taken: paths of other pictures, which must not be replaced either.
 
     Raises:

@@ -89,7 +89,6 @@ def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
                 output=None,
                 default=default,
                 taken=taken,
-                in_folder=folder is not None,
                 **several,
             )
         )
@@ -97,9 +96,8 @@ def _jobs(options: argparse.Namespace) -> list[argparse.Namespace]:
 
 
 def _job(options: argparse.Namespace, **changes: object) -> argparse.Namespace:
-    return argparse.Namespace(
-        **{**vars(options), "name": "", "label": "", "taken": set(), "in_folder": False, **changes}
-    )
+    force = options.force and options.output is not None  # names that wrt chooses replace no files of others
+    return argparse.Namespace(**{**vars(options), "force": force, "name": "", "label": "", "taken": set(), **changes})
 
 
 def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[int, int]:
