@@ -20,6 +20,7 @@ from conftest import ROOT
 import wrt
 from wrt.files import read_file
 from wrt.formats import growth
+from wrt.formats.parts import InputWarning
 
 CHILD = """
 import resource, sys, warnings
@@ -202,3 +203,11 @@ def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
     with growth.one_load(), pytest.raises(wrt.InputError):
         growth.take(few, 11)
     growth.take(few, 1000)  # outside of any load
+
+
+def test_polygons_that_are_given_up_are_told(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).random((3000, 2))
+    text = "".join(f"v {x} {y} 0\n" for x, y in points) + "f " + " ".join(map(str, range(1, 3001))) + "\n"
+    (tmp_path / "crossing.obj").write_text(text)
+    with pytest.warns(InputWarning, match=r"crossing\.obj: its concave polygons take too long"):
+        wrt.load_mesh(tmp_path / "crossing.obj")

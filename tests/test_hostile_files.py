@@ -134,8 +134,7 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monke
 
 def test_polygons_that_cross_themselves_end():
     points = np.random.default_rng(0).random((1500, 3)) * (1.0, 1.0, 0.0)
-    with pytest.warns(InputWarning, match="some of them come out as fans"):
-        triangles, _ = triangulate(points, np.arange(1500), np.array([1500]))
+    triangles, _ = triangulate(points, np.arange(1500), np.array([1500]))
     assert triangles.shape == (1498, 3)
 
 

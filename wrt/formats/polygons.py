@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.formats import growth
-from wrt.formats.parts import warn
 
 _Int = NDArray[np.int64]
 
@@ -45,8 +44,6 @@ def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _In
             pieces.append((starts[owner][:, None, None] + triangles).reshape(-1, 3))
             owners.append(np.repeat(owner, size - 2))
     growth.spend(first - patience)
-    if patience <= 0:
-        warn("concave polygons take too long to cut into triangles; some of them come out as fans")
     all_owners = np.concatenate(owners)
     order = np.argsort(all_owners, kind="stable")
     return np.concatenate(pieces)[order], all_owners[order]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.files import first_line, read_file, require_file, why_not
+from wrt.formats import growth
 from wrt.formats.encodings import as_text
 from wrt.formats.images import open_image
 from wrt.formats.parts import FloatArray, Part, checked_faces, rows_of, warn
@@ -190,6 +191,8 @@ def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> P
         checked_faces(path, faces, len(vertices))
         corners = faces.reshape(-1)
         triangles, owner = triangulate(vertices, corners, np.full(count, size))
+        if growth.patience() <= 0:
+            warn(f"{path}: its concave polygons take too long to cut into triangles; some of them come out as fans")
         faces = corners[triangles]
     part = Part(name, vertices, faces)
     visual = fields.get("visual")
