@@ -38,6 +38,11 @@ UNUSABLE = {"no file": ["render", "abßent.obj"], "no option": ["render", "x.obj
 
 COMMANDS = {**PRINTING, **WRITING, **UNUSABLE}
 
+QUICK = ("--help", "render --json", "no file")
+"""Commands that are not left out of a quick run of the tests."""
+
+EACH = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in COMMANDS]
+
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
@@ -82,7 +87,7 @@ def status_of(command: str, *, output_lost: bool) -> int:
 
 
 @pytest.mark.parametrize("close", [(1,), (2,), (0, 1, 2)], ids=str)
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", EACH)
 def test_closed_streams(command: str, close: tuple[int, ...], folder: Path) -> None:
     done = run(folder, COMMANDS[command], close=close)
     require_quiet(done)
@@ -96,7 +101,7 @@ def test_closed_streams(command: str, close: tuple[int, ...], folder: Path) -> N
 
 @pytest.mark.parametrize("place", [pipe_that_nobody_reads, full_device])
 @pytest.mark.parametrize("streams", [("stdout",), ("stderr",), ("stdout", "stderr")], ids="+".join)
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", EACH)
 def test_streams_that_cannot_be_written_to(
     command: str, streams: tuple[str, ...], place: Callable[[], contextlib.AbstractContextManager[int]], folder: Path
 ) -> None:
@@ -119,7 +124,7 @@ ENCODINGS = {
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", EACH)
 def test_streams_of_few_letters(command: str, encoding: str, folder: Path) -> None:
     done = run(folder, COMMANDS[command], env=ENCODINGS[encoding])
     require_quiet(done)

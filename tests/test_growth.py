@@ -152,6 +152,7 @@ BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] =
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOMBS)
 def test_bombs_are_refused(name: str, tmp_path: Path) -> None:
     suffix, content, reason = BOMBS[name]

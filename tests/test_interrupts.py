@@ -69,6 +69,7 @@ def test_a_signal_during_python_s_own_work(number):
     assert seconds < GRACE_SECONDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_while_a_library_works_ends_what_has_nothing_to_save(number):
     status, out, seconds = run_and_signal("busy()", number)
@@ -87,6 +88,7 @@ def test_a_signal_that_a_library_swallows_is_found_all_the_same():
     assert seconds < GRACE_SECONDS
 
 
+@pytest.mark.slow
 def test_a_signal_never_ends_what_is_being_written():
     assert run_and_signal("interrupts.hold(busy)", signal.SIGTERM)[0] is None
     assert run_and_signal("interrupts.disarm(); busy()", signal.SIGTERM)[0] is None
