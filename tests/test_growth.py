@@ -16,10 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from PIL import Image
 
 import wrt
 from wrt.files import read_file
 from wrt.formats import growth
+from wrt.formats.images import load_environment
 from wrt.formats.parts import InputWarning
 
 CHILD = """
@@ -204,6 +206,13 @@ def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
     with growth.one_load(), pytest.raises(wrt.InputError):
         growth.take(few, 11)
     growth.take(few, 1000)  # outside of any load
+
+
+def test_an_image_counts_by_itself_and_as_an_environment(tmp_path: Path) -> None:
+    Image.new("L", (16384, 4096)).save(tmp_path / "black.png")
+    for read in (wrt.load_image, load_environment):
+        with pytest.raises(wrt.InputError, match="its images would take"):
+            read(tmp_path / "black.png")
 
 
 def test_polygons_that_are_given_up_are_told(tmp_path: Path) -> None:

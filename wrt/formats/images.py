@@ -23,7 +23,7 @@ from wrt.formats.npy import read_array
 from wrt.layers import channel_names
 from wrt.safe_write import Kind, require_place, write_whole
 from wrt.srgb import linear_from_srgb, of_codes, srgb_from_linear
-from wrt.values import Vec3
+from wrt.values import Vec3, sealed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -67,7 +67,6 @@ _DEFLATED = 1032
 """Bytes of PNG's data that one of the file can stand for. Where data end sooner, Pillow takes the rest to be black."""
 
 
-@growth.one_load()
 def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
     """Read an image as (H, W, 3) float32, linear Rec. 709; row 0 is the top.
 
@@ -90,6 +89,7 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     return pixels
 
 
+@growth.one_load()
 def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]:
     """Read an image of a scene, which no output may replace; see `load_image`."""
     require_file(file)
@@ -123,7 +123,7 @@ def load_environment(
     Raises:
         InputError: when the file cannot be read, or holds negative values or values not finite.
     """
-    pixels = read_image(Path(path))
+    pixels = sealed(read_image(Path(path)))
     with naming(Path(path)):
         return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
 

@@ -15,7 +15,7 @@ from wrt.formats.mitsuba.plugin import Plugin
 from wrt.formats.mitsuba.textures import Textures
 from wrt.formats.mitsuba.transforms import axis_and_degrees, rotation_part
 from wrt.lights import DirectionalLight, Light, PointLight, SpotLight
-from wrt.values import Vec3
+from wrt.values import Vec3, sealed
 
 _TURNED = np.diag([-1.0, 1.0, -1.0])
 """From wrt's environment images to Mitsuba's: the middle column looks along −z here, along +z there."""
@@ -102,7 +102,7 @@ class Emitters:
         axis, degrees = axis_and_degrees(axes @ _TURNED)
         scale = plugin.number("scale", 1.0)
         plugin.ignore("mis_compensation")
-        return ImageEnvironment(np.ascontiguousarray(pixels), scale, degrees, file.name, axis)
+        return ImageEnvironment(sealed(np.ascontiguousarray(pixels)), scale, degrees, file.name, axis)
 
 
 def _rows_between(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
