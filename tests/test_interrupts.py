@@ -113,3 +113,16 @@ def test_what_was_there_before_is_put_back():
     finally:
         for number, found in before.items():
             signal.signal(number, found)
+
+
+def test_impatient_signals_say_nothing():
+    body = "interrupts.worth_saving = True\n        time.sleep(60)"
+    command = [sys.executable, "-c", program(body)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    for _ in range(5):
+        time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+    out, error = process.communicate(timeout=60)
+    assert (process.returncode, out, error) == (143, "obeyed\n", "")

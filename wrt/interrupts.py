@@ -84,15 +84,16 @@ class Interrupts:
         with contextlib.closing(os.fdopen(pipe, "rb", buffering=0)) as file:
             while numbers := file.read(1):
                 if numbers[0] in self._previous:
-                    break
-            else:
-                return
+                    self._wait(numbers[0])
+
+    def _wait(self, number: int) -> None:
+        """End the process GRACE_SECONDS after a signal, unless it is obeyed or there is something to save."""
         waited_since = time.monotonic()
         while not self._done and not self.worth_saving:
             if self._writing:
                 waited_since = time.monotonic()
             if time.monotonic() - waited_since > GRACE_SECONDS and self._give_up is not None:
-                self._give_up(128 + numbers[0])
+                self._give_up(128 + number)
             time.sleep(_LOOK_SECONDS)
 
     def check(self) -> None:
