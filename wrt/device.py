@@ -109,7 +109,7 @@ def initialize_warp() -> None:
 
     import warp as wp
 
-    if _is_lean():
+    if is_lean():
         return  # there is no Warp to start
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     _prepare_folders()
@@ -150,7 +150,7 @@ def _prepare_folders() -> None:
     cache_folders.remove_leftovers(kernels, notes, *notes.glob("headers-*"))
 
 
-def _is_lean() -> bool:
+def is_lean() -> bool:
     """Return whether the module `warp` is the stand-in of `wrt/lean`."""
     return hasattr(sys.modules["warp"], "builds")
 
@@ -277,7 +277,7 @@ class Device:
             OSError: where there is not enough disk space to compile it.
         """
         start = time.perf_counter()
-        if _is_lean() or kernel_cache.is_loaded(kernel.module, self.name):
+        if is_lean() or kernel_cache.is_loaded(kernel.module, self.name):
             self._load(kernel)
         else:
             loading = _LOADER.submit(self._load, kernel)

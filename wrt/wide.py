@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from wrt import cache_folders
-from wrt.device import Device
+from wrt.device import Device, is_lean
 from wrt.lean.builds import Builds, Missing, loaded_by_warp
 
 NEEDED = frozenset(("avx512f", "avx512bw", "avx512dq", "avx512vl", "bmi2"))
@@ -74,7 +74,7 @@ class WideKernel:
             if self._compiler.poll() is None:
                 return
             self._compiled()
-        if seconds_left > (LEAN_LOADING_SECONDS if _is_lean() else LOADING_SECONDS) and self._can_be_had():
+        if seconds_left > (LEAN_LOADING_SECONDS if is_lean() else LOADING_SECONDS) and self._can_be_had():
             if self._is_compiled():
                 self._load()
             elif seconds_left > COMPILING_SECONDS:
@@ -105,7 +105,7 @@ class WideKernel:
             suits = os.environ.get(SWITCH) != "0" and self._features.integrator not in _UNLIKE_PATHS
             suits = suits and processor_flags() >= NEEDED
             if suits and max(map(largest_array, self._records)) <= MOST_BYTES:
-                self._builds = sys.modules["warp"].builds if _is_lean() else Builds.known()
+                self._builds = sys.modules["warp"].builds if is_lean() else Builds.known()
             self._possible = self._builds is not None
         return self._possible
 
@@ -118,7 +118,7 @@ class WideKernel:
         from wrt.kernels.wide.render import declare_wide_render_kernel, make_wide_render_kernel
 
         self._possible = False  # whatever happens, not again
-        make = partial(declare_wide_render_kernel, code="") if _is_lean() else make_wide_render_kernel
+        make = partial(declare_wide_render_kernel, code="") if is_lean() else make_wide_render_kernel
         with contextlib.suppress(Missing, OSError):  # the scalar kernel goes on, with the same bits
             kernel = make(self._features)
             self._device.compile(kernel)
@@ -172,11 +172,6 @@ class WideKernel:
 def _end(compiler: subprocess.Popen[bytes]) -> None:
     compiler.kill()
     compiler.wait()
-
-
-def _is_lean() -> bool:
-    """Return whether the module `warp` is only what stands in for it (`wrt/lean`)."""
-    return hasattr(sys.modules["warp"], "builds")
 
 
 def largest_array(record: Any) -> int:

@@ -96,9 +96,7 @@ def save(renderer: Renderer, options: argparse.Namespace, output: Path, checkpoi
     from wrt.output import save_render
 
     try:
-        if checkpoint is not None:  # first, since the picture can be made from it again
-            with _naming(checkpoint):
-                renderer.save_checkpoint(checkpoint)
+        _save_checkpoint(renderer, checkpoint)  # first, since the picture can be made from it again
     finally:
         with _naming(output):
             save_render(output, renderer, force=options.force)
@@ -114,12 +112,16 @@ def save_at_last(renderer: Renderer, options: argparse.Namespace, output: Path, 
         OSError: where a file cannot be written at its path; the message says where else the picture is.
     """
     try:
-        if checkpoint is not None:
-            with _naming(checkpoint):
-                renderer.save_checkpoint(checkpoint)
+        _save_checkpoint(renderer, checkpoint)
     finally:
         output = _save_picture(renderer, options, output)
     return output
+
+
+def _save_checkpoint(renderer: Renderer, checkpoint: Path | None) -> None:
+    if checkpoint is not None:
+        with _naming(checkpoint):
+            renderer.save_checkpoint(checkpoint)
 
 
 def _save_picture(renderer: Renderer, options: argparse.Namespace, output: Path) -> Path:
