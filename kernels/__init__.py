@@ -1,5 +1,5 @@
-"""Device code: everything here runs inside Warp kernels, on the CPU and on CUDA alike.
+"""Device code, which runs inside Warp kernels on the CPU and on CUDA.
 
-These modules import `warp` and each other, never the host side of wrt. They do without
-`from __future__ import annotations`, because Warp reads the annotations themselves.
+These modules import `warp` and each other, never the host side of wrt. None has `from __future__ import annotations`,
+because Warp evaluates annotations itself.
 """

@@ -1,78 +1,86 @@
-"""What a scene uses, and so what its kernel must contain."""
+"""The features of a scene, which choose the specialised kernel."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 
 _LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
 class Features:
-    """Chooses one kernel variant; equal values share one compiled kernel.
+    """Selects one kernel variant; scenes with equal features share a compiled kernel.
 
-    Few fields on purpose: each doubles the number of kernels a person may have to wait for.
+    There are few fields, because each doubles the number of variants that somebody may have to compile.
 
     Attributes:
-        models: names of the reflection models in the scene, sorted (see `kernels.bsdf`).
+        models: sorted names of the reflection models in the scene (see `kernels.bsdf`).
         textured: whether any value comes from an image or from vertex colours.
-        mipmapped: whether any image has levels.
+        mipmapped: whether any image has mip levels.
         environment: "none", "constant" or "image".
-        layered: whether any material lets rays pass by opacity, or is made of others.
+        opacity: whether each hit chooses a material at random: some material has an opacity below 1, is a mixture, or
+            has two sides.
         tangents: whether any material depends on the direction of the texture coordinates.
-        sampler: where the random numbers come from (see `kernels.sampler.make_sample_4d`).
-        instances: "none" where all triangles lie in one tree, else what instances do at most: "still", "moving" as
-            wholes, or "deforming".
-        integrator: what follows a camera ray (see `kernels/integrators.py`).
-        light_tree: whether lights are chosen by a tree over them, not by power alone.
-        light_shapes: whether any light is a spot, a rectangle, a disk, a sphere or a sun with a diameter.
-        clamped: whether paths bring only so much indirect light.
+        sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`).
+        instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
+            "moving" rigidly, or "deforming".
+        integrator: the integrator's name (see `kernels/integrators/registry.py`).
+        cameras: names of the registered camera models, where the scene uses one from outside the package.
+        light_tree: whether lights are chosen by a light tree instead of by power alone.
+        light_shapes: names of the light models, where any light has a shape: all built-in ones, and those registered
+            from outside that the scene uses (see `kernels/lights/shapes.py`).
+        clamped: whether indirect light is clamped.
         regularized: whether surfaces get rougher along a path.
-        layers: whether the film has layers (see `kernels/layers.py`).
-        media: "none", "absorbing" (where media emit or absorb light) or "scattering".
-        nested: whether bodies have priorities, by which they may lie within one another and overlap.
-        extras: whether any value is laid by second texture coordinates, or multiplied by the alpha of vertex colours.
+        aovs: whether the film has layers besides radiance (see `kernels/film/aovs.py`).
+        guides: whether albedo and normals are the guides of a denoiser, which look through glass and into mirrors.
+        media: "none", "absorbing" (media absorb or emit light) or "scattering".
+        nested: whether media have priorities, so that bodies may overlap or contain one another.
+        uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
     """
 
     models: tuple[str, ...]
     textured: bool
     environment: str
-    layered: bool = False
+    opacity: bool = False
     tangents: bool = False
     sampler: str = "independent"
     instances: str = "none"
     integrator: str = "path"
-    light_shapes: bool = False
+    light_shapes: tuple[str, ...] = ()
     clamped: bool = False
     regularized: bool = False
-    layers: bool = False
+    aovs: bool = False
+    guides: bool = False
+    cameras: tuple[str, ...] = ()
     light_tree: bool = False
     media: str = "none"
     nested: bool = False
-    extras: bool = False
+    uv2_alpha: bool = False
     mipmapped: bool = False
 
     @property
     def bodies(self) -> bool:
-        """Whether a path must know in which bodies it is."""
+        """Whether a path must track the bodies that it is in."""
         return self.nested or self.media != "none"
 
     @property
     def name(self) -> str:
-        """A name that tells one variant from every other, for the kernel's module."""
+        """A name that identifies the variant, for the kernel's module."""
         parts = [*self.models, "textured" if self.textured else "plain", self.environment]
-        parts += ["layered"] * self.layered + ["tangents"] * self.tangents
-        parts += [self.sampler] * (self.sampler != "independent")
-        parts += [self.instances] * (self.instances != "none")
-        parts += [self.integrator] * (self.integrator != "path")
-        parts += ["lights"] * self.light_shapes
-        parts += ["clamped"] * self.clamped + ["regularized"] * self.regularized + ["layers"] * self.layers
-        parts += ["tree"] * self.light_tree
-        parts += [self.media] * (self.media != "none") + ["nested"] * self.nested
-        parts += ["extras"] * self.extras
-        parts += ["mipmapped"] * self.mipmapped
-        name = "_".join(parts).replace(":", "_").replace("-", "_")
-        if len(name) > _LONGEST_NAME:
-            import hashlib
+        for field in fields(self)[3:]:
+            value = getattr(self, field.name)
+            if value != field.default:
+                parts.append(field.name if value is True else value)
+        return identifier(parts)
 
-            # It becomes part of a file's name, which may have 255 bytes.
-            name = f"{name[:_LONGEST_NAME]}_{hashlib.blake2b(name.encode(), digest_size=8).hexdigest()}"
-        return name
+
+def identifier(parts: Iterable[object]) -> str:
+    """Return one identifier for a key of names, numbers, tuples of names or features."""
+    words = [part.name if isinstance(part, Features) else part for part in parts]
+    name = "_".join("_".join(word) if isinstance(word, tuple) else str(word) for word in words)
+    name = name.replace(":", "_").replace("-", "_")
+    if len(name) > _LONGEST_NAME:
+        import hashlib
+
+        # It becomes part of a file name, which may have 255 bytes.
+        name = f"{name[:_LONGEST_NAME]}_{hashlib.blake2b(name.encode(), digest_size=8).hexdigest()}"
+    return name

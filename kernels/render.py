@@ -1,33 +1,33 @@
-"""The kernel of a pass: one thread a pixel, as many samples as the pixel still lacks."""
-
-import functools
+"""The kernel of a pass: each thread adds to one pixel the samples that it still lacks."""
 
 import warp as wp
 
-from wrt.kernels.camera import Camera, camera_ray, shutter_time
+from wrt.kernels.camera.camera import Camera, shutter_time
+from wrt.kernels.camera.models import make_camera
 from wrt.kernels.features import Features
-from wrt.kernels.film import FilmData, is_finite_color
-from wrt.kernels.filters import filter_offset
-from wrt.kernels.integrators import make_trace
-from wrt.kernels.layers import LayerData, make_add_layers
-from wrt.kernels.path import PathResult, PathSettings
-from wrt.kernels.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_camera
-from wrt.kernels.scene_data import SceneData
+from wrt.kernels.film.aovs import AovData, make_add_aovs
+from wrt.kernels.film.film import FilmData, is_finite_color
+from wrt.kernels.film.filters import filter_offset
+from wrt.kernels.integrators.path_state import PathResult, PathSettings
+from wrt.kernels.integrators.registry import make_trace
+from wrt.kernels.sampling.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_camera
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.specialise import specialised
+from wrt.kernels.spmd_marks import pixel_kernel
 
 
-@functools.cache
+@specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel for scenes with these features; equal features give the same kernel."""
+    """Return the kernel for scenes with these features."""
+    camera_ray = make_camera(features.cameras).ray
     trace = make_trace(features)
-    add_layers = make_add_layers(features)
-    has_layers = features.layers
+    add_aovs = make_add_aovs(features)
+    has_aovs = features.aovs
     sample_camera = make_sample_camera(features.sampler)
     pixel_name = make_pixel_name(features.sampler)
 
-    # Named, not "unique": the name alone must keep variants apart, whatever Warp's hash sees.
-    module = wp.get_module(f"wrt.render.{features.name}")
-
-    @wp.kernel(module=module, enable_backward=False)
+    @wp.kernel(module=wp.get_module(make_render_kernel.module_name(features)), enable_backward=False)
+    @pixel_kernel
     def render_pass(
         first_pixel: int,
         target_count: int,
@@ -37,10 +37,10 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         scene: SceneData,
         settings: PathSettings,
         film: FilmData,
-        layers: LayerData,
+        aovs: AovData,
     ):
         pixel = first_pixel + wp.tid()
-        # Random numbers belong to a place in the whole picture, so that a part of it looks as it does there.
+        # Random numbers depend on the place in the whole picture, so that a crop looks as it does there.
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width
         total = film.total[pixel]
@@ -63,9 +63,9 @@ def make_render_kernel(features: Features) -> wp.Kernel:
             result = PathResult()
             if seen.visible:
                 result = trace(scene, seen.ray, seen.footprint, sampler, settings)
-                if wp.static(has_layers):
+                if wp.static(has_aovs):
                     offset = position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
-                    rays += add_layers(scene, camera, seen, sampler, layers, pixel, offset)
+                    rays += add_aovs(scene, camera, seen, sampler, aovs, pixel, offset)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

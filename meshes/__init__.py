@@ -1,4 +1,4 @@
-"""The scenes that come with wrt, by name."""
+"""The built-in scenes, by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from wrt.errors import InputError
 _DESCRIPTIONS = {
     "cornell-box": "The Cornell box, from the published measurements.",
     "teapot": "The Utah teapot on a studio sweep.",
-    "still-life": "A copper teapot, glass, gold and painted things in soft light; slight depth of field.",
+    "still-life": "A copper teapot, glass, gold and painted objects in soft light, with slight depth of field.",
     "many-triangles": "Mountains of a million triangles in evening sun.",
 }
 
@@ -20,7 +20,7 @@ def scene_names() -> list[str]:
 
 
 def scene_descriptions() -> dict[str, str]:
-    """Return one line about each built-in scene, by name, in the order of `scene_names`."""
+    """Return a one-line description of each built-in scene, by name, in the order of `scene_names`."""
     return dict(_DESCRIPTIONS)
 
 
@@ -28,7 +28,7 @@ def scene_path(name: str) -> Path:
     """Return the TOML file of a built-in scene.
 
     Raises:
-        InputError: no scene has that name.
+        InputError: if no scene has that name.
     """
     if name not in _DESCRIPTIONS:
         raise InputError(f"no built-in scene is called {name!r}; there are {', '.join(_DESCRIPTIONS)}")

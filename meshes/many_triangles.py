@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.mesh import Mesh
+from wrt.scene.mesh import Mesh
 from wrt.values import integer
 
 SIDE = 4000.0

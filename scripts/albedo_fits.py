@@ -1,17 +1,17 @@
-"""Fit the albedos that kernels/albedo_fits.py evaluates, and print its coefficients: `python scripts/albedo_fits.py`.
+"""Fit the albedos that kernels/bsdf/lobes/albedo_fits.py evaluates, and print the coefficients.
 
-A layer may take from what lies below it only what it reflects itself: its albedo for light from w, E(w). That has no
-closed form for microfacets, but is a smooth function of the cosine μ and the roughness in the right variables.
+A coat must attenuate the layers below by no more than it reflects itself: its albedo E(w) for light from w. Microfacet
+albedos have no closed form, but are smooth functions of the cosine μ and the roughness in suitable variables.
 
 - GGX with Smith's height-correlated masking and Schlick's Fresnel, F = f0 + (f90 − f0)(1 − wo·m)⁵, has the albedo
-  f0 (W − G) + f90 G: W is that of a white surface, G what it reflects with the weight (1 − wo·m)⁵. W is a polynomial in
+  f0 (W − G) + f90 G: W is the albedo of a white surface, G the same with the weight (1 − wo·m)⁵. W is a polynomial in
   μ / (μ + α/2) and √α, as masking depends on μ/α where both are small. G/W is the fifth power of one in √α and the root
   of ½ (μ + √(μ² + α² (1 − μ²))), the mean cosine of the visible facets.
 - Sheen, after Estevez and Kulla (2017): its albedo is the square of a polynomial in h / (h + r) and ln r, with r its
   roughness (the root of their r) and h = √(μ² + c²), c the cosine where its shadowing is cut.
 
-Each fit is a linear program: the least greatest error, under the condition that the fit is nowhere below what is
-fitted. Then a layer never leaves too much, and no energy is made.
+Each fit is a linear program that minimises the maximum error while the fit is nowhere below the fitted values. So a
+coat never transmits too much, and energy is conserved.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Array = NDArray[np.float64]
 
 LEAST_ALPHA = 1e-4
 LEAST_SHEEN = 0.07
-"""Least roughness of sheen; below it almost all sheen is where its model reflects more light than there is."""
+"""Least roughness of sheen; below it, the model gains energy almost everywhere it has sheen."""
 SHEEN_CUT = 0.01
-"""Cosines below this count as this in the shadowing of sheen."""
+"""Lower clamp of cosines in the shadowing of sheen."""
 SLACK = 1e-4
-"""By how much the fits are lifted above the points that they were made for, because of what lies between those."""
+"""Offset added to the fits, so that they stay above the albedo between the fitted points too."""
 
 
 def nodes(n: int) -> tuple[Array, Array]:
-    """Return the points and weights of Gauss and Legendre on [0, 1]."""
+    """Return the points and weights of Gauss-Legendre quadrature on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(n)
     return 0.5 * (x + 1.0), 0.5 * w
 
 
 def specular_albedos(mu: float, alpha: float, n: int = 192) -> tuple[float, float]:
-    """Return W and G by quadrature over the numbers from which Dupuy and Benyoub (2023) sample visible normals."""
+    """Return W and G by quadrature over the random numbers of visible-normal sampling (Dupuy and Benyoub 2023)."""
     x, w = nodes(n)
     phi, z = np.meshgrid(np.pi * x, x, indexing="ij")
     sine = np.sqrt(1.0 - mu * mu)
@@ -96,7 +96,7 @@ def monomials(x: Array, y: Array, n: int, m: int) -> Array:
 
 
 def fit_above(basis: Array, values: Array, weights: Array) -> tuple[Array, float]:
-    """Return coefficients c such that basis c ≥ values with the least greatest weighted error, and that error."""
+    """Return coefficients c with basis c ≥ values that minimise the maximum weighted error, and that error."""
     weighted = basis * weights[:, None]
     one = np.ones((len(values), 1))
     bounds = np.concatenate([-values * weights, values * weights])
@@ -113,7 +113,7 @@ def chebyshev(n: int) -> Array:
 
 
 def table(name: str, coefficients: Array, m: int) -> None:
-    """Print the coefficients of x^i as one row of those of y^j."""
+    """Print the coefficients, with a row of those of y^j for each x^i."""
     print(name)
     for row in coefficients.reshape(-1, m + 1):
         print("   ", ", ".join(f"{c:.7g}" for c in row))
@@ -151,7 +151,7 @@ def fit_specular() -> None:
     weights = (w * 3.0 * x**2 * 2.0 * mu)[:, None]
     for name, values in (("W", white), ("G", white * q**5)):
         average = (values * weights).sum(axis=0)
-        # From below: 1 − E, by which is divided, must not come out too small.
+        # Fitted from below, since the divisor 1 − E must not become too small.
         found, error = fit_above(-monomials(2.0 * fine - 1.0, 0.0 * fine, 7, 0), -average + 1e-6, np.ones(len(fine)))
         print(f"average of {name} to {error:.5f}")
         table(f"average of {name}: root of roughness", found, 7)
@@ -184,7 +184,7 @@ def fit_sheen() -> None:
 
 
 def main() -> None:
-    """Fit all and print them."""
+    """Run all fits and print them."""
     steps: tuple[Callable[[], None], ...] = (fit_specular, fit_sheen)
     for step in steps:
         step()

@@ -1,4 +1,4 @@
-"""Measure wrt: pictures beside other renderers, how it scales, rays beside Embree, compiling, lights, loading, changes.
+"""Benchmark wrt: rendering against other renderers, scaling, rays against Embree, compiling, lights, loading, versions.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
     python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
@@ -8,10 +8,10 @@
     python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
     python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
 
-Each prints what it finds, and writes it as JSON with --json FILE. With --docs, results go to docs/measured and their
-tables, plots and pictures into docs/performance.md. Everything is warmed up first; what competes is measured in turn,
-A B A B, and reported as medians and as the ratio of medians. Machines are noisy: ratios are worth more than times.
-docs/performance.md says what each figure means.
+Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
+tables, plots and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
+measured alternately, A B A B, and reported as medians and their ratio; on noisy machines, ratios are more reliable than
+times. docs/performance.md explains the figures.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pathlib import Path
 
 from benchmarks import checkouts, compiling, lights, loading, rays, render, scaling
 from benchmarks.measure import machine
-from benchmarks.report import TEXTS, write_documents
+from benchmarks.report import SECTIONS, write_documents
 
 MODULES = {
     "render": render,
@@ -38,20 +38,20 @@ MODULES = {
 
 
 def command_line() -> argparse.ArgumentParser:
-    """Return what reads the command line."""
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name, module in MODULES.items():
         command = commands.add_parser(name)
         module.add_arguments(command)
         command.add_argument("--json", type=Path, metavar="FILE")
-        if name in TEXTS:
-            command.add_argument("--docs", action="store_true", help="write docs/measured and docs/performance.md")
+        if name in SECTIONS:
+            command.add_argument("--docs", action="store_true", help="write docs/measured and the tables of docs/")
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Read the command line, measure, print, and save."""
+    """Run the command line: measure, print and save."""
     options = command_line().parse_args(arguments)
     benchmarks = {
         "render": render.benchmark_render,

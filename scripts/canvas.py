@@ -1,4 +1,4 @@
-"""What all plots of the documentation have in common."""
+"""The style of all plots in the documentation."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 STYLE: dict[str, Any] = {"font.size": 8.5, "axes.titlesize": 9.5, "axes.grid": True, "grid.alpha": 0.3}
-"""For `matplotlib.rc_context`."""
+"""Settings for `matplotlib.rc_context`."""
 
 
 def save(canvas: Any, path: Path) -> None:
-    """Write a figure as PNG, of few colours: a third of the size."""
+    """Write a figure as a PNG with a palette, which is a third of the size."""
     from PIL import Image
 
     drawn = io.BytesIO()

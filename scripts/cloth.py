@@ -3,8 +3,8 @@
 
     python scripts/cloth.py [--frames N] [--spp N] [--size WxH] [--device cuda] [FOLDER]
 
-Both the simulation and the picture live on one device: the cloth's vertices never leave it. Each frame the ray tree
-follows them (`Renderer.update_vertices`) and a picture is written, FOLDER/cloth-000.png and so on (default: pictures/).
+Simulation and renderer share a device, which the cloth's vertices never leave. Each frame updates the ray tree
+(`Renderer.update_vertices`) and writes a picture: FOLDER/cloth-000.png and so on (default: pictures/).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 import wrt
-from wrt.normals import vertex_normals
+from wrt.scene.normals import vertex_normals
 
 SIDE = 96
 """Particles along each side of the cloth."""
@@ -28,21 +28,21 @@ SPACING = WIDTH / (SIDE - 1)
 BALL = wp.constant(wp.vec3(0.0, 0.5, 0.0))
 RADIUS = 0.42
 THICKNESS = 0.008
-"""By which the cloth keeps away from what it touches, metres."""
+"""Distance of the cloth from surfaces it touches, metres."""
 
 FRAMES_PER_SECOND = 24
 STEPS = 96
-"""Of the simulation in each frame."""
+"""Simulation steps per frame."""
 
 STIFFNESS = 400000.0
-"""Of springs over their mass, 1/s², and how fast their swinging ends, 1/s."""
+"""Stiffness over mass of the springs, 1/s², and their damping, 1/s."""
 DAMPING = 40.0
 DRAG = 0.35
 
 
 @wp.func
 def spring(a: wp.vec3, va: wp.vec3, b: wp.vec3, vb: wp.vec3, rest: float) -> wp.vec3:
-    """Return the acceleration of a by a damped spring to b."""
+    """Return the acceleration of a due to a damped spring to b."""
     way = b - a
     length = wp.length(way)
     along = way / wp.max(length, 1.0e-9)
@@ -57,14 +57,14 @@ def step(  # noqa: ANN201 - Warp reads annotations
     points_out: wp.array(dtype=wp.vec3),
     velocities_out: wp.array(dtype=wp.vec3),
 ):
-    """Move each particle by a step: gravity, drag, springs to its neighbours, the ball and the floor."""
+    """Advance each particle by a step: gravity, drag, springs to its neighbours, the ball and the floor."""
     k = wp.tid()
     i = k // SIDE
     j = k % SIDE
     p = points[k]
     v = velocities[k]
     acceleration = wp.vec3(0.0, -9.81, 0.0) - v * DRAG
-    # Along the threads, across them, and two on, against folds.
+    # Springs along the threads, diagonal ones, and ones over two particles, against folding.
     for di in range(-2, 3):
         for dj in range(-2, 3):
             reach = di * di + dj * dj
@@ -81,7 +81,7 @@ def step(  # noqa: ANN201 - Warp reads annotations
     if distance < RADIUS + THICKNESS:
         n = out / wp.max(distance, 1.0e-9)
         p += n * (RADIUS + THICKNESS - distance)
-        # It sticks a little: what slides along loses a share.
+        # Friction.
         inward = wp.min(wp.dot(v, n), 0.0)
         v = (v - n * inward) * 0.985
     if p[1] < THICKNESS:
@@ -92,10 +92,10 @@ def step(  # noqa: ANN201 - Warp reads annotations
 
 
 class Cloth:
-    """A square of particles on a device, and the mesh that they are the vertices of."""
+    """A square of particles on a device, and the mesh of which they are the vertices."""
 
     def __init__(self, device: str) -> None:
-        """Lay the cloth out flat above the ball, turned a little."""
+        """Lay the cloth out flat above the ball, slightly rotated."""
         a = np.linspace(-0.5 * WIDTH, 0.5 * WIDTH, SIDE)
         x, z = np.meshgrid(a, a, indexing="ij")
         c, s = math.cos(0.5), math.sin(0.5)
@@ -121,7 +121,7 @@ class Cloth:
 
 
 def scene_of(cloth: Cloth) -> wrt.Scene:
-    """Return the room in which the cloth falls."""
+    """Return the scene around the cloth."""
     camera = wrt.PerspectiveCamera(origin=(0.6, 1.55, 3.3), target=(0.0, 0.42, 0.0), fov_degrees=32.0)
     scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment((0.32, 0.36, 0.42)))
     scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse((0.4, 0.38, 0.35)), name="floor")
@@ -135,7 +135,7 @@ def scene_of(cloth: Cloth) -> wrt.Scene:
 
 
 def main() -> None:
-    """Read the command line, and simulate and render in turn."""
+    """Run the command line: simulate and render alternately."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("pictures"))
     parser.add_argument("--frames", type=int, default=36)

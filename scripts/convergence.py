@@ -1,10 +1,9 @@
-"""Measure how fast each sampler's pictures converge, print a table and draw it.
+"""Measure how fast each sampler converges; print a table and draw a plot.
 
     python scripts/convergence.py [--scenes NAME ...] [--seeds N] [--out FILE]
 
-The error is the root of the mean squared difference from a converged picture, over all pixels and channels and over
-several seeds, divided by that picture's mean. Needs matplotlib (pip install '.[plots]') to draw. docs/sampling.md
-shows the result.
+The error is the root-mean-square difference from a converged picture over all pixels, channels and several seeds,
+divided by that picture's mean. Plots need matplotlib (pip install '.[plots]'). docs/sampling.md shows the result.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from canvas import STYLE, save
 from numpy.typing import NDArray
 
 import wrt
-from wrt.scene import SAMPLERS
+from wrt.scene.scene import SAMPLERS
 
 DOCS_PLOT = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "plots" / "convergence.png"
 
@@ -45,7 +44,7 @@ def soft_shadow() -> wrt.Scene:
 
 
 def posts() -> wrt.Scene:
-    """Coloured posts on a floor, near and far, in the light of a sky and a sun."""
+    """Coloured posts on a floor, near and far, lit by sky and sun."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.7, 3.0), (0.0, 0.35, 0.0)))
     scene.settings.max_depth = 2
     scene.add_light(wrt.DirectionalLight((-0.4, -1.0, -0.6), irradiance=3.0))
@@ -65,7 +64,7 @@ def depth_of_field() -> wrt.Scene:
 
 
 def motion_blur() -> wrt.Scene:
-    """The posts from a camera that moves to the side while its shutter is open."""
+    """The posts from a camera that moves sideways while its shutter is open."""
     scene = posts()
     motion = wrt.Motion.translation((0.35, 0.05, 0.0))
     scene.camera = wrt.PerspectiveCamera((0.0, 0.7, 3.0), (0.0, 0.35, 0.0), shutter_close=1.0, motion=motion)
@@ -73,7 +72,7 @@ def motion_blur() -> wrt.Scene:
 
 
 def indirect_light() -> wrt.Scene:
-    """The Cornell box below its lamp, all bounces."""
+    """The Cornell box, all bounces."""
     scene = wrt.load("cornell-box")
     scene.settings.crop = (0, 12, *SIZE)
     return scene
@@ -111,7 +110,7 @@ def errors_of(scene: wrt.Scene, seeds: int, samplers: Sequence[str] = SAMPLERS) 
 
 
 def print_table(name: str, errors: Errors) -> None:
-    """Print a scene's errors, a row for every second count, as a table of Markdown."""
+    """Print a scene's errors as a Markdown table, with a row for every second count."""
     print(f"\n| {name}: samples | " + " | ".join(errors) + " |")
     print("| --- |" + " --- |" * len(errors))
     for k in range(0, len(COUNTS), 2):
@@ -144,10 +143,12 @@ def draw(results: dict[str, Errors], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description="Measure how fast each sampler's pictures converge.")
+    parser = argparse.ArgumentParser(description="Measure how fast each sampler converges.")
     parser.add_argument("--scenes", nargs="+", metavar="NAME", choices=list(SCENES), default=list(SCENES))
-    parser.add_argument("--seeds", type=int, default=4, metavar="N", help="pictures of each sampler (default: 4)")
-    parser.add_argument("--out", type=Path, default=DOCS_PLOT, metavar="FILE", help="where the plot goes")
+    parser.add_argument(
+        "--seeds", type=int, default=4, metavar="N", help="number of seeds for each sampler (default: 4)"
+    )
+    parser.add_argument("--out", type=Path, default=DOCS_PLOT, metavar="FILE", help="plot to write")
     options = parser.parse_args(arguments)
     results = {}
     for name in options.scenes:

@@ -5,11 +5,9 @@ three paints every 4 nm, the light's emission at four wavelengths, both linear i
 matching functions: the multi-lobe fit to CIE 1931 of C. Wyman, P.-P. Sloan and P. Shirley, "Simple
 Analytic Approximations to the CIE XYZ Color Matching Functions", JCGT 2(2), 2013.
 
-The emission is the light's linear Rec. 709 colour, scaled per channel so that a spectrum that is 1 at
-every wavelength is (1, 1, 1): the picture's white stands for equal energy. A reflectance is, per
-channel, the colour of the paint under that light divided by the colour of the light: what a
-three-channel renderer must multiply the light by for the first bounce to have the colour that the
-spectra give it.
+The emission is the light's linear Rec. 709 colour, scaled per channel so that a constant spectrum of 1 is (1, 1, 1). A
+reflectance is, per channel, the colour of the paint under that light divided by the colour of the light, so that
+the first bounce of a three-channel renderer has the colour of the spectral one.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 WAVELENGTHS = np.arange(400.0, 701.0, 4.0)
-"""nm; the places of the reflectances below."""
+"""Wavelengths of the reflectances below, nm."""
 
 REFLECTANCES = {
     "white": """
@@ -41,7 +39,7 @@ REFLECTANCES = {
 }
 
 EMISSION = ((400.0, 500.0, 600.0, 700.0), (0.0, 8.0, 15.6, 18.4))
-"""nm, and spectral radiance there."""
+"""Wavelengths in nm, and spectral radiance there."""
 
 # Lobes of Wyman, Sloan and Shirley 2013, listing 1: weight, mean, and the inverse widths to its left and right.
 LOBES = (

@@ -1,11 +1,11 @@
-"""Tell how many registers and how much local memory every kernel takes on CUDA. No GPU is needed.
+"""Report the registers and local memory of every kernel on CUDA. No GPU is needed.
 
-    pip install nvidia-cuda-cuobjdump    # reads what Warp's own compiler makes
-    pip install nvidia-cuda-nvcc         # optional: its ptxas tells spills from arrays
+    pip install nvidia-cuda-cuobjdump    # reads the output of Warp's compiler
+    pip install nvidia-cuda-nvcc         # optional: its ptxas reports spills separately
     python scripts/cuda_registers.py [--arch N ...] [--kernels TEXT ...] [--json FILE]
 
-Registers bound how many threads a multiprocessor holds; the stack lies in local memory, which is device
-memory behind caches: arrays that are indexed at run time, and registers that did not fit (spills).
+Registers limit the number of threads on a multiprocessor. The stack is in local memory, which is cached device memory;
+it holds arrays indexed at run time and registers that did not fit (spills).
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ import warp as wp
 
 import wrt
 import wrt.kernels
-from wrt.device import initialize_warp
+from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
 from wrt.kernels.render import make_render_kernel
-from wrt.materials import MATERIALS
+from wrt.scene.materials import MATERIALS
 
 CPU_ONLY = {"trace_packets", "trace_interleaved"}
 """Kernels that are never launched on CUDA."""
 
 REGISTERS_PER_SM = 65536
 MOST_THREADS = {75: 1024, 80: 2048, 86: 1536, 89: 1536, 90: 2048, 100: 2048, 120: 1536}
-"""Of a multiprocessor, by architecture (CUDA C++ Programming Guide, technical specifications)."""
+"""Limits of a multiprocessor by architecture (CUDA C++ Programming Guide, technical specifications)."""
 
 BLOCK = 256
-"""Threads of a block, Warp's default."""
+"""Threads per block, Warp's default."""
 
 
 def render_features() -> dict[str, Features]:
-    """Return scenes' features, from the least to all that there is."""
+    """Return sets of scene features, from the fewest to all."""
     models = {cls().model for cls in MATERIALS.values() if not cls().parts}
     return {
         "diffuse": Features(("diffuse",), False, "none"),
-        "usual": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),
-        "everything": Features(tuple(sorted(models)), True, "image", layered=True, tangents=True),
+        "four models": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),
+        "everything": Features(tuple(sorted(models)), True, "image", opacity=True, tangents=True),
     }
 
 
 def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
-    """Return the kernels of the package by name: those at the top level of modules, then the renderer's."""
+    """Return the kernels of the package by name: those of modules, then the renderer's."""
     for found in pkgutil.walk_packages(wrt.kernels.__path__, "wrt.kernels."):
         module = importlib.import_module(found.name)
         for name, value in vars(module).items():
@@ -67,7 +67,7 @@ def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
 
 
 def find_tool(name: str, package: str) -> str | None:
-    """Return the path of a program of the CUDA toolkit: on the PATH, or out of its package on PyPI."""
+    """Return the path of a program of the CUDA toolkit, from the PATH or from its PyPI package."""
     try:
         inside = [str(file.locate()) for file in files(package) or [] if file.name in (name, f"{name}.exe")]
     except PackageNotFoundError:
@@ -76,7 +76,7 @@ def find_tool(name: str, package: str) -> str | None:
 
 
 def run(*command: str) -> str:
-    """Return what a program writes, or end with what it complains of."""
+    """Return the output of a program, or exit with its error message."""
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"{Path(command[0]).name}: {(done.stderr or done.stdout).strip()}")
@@ -84,7 +84,7 @@ def run(*command: str) -> str:
 
 
 def resources(module: wp.Module, arch: int, cuobjdump: str, ptxas: str | None) -> dict[str, dict[str, int]]:
-    """Return registers, bytes of stack, and bytes spilled, by the mangled names of a module's kernels."""
+    """Return registers, stack bytes and spilled bytes by the mangled names of a module's kernels."""
     found: dict[str, dict[str, int]] = {}
     with tempfile.TemporaryDirectory() as folder:
         cubin = wp.compile_aot_module(module, arch=arch, use_ptx=False, module_dir=Path(folder))[0]
@@ -102,14 +102,14 @@ def resources(module: wp.Module, arch: int, cuobjdump: str, ptxas: str | None) -
 
 
 def resident_threads(registers: int, arch: int) -> int:
-    """Return how many threads a multiprocessor holds at once, as far as registers bound them."""
+    """Return the number of threads on a multiprocessor at a time, as limited by registers."""
     per_warp = 32 * (-(-registers // 8) * 8)
     blocks = REGISTERS_PER_SM // per_warp // (BLOCK // 32)
     return min(blocks * BLOCK, MOST_THREADS.get(arch, 2048))
 
 
 def main() -> None:
-    """Read the command line, compile, print a table, and save."""
+    """Run the command line: compile, print a table and save it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arch", type=int, nargs="+", default=[75, 90])
     parser.add_argument("--kernels", nargs="+", help="only kernels whose names contain one of these texts")

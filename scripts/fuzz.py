@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
-"""Feed damaged files to everything in wrt that reads files, and see that none of them kills it.
+"""Fuzz every file reader of wrt with damaged files.
 
-Each input is made from tests/corpus by scripts/fuzz_mutations.py and read in a process of its own
-kind, whose memory and time are limited. What may come of it: it is read, perhaps with warnings
-meant for people (InputWarning), or it is refused by an InputError of one line that names a file.
-All else is a failure and is kept: another exception or warning, a message of several lines, output
-from below, a signal, more memory or time than any small file needs.
+Each input is made from tests/corpus by scripts/fuzz_mutations.py and read in a process for its kind, with limited
+memory and time. It must be read, perhaps with an InputWarning, or refused by an InputError of one line that names a
+file. Anything else is a failure, whose input is kept: another exception or warning, a message of several lines, output
+from a library, a signal, or more memory or time than a small file needs.
 
     scripts/fuzz.py --inputs 20000 --jobs 2
     scripts/fuzz.py --kinds glb,toml --seconds 60 --seed 7
     scripts/fuzz.py --replay tests/corpus/failures/*
 
-The same seed makes the same inputs, whatever the number of jobs. Exit status 1 if anything failed.
+The same seed makes the same inputs for any number of jobs. The exit status is 1 if anything failed.
 """
 
 from __future__ import annotations
@@ -44,13 +43,13 @@ ROOT = Path(__file__).resolve().parent.parent
 CORPUS = ROOT / "tests" / "corpus"
 SECONDS, MEGABYTES = 10.0, 1536
 """Limits of one input: seconds of CPU, and additional address space, twice what
-`wrt/formats/growth.py` allows for small files."""
+`wrt/io/memory_limits.py` allows for small files."""
 
 READERS = "fuzz:readers"
-"""Where the function is that names what reads a kind."""
+"""Module and function that return the readers of a kind."""
 
 WALL_FACTOR = 6
-"""Times the CPU limit that an input may take by the clock, where others use the machine as well: it may be asleep."""
+"""Wall-clock limit over the CPU limit, for busy machines on which a process may have to wait."""
 
 _MEMORY = re.compile(r"memory|allocat|bad_alloc", re.IGNORECASE)
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
@@ -61,7 +60,7 @@ Reader = Callable[[Path], object]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an input: "fine", "refused" or "failed", and why."""
+    """The outcome of an input: "fine", "refused" or "failed", and why."""
 
     verdict: str
     reason: str = ""
@@ -74,7 +73,7 @@ class Corpus:
         """Read the folder's `seeds` and `failures`."""
         self.seeds = folder / "seeds"
         self.files: dict[str, list[bytes]] = {}
-        # Of what is damaged already little is read: whole files get more turns.
+        # Intact files are used more often, since readers soon reject damaged ones.
         for file in [*sorted(self.seeds.iterdir()) * 3, *sorted((folder / "failures").glob("*"))]:
             self.files.setdefault(file.suffix[1:], []).append(file.read_bytes())
 
@@ -85,15 +84,15 @@ class Corpus:
         return kind, mutate(rng, kind, rng.choice(self.files[kind]), self.files[kind])
 
 
-# What reads the files -----------------------------------------------------------------------------
+# Readers ------------------------------------------------------------------------------------------
 
 
 def readers(kind: str) -> list[Reader]:
-    """Return what reads files of a kind."""
+    """Return the readers of a kind of file."""
     import wrt
-    from wrt.checkpoint import read_checkpoint
-    from wrt.describe_scene import scene_text
-    from wrt.formats.images import load_environment, load_image
+    from wrt.describe.scene import scene_text
+    from wrt.io.images import load_environment, load_image
+    from wrt.rendering.checkpoint import read_checkpoint
 
     def loaded(path: Path) -> None:
         scene_text(wrt.load(path))
@@ -137,11 +136,11 @@ def _beside(path: Path, suffix: str, text: str) -> Path:
     return file
 
 
-# One process that reads ---------------------------------------------------------------------------
+# Reading processes --------------------------------------------------------------------------------
 
 
 def judge(read: Reader, path: Path, allowed: tuple[type[Exception], type[Warning]]) -> Outcome:
-    """Return what comes of reading a file; `allowed` are what may be raised and what may be warned of."""
+    """Return the outcome of reading a file; `allowed` are the permitted error and warning."""
     verdict, words = "fine", []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -150,7 +149,7 @@ def judge(read: Reader, path: Path, allowed: tuple[type[Exception], type[Warning
             read(path)
         except allowed[0] as error:
             verdict, words = "refused", [("the message", str(error))]
-        except Exception as error:  # noqa: BLE001 - this is what is looked for
+        except Exception as error:  # noqa: BLE001 - the failures to find
             place = traceback.extract_tb(error.__traceback__)[-1]
             where = f"{Path(place.filename).name}:{place.lineno}"
             return Outcome("failed", f"{type(error).__name__} at {where}: {_short(str(error))}")
@@ -162,7 +161,7 @@ def judge(read: Reader, path: Path, allowed: tuple[type[Exception], type[Warning
     for what, text in words:
         if _CONTROL.search(text) or len(text) > _LONGEST:
             return Outcome("failed", f"{what} is not one short line of plain text: {_short(text)}")
-        if path.stem not in text and str(path.parent) not in text:  # or one that it names
+        if path.stem not in text and str(path.parent) not in text:  # or of a file that it names
             return Outcome("failed", f"{what} does not name the file: {_short(text)}")
         if _MEMORY.search(text):
             return Outcome("failed", f"memory is allocated before the size is checked: {_short(text)}")
@@ -188,12 +187,11 @@ def work(pipe: Any, make_readers: str, seeds: Path, folder: Path, seconds: float
     sys.path[:0] = [str(ROOT), str(ROOT / "scripts"), str(ROOT / "tests")]
     module, _, name = make_readers.partition(":")
     find = getattr(importlib.import_module(module), name)
-    from wrt.errors import InputError
-    from wrt.formats.parts import InputWarning
+    from wrt.errors import InputError, InputWarning
 
     shutil.copytree(seeds, folder, dirs_exist_ok=True)
     for file in sorted(seeds.iterdir()) if name == "readers" and module == "fuzz" else ():
-        for read in find(file.suffix[1:]):  # imports what is slow to import
+        for read in find(file.suffix[1:]):  # slow imports happen here
             judge(read, shutil.copy(file, folder / f"input{file.suffix}"), (InputError, InputWarning))
     noise = (folder / "noise").open("w+b")
     os.dup2(noise.fileno(), 1)
@@ -223,7 +221,7 @@ def work(pipe: Any, make_readers: str, seeds: Path, folder: Path, seconds: float
 
 
 class Worker:
-    """A process that reads, and is started again when an input has killed it."""
+    """A reading process, which is restarted when an input has killed it."""
 
     def __init__(
         self, make_readers: str, seeds: Path, seconds: float, megabytes: int, wall_factor: float = WALL_FACTOR
@@ -246,18 +244,18 @@ class Worker:
         self.pipe.recv()  # it is ready
 
     def give(self, number: int, kind: str, data: bytes) -> None:
-        """Have it read an input."""
+        """Send it an input."""
         self.task = number, kind, data
         self.deadline = time.monotonic() + self._wall
         self.pipe.send((kind, data))
 
     def wait(self) -> Outcome:
-        """Return what came of it, once something has."""
+        """Return the outcome if there is one yet."""
         self.pipe.poll(max(self.deadline - time.monotonic(), 0.0) + 0.01)
         return self.take()
 
     def take(self) -> Outcome:
-        """Return what came of it; call when `pipe` is ready or `deadline` has passed."""
+        """Return the outcome; call it when `pipe` is ready or `deadline` has passed."""
         hung = Outcome("failed", f"hang: more than {self._limits[0]:g} s")
         self.task = None
         if time.monotonic() > self.deadline and not self.pipe.poll():
@@ -296,7 +294,7 @@ def run(
     megabytes: int = MEGABYTES,
     wall_factor: float = WALL_FACTOR,
 ) -> Iterator[tuple[int, str, bytes, Outcome]]:
-    """Yield each input (number, kind, content) with what came of it, in the order in which they end."""
+    """Yield each input (number, kind, content) with its outcome, in the order in which they finish."""
     limits = seconds, megabytes, wall_factor
     workers = [Worker(make_readers or READERS, seeds, *limits) for _ in range(jobs)]
     try:
@@ -324,14 +322,14 @@ def run(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run and return the exit status."""
-    parser = argparse.ArgumentParser(description="Feed damaged files to wrt and see that none of them kills it.")
-    parser.add_argument("--inputs", type=int, default=20000, help="how many (default: 20000)")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
-    parser.add_argument("--seed", type=int, default=0, help="other seeds make other inputs (default: 0)")
+    parser = argparse.ArgumentParser(description="Fuzz every file reader of wrt with damaged files.")
+    parser.add_argument("--inputs", type=int, default=20000, help="number of inputs (default: 20000)")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after this many seconds")
+    parser.add_argument("--seed", type=int, default=0, help="random seed (default: 0)")
     parser.add_argument("--kinds", help="suffixes, such as obj,glb (default: all in the corpus)")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
-    parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="folder for what fails")
-    parser.add_argument("--replay", type=Path, nargs="+", help="read these files as they are instead")
+    parser.add_argument("--jobs", type=int, default=1, help="number of processes (default: 1)")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="folder for failing inputs")
+    parser.add_argument("--replay", type=Path, nargs="+", help="read these files unchanged instead")
     options = parser.parse_args(argv)
 
     corpus = Corpus()
@@ -354,7 +352,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.replay:
             print(f"{options.replay[number]}: {outcome.verdict}: {outcome.reason}", flush=True)
         elif outcome.verdict == "failed":
-            # One of a kind, near enough: numbers in the reason do not make another.
+            # Keep one failure of each kind; reasons that differ only in numbers are the same kind.
             alike = kind, re.sub(r"\d+|0x\w+|'[^']*'", "N", outcome.reason)[:120]
             reasons[alike] += 1
             if reasons[alike] <= 3:

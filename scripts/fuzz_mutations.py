@@ -1,6 +1,6 @@
 """Ways to damage a file: bytes, numbers, words, lines, and the trees of JSON files and the chunks of PNG files.
 
-Everything random comes from one `random.Random`, so a number tells an input; Hypothesis hands one in as well.
+All randomness comes from one `random.Random`, so a seed identifies an input; Hypothesis passes its own.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ NUMBERS = (
     ),
     *("٣", "½", "--1", "1e", ".", "1.2.3"),
 )
-"""What a number in text is replaced by."""
+"""Replacements of numbers in text."""
 
 TOML_VALUES = (
     *(
@@ -73,7 +73,7 @@ TOML_VALUES = (
     "9" * 5000,
     "100000",
 )
-"""What a value of a scene file is replaced by."""
+"""Replacements of values in scene files."""
 
 JSON_VALUES = (
     *(None, True, -1, 0, 1, 2, 0.5, 255, 5121, 5125, 5126, 65536, 2**31, 2**32, 2**40, 2**63, -(2**31), 10**400, 1e39),
@@ -93,7 +93,7 @@ JSON_VALUES = (
     ),
     *([float("nan")] * 3, [0] * 16, [0] * 100),
 )
-"""What a value of a glTF file is replaced by."""
+"""Replacements of values in glTF files."""
 
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w.-]*")
@@ -187,7 +187,7 @@ def _insert(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 
 def _packed(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Write a number of some width over what is there."""
+    """Overwrite bytes with a number of some width."""
     form = rng.choice(["<H", ">H", "<I", ">I", "<q", ">q", "<f", ">f", "<d", ">d"])
     if form[1] in "fd":
         number: float = rng.choice([float("nan"), float("inf"), -1.0, 0.0, 1e38, 1e-45, -0.0])
@@ -271,7 +271,7 @@ def _xml_tag(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 
 def _json(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Change the tree of a glTF file, or that in a GLB, whose lengths then fit again, or do not."""
+    """Change the JSON tree of a glTF or GLB file; a GLB's lengths are corrected or not."""
     binary = data[:4] == b"glTF"
     size = int.from_bytes(data[12:16], "little")
     text, rest = (data[20 : 20 + size], data[20 + size :]) if binary else (data, b"")

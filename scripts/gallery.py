@@ -1,4 +1,4 @@
-"""Render the pictures of the documentation, which `pictures/` describes, into docs/pictures.
+"""Render the pictures of the documentation, defined in `pictures/`, to docs/pictures.
 
     python scripts/gallery.py                       list them
     python scripts/gallery.py NAME ... [--spp N] [--size PIXELS] [--out FOLDER] [--device NAME] [--threads N]
@@ -24,7 +24,7 @@ JPEG_QUALITY = 88
 
 
 def drawings(name: str) -> dict[str, Drawing]:
-    """Return what a name stands for, by the names of the files.
+    """Return the pictures of a name, by the names of their files.
 
     Raises:
         InputError: where there is no such group, picture or tile.
@@ -47,8 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Render the pictures of the documentation.")
     parser.add_argument("names", nargs="*", metavar="NAME", help="group, picture or tile, or all; none: list them")
     parser.add_argument("--spp", type=int, help="samples per pixel; by default each picture's own")
-    parser.add_argument("--size", type=int, help="width, of sheets that of a tile; by default each picture's own")
-    parser.add_argument("--out", type=Path, default=DOCS_PICTURES, metavar="FOLDER", help="where the pictures go")
+    parser.add_argument(
+        "--size", type=int, help="width of pictures, or of the tiles of a sheet; by default each picture's own"
+    )
+    parser.add_argument("--out", type=Path, default=DOCS_PICTURES, metavar="FOLDER", help="folder to write to")
     parser.add_argument("--device", default="cpu", help="cpu, cuda or cuda:N")
     parser.add_argument("--threads", type=int, help="CPU threads; by default all cores")
     options = parser.parse_args(arguments)

@@ -350,7 +350,7 @@ def main() -> None:
     from PIL import Image
 
     import wrt
-    from wrt.checkpoint import write_checkpoint
+    from wrt.rendering.checkpoint import write_checkpoint
 
     SEEDS.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(1)

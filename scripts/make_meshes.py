@@ -88,7 +88,7 @@ def join(pieces: list[Triangles]) -> Triangles:
 
 
 def teapot(height: float = TEAPOT_HEIGHT, steps: int = TEAPOT_STEPS) -> Triangles:
-    """Return the Utah teapot standing on y = 0, spout towards +x, fronts outside.
+    """Return the Utah teapot standing on y = 0, spout towards +x, facing outwards.
 
     Each of body, lid, handle and spout is one sheet without inner seams. As published, none is closed:
     the lid rests loosely in the rim, and handle and spout end inside the body's wall.
@@ -102,7 +102,7 @@ def teapot(height: float = TEAPOT_HEIGHT, steps: int = TEAPOT_STEPS) -> Triangle
             sheets.append((points, normals, grid_faces(steps + 1, steps + 1)))
         pieces.append(weld(*join(sheets), tolerance=1e-6))
     points, normals, faces = join(pieces)
-    # z up to y up: a turn about x, which keeps fronts in front.
+    # From z up to y up by a rotation about x, which keeps the orientation of faces.
     y_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     scale = height / np.ptp(points[:, 2])
     return scale * points @ y_up.T, normals @ y_up.T, faces

@@ -1,4 +1,4 @@
-"""Compute METAL_IOR of wrt/presets.py from measured spectra, and print it: `python scripts/metal_presets.py`.
+"""Compute METAL_IOR of wrt/scene/materials/presets.py from measured spectra, and print it.
 
 A renderer that works in RGB needs three pairs (η, k) for a metal whose n(λ) and k(λ) were measured. The colour of a
 spectrum s(λ) is its mean under the response of each channel,
@@ -6,16 +6,16 @@ spectrum s(λ) is its mean under the response of each channel,
     s_c = ∫ s(λ) D65(λ) r_c(λ) dλ / ∫ D65(λ) r_c(λ) dλ,
 
 with r_c the Rec. 709 combination of the CIE 1931 2° colour matching functions. The illuminant is D65 because that is
-the white of Rec. 709: light of radiance (1, 1, 1) is D65 light, a perfect mirror is (1, 1, 1), and nothing has to be
-adapted from one white to another.
+the white of Rec. 709: light of radiance (1, 1, 1) is D65, a perfect mirror is (1, 1, 1), and no chromatic adaptation is
+needed.
 
 - F0, the reflectance at normal incidence, is the colour of R(λ) = ((n − 1)² + k²) / ((n + 1)² + k²) (Born and Wolf
   1999, section 14.2), clipped to [0, MAX_F0]. Only gold's red needs it: gold lies outside the Rec. 709 gamut.
-- η is the colour of n(λ), and k is what gives exactly F0 with that η. The response has negative lobes, and η takes
+- η is the colour of n(λ), and k gives exactly F0 with that η. The response has negative lobes, and η takes
   them too: to first order in the variation of the spectra, F(θ) of mean indices is the mean of F(θ), at every angle θ
   and with weights of either sign. Tests hold it to 0.01.
-- Where F0 was clipped from above, k is the colour of k(λ) instead and η what gives F0: a reflectance near 1 comes from
-  a small η, where keeping η would ask for a k that no metal has.
+- Where F0 was clipped from above, k is the colour of k(λ) instead, and η gives F0: a reflectance near 1 needs a small
+  η, and with the original η no metal's k would reach it.
 
 Spectra are interpolated linearly in wavelength and summed at 380, 385 ... 780 nm.
 """
@@ -34,7 +34,7 @@ Rgb = tuple[float, float, float]
 DATA = Path(__file__).resolve().parent / "data"
 
 MAX_F0 = 0.999
-"""A channel that reflects everything would need η = 0."""
+"""Limit of F0, since a channel that reflects everything would need η = 0."""
 
 DIGITS = 4
 """Decimals of the printed table; the measurements have two or three."""
@@ -54,7 +54,7 @@ def channel_response() -> tuple[Array, Array]:
     table = np.array([line.split() for line in lines("cie_1931.txt")], dtype=np.float64)
     wavelengths, matching, power = table[:, 0], table[:, 1:4], table[:, 4]
     primaries = np.column_stack([REC_709, 1.0 - REC_709.sum(axis=1)])
-    # The rows of the inverse are right up to a factor, which the division by the white settles.
+    # The rows of the inverse are correct up to a factor, which the division by the white cancels.
     response = matching @ np.linalg.inv(primaries) * power[:, None]
     return wavelengths, response / response.sum(axis=0)
 
@@ -109,7 +109,7 @@ def index(table: Array) -> tuple[Rgb, Rgb]:
 
 
 def metal_ior() -> dict[str, tuple[Rgb, Rgb]]:
-    """Return η and k of each metal in data/metals.txt: what METAL_IOR of wrt/presets.py holds."""
+    """Return η and k of each metal in data/metals.txt: what METAL_IOR of wrt/scene/materials/presets.py holds."""
     return {name: index(table) for name, (_, table) in measured().items()}
 
 

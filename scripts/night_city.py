@@ -1,6 +1,6 @@
-"""A city at night, lit by as many small lights as one asks for: street lamps, garlands of bulbs, windows.
+"""A city at night, lit by a given number of small lights: street lamps, garlands of bulbs, windows.
 
-What `benchmark.py lights` measures and `gallery.py` draws.
+It is the scene of `benchmark.py lights`, and a picture of `gallery.py`.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import wrt
 Array = NDArray[np.float64]
 
 BLOCKS = 96
-"""Buildings in each direction, unless one asks for fewer."""
+"""Maximum number of buildings in each direction."""
 
 PITCH = 22.0
 STREET = 9.0
-"""Metres from one building to the next, and of that the width of the street."""
+"""Distance from one building to the next, and the width of the street between, metres."""
 
 FLOOR = 3.1
 WINDOW = 2.1
 """Height of a floor and distance of windows, metres."""
 
 POWER = 1.5e6
-"""Of all lights together, so that the picture is as bright with few as with many; W per channel, roughly."""
+"""Power of all lights together, about W per channel, so that brightness does not depend on their number."""
 
 PALETTE = {
     "lamp": (1.0, 0.62, 0.28),
@@ -47,11 +47,11 @@ RADIANCE = {
     "blue": 45.0,
     "amber": 30.0,
 }
-"""Of one light against another, before all are scaled to POWER."""
+"""Relative radiance of the kinds of lights, before scaling to POWER."""
 
 
 def night_city(lights: int, *, blocks: int = BLOCKS, seed: int = 0) -> wrt.Scene:
-    """Return the city with about `lights` emissive triangles (10 to 100,000), always with the same power in all.
+    """Return the city with about `lights` emissive triangles (10 to 100,000), whose total power is constant.
 
     There are `blocks` buildings in each direction. A lamp has two triangles, a window of two panes four, a bulb eight.
     Lamps get seven tenths of the triangles, as far as there are kerbs for them; of what is left, bulbs get seven tenths
@@ -104,7 +104,7 @@ def night_city(lights: int, *, blocks: int = BLOCKS, seed: int = 0) -> wrt.Scene
 
 
 def joined(meshes: list[wrt.Mesh]) -> wrt.Mesh:
-    """Return meshes without normals as one."""
+    """Merge meshes without normals."""
     counts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
     faces = np.concatenate([m.faces + n for m, n in zip(meshes, counts, strict=True)])
     return wrt.Mesh(np.concatenate([m.vertices for m in meshes]), faces)

@@ -1,4 +1,4 @@
-"""What scripts/plots.py draws: curves of the renderer's own device functions, run over arrays."""
+"""The figures of scripts/plots.py: curves of the renderer's device functions, run over arrays."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -10,14 +10,21 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 import wrt
-from wrt.build.tables import pack_tables
-from wrt.device import Device, initialize_warp
-from wrt.distributions import sgd_normalization
-from wrt.kernels.bsdf import identifier, make_bsdf
+from wrt.backend.device import Device
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.bsdf import make_bsdf
+from wrt.kernels.bsdf.lobes.fresnel import (
+    cos_transmitted_squared,
+    fresnel_conductor,
+    fresnel_dielectric,
+    fresnel_schlick,
+)
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, slot_values
-from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_conductor, fresnel_dielectric, fresnel_schlick
+from wrt.kernels.features import identifier
 from wrt.kernels.microfacet import make_microfacet, maskings_of
-from wrt.presets import metal_ior
+from wrt.scene.materials.microfacet import sgd_normalization
+from wrt.scene.materials.presets import metal_ior
+from wrt.upload.tables.material_tables import pack_tables
 
 Array = NDArray[np.float64]
 
@@ -28,7 +35,7 @@ CHANNEL_COLORS = ("#c8102e", "#1a9641", "#2166ac")
 
 @dataclass(frozen=True)
 class Curve:
-    """A line: (N,) x in degrees, (N,) y, and how it is drawn. Without a label it is not in the legend."""
+    """A line: (N,) x in degrees, (N,) y, and its style. Without a label it is not in the legend."""
 
     x: Array
     y: Array
@@ -77,7 +84,7 @@ class Figure:
 
 
 def call(function: wp.Function, *inputs: ArrayLike) -> Array:
-    """Return what a device function of numbers and vectors gives for each row of its inputs, which are broadcast.
+    """Return the values of a device function of numbers and vectors for each row of its broadcast inputs.
 
     Warp takes two functions of one name for the same here: names must differ.
     """
@@ -132,7 +139,7 @@ def kernels_of(model: str) -> tuple[wp.Kernel, wp.Kernel]:
 
 
 def record_of(material: wrt.Material, front: bool) -> Any:
-    """Return what kernels are given of a material of constant values."""
+    """Return the kernel arguments of a material with constant values."""
     bsdf = Bsdf()
     bsdf.model, bsdf.front = 0, front
     values = np.zeros(slot_values._shape_, np.float32)
@@ -163,7 +170,7 @@ def lobe(material: wrt.Material, viewer: float, degrees: Array, *, front: bool =
 
 
 def albedo(material: wrt.Material, degrees: Array, *, samples: int = 2**14) -> Array:
-    """Return (N,) the share of light from N angles that goes on, the mean of the channels, by sampling.
+    """Return the (N,) albedo for light from N angles, the mean of the channels, by sampling.
 
     On refraction radiance is squeezed into another solid angle; that is taken out, so that energy remains.
     """
@@ -284,7 +291,7 @@ def _lobes(
     scaled: bool = False,
     power: float = 1.0,
 ) -> Panel:
-    """Return the lobes of some materials, on both sides if `around`; `scaled`, each to a maximum of 1; to a power."""
+    """Return the lobes of materials, on both sides if `around`, with a maximum of 1 if `scaled`, raised to a power."""
     degrees = np.linspace(-180.0, 180.0, 1441) if around else np.linspace(-90.0, 90.0, 721)
     curves = []
     for i, (label, material) in enumerate(materials):
@@ -294,7 +301,7 @@ def _lobes(
 
 
 def lobes() -> Figure:
-    """Return how much light from each direction in the plane of incidence opaque surfaces send to the viewer."""
+    """Return the lobes of opaque surfaces in the plane of incidence, for a fixed viewer."""
     metal = [(f"α {a:g}", wrt.RoughConductor(a, metal="gold")) for a in (0.1, 0.3, 0.6, 1.0)]
     clay = [("Lambert", wrt.Diffuse(0.8))] + [(f"σ {s:g}", wrt.OrenNayar(0.8, sigma=s)) for s in (0.35, 0.8)]
     fibres = [
@@ -331,7 +338,7 @@ def lobes_of_glass() -> Figure:
 
 @functools.cache
 def albedos() -> Figure:
-    """Return the share of light that rough surfaces which absorb nothing send on, by one bounce and by several."""
+    """Return the albedo of rough surfaces without absorption, with single and multiple bounces."""
     degrees = np.linspace(0.0, 89.0, 46)
     makers: dict[str, Callable[[float, bool], wrt.Material]] = {
         "white metal": lambda a, more: wrt.RoughConductor(a, f0=1.0, multiple_bounces=more),
@@ -358,4 +365,4 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "lobes-of-glass": lobes_of_glass,
     "albedos": albedos,
 }
-"""What is drawn, by the names of the pictures."""
+"""Figures by the names of their pictures."""

@@ -1,9 +1,9 @@
-"""Draw what the reflection models do, by their own device functions (plot_figures.py), and what was measured.
+"""Plot the reflection models, from their own device functions (plot_figures.py), and the measurements.
 
     python scripts/plots.py [--only NAME ...] [--out FOLDER]
 
-Needs matplotlib (pip install '.[plots]'). docs/shading.md shows the former. What scripts/benchmark.py has
-found last, in docs/measured, is drawn anew, and shown by docs/performance.md.
+Needs matplotlib (pip install '.[plots]'). docs/shading.md shows the former. The latest results
+of scripts/benchmark.py, in docs/measured, are plotted for docs/performance.md.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def draw(figure: Figure, path: Path) -> None:
 
 
 def _arrange(ax: Any, figure: Figure, *, first: bool, last: bool) -> None:
-    """Set up flat axes; labels only at the left and below."""
+    """Set up Cartesian axes, with labels only at the left and below."""
     from matplotlib.ticker import MultipleLocator
 
     if figure.kind == "log":
@@ -93,10 +93,12 @@ def _arrange_polar(ax: Any, panel: Panel, *, half: bool) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description="Draw what the reflection models do, and what was measured.")
+    parser = argparse.ArgumentParser(description="Plot the reflection models and the measurements.")
     every = [*FIGURES, *MEASURED]
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=every, help=f"of {', '.join(every)}")
-    parser.add_argument("--out", type=Path, default=DOCS_PLOTS, metavar="FOLDER", help="where the pictures go")
+    parser.add_argument(
+        "--only", nargs="+", metavar="NAME", choices=every, help=f"plots to draw, of {', '.join(every)}"
+    )
+    parser.add_argument("--out", type=Path, default=DOCS_PLOTS, metavar="FOLDER", help="folder to write to")
     options = parser.parse_args(arguments)
     try:
         import matplotlib  # noqa: F401

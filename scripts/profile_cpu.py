@@ -1,11 +1,10 @@
-"""Tell where the time of rendering goes on the CPU: traversal, shading, lights, random numbers, film, launches, Python.
+"""Profile rendering on the CPU by phase: traversal, shading, lights, random numbers, film, launches, Python.
 
     python scripts/profile_cpu.py [--scenes NAME ...] [--seconds S] [--functions N] [--threads N] [--docs] [--json FILE]
 
 Needs perf (Debian: linux-perf; Ubuntu: linux-tools-generic) and addr2line (binutils). Linux only. The kernel is
-compiled with the lines of its source, which changes nothing else of it; perf looks a thousand times a second at where
-each thread is, and what is inlined there says to which file of kernels/ that belongs. Scenes are those of
-scripts/benchmarks/scenes.py.
+compiled with line information, which does not change its code. perf samples each thread a thousand times a second, and
+the functions inlined at an address tell its file in kernels/. Scenes are those of scripts/benchmarks/scenes.py.
 """
 
 from __future__ import annotations
@@ -32,58 +31,58 @@ from benchmarks.scenes import CASES, ROOT, Budget
 KERNELS = ROOT / "kernels"
 
 PHASES: dict[str, tuple[str, ...]] = {
-    "traversal": ("bvh", "intersect", "instances", "simd", "triangles", "motion"),
-    "surface and material": (
-        *("surface", "footprint", "materials", "textures", "normal_maps", "fresnel", "bsdf", "microfacet"),
-        *("albedo", "albedo_dielectric", "albedo_fits", "coat"),
-    ),
-    "lights": (
-        *("lights", "light_choice", "light_tree", "light_shapes", "solid_angle", "next_event"),
-        *("environment", "environment_sampling", "piecewise"),
-    ),
-    "media": ("medium", "phase", "skin", "bodies"),
-    "random numbers": ("sampler", "low_discrepancy"),
-    "path": ("path", "integrators", "whitted", "ambient_occlusion", "shadow"),
-    "camera and film": ("render", "camera", "filters", "film", "layers", "projection", "first_surface"),
-    "everything else": ("wide",),
+    "traversal": ("accel", "geometry/triangles", "geometry/motion"),
+    "surface and material": ("bsdf", "microfacet", "textures", "scene/materials", "geometry/surface"),
+    "lights": ("lights", "integrators/next_event", "sampling/piecewise", "sampling/solid_angle"),
+    "media": ("media",),
+    "random numbers": ("sampling/sampler", "sampling/low_discrepancy"),
+    "path": ("integrators",),
+    "camera and film": ("render", "camera", "film", "integrators/first_surface"),
 }
-"""Files and folders of kernels/ by phase."""
+"""Files and folders of kernels/ by phase; the longest name counts."""
 
-WIDE_TRAVERSAL = ("follow_alone", "follow_together")
-"""Functions of C++ in kernels/wide/rays.py."""
+WIDE_TRAVERSAL = ("follow_alone", "follow_together", "found", "set_out")
+"""Functions of C++ in kernels/native/lanes/rays.h."""
 
-HELPERS = ("__init__", "exponential", "features", "geometry", "scene_data", "trigonometry", "warps")
-"""What belongs to whoever calls it."""
-
-OTHER_KERNELS = (
-    *("bvh_boxes", "bvh_collapse", "bvh_presplit", "bvh_ranges", "bvh_refit", "bvh_reinsert", "bvh_split", "bvh_top"),
-    *("interleaved", "mesh_normals", "packets", "ray_batch", "vertex_normals"),
+HELPERS = (
+    "features",
+    "registry",
+    "specialise",
+    "spmd_marks",
+    "math",
+    "native",
+    "sampling/warps",
+    "scene/scene_data",
+    "geometry/rays",
 )
-"""What no kernel of a picture has in it."""
+"""Helpers, whose time counts for their callers."""
+
+OTHER_KERNELS = ("geometry/mesh_normals", "geometry/vertex_normals")
+"""Files that no render kernel uses."""
 
 HOST = {
     "Python": ("python", "libpython", "_multiarray", "numpy", ".py", "libopenblas"),
     "Warp": ("warp.so", "warp-clang.so"),
     "system": ("[kernel", "[vdso", "libc", "libm.", "ld-linux", "libpthread", "[guest"),
 }
-"""What is not a kernel, by parts of the names of libraries."""
+"""Phases outside kernels, by parts of the names of libraries."""
 
 LINES = " -debug-info-kind=line-tables-only -dwarf-version=4"
-"""Flags of clang that keep the lines of the source."""
+"""Flags of clang for line information."""
 
 FREQUENCY = 997
-"""Samples a second."""
+"""Samples per second."""
 
 
 class ProfileError(Exception):
-    """What is missing, and how to get it."""
+    """A program is missing; the message says how to get it."""
 
 
 def rendering(scene: str, size: int, threads: int | None) -> None:
-    """Render a scene until the standard input ends; say first where its kernel is. For a process of its own."""
+    """Render a scene until standard input ends, after printing where its kernel is. Runs in its own process."""
     import warp as wp
 
-    from wrt.device import initialize_warp
+    from wrt.backend.warp_backend import initialize_warp
 
     initialize_warp()
     wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "") + LINES
@@ -93,7 +92,7 @@ def rendering(scene: str, size: int, threads: int | None) -> None:
     renderer.compile()
     passes = renderer.passes(time=1e6)
     for progress in passes:
-        if progress.seconds > 1.0:  # threads are there, passes have their size
+        if progress.seconds > 1.0:  # threads have started, passes have their final size
             break
     kernel = renderer._kernel.in_use
     (loaded,) = kernel.module.execs.values()
@@ -110,7 +109,7 @@ def rendering(scene: str, size: int, threads: int | None) -> None:
 
 
 def sampled(scene: str, options: argparse.Namespace, folder: Path) -> tuple[dict[str, Any], list[tuple[int, str]]]:
-    """Return where a scene's kernel is, and what perf saw while it rendered: addresses and libraries."""
+    """Return where a scene's kernel is, and perf's samples while it rendered: addresses and libraries."""
     line = [sys.executable, __file__, "--render", scene, "--size", str(options.size)]
     if options.threads:
         line += ["--threads", str(options.threads)]
@@ -133,7 +132,7 @@ def sampled(scene: str, options: argparse.Namespace, folder: Path) -> tuple[dict
 
 
 def run(*command: str, given: str | None = None) -> str:
-    """Return what a program writes.
+    """Return the output of a program.
 
     Raises:
         ProfileError: where it fails, with what it complains of.
@@ -145,7 +144,7 @@ def run(*command: str, given: str | None = None) -> str:
 
 
 def place_of(kernel: str, object_file: str) -> tuple[str, int, int]:
-    """Return the section of a kernel's entry in an object file, its place there, and the section's length."""
+    """Return the section of a kernel's entry in an object file, its offset there, and the section's length."""
     symbols = run("objdump", "-t", object_file)
     found = re.search(rf"^([0-9a-f]+) .* (\.\S+)\s+[0-9a-f]+ {re.escape(kernel)}_cpu_forward$", symbols, re.MULTILINE)
     if found is None:
@@ -157,7 +156,7 @@ def place_of(kernel: str, object_file: str) -> tuple[str, int, int]:
 
 
 def inlined(object_file: str, section: str, offsets: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
-    """Return for each offset the functions of kernels/ that it is in, from the innermost outwards.
+    """Return for each offset its functions of kernels/, from the innermost outwards.
 
     By the lines of the C++ that Warp wrote: what lies in its headers belongs to whoever calls it.
     """
@@ -187,12 +186,26 @@ def plain_name(symbol: str) -> str:
     return re.sub(r"_\d+$", "", name)
 
 
+def phase_of_file(path: Path) -> str | None:
+    """Return the phase of a file of kernels/; None for helpers and for files that no render kernel uses.
+
+    Raises:
+        ProfileError: where the file is not accounted for.
+    """
+    name = path.relative_to(KERNELS).with_suffix("").as_posix()
+    phases: dict[str, str | None] = {part: phase for phase, parts in PHASES.items() for part in parts}
+    phases |= dict.fromkeys((*HELPERS, *OTHER_KERNELS))
+    known = [part for part in phases if name == part or name.startswith(f"{part}/")]
+    if not known and path.name != "__init__.py":
+        raise ProfileError(f"{path}: not in PHASES of scripts/profile_cpu.py")
+    return phases[max(known, key=len)] if known else None
+
+
 def phases_of_functions() -> dict[str, str]:
     """Return the phase of every function in kernels/ by its name; functions of helpers have none."""
-    phase_of_file = {file: phase for phase, files in PHASES.items() for file in files}
     found = dict.fromkeys(WIDE_TRAVERSAL, "traversal")
     for path in sorted(KERNELS.rglob("*.py")):
-        phase = phase_of_file.get(path.relative_to(KERNELS).parts[0].removesuffix(".py"))
+        phase = phase_of_file(path)
         if phase is not None:
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef):
@@ -201,7 +214,7 @@ def phases_of_functions() -> dict[str, str]:
 
 
 def host_phase(library: str) -> str:
-    """Return what an address outside of the kernel belongs to."""
+    """Return the phase of an address outside the kernel."""
     for phase, parts in HOST.items():
         if any(part in library for part in parts):
             return phase
@@ -237,11 +250,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = ["cornell", "cornell-glossy", "bunny", "mountains", "lanterns", "textured", "fog"]
     parser.add_argument("--scenes", nargs="+", metavar="NAME", choices=list(CASES), default=default)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of looking, for each scene")
-    parser.add_argument("--functions", type=int, default=0, metavar="N", help="list so many functions of each scene")
-    parser.add_argument("--size", type=int, default=512, help="pixels a side")
+    parser.add_argument("--seconds", type=float, default=10.0, help="sampling time for each scene")
+    parser.add_argument(
+        "--functions", type=int, default=0, metavar="N", help="number of functions to list for each scene"
+    )
+    parser.add_argument("--size", type=int, default=512, help="width and height in pixels")
     parser.add_argument("--threads", type=int)
-    parser.add_argument("--docs", action="store_true", help="write docs/measured and docs/performance.md")
+    parser.add_argument("--docs", action="store_true", help="write docs/measured and docs/notes/profile.md")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--render", metavar="NAME", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)

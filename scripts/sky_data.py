@@ -1,8 +1,8 @@
-"""Write wrt/data/hosek_wilkie.npz, the tables of `wrt.hosek_wilkie`: `python scripts/sky_data.py [FOLDER]`.
+"""Write wrt/scene/skies/data/hosek_wilkie.npz: `python scripts/sky_data.py [FOLDER]`.
 
-The numbers are those that Hošek and Wilkie published (3-clause BSD licence, beside the result): the parameters of the
-sky's radiance in linear Rec. 709, and the spectral radiance of the sun with its darkening to the limb. They are read
-from the copy in FOLDER, `sunsky_datasets.bin`, by default that of the installed mitsuba package.
+The tables were published by Hošek and Wilkie (3-clause BSD licence, beside the result): the parameters of the sky's
+radiance in linear Rec. 709, and the spectral radiance of the sun with its limb darkening. They are read from
+`sunsky_datasets.bin` in FOLDER, by default the copy in the installed mitsuba package.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-RESULT = Path(__file__).resolve().parent.parent / "wrt" / "data" / "hosek_wilkie.npz"
+RESULT = Path(__file__).resolve().parent.parent / "wrt" / "scene" / "skies" / "data" / "hosek_wilkie.npz"
 
 TABLES = {
     "sky_shape": ("sky_params_rgb", (10, 2, 6, 3, 9)),
@@ -23,13 +23,13 @@ TABLES = {
     "sun_radiance": ("sun_rad_spec", (10, 45, 11, 4)),
     "sun_limb": ("sun_ld_spec", (11, 6)),
 }
-"""Names of the tables here and there, and their shapes."""
+"""Names of the tables in the result and in the source, and their shapes."""
 
 _FLOAT64 = 11
 
 
 def read_tensors(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Return the tensors of double precision in a file of Mitsuba's `TensorFile`."""
+    """Return the double-precision tensors of a Mitsuba `TensorFile`."""
     data = path.read_bytes()
     if not data.startswith(b"tensor_file\0"):
         raise SystemExit(f"{path}: not a tensor file")
@@ -48,7 +48,7 @@ def read_tensors(path: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def tables(folder: Path) -> dict[str, NDArray[np.float32]]:
-    """Return what the result holds."""
+    """Return the tables of the result."""
     tensors = read_tensors(folder / "sunsky_datasets.bin")
     for name, shape in TABLES.values():
         if tensors[name].shape != shape:

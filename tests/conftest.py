@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ Report = Callable[..., None]
 
 _MEASURED = "measured"
 
-# Renders that would take long are stopped soon: no kernels are compiled for them meanwhile. Some tests ask for one.
+# Long renders are stopped early, so no wide kernels are compiled for them. Some tests request one.
 os.environ["WRT_WIDE"] = "0"
 
 
@@ -27,10 +28,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="where kernels run: cpu, cuda (cpu as well), or auto: cuda too where there is one (default)",
     )
 
+    parser.addoption("--record", type=Path, help="write outcomes and measured rows to this file, for scripts/proofs.py")
+
 
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Table())
+        config.pluginmanager.register(Table(config.getoption("--record")))
 
 
 LONGEST = (
@@ -43,8 +46,45 @@ LONGEST = (
 """Files that take minutes, which begin first: else one process is left with them at the end."""
 
 
+ONE_OF_A_FILE = {
+    "test_absorption.py": None,
+    "test_biased_settings.py": None,
+    "test_composite_materials.py": "test_each_part_answers_in_its_share",
+    "test_emission.py": "test_mean_emission_of_triangles",
+    "test_furnace.py": "test_radiance_of_a_furnace",
+    "test_integrators.py": "test_nothing_hides_the_sky_from_a_plane",
+    "test_irradiance.py": "test_point_light",
+    "test_layers.py": "test_layers_of_panes_are_what_geometry_says",
+    "test_lenses.py": "test_openings_are_uniform_over_their_area",
+    "test_mipmaps.py": "test_two_levels_are_mixed_by_the_narrower_axis",
+    "test_motion_blur.py": "test_a_streak",
+    "test_nested_bodies.py": "test_nested_bodies_in_a_furnace_cannot_be_seen",
+    "test_normal_maps.py": "test_a_flat_map_changes_nothing",
+    "test_opacity.py": "test_what_has_no_opacity_is_not_there",
+    "test_own_bsdf.py": "test_a_copy_of_lambert_is_lambert",
+    "test_scattering.py": "test_white_in_a_furnace",
+    "test_simulation.py": "test_normals_follow_with_the_creases_that_there_were",
+    "test_skies.py": None,
+    "test_unit_of_length.py": None,
+    "test_whitted.py": "test_two_mirrors_are_a_geometric_series_cut_by_depth",
+}
+"""Files whose tests compile render kernels that no other file needs, and the test of each that a quick run takes."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Sort tests. Mark as slow those that launch kernels, except for the first parameter set of each."""
     items.sort(key=lambda item: item.path.name not in LONGEST)
+    seen: set[tuple[str, str, object]] = set()
+    for item in items:
+        if not isinstance(item, pytest.Function) or "device" not in item.fixturenames:
+            continue
+        name = item.originalname
+        test = item.path.name, name, item.callspec.params["device"]
+        if test in seen or ONE_OF_A_FILE.get(item.path.name, name) != name:
+            item.add_marker(pytest.mark.slow)
+        elif item.get_closest_marker("slow") is None:
+            seen.add(test)
 
 
 def _devices(config: pytest.Config) -> list[str]:
@@ -71,21 +111,30 @@ def report(request: pytest.FixtureRequest) -> Report:
     def add(claim: str, measured: object, expected: object = "", *, p: float | None = None) -> None:
         shown = [f"{x:.6g}" if isinstance(x, float) else str(x) for x in (measured, expected)]
         row = [f"{request.node.name}: {claim}", *shown, "" if p is None else f"{p:.3g}"]
-        # A property of the test, since these travel with its outcome when tests run in several processes.
+        # A property of the test: these travel with its outcome when tests run in several processes.
         request.node.user_properties.append((_MEASURED, row))
 
     return add
 
 
 class Table:
-    """The rows that tests reported, printed at the end of the run."""
+    """The rows that tests reported, printed at the end of the run and written to `record`, if that is a file."""
 
-    def __init__(self) -> None:
+    def __init__(self, record: Path | None) -> None:
         self.rows: list[list[str]] = []
+        self._record = record
+        self._tests: dict[str, dict[str, object]] = {}
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when == "call":
-            self.rows += [row for name, row in report.user_properties if name == _MEASURED]
+            rows = [row for name, row in report.user_properties if name == _MEASURED]
+            self.rows += rows
+            if not report.skipped:
+                self._tests[report.nodeid] = {"passed": report.passed, "rows": rows}
+
+    def pytest_sessionfinish(self) -> None:
+        if self._record is not None:
+            self._record.write_text(json.dumps(self._tests), encoding="utf-8")
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         if not self.rows:

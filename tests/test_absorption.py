@@ -226,5 +226,5 @@ def test_what_cannot_be_is_refused() -> None:
     scene.environment = wrt.ConstantEnvironment(1.0)
     two = wrt.Mix(wrt.Dielectric(interior=MEDIUM), wrt.Dielectric())
     scene.add(wrt.box((-1, -1, -1), (1, 1, 1)), material=two, name="odd")
-    with pytest.raises(wrt.InputError, match="odd: the parts of a material must bound the same body"):
+    with pytest.raises(wrt.InputError, match="odd: the parts of a material must have the same interior"):
         wrt.Renderer(scene, width=2, height=2)

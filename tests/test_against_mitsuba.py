@@ -16,7 +16,7 @@ import pytest
 from conftest import Report
 
 import wrt
-from wrt.build import layout
+from wrt.upload.accel import instancing
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(autouse=True)
 def small_meshes_are_shared_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layout, "WORTH_SHARING", 0)
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
 
 
 CAMERA = wrt.PerspectiveCamera(origin=(1.2, 1.6, 3.4), target=(0.0, 0.45, 0.0), fov_degrees=36.0)

@@ -18,7 +18,7 @@ from support.exact_rays import Explained, Model, Reason, exact_distances, explai
 from test_intersection import soup
 
 import wrt
-from wrt import intersector
+from wrt.rendering import intersector
 
 pytestmark = pytest.mark.slow
 

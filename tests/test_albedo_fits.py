@@ -12,7 +12,7 @@ from support import principled_reference as reference
 from support.bsdfs import viewer
 from support.kernels import map_function
 
-from wrt.kernels import albedo_fits
+from wrt.kernels.bsdf.lobes import albedo_fits
 
 FITS = reference.load_fits()
 
@@ -37,6 +37,7 @@ def test_quadrature_is_right(report: Report) -> None:
         assert found == pytest.approx(expected, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_fits_are_above_the_albedos(device: str, report: Report) -> None:
     rng = np.random.default_rng(40)
     n = 120
@@ -56,6 +57,7 @@ def test_fits_are_above_the_albedos(device: str, report: Report) -> None:
     assert excess.max() < 0.022
 
 
+@pytest.mark.slow
 def test_anisotropic_albedo_is_not_underestimated(device: str, report: Report) -> None:
     """For both extremes of reflectance at normal incidence, between which all others lie."""
     rng = np.random.default_rng(41)

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.build.alias import AliasTable, make_alias_table
-from wrt.kernels.warps import sample_alias
+from wrt.kernels.sampling.warps import sample_alias
+from wrt.upload.lights.alias import AliasTable, make_alias_table
 
 
 @wp.kernel(enable_backward=False)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from wrt.cli.arguments import choice, duration, size, whole
+from wrt.cli.arguments.types import choice, duration, size, whole
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_sizes(text: str, pixels: tuple[int, int]) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("640", "must have a height too, such as 640x640, not '640'"),
+        ("640", "must have a width and a height, such as 640x640, not '640'"),
         ("big", "must be WIDTHxHEIGHT, such as 640x480, or one of 720p, 1080p,"),
         ("2k", "must be WIDTHxHEIGHT"),
         ("640x480x3", "must be WIDTHxHEIGHT"),

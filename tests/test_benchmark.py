@@ -18,8 +18,8 @@ from peers import peer
 from peers.picture_tests import image_z_test
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
+from wrt.backend.device import Device
+from wrt.upload.scene_data import build_scene
 
 SMALL = scenes.Budget(share=0.01, assets=Path("/nowhere"))
 
@@ -139,8 +139,9 @@ def test_sections_of_pages_are_replaced(tmp_path: Path) -> None:
 
 
 def test_commands_of_the_page_are_understood() -> None:
-    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
-    lines = re.findall(r"^python scripts/benchmark\.py (.*)$", page, re.MULTILINE)
+    pages = [ROOT / "docs" / "performance.md", *sorted((ROOT / "docs" / "notes").glob("*.md"))]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    lines = re.findall(r"^python scripts/benchmark\.py (.*)$", text, re.MULTILINE)
     assert len(lines) >= 7
     for line in lines:
         benchmark.command_line().parse_args(shlex.split(line, comments=True))
@@ -148,11 +149,12 @@ def test_commands_of_the_page_are_understood() -> None:
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in measure.MEASURED_FOLDER.glob("*.json")))
 def test_pages_show_what_was_measured(name: str, tmp_path: Path) -> None:
-    """The tables of docs/performance.md are those of docs/measured, and its plots can be drawn from it."""
+    """The tables of the docs are those of docs/measured, and their plots can be drawn from it."""
     result = figures.result_of(name)
-    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
     assert result["benchmark"] == name
-    assert f"<!-- {name} -->\n{report.TEXTS[name](result).strip()}\n<!-- end of {name} -->" in page
+    for section in report.SECTIONS[name]:
+        page = section.page.read_text(encoding="utf-8")
+        assert f"<!-- {section.name} -->\n{section.text(result).strip()}\n<!-- end of {section.name} -->" in page
     if f"benchmark-{name}" in figures.MEASURED:
         pytest.importorskip("matplotlib", reason="plots need matplotlib")
         figures.MEASURED[f"benchmark-{name}"](tmp_path / "plot.png")
@@ -227,6 +229,7 @@ class FakeSession:
         self.peer, self.process = given, argparse.Namespace(kill=lambda: None)
 
 
+@pytest.mark.slow
 def test_checkouts_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two of the same, in turn; and what is no checkout, or one whose worker does not tell what is needed."""
     options = ["--scenes", "cornell", "--size", "24", "--seconds", "0.01", "--rounds", "3"]

@@ -116,6 +116,7 @@ def test_without_rough_surfaces_nothing_changes(metal: wrt.Material, device: str
 # --- Settings --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_checkpoints_know_both(tmp_path: Path) -> None:
     scene = wrt.load("cornell-box")
     first = render(scene, 3, clamp_indirect=0.5, regularization=0.25)

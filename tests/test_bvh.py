@@ -11,21 +11,11 @@ from conftest import Report
 from numpy.typing import ArrayLike, NDArray
 from support.kernels import upload
 
-from wrt.build.bvh import BuiltBvh, build_bvh
-from wrt.device import Device
-from wrt.kernels import bvh as traversal
-from wrt.kernels.bvh import (
-    LEAF_FLOATS,
-    LEAF_SIZE,
-    MAX_DEPTH,
-    NODE_FLOATS,
-    STACK_SIZE,
-    WIDTH,
-    Bvh,
-    bvh_any_hit,
-    bvh_closest_hit,
-)
-from wrt.kernels.simd import VECTOR_CODE
+from wrt.backend.device import Device
+from wrt.kernels.accel.bvh import Bvh, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.native import at_file_level, text_of
+from wrt.kernels.native.constants import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, STACK_SIZE, WIDTH
+from wrt.upload.accel.bvh import BuiltBvh, build_bvh
 
 
 @dataclasses.dataclass
@@ -341,26 +331,21 @@ def test_winding_does_not_move_a_hit(device: str, report: Report) -> None:
 
 # What CUDA has built in and clang has not, with the same rounding.
 _INTRINSICS = """
-    const auto __fadd_rn = [](float a, float b) { volatile float r = a + b; return (float)r; };
-    const auto __fsub_rn = [](float a, float b) { volatile float r = a - b; return (float)r; };
-    const auto __fmul_rn = [](float a, float b) { volatile float r = a * b; return (float)r; };
-    const auto fminf = [](float a, float b) { return a != a ? b : b != b ? a : a < b ? a : b; };
-    const auto fmaxf = [](float a, float b) { return a != a ? b : b != b ? a : a > b ? a : b; };
-    const auto __ffs = [](unsigned m) { return __builtin_ffs((int)m); };
+static inline float __fmul_rn(float a, float b) { volatile float r = a * b; return (float)r; }
+static inline float fminf(float a, float b) { return a != a ? b : b != b ? a : a < b ? a : b; }
+static inline float fmaxf(float a, float b) { return a != a ? b : b != b ? a : a > b ? a : b; }
+static inline int __ffs(unsigned m) { return __builtin_ffs((int)m); }
 """
 
-
-def scalar_code() -> str:
-    """Return the traversal with the loops that CUDA gets in place of vectors."""
-    code = traversal.native_code(traversal._TRAVERSE)
-    assert VECTOR_CODE in code
-    return _INTRINSICS + code.replace(VECTOR_CODE, "0")
+# The traversal with the loops that CUDA gets in place of vectors.
+scalar_h = at_file_level(f"#define WRT_VECTORS 0\n{_INTRINSICS}{text_of('traversal.h')}", "scalar_traversal")
 
 
-@wp.func_native(scalar_code())
+@wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
 def traverse_scalar(
     bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
-) -> wp.vec4: ...
+) -> wp.vec4:
+    scalar_h()
 
 
 @wp.kernel(enable_backward=False, module="test_bvh.scalar")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from support.cameras import camera_rays
 
 import wrt
-from wrt.scene import SAMPLERS
+from wrt.scene.scene import SAMPLERS
 
 FloatArray = NDArray[np.float64]
 WIDTH, HEIGHT = 48, 30
@@ -262,8 +262,8 @@ REFUSED: list[tuple[type[wrt.Camera], dict[str, object], str]] = [
     (wrt.PerspectiveCamera, {"shutter_ramp": 1.1}, "shutter_ramp must be at most 1"),
     (wrt.PerspectiveCamera, {"shutter_open": math.nan}, "shutter_open must be finite"),
     (wrt.PerspectiveCamera, {"motion": 3}, "motion must be a wrt.Motion, not int"),
-    (wrt.PerspectiveCamera, {"motion": STRETCH}, "motion must only move and turn"),
-    (wrt.PerspectiveCamera, {"motion": MIRROR}, "motion must only move and turn"),
+    (wrt.PerspectiveCamera, {"motion": STRETCH}, "motion must be rigid"),
+    (wrt.PerspectiveCamera, {"motion": MIRROR}, "motion must be rigid"),
     (wrt.PerspectiveCamera, {"aperture": "hexagon"}, "aperture must be one of disk, square, polygon, not 'hexagon'"),
     (wrt.PerspectiveCamera, {"aperture_blades": 2}, "aperture_blades must be between 3 and"),
     (wrt.PerspectiveCamera, {"aperture_blades": 5.5}, "aperture_blades must be a whole number"),

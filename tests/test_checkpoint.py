@@ -17,8 +17,8 @@ import pytest
 from numpy.typing import NDArray
 
 import wrt
-from wrt.checkpoint import FORMAT, read_checkpoint, require_same, write_checkpoint
-from wrt.layers import LAYERS
+from wrt.rendering.checkpoint import FORMAT, identity_of, read_checkpoint, require_same, write_checkpoint
+from wrt.scene.layers import LAYERS
 
 HEADER = {"width": 2, "scene": {"geometry": "abc"}, "text": "größer", "none": None, "float": 0.1}
 ARRAYS = {
@@ -275,8 +275,9 @@ def test_another_version_is_refused(key: str, tmp_path: Path, monkeypatch: pytes
     """Another version may round otherwise, and then a resumed picture is not the picture."""
     path = tmp_path / "film"
     renderer = rendered()
-    identity = wrt.Renderer._identity
-    monkeypatch.setattr(wrt.Renderer, "_identity", lambda self: {**identity(self), key: "0.0.1"})
+    monkeypatch.setattr(
+        "wrt.rendering.checkpoint.identity_of", lambda renderer: {**identity_of(renderer), key: "0.0.1"}
+    )
     renderer.save_checkpoint(path)
     monkeypatch.undo()
     text = refusal(lambda: wrt.Renderer.resume(path, scene()), path)
@@ -303,7 +304,7 @@ def test_another_version_is_refused(key: str, tmp_path: Path, monkeypatch: pytes
 def test_nonsense_in_the_header_is_refused(damage: dict[str, object], tmp_path: Path) -> None:
     path = tmp_path / "film"
     renderer = rendered(seed=3)
-    write_checkpoint(path, {**renderer._identity(), **damage}, renderer.film.state())
+    write_checkpoint(path, {**identity_of(renderer), **damage}, renderer.film.state())
     refusal(lambda: wrt.Renderer.resume(path, scene()), path)
 
 
@@ -317,7 +318,7 @@ def test_wrong_arrays_are_refused(name: str, change: str, tmp_path: Path) -> Non
         del state[name]
     else:
         state[name] = state[name][:-1] if change == "shape" else state[name].astype(np.float32)
-    write_checkpoint(path, renderer._identity(), state)
+    write_checkpoint(path, identity_of(renderer), state)
     text = refusal(lambda: wrt.Renderer.resume(path, scene()), path)
     assert repr(name) in text
 

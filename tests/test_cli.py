@@ -19,9 +19,9 @@ from conftest import ROOT
 
 from wrt import meshes
 from wrt.cli import main
-from wrt.cli.options import parse
-from wrt.interrupts import Interrupts
-from wrt.terminal import columns_of
+from wrt.cli.arguments.options import parse
+from wrt.cli.signals import Interrupts
+from wrt.progress.terminal import columns_of
 
 SMALL = ["render", "cornell-box", "--size", "32x32"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
@@ -243,8 +243,19 @@ def test_help_imports_nothing_heavy(arguments: list[str], tmp_path: Path) -> Non
     assert "wrt.cli" in imported
     # Of wrt itself just what reads the options: everything else may grow heavy imports of its own.
     assert {name for name in imported if name.partition(".")[0] == "wrt"} <= {
-        *("wrt", "wrt._version", "wrt.errors", "wrt.process", "wrt.cli", "wrt.cli.arguments", "wrt.cli.options"),
-        *("wrt.cli.parser", "wrt.cli.status", "wrt.cli.streams"),
+        *(
+            "wrt",
+            "wrt._version",
+            "wrt.errors",
+            "wrt.cli.process",
+            "wrt.cli",
+            "wrt.cli.arguments",
+            "wrt.cli.arguments.types",
+            "wrt.cli.arguments.options",
+            "wrt.cli.arguments.studio",
+            "wrt.cli.arguments.parser",
+        ),
+        *("wrt.cli.exit_status", "wrt.cli.streams"),
     }
     assert not imported & {"numpy", "warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO", "json", "logging"}
 

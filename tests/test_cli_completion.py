@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from test_cli import ENVIRONMENT, run
 
-from wrt.scene import INTEGRATORS, SAMPLERS
+from wrt.scene.scene import INTEGRATORS, SAMPLERS
 
 SCENES = ["cornell-box", "many-triangles", "still-life", "teapot"]
 
 EXPECTED = {
-    "wrt ": ["completion", "convert", "info", "materials", "render", "scenes", "schema"],
+    "wrt ": ["completion", "convert", "develop", "info", "materials", "merge", "render", "scenes", "schema", "view"],
     "wrt ren": ["render"],
     "wrt render ": sorted([*SCENES, "bunny.obj", "room.toml", "sub/", "two words.ply"]),
     "wrt render bu": ["bunny.obj"],

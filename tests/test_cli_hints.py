@@ -9,7 +9,7 @@ import pytest
 
 import wrt
 from wrt.cli import main
-from wrt.cli.options import parse
+from wrt.cli.arguments.options import parse
 
 
 @pytest.mark.parametrize(
@@ -75,9 +75,9 @@ def test_a_name_that_an_option_takes(
         ("Render x", "there is no command 'Render' (did you mean 'render'?)"),
         ("matrials", "there is no command 'matrials' (did you mean 'materials'?)"),
         ("cornel-box", "there is no command 'cornel-box' (did you mean 'render cornell-box'?)"),
-        ("teapot --spp 4", "'teapot' is no command; to render it, type: wrt render teapot --spp 4"),
-        ("bunny.obj --size 8x8", "'bunny.obj' is no command; to render it, type: wrt render bunny.obj --size 8x8"),
-        ("'my bunny.obj'", "'my bunny.obj' is no command; to render it, type: wrt render 'my bunny.obj'"),
+        ("teapot --spp 4", "'teapot' is not a command; to render it, type: wrt render teapot --spp 4"),
+        ("bunny.obj --size 8x8", "'bunny.obj' is not a command; to render it, type: wrt render bunny.obj --size 8x8"),
+        ("'my bunny.obj'", "'my bunny.obj' is not a command; to render it, type: wrt render 'my bunny.obj'"),
         ("--spp 4 bunny.obj", "--spp goes after a command, such as: wrt render ... --spp 4"),
         ("--vers", "there is no option --vers (see 'wrt --help')"),
         ("render x --ssp 4", "there is no option --ssp (did you mean '--spp'?)"),
@@ -86,7 +86,7 @@ def test_a_name_that_an_option_takes(
         ("render x --SIZE 4x4", "there is no option --SIZE (did you mean '--size'?)"),
         ("render x --xyzzy", "there is no option --xyzzy (see 'wrt render --help')"),
         ("info x --upp z", "there is no option --upp (see 'wrt info --help')"),
-        ("info x y", "'y' is more than 'wrt info' takes (see 'wrt info --help')"),
+        ("info x y", "unexpected argument 'y' (see 'wrt info --help')"),
         ("completion bsh", "argument SHELL: must be one of bash, zsh, fish, not 'bsh' (did you mean 'bash'?)"),
         ("render x -o a.png -o b.png", "argument -o/--output: given twice, as 'a.png' and as 'b.png'"),
         ("render x --checkpoint a --checkpoint a", "argument --checkpoint: given twice, as 'a' and as 'a'"),

@@ -15,8 +15,8 @@ from test_cli import ENVIRONMENT, run
 
 import wrt
 from wrt.cli import main
-from wrt.describe_materials import WIDTH, explain_material, list_materials, parameters_of
-from wrt.materials import MATERIALS
+from wrt.describe.materials import WIDTH, explain_material, list_materials, parameters_of
+from wrt.scene.materials import MATERIALS
 
 COMMON = {"opacity", "normal_map"}
 
@@ -105,7 +105,7 @@ def test_nothing_heavy_is_imported(tmp_path: Path) -> None:
             check=True,
         )
         imported = {line.rpartition("|")[2].strip() for line in result.stderr.splitlines()}
-        assert "wrt.describe_materials" in imported
+        assert "wrt.describe.materials" in imported
         assert not imported & {"warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO", "wrt.kernels", "scipy"}
 
 

@@ -11,7 +11,7 @@ import pytest
 from test_cli import run, start, wait_for, without_progress
 
 from wrt.cli import main
-from wrt.cli.outputs import default_outputs
+from wrt.cli.output_paths import default_outputs
 from wrt.errors import InputError
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -80,10 +80,10 @@ def test_a_slash_makes_it_a_folder_for_one_input_too(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["-o", "x.png"], "x.png: with several inputs the output must be a folder; end its name with / to create it"),
-        (["-o", "new"], "new: with several inputs the output must be a folder"),
+        (["-o", "x.png"], "x.png: for several inputs, the output must be a folder; end its name with / to create it"),
+        (["-o", "new"], "new: for several inputs, the output must be a folder"),
         (["-o", "one.obj/"], "one.obj/: cannot be created: "),
-        (["--checkpoint", "state"], "--checkpoint is for one input, and several are given"),
+        (["--checkpoint", "state"], "--checkpoint is for a single input"),
         (["one.obj"], "one.obj: given twice"),
     ],
 )
@@ -114,7 +114,7 @@ def test_inputs_that_are_called_alike_get_longer_names(inputs: list[str], output
 
 @pytest.mark.parametrize("inputs", [["x.obj", "./x.obj"], ["a/x.obj", "b/x.obj", "a-x.obj"], ["../x.obj", "/x.obj"]])
 def test_what_even_longer_names_do_not_tell_apart_is_refused(inputs: list[str]) -> None:
-    with pytest.raises(InputError, match=r"would both be rendered to .*\.png; render them one at a time"):
+    with pytest.raises(InputError, match=r"would both be written to .*\.png; render them one at a time"):
         default_outputs(inputs)
 
 
@@ -122,8 +122,8 @@ def test_longer_names_are_said(folder: Path) -> None:
     result = run(folder, "render", "a/room.obj", "b/room.obj", *SMALL)
     assert written(folder) == ["a-room.png", "b-room.png"]
     said = result.stderr.splitlines()
-    assert "wrt: note: a/room.obj: its picture is a-room.png, because another input has the same name" in said
-    assert "wrt: note: b/room.obj: its picture is b-room.png, because another input has the same name" in said
+    assert "wrt: note: a/room.obj: the picture is a-room.png, because another input has the same name" in said
+    assert "wrt: note: b/room.obj: the picture is b-room.png, because another input has the same name" in said
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -6,8 +6,9 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from test_cli import ENVIRONMENT, without_progress
@@ -41,7 +42,17 @@ COMMANDS = {**PRINTING, **WRITING, **UNUSABLE}
 QUICK = ("--help", "render --json", "no file")
 """Commands that are not left out of a quick run of the tests."""
 
-EACH = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in COMMANDS]
+EVERY_WAY = (*QUICK, "render")
+"""Commands that are tried with all streams in all states; the others share their code, and are tried with some."""
+
+
+def cases(states: Iterable[object], some: Iterable[object]) -> list[Any]:
+    """Return commands and states of their streams: all states for EVERY_WAY, and `some` for the others."""
+    return [
+        pytest.param(command, state, marks=() if command in QUICK else pytest.mark.slow)
+        for command in COMMANDS
+        for state in (states if command in EVERY_WAY else some)
+    ]
 
 
 @pytest.fixture
@@ -86,8 +97,7 @@ def status_of(command: str, *, output_lost: bool) -> int:
     return 2 if command in UNUSABLE else int(output_lost and command in PRINTING)
 
 
-@pytest.mark.parametrize("close", [(1,), (2,), (0, 1, 2)], ids=str)
-@pytest.mark.parametrize("command", EACH)
+@pytest.mark.parametrize(("command", "close"), cases([(1,), (2,), (0, 1, 2)], [(0, 1, 2)]), ids=str)
 def test_closed_streams(command: str, close: tuple[int, ...], folder: Path) -> None:
     done = run(folder, COMMANDS[command], close=close)
     require_quiet(done)
@@ -100,8 +110,9 @@ def test_closed_streams(command: str, close: tuple[int, ...], folder: Path) -> N
 
 
 @pytest.mark.parametrize("place", [pipe_that_nobody_reads, full_device])
-@pytest.mark.parametrize("streams", [("stdout",), ("stderr",), ("stdout", "stderr")], ids="+".join)
-@pytest.mark.parametrize("command", EACH)
+@pytest.mark.parametrize(
+    ("command", "streams"), cases([("stdout",), ("stderr",), ("stdout", "stderr")], [("stdout",)]), ids=str
+)
 def test_streams_that_cannot_be_written_to(
     command: str, streams: tuple[str, ...], place: Callable[[], contextlib.AbstractContextManager[int]], folder: Path
 ) -> None:
@@ -123,8 +134,7 @@ ENCODINGS = {
 }
 
 
-@pytest.mark.parametrize("encoding", ENCODINGS)
-@pytest.mark.parametrize("command", EACH)
+@pytest.mark.parametrize(("command", "encoding"), cases(ENCODINGS, ["ascii:strict"]))
 def test_streams_of_few_letters(command: str, encoding: str, folder: Path) -> None:
     done = run(folder, COMMANDS[command], env=ENCODINGS[encoding])
     require_quiet(done)

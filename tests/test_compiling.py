@@ -16,14 +16,14 @@ import pytest
 import warp as wp
 from conftest import ROOT
 
-from wrt import headers
-from wrt.device import Device
+from wrt.backend import headers
+from wrt.backend.device import Device
 
 PROGRAM = """
 import sys
 import numpy as np
 import warp as wp
-from wrt.device import Device
+from wrt.backend.device import Device
 
 def kernel_of(name, factor):
     @wp.kernel(module=wp.get_module(name), enable_backward=False)
@@ -50,8 +50,8 @@ HEADERS = """
 import sys
 from pathlib import Path
 import warp as wp
-from wrt import headers
-from wrt.device import Device
+from wrt.backend import headers
+from wrt.backend.device import Device
 
 @wp.kernel(enable_backward=False)
 def double(first: int, x: wp.array(dtype=float)):
@@ -71,7 +71,7 @@ import signal
 import time
 from types import SimpleNamespace
 import warp as wp
-from wrt.device import Device
+from wrt.backend.device import Device
 
 device = Device("cpu", threads=2)
 kernel = SimpleNamespace(module=SimpleNamespace(name="a"))
@@ -179,7 +179,7 @@ def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(
 def test_an_interrupt_does_not_wait_for_the_compiler(
     way: str, threads: int, loads: Loads, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("wrt.device.INTERRUPT_SECONDS", 0.05)
+    monkeypatch.setattr("wrt.backend.slices.INTERRUPT_SECONDS", 0.05)
     release = threading.Event()
     load = loads.__call__
 
@@ -231,9 +231,11 @@ def test_a_fork_works_by_threads_of_its_own() -> None:
 
 def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[str] = []
-    monkeypatch.setattr("wrt.device.trim", lambda: given.append("heap"))
-    monkeypatch.setattr("wrt.device.forget_code", lambda *libraries: given.extend(each.name for each in libraries))
-    monkeypatch.setattr("wrt.device.LOAD_SECONDS", 0.1)
+    monkeypatch.setattr("wrt.backend.warp_backend.trim", lambda: given.append("heap"))
+    monkeypatch.setattr(
+        "wrt.backend.warp_backend.forget_code", lambda *libraries: given.extend(each.name for each in libraries)
+    )
+    monkeypatch.setattr("wrt.backend.warp_backend.LOAD_SECONDS", 0.1)
     device = Device("cpu")
     given.clear()
     device.compile(kernel("a"))
@@ -285,7 +287,7 @@ def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, mo
 
 def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None:
     # Warp's headers, read and written down for the modules that follow, are 5 MB a thread.
-    program = "import tempfile; from wrt.process import end; t = tempfile.TemporaryDirectory(dir='.'); end(3)"
+    program = "import tempfile; from wrt.cli.process import end; t = tempfile.TemporaryDirectory(dir='.'); end(3)"
     variables = {**os.environ, "PYTHONPATH": str(ROOT)}
     assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=variables).returncode == 3
     assert not list(tmp_path.iterdir())
@@ -311,7 +313,7 @@ def test_seconds_are_those_that_somebody_waited(loads: Loads) -> None:
 
 def test_seconds_of_another_process_are_counted_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     from wrt.kernels.features import Features
-    from wrt.wide import WideKernel
+    from wrt.rendering.wide_kernel import WideKernel
 
     class Compiler:
         ended: int | None = None
@@ -325,8 +327,8 @@ def test_seconds_of_another_process_are_counted_until_it_ends(monkeypatch: pytes
         kill = wait
 
     compiler = Compiler()
-    monkeypatch.setattr("wrt.wide.subprocess.Popen", lambda *_, **__: compiler)
-    monkeypatch.setattr(WideKernel, "_can_be_had", lambda _: True)
+    monkeypatch.setattr("wrt.rendering.wide_kernel.subprocess.Popen", lambda *_, **__: compiler)
+    monkeypatch.setattr(WideKernel, "_is_usable", lambda _: True)
     wide = WideKernel(Device("cpu"), Features(models=(), textured=False, environment="none"), ())
     assert wide.seconds == 0.0
     wide.prepare(1e9)

@@ -17,9 +17,9 @@ from support.statistics import chi_square_test, image_z_test, t_test_mean
 from test_furnace import flat_ball
 
 import wrt
-from wrt.fingerprint import scene_fingerprint
-from wrt.kernels import materials as device_materials
-from wrt.materials import composite
+from wrt.kernels.scene import materials as device_materials
+from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.scene.materials import composite
 
 N = 2**16
 EVEN = ((np.arange(N) + 0.5) / N).astype(np.float32)
@@ -163,7 +163,7 @@ def test_one_channel_of_a_texture_is_a_grey(device: str) -> None:
 
 def test_choices_after_one_another_are_independent(device: str, report: Report) -> None:
     """The number that chooses at a surface says nothing about the one behind it, nor about the path's others."""
-    from wrt.kernels.sampler import BLOCKS_PER_PATH
+    from wrt.kernels.sampling.sampler import BLOCKS_PER_PATH
 
     n = 2**20
     pixel, index = np.arange(n) % 1021, np.arange(n) // 1021

@@ -15,7 +15,7 @@ from PIL import Image
 
 import wrt
 from wrt.cli import main
-from wrt.files import confined_to, read_file
+from wrt.io.safe_read import confined_to, read_file
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
 FACE = "f 1/1 2/2 3/3\n"

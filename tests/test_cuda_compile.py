@@ -14,30 +14,28 @@ import pytest
 import warp as wp
 
 import wrt.kernels
-from wrt.device import initialize_warp
-from wrt.kernels.albedo import make_missing_kernel
-from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
-from wrt.kernels.bodies import make_count_crossings
-from wrt.kernels.bvh import Bvh, bvh_any_hit, bvh_closest_hit
-from wrt.kernels.coat import make_coat_kernel
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.accel.bvh import Bvh, bvh_any_hit, bvh_closest_hit
+from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
+from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
+from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.features import Features
-from wrt.kernels.integrators import INTEGRATORS
+from wrt.kernels.integrators.registry import INTEGRATORS
+from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
+from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.render import make_render_kernel
-from wrt.materials import MATERIALS
-from wrt.scene import SAMPLERS
+from wrt.scene.materials import MATERIALS
+from wrt.scene.scene import SAMPLERS
 
 ARCHITECTURES = (75, 90)
 """Turing, the oldest that Warp supports, and Hopper."""
 
 TABLE_KERNELS = (make_coat_kernel, make_missing_kernel, make_missing_dielectric_kernel)
-FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.bodies", "make_count_crossings")} | {
+FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.media.bodies", "make_count_crossings")} | {
     (f.__module__, f.__name__) for f in TABLE_KERNELS
 }
 """Functions that make kernels; each is called below."""
-
-FACTORIES_FOR_CPU = {("wrt.kernels.wide.render", "declare_wide_render_kernel")}
-"""Functions that make kernels of vector code, which no GPU runs; tests/test_wide.py calls them."""
 
 MODELS = sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})
 """The reflection model of each material as it comes."""
@@ -54,10 +52,10 @@ FEATURES = [
         ("diffuse", "rough_dielectric:ggx:smith"),
         True,
         "image",
-        layered=True,
+        opacity=True,
         tangents=True,
-        extras=True,
-        light_shapes=True,
+        uv2_alpha=True,
+        light_shapes=LIGHT_SHAPES,
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
@@ -75,7 +73,7 @@ FEATURES = [
         mipmapped=True,
         clamped=True,
         regularized=True,
-        layers=True,
+        aovs=True,
     ),
     Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
     Features(
@@ -140,6 +138,7 @@ def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("features", [FEATURES[0], FEATURES[-1]], ids=lambda features: features.name)
 def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:
     # No source of ours asks for the architecture: a few tell as much as all, which take minutes.
@@ -147,10 +146,12 @@ def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: P
 
 
 def test_no_source_asks_for_the_architecture() -> None:
-    for path in Path(wrt.kernels.__file__).parent.rglob("*.py"):
-        assert not re.search(r"__CUDA_ARCH__\s*[<>=)]*\s*[<>=]", path.read_text(encoding="utf-8")), path
+    for path in Path(wrt.kernels.__file__).parent.rglob("*.[hp]*"):
+        if path.suffix in (".h", ".py"):
+            assert not re.search(r"__CUDA_ARCH__\s*[<>=)]*\s*[<>=]", path.read_text(encoding="utf-8")), path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instances", ["none", "still", "deforming"])
 def test_kernels_that_look_around_compile(instances: str, tmp_path: Path) -> None:
     compile_for_cuda(make_count_crossings(instances).module, ARCHITECTURES[0], tmp_path)
@@ -190,7 +191,7 @@ def test_code_that_only_clang_knows_does_not_compile(tmp_path: Path) -> None:
 
 
 def test_no_kernel_is_left_out() -> None:
-    """What is written with @wp.kernel is in a module compiled above, or a factory called above, or for CPUs alone."""
+    """What is written with @wp.kernel is in a module compiled above, or a factory called above."""
     top_level, made = set(), set()
     for module in kernel_modules():
         tree = ast.parse(Path(str(module.__file__)).read_text())
@@ -203,7 +204,7 @@ def test_no_kernel_is_left_out() -> None:
                 else:
                     made.add((module.__name__, getattr(node, "name", "")))
     assert top_level == set(declared_kernels())
-    assert made == FACTORIES | FACTORIES_FOR_CPU
+    assert made == FACTORIES
 
 
 def is_kernel(decorator: ast.expr) -> bool:

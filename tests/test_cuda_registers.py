@@ -53,7 +53,7 @@ ptxas info    : Used 72 registers, used 0 barriers, 2320 bytes cumulative stack 
 
 @pytest.mark.parametrize("ptxas", ["ptxas", None])
 def test_what_the_tools_say_is_read(ptxas: str | None, script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    from wrt.kernels.ray_batch import trace_rays
+    from wrt.kernels.accel.ray_batch import trace_rays
 
     monkeypatch.setattr(script, "run", lambda tool, *_: SAID[tool])
     spilled = {"spill_stores": 8, "spill_loads": 12} if ptxas else {}
@@ -63,7 +63,7 @@ def test_what_the_tools_say_is_read(ptxas: str | None, script: ModuleType, monke
 
 def test_a_kernel_is_compiled_and_read(script: ModuleType) -> None:
     """The whole way, where the tool is installed."""
-    from wrt.kernels.ray_batch import trace_rays
+    from wrt.kernels.accel.ray_batch import trace_rays
 
     cuobjdump = script.find_tool("cuobjdump", "nvidia-cuda-cuobjdump")
     if cuobjdump is None:

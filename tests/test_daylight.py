@@ -12,12 +12,12 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.build.environment import resolve_environment
-from wrt.environment import image_directions
-from wrt.formats.mitsuba.daylight import SCALE, sun_position, sun_radiance
-from wrt.hosek_wilkie import WAVELENGTHS, sky_rgb, sun_rgb, sun_spectrum
-from wrt.motion import rotation_matrix
-from wrt.sky import LUMINOUS_EFFICACY
+from wrt.io.mitsuba.daylight import SCALE, sun_position, sun_radiance
+from wrt.scene.environment import image_directions
+from wrt.scene.motion import rotation_matrix
+from wrt.scene.skies.hosek_wilkie import WAVELENGTHS, sky_rgb, sun_rgb, sun_spectrum
+from wrt.scene.skies.preetham import LUMINOUS_EFFICACY
+from wrt.upload.lights.environment import resolve_environment
 
 Array = NDArray[np.float64]
 ALBEDO = (0.1, 0.4, 0.9)

@@ -7,7 +7,7 @@ import pytest
 
 import wrt
 from wrt.cli import main
-from wrt.describe_scene import MOST_ROWS, scene_text
+from wrt.describe.scene import MOST_ROWS, scene_text
 
 
 def row(text: str, name: str) -> list[str]:

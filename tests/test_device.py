@@ -13,7 +13,15 @@ import pytest
 import warp as wp
 
 import wrt
-from wrt.device import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, SMALLEST_SLICE, Device, Slices, available_threads
+from wrt.backend.device import Device
+from wrt.backend.slices import (
+    FIRST_SLICE,
+    SLICE_SECONDS,
+    SLICES_PER_THREAD,
+    SMALLEST_SLICE,
+    Slices,
+    available_threads,
+)
 
 
 @wp.kernel(enable_backward=False)

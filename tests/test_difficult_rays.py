@@ -9,7 +9,7 @@ from test_difficult_triangles import FEW, MANY, assert_sane, batches, mesh_of
 from test_intersection import soup
 
 import wrt
-from wrt.kernels.bvh import MAX_DEPTH
+from wrt.kernels.native.constants import MAX_DEPTH
 
 # Sizes -----------------------------------------------------------------------------------------------
 
@@ -48,6 +48,8 @@ def test_hits_do_not_depend_on_the_length_of_directions(exponent: int, device: s
 def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, device: str) -> None:
     """From 10^-38 to 10^37: products of three coordinates vanish or overflow, and what is lost is a miss."""
     mesh = soup(17, 300)
+    # At 2^-44 products of three coordinates are denormal: digits are lost, but not yet all.
+    most = 1e-3 if exponent == -44 else 1e-6
     other, scale = scaled(mesh, exponent)
     tracer, beyond = wrt.Intersector(mesh, device=device), wrt.Intersector(other, device=device)
     for origins, directions in batches(mesh).values():
@@ -61,7 +63,7 @@ def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, dev
         met = woop(corners[:, None], origins[hit].astype(np.float64), directions[hit].astype(np.float64))
         assert met.perhaps.all()
         error = np.abs(hits.t[hit] / np.float64(scale) - met.t[:, 0])
-        assert (error <= np.maximum(met.t_error[:, 0], 1e-3 * met.t[:, 0])).all()
+        assert (error <= np.maximum(met.t_error[:, 0], most * met.t[:, 0])).all()
 
 
 @pytest.mark.parametrize("size", [3e38, 1e30, 1e-30, 1e-40])

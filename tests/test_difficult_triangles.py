@@ -13,7 +13,7 @@ from support.exact_rays import Explained, Reason, exact_distances, explain, woop
 from test_intersection import random_rays, soup
 
 import wrt
-from wrt.kernels.bvh import MAX_DEPTH
+from wrt.kernels.native.constants import MAX_DEPTH
 
 Rays = tuple[NDArray[np.float32], NDArray[np.float32]]
 Array = NDArray[np.float32]
@@ -83,6 +83,7 @@ def at_degenerate(corners: Array, seed: int) -> Rays:
     return origins.astype(np.float32), (targets - origins).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_points_and_segments_are_never_hit(device: str) -> None:
     corners = degenerate(600)
     tracer = wrt.Intersector(mesh_of(corners), device=device)

@@ -11,8 +11,8 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.kernels import map_function
 
-from wrt.kernels.exponential import exponential, logarithm
-from wrt.kernels.trigonometry import arc_tangent, sine_cosine
+from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
 
 UNITS = 2.0
 UNITS_OF_ARC_TANGENT = 3.0

@@ -13,13 +13,14 @@ from support.kernels import upload
 from support.statistics import image_z_test
 
 import wrt
-from wrt.build.emission import mean_emissions
-from wrt.build.environment import LUMINANCE
-from wrt.build.scene_data import build_scene
-from wrt.device import Device, initialize_warp
-from wrt.kernels.scene_data import SceneData
-from wrt.kernels.textures import make_slot_color
-from wrt.scene import Shape
+from wrt.backend.device import Device
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.textures.textures import make_slot_color
+from wrt.scene.scene import Shape
+from wrt.upload.lights.emission import mean_emissions
+from wrt.upload.lights.environment import LUMINANCE
+from wrt.upload.scene_data import build_scene
 
 ORIGIN, EDGE_U, EDGE_V = np.array([-0.8, 1.0, -0.6]), np.array([1.6, 0.0, 0.0]), np.array([0.0, 0.0, 1.2])
 

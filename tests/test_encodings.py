@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import wrt
-from wrt.fingerprint import scene_fingerprint
-from wrt.formats.encodings import as_utf8
-from wrt.formats.parts import InputWarning
+from wrt.errors import InputWarning
+from wrt.io.encodings import as_utf8
+from wrt.rendering.fingerprint import scene_fingerprint
 
 SEEDS = Path(__file__).parent / "corpus" / "seeds"
 
@@ -57,7 +57,7 @@ def folder(tmp_path):
     return result
 
 
-@pytest.mark.filterwarnings("ignore::wrt.formats.parts.InputWarning")
+@pytest.mark.filterwarnings("ignore::wrt.errors.InputWarning")
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize(("written", "loaded"), FILES)
 def test_every_reader_takes_it(written, loaded, encoding, folder):

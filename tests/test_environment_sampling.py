@@ -14,13 +14,13 @@ from support.kernels import map_function, uniforms, upload
 from support.statistics import chi_square_test
 
 import wrt
-from wrt.build.environment import upload_environment
-from wrt.build.environment_sampling import COLUMNS, ROWS, coarsest_side, environment_tables, octahedral_nodes
-from wrt.device import initialize_warp
-from wrt.kernels.environment import point_direction, point_towards, radiance_at
-from wrt.kernels.environment_sampling import image_pdf, octahedral_node, sample_image
-from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
-from wrt.kernels.scene_data import EnvironmentData
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
+from wrt.kernels.lights.environment import point_direction, point_towards, radiance_at
+from wrt.kernels.lights.environment_sampling import image_pdf, octahedral_node, sample_image
+from wrt.kernels.scene.scene_data import EnvironmentData
+from wrt.upload.lights.environment import upload_environment
+from wrt.upload.lights.environment_sampling import COLUMNS, ROWS, coarsest_side, environment_tables, octahedral_nodes
 
 N = 2**20
 

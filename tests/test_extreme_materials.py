@@ -18,7 +18,7 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.materials import MATERIALS, Material
+from wrt.scene.materials import MATERIALS, Material
 
 pytestmark = pytest.mark.slow
 

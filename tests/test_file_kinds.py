@@ -16,7 +16,8 @@ from support.meshes import SQUARE, gltf_box, write
 
 import wrt
 from wrt.cli import main
-from wrt.formats.meshes import InputWarning, load_file
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_file
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
 needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")
@@ -55,7 +56,7 @@ KINDS: dict[str, tuple[bytes, str]] = {
     "zip": (b"PK\x03\x04" + bytes(30), "a ZIP archive; unpack it"),
     "gz": (b"\x1f\x8b\x08" + zlib.compress(b"v 0 0 0"), "a compressed file; unpack it"),
     "fbx": (b"Kaydara FBX Binary  \0", "an FBX file; export it as glTF"),
-    "lfs": (b"version https://git-lfs.github.com/spec/v1\n", "a pointer of Git LFS"),
+    "lfs": (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer to a file that has not been fetched"),
 }
 NAMES = ("a.obj", "a.ply", "a.STL", "a.off", "a.gltf", "a.glb", "a.npz", "a.toml", "a.xml", "a.txt", "a.jpeg2", "a")
 
@@ -78,7 +79,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
 
 def test_images_go_into_scene_files(tmp_path):
     with pytest.raises(
-        wrt.InputError, match=r"a\.png: not a mesh format .*it is an image, which a scene file can name"
+        wrt.InputError, match=r"a\.png: not a known mesh format; .*it is an image, which a scene file can name"
     ):
         wrt.load(write(tmp_path, "a.png", image("PNG")))
 

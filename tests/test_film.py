@@ -8,8 +8,8 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.device import Device
-from wrt.film import STATE_ARRAYS, Film
+from wrt.backend.device import Device
+from wrt.rendering.film import STATE_ARRAYS, Film
 
 EMISSION = (0.1, 1.0 / 3.0, 12345.678)
 
@@ -41,6 +41,7 @@ def half_lit_wall() -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_samples_lose_nothing(device: str, report: Report) -> None:
     renderer = wrt.Renderer(glowing_wall(), width=2, height=2, max_depth=1, device=device)
     exact = np.array(EMISSION, np.float32).astype(np.float64)

@@ -42,6 +42,7 @@ def p_of_mean(values: np.ndarray) -> float:
     return float(t_test_mean(flat.mean(), flat.var(ddof=1) / flat.size, flat.size, 0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spp", [2, 3, 64])
 def test_variance_is_the_spread_between_seeds(spp: int, device: str, report: Report) -> None:
     """Both are unbiased, so their difference has mean zero over pixels, down to two samples."""
@@ -73,6 +74,7 @@ def test_pixels_and_seeds_are_independent(device: str, report: Report) -> None:
         assert p > sidak(ALPHA, len(pairs)), name
 
 
+@pytest.mark.slow
 def test_scores_between_seeds_are_unit_normal(device: str, report: Report) -> None:
     a, var_a, _ = rendered(1, 256, device)
     b, var_b, _ = rendered(2, 256, device)

@@ -14,9 +14,9 @@ from scipy import integrate
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.build.filters import filter_table
-from wrt.kernels.filters import filter_offset
-from wrt.scene import FILTERS
+from wrt.kernels.film.filters import filter_offset
+from wrt.scene.scene import FILTERS
+from wrt.upload.filters import filter_table
 
 N = 2**20
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.fingerprint import scene_fingerprint
+from wrt.rendering.fingerprint import scene_fingerprint
 
 PARTS = {"geometry", "materials", "emission", "lights", "environment", "camera", "medium"}
 

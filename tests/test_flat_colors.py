@@ -14,7 +14,7 @@ from PIL import Image
 from support.gltf_rays import Reference, Window, joined, linear_to_srgb, split
 
 import wrt
-from wrt.formats.meshes import load_file
+from wrt.io.load_mesh import load_file
 
 MESHES = ROOT.parent / "shared" / "assets" / "meshes"
 needs_assets = pytest.mark.skipif(not MESHES.is_dir(), reason="the test assets are not beside this checkout")

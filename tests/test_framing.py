@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.framing import frame_camera
+from wrt.studio.framing import frame_camera
 
 SHAPES = {
     "ball": wrt.sphere(subdivisions=2).vertices,

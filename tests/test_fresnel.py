@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
+from support.bsdfs import Case, viewer
 from support.kernels import map_function
 
-from wrt.kernels.fresnel import fresnel_conductor, fresnel_conductor_channel, fresnel_dielectric, fresnel_schlick
+import wrt
+from wrt.kernels.bsdf.lobes.fresnel import (
+    fresnel_conductor,
+    fresnel_conductor_channel,
+    fresnel_dielectric,
+    fresnel_schlick,
+)
 
 EPS = float(np.finfo(np.float32).eps)
 ROUNDINGS = 32.0 * EPS
@@ -211,3 +218,30 @@ def test_schlicks_error_for_dielectrics(eta: float, bound: float, device: str, r
     report(f"index {eta}: where, degrees", float(np.degrees(np.arccos(cos_i[error.argmax()]))))
     assert 0.5 * bound < error.max() < bound
     assert error[cos_i > np.cos(np.radians(60.0))].max() < 0.03
+
+
+@pytest.mark.parametrize("ior", [1.0 / 1.5, 1.33, 2.42])
+@pytest.mark.parametrize("front", [True, False])
+def test_a_dielectric_by_schlick_is_the_shader_of_the_lecture(front: bool, ior: float, device: str) -> None:
+    """Source 002, "Shader for Transparent Objects": R0 = (n − 1)² / (n + 1)², R = R0 + (1 − R0)(1 − c)⁵.
+
+    c is the cosine in the air: of the incident ray, and from inside of the refracted one; without that R is 1.
+    """
+    case = Case(wrt.Dielectric(ior, fresnel="schlick", specular_transmittance=0.5), front=front)
+    eta = ior if front else 1.0 / ior
+    r0 = ((ior - 1.0) / (ior + 1.0)) ** 2
+    for degrees in (0.0, 20.0, 40.0, 55.0, 75.0, 89.0):
+        wo = viewer(degrees).astype(np.float32).astype(np.float64)
+        cos2_t = 1.0 - (1.0 - wo[2] ** 2) / eta**2
+        c = wo[2] if eta > 1.0 else np.sqrt(max(cos2_t, 0.0))
+        expected = 1.0 if cos2_t <= 0.0 else r0 + (1.0 - r0) * (1.0 - c) ** 5
+        below, above = max(expected - 2e-5, 0.0), min(expected + 2e-5, 1.0 - EPS)
+        found = case.sample(wo, np.array([[0.5, 0.5, below], [0.5, 0.5, above]]), device)
+        assert found["wi"][0][2] > 0.0
+        np.testing.assert_allclose(found["weight"][0], 1.0)
+        if expected < 1.0 - 3e-5:
+            assert found["wi"][1][2] < 0.0
+            np.testing.assert_allclose(found["weight"][1], 0.5 / eta**2, rtol=1e-5)
+            np.testing.assert_allclose(found["wi"][1][:2], -wo[:2] / eta, atol=1e-6)
+    with pytest.raises(wrt.InputError, match="fresnel must be one of exact, schlick"):
+        wrt.Dielectric(fresnel="Schlick")

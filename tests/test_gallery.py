@@ -14,11 +14,11 @@ from conftest import ROOT
 from PIL import Image
 
 import wrt
-from wrt.build.layout import lay_out
-from wrt.build.materials import describe_materials
-from wrt.camera import CAMERAS
-from wrt.materials import MATERIALS
-from wrt.scene import INTEGRATORS
+from wrt.scene.camera import CAMERAS
+from wrt.scene.materials import MATERIALS, presets
+from wrt.scene.scene import INTEGRATORS
+from wrt.upload.accel.instancing import lay_out
+from wrt.upload.materials import describe_materials
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +55,15 @@ PICTURES = {name: drawing for group in script("pictures").GROUPS.values() for na
 OWN_SCRIPT = ("benchmark", "cloth")
 """Pictures of examples, whose scripts render them."""
 
-QUICK = ("light-spots", "integrator-ao")
-"""Those whose kernels compile fast; the others are marked slow."""
+SCREENSHOTS = ("view-dark", "view-light", "view-narrow", "view-notebook")
+"""Pictures of the live view in a browser: `scripts/view_pictures.py`, and a notebook in JupyterLab."""
+
+ONE_OF_EACH_KIND = (
+    "light-spots",
+    pytest.param("tutorial-noise", marks=pytest.mark.slow),
+    pytest.param("layers", marks=pytest.mark.slow),
+)
+"""A picture, a sheet of pictures and one of layers; tests/test_digests.py renders the scenes of all of them."""
 
 
 def shown_in(page: Path) -> list[str]:
@@ -65,9 +72,9 @@ def shown_in(page: Path) -> list[str]:
 
 
 def test_docs_show_what_the_gallery_makes() -> None:
-    shown = [name for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")] for name in shown_in(page)]
+    shown = {name for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")] for name in shown_in(page)}
     files = [path.stem for path in (ROOT / "docs" / "pictures").glob("*.jpg")]
-    assert sorted(shown) == sorted(files) == sorted([*PICTURES, *OWN_SCRIPT])
+    assert sorted(shown) == sorted(files) == sorted([*PICTURES, *OWN_SCRIPT, *SCREENSHOTS])
     assert all((ROOT / "scripts" / f"{name}.py").is_file() for name in OWN_SCRIPT)
 
 
@@ -101,16 +108,16 @@ def test_gallery_lists_its_pictures(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_scenes_of_pictures_are_built(name: str) -> None:
     drawing = PICTURES[name]
-    scene = getattr(drawing, "picture", drawing).make()
+    tiles = getattr(drawing, "tiles", dict)()
+    picture = next((picture for picture, _ in tiles.values()), getattr(drawing, "picture", drawing))
+    scene = picture.make()
     assert lay_out(scene).kind == {"motion-toys": "deforming", "layers": "moving", "motion-forest": "still"}.get(
         name, "none"
     )
     assert describe_materials([shape.material for shape in scene.shapes]).models
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in PICTURES]
-)
+@pytest.mark.parametrize("name", ONE_OF_EACH_KIND)
 def test_pictures_render(name: str, tmp_path: Path) -> None:
     """A sample per pixel, 16 pixels wide: not black, and brighter here than there."""
     assert script("gallery").main([name, "--spp", "1", "--size", "16", "--out", str(tmp_path)]) == 0
@@ -131,12 +138,30 @@ def test_layers_move_and_integrators_do_not() -> None:
     assert any(shape.transform for shape in PICTURES["layers"].picture.make().shapes)
 
 
+def test_the_tutorial_shows_its_own_scene_files() -> None:
+    tutorial = script("pictures.tutorial")
+    assert len(tutorial.scene_files()) == 3
+    kinds = [[shape.material.type_name for shape in tutorial.make_scene(step).shapes] for step in range(3)]
+    assert kinds == [["diffuse", "diffuse"], ["plastic", "oren-nayar"], ["plastic", "oren-nayar"]]
+
+
 # --- Materials -------------------------------------------------------------------------------------
 
 
 def test_every_material_has_a_tile(materials: ModuleType) -> None:
     built_in = {name for name, cls in MATERIALS.items() if cls.__module__.startswith("wrt.")}
     assert built_in == {tile.material.type_name for tile in materials.tiles()}
+
+
+def test_every_preset_has_a_swatch() -> None:
+    names = list(PICTURES["presets"].tiles())
+    for key, tables in {
+        "metal": [presets.METAL_IOR],
+        "f0": [presets.METAL_F0, presets.SEMICONDUCTOR_F0],
+        "ior": [presets.DIELECTRIC_IOR],
+    }.items():
+        for name in (name for table in tables for name in table):
+            assert f"{key}-{name.replace(' ', '-')}" in names
 
 
 def test_tiles_can_be_told_apart(materials: ModuleType) -> None:
@@ -153,7 +178,7 @@ def test_all_tiles_share_one_kernel_and_show_their_own_material(materials: Modul
     for tile in materials.tiles():
         scene = materials.make_scene(tile)
         table = describe_materials([shape.material for shape in scene.shapes])
-        found.add((table.models, table.textured, table.layered, table.tangents))
+        found.add((table.models, table.textured, table.opacity, table.tangents))
         (shown,) = (s for s in scene.shapes if s.mesh.bounds[1, 1] > 0.5 and s.material is tile.material)
         low, high = shown.mesh.bounds
         assert low[1] == pytest.approx(0.0, abs=1e-5)
@@ -240,6 +265,7 @@ def test_plotted_distributions_are_those_of_their_formulas(figures: ModuleType) 
             assert curve.y[0] == pytest.approx(1.0 / (np.pi * alpha**2), rel=1e-5), panel.title
 
 
+@pytest.mark.slow
 def test_plotted_albedos_add_up(figures: ModuleType) -> None:
     """All bounces together lose nothing, and one bounce of white GGX of roughness 1 reflects 1 − ln 2 straight on.
 

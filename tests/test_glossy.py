@@ -82,6 +82,37 @@ def test_the_density_is_that_of_the_square(side: float, degrees: float, device: 
 
 
 @pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("exponent", [1.0, 20.0, 5000.0])
+def test_directions_follow_the_lobe_of_phong(exponent: float, degrees: float, device: str, report: Report) -> None:
+    """(n + 1) / 2π cosⁿα in double precision; of each ring around the mirrored ray the share above the horizon."""
+    n = 2**18
+    wo = viewer(degrees).astype(np.float32).astype(np.float64)
+    case = Case(wrt.Glossy(COLOR, exponent=exponent))
+    r, u, v = square_of(wo)
+    found = case.sample(wo, uniforms(n, 3, seed=45 + int(degrees)), device)
+    up = found["weight"][:, 0] > 0.0
+    np.testing.assert_array_equal(found["weight"][up], np.broadcast_to(np.float32(COLOR), (up.sum(), 3)))
+    wi = found["wi"][up].astype(np.float64)
+    less = 0.5 * ((wi - r) ** 2).sum(axis=1)
+    expected = (exponent + 1.0) / (2.0 * np.pi) * np.exp(exponent * np.log1p(-less))
+    np.testing.assert_allclose(case.evaluate(wo, wi, device)[1], expected, rtol=1e-3)
+    np.testing.assert_allclose(found["pdf"][up], expected, rtol=1e-3)
+    # Rings and sectors of equal probability: cosⁿ⁺¹α is uniform. Points on a fine grid tell what is above the horizon.
+    rings, sectors, fine = 24, 15, 64
+    y = (np.arange(rings * fine) + 0.5) / (rings * fine)
+    phi = (np.arange(sectors * fine) + 0.5) / (sectors * fine) * 2.0 * np.pi - np.pi
+    cos_a = y ** (1.0 / (exponent + 1.0))
+    sin_a = np.sqrt(-np.expm1(2.0 * np.log(y) / (exponent + 1.0)))
+    height = cos_a[:, None] * r[2] + sin_a[:, None] * (np.cos(phi) * u[2] + np.sin(phi) * v[2])
+    above = (height > 0.0).reshape(rings, fine, sectors, fine).mean(axis=(1, 3))
+    places = np.stack([np.exp((exponent + 1.0) * np.log1p(-less)), np.arctan2(wi @ v, wi @ u)])
+    counts = np.histogram2d(*places, bins=(rings, sectors), range=[[0.0, 1.0], [-np.pi, np.pi]])[0]
+    result = chi_square_test(counts, above * (n / above.size), tests=12, samples=n)
+    report(f"n = {exponent:g}, {degrees:g}°", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("side", SIDES)
 def test_weight_is_the_reflectance(side: float, degrees: float, device: str) -> None:
     case = Case(wrt.Glossy(COLOR, side), front=degrees < 60.0)
@@ -134,7 +165,9 @@ def test_everything_is_finite(side: float, reflectance: float, device: str) -> N
     assert_finite(Case(wrt.Glossy(reflectance, side)), device)
 
 
-@pytest.mark.parametrize("bad", [{"side": 0.0}, {"side": -1.0}, {"side": 101.0}, {"reflectance": 2.0}])
+@pytest.mark.parametrize(
+    "bad", [{"side": 0.0}, {"side": -1.0}, {"side": 101.0}, {"reflectance": 2.0}, {"exponent": -1.0}]
+)
 def test_impossible_values_are_refused(bad: dict) -> None:
     with pytest.raises(wrt.InputError, match=next(iter(bad))):
         wrt.Glossy(**bad)
@@ -158,3 +191,14 @@ def test_all_estimators_find_the_same_blur(device: str) -> None:
     assert max(errors) < 0.02 * min(means)
     for i, j in ((0, 1), (0, 2), (1, 2)):
         assert abs(means[i] - means[j]) < 4.0 * np.hypot(errors[i], errors[j])
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 1e5])
+def test_everything_is_finite_for_phong(exponent: float, device: str) -> None:
+    assert_finite(Case(wrt.Glossy(1.0, exponent=exponent)), device)
+
+
+def test_a_lobe_is_a_square_or_that_of_phong() -> None:
+    assert wrt.Glossy().side == 0.1
+    with pytest.raises(wrt.InputError, match="side or by exponent"):
+        wrt.Glossy(side=0.1, exponent=10.0)

@@ -14,8 +14,9 @@ from PIL import Image
 from support.meshes import gltf_box, write
 
 import wrt
-from wrt.formats.meshes import InputWarning, load_shapes
-from wrt.srgb import linear_from_srgb
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_shapes
+from wrt.scene.srgb import linear_from_srgb
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
 UVS = np.array([[0.1, 0.2], [0.9, 0.3], [0.4, 0.8]], "<f4")

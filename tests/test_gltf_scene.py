@@ -10,7 +10,7 @@ import pytest
 from support.meshes import gltf_box, write
 
 import wrt
-from wrt.formats.meshes import load_file
+from wrt.io.load_mesh import load_file
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
 HALF = math.sqrt(0.5)
@@ -82,11 +82,11 @@ def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_pa
     lit = tree_with([light(0)], extensions={"KHR_lights_punctual": {"lights": LIGHTS}})
     scene = wrt.load(write(tmp_path, "lit.gltf", json.dumps(lit)))
     assert (len(scene.shapes), len(scene.lights), scene.environment) == (1, 1, None)
-    seen = tree_with([{"camera": 0, "translation": [0, 0, 4]}], cameras=CAMERAS)
+    seen = tree_with([{"camera": 0, "translation": [0.5, 0.5, 2]}], cameras=CAMERAS)
     scene = wrt.load(write(tmp_path, "seen.gltf", json.dumps(seen)))
     assert len(scene.shapes) > 1
     assert scene.camera is not None
-    assert scene.camera.origin == (0.0, 0.0, 4.0)
+    assert scene.camera.origin == (0.5, 0.5, 2.0)
     for name in ("lit", "seen"):
         with pytest.raises(wrt.InputError, match=rf"{name}\.gltf: an up axis is for files without lights and cameras"):
             wrt.load(tmp_path / f"{name}.gltf", up="z")

@@ -19,17 +19,17 @@ from conftest import ROOT
 from PIL import Image
 
 import wrt
-from wrt.files import read_file
-from wrt.formats import growth
-from wrt.formats.images import load_environment
-from wrt.formats.parts import InputWarning
+from wrt.errors import InputWarning
+from wrt.io import memory_limits
+from wrt.io.images import load_environment
+from wrt.io.safe_read import read_file
 
 CHILD = """
 import resource, sys, warnings
 warnings.simplefilter("ignore")
 import wrt
-import wrt.formats.mitsuba.scene, wrt.formats.gltf, wrt.formats.scene_toml
-from wrt.formats.images import load_image
+import wrt.io.mitsuba.scene, wrt.io.gltf.reader, wrt.io.toml.reader
+from wrt.io.images import load_image
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + (1 << 30), resource.RLIM_INFINITY))
 try:
@@ -169,6 +169,7 @@ def test_bombs_are_refused(name: str, tmp_path: Path) -> None:
     assert re.search(reason, result.stdout), result.stdout
 
 
+@pytest.mark.slow
 def test_what_is_honest_is_read(tmp_path: Path) -> None:
     instances = '<shape type="shapegroup" id="g"><shape type="cube"/></shape>' + "".join(
         f'<shape type="instance"><ref id="g"/><transform name="to_world"><translate x="{3 * i}"/></transform></shape>'
@@ -194,18 +195,18 @@ def test_what_is_honest_is_read(tmp_path: Path) -> None:
 def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(bytes(1000))
     (tmp_path / "b").symlink_to("a")
-    few = growth.Limit("things", 10, 1)
-    with growth.one_load():
+    few = memory_limits.Limit("things", 10, 1)
+    with memory_limits.one_load():
         for name in ("a", "b", "./a"):
             read_file(tmp_path / name)
-        growth.take(few, 1000)
-        with growth.one_load():  # belongs to the outer load
-            growth.take(few, 10)
+        memory_limits.take(few, 1000)
+        with memory_limits.one_load():  # belongs to the outer load
+            memory_limits.take(few, 10)
             with pytest.raises(wrt.InputError, match=r"its things would take 1.01 kB; for files of 1 kB"):
-                growth.take(few, 1)
-    with growth.one_load(), pytest.raises(wrt.InputError):
-        growth.take(few, 11)
-    growth.take(few, 1000)  # outside of any load
+                memory_limits.take(few, 1)
+    with memory_limits.one_load(), pytest.raises(wrt.InputError):
+        memory_limits.take(few, 11)
+    memory_limits.take(few, 1000)  # outside of any load
 
 
 def test_an_image_counts_by_itself_and_as_an_environment(tmp_path: Path) -> None:

@@ -12,12 +12,12 @@ from conftest import Report
 from support.meshes import gltf_box, write
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.formats.meshes import load_file, load_shapes
-from wrt.formats.scene_toml import load_scene
+from wrt.backend.device import Device
+from wrt.io.load_mesh import load_file, load_shapes
+from wrt.io.toml.reader import load_scene
 from wrt.meshes.many_triangles import terrain
-from wrt.normals import CREASE_DEGREES
+from wrt.scene.normals import CREASE_DEGREES
+from wrt.upload.scene_data import build_scene
 
 TRIANGLES = 3000
 PLACES = [
@@ -59,6 +59,7 @@ def picture(scene: wrt.Scene) -> np.ndarray:
     return wrt.render(scene, width=48, height=32, spp=4)
 
 
+@pytest.mark.slow
 def test_a_scene_file_shares_what_its_mesh_file_shares(hills: Path, report: Report) -> None:
     scene = scene_of(hills)
     meshes = {id(shape.mesh) for shape in scene.shapes if shape.transform is not None}

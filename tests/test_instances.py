@@ -348,7 +348,7 @@ REFUSED = {
     "vanishing": (EYES * [[1e-39], [1e-39], [1e-39], [1.0]], "the transform of instance 0 scales by over"),
     "overflowing": (EYES * [[1e39], [1e39], [1e39], [1.0]], "the transform of instance 0 scales by over"),
     "a projection": (changed(3, 2, 1.0), "the transform of instance 1 must be affine: its last row must be 0 0 0 1"),
-    "ragged": ([np.eye(4).tolist(), [[1.0]]], "transforms must be an array of numbers, all rows of one length"),
+    "ragged": ([np.eye(4).tolist(), [[1.0]]], "transforms must be an array of numbers with rows of equal length"),
     "words": ("turned", "transforms must be an array of numbers"),
     "too few": (EYES[:1], r"transforms must be \(2, 4, 4\)"),
     "no matrices": (np.eye(3), r"transforms must be \(2, 4, 4\)"),
@@ -376,7 +376,7 @@ def test_transforms_that_are_refused(name: str) -> None:
     [
         ([], "at least one"),
         ([[0], [1]], "one an instance"),
-        ([0, [1]], "numbers must be an array of numbers, all rows of one length"),
+        ([0, [1]], "numbers must be an array of numbers with rows of equal length"),
         ([0.0, 1.0], "mesh numbers"),
         ([0, 3], "must be 0 to 2"),
         ([-1, 0], "must be 0 to 2"),

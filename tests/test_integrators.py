@@ -11,9 +11,9 @@ from conftest import ROOT, Report
 from support.statistics import t_test_mean
 
 import wrt
-from wrt.build.integrators import integrator_features
-from wrt.kernels.integrators import INTEGRATORS as DEVICE_INTEGRATORS
-from wrt.scene import INTEGRATORS
+from wrt.kernels.integrators.registry import INTEGRATORS as DEVICE_INTEGRATORS
+from wrt.scene.scene import INTEGRATORS
+from wrt.upload.integrators import integrator_features
 
 
 def rendered(scene: wrt.Scene, spp: int, **options: Any) -> wrt.Renderer:
@@ -60,7 +60,9 @@ def test_a_scene_file_chooses(tmp_path: Path) -> None:
         wrt.load(file)
 
 
-@pytest.mark.parametrize("change", [{"integrator": "aov"}, {"ao_distance": 0.5}, {"min_attenuation": 0.25}])
+@pytest.mark.parametrize(
+    "change", [{"integrator": "aov"}, {"ao_distance": 0.5}, {"min_attenuation": 0.25}, {"jittered_rays": 3}]
+)
 def test_checkpoints_know_the_integrator(change: dict[str, Any], tmp_path: Path) -> None:
     options: dict[str, Any] = {"width": 4, "height": 4, "integrator": "ao"}
     first = rendered(room(), 3, **options)
@@ -84,7 +86,7 @@ def test_direct_light_is_a_path_of_two_segments(strategy: str, device: str) -> N
     direct = rendered(room(), 8, integrator="direct", **options)
     short = rendered(room(), 8, max_depth=2, **options)
     np.testing.assert_array_equal(direct.image(), short.image())
-    assert direct._kernel.usual is short._kernel.usual
+    assert direct._kernel.scalar is short._kernel.scalar
     long = rendered(room(), 8, **options)
     assert long.image().mean() > 1.1 * direct.image().mean()
     emitted = rendered(room(), 8, integrator="direct", max_depth=1, **options)

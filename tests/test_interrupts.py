@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from wrt.interrupts import SIGNALS, Interrupts
+from wrt.cli.signals import SIGNALS, Interrupts
 
 GRACE_SECONDS = 1.0
 """Grace period of the programs here, shorter than that of `wrt render`."""
@@ -17,10 +17,10 @@ GRACE_SECONDS = 1.0
 # `busy` is a long call into C that releases the interpreter lock.
 PROGRAM = """
 import hashlib, os, sys, time
-import wrt.interrupts
-from wrt.interrupts import Interrupts
+import wrt.cli.signals
+from wrt.cli.signals import Interrupts
 
-wrt.interrupts.GRACE_SECONDS = {grace}
+wrt.cli.signals.GRACE_SECONDS = {grace}
 
 def give_up(status):
     print("given up", flush=True)
@@ -116,7 +116,7 @@ def test_what_was_there_before_is_put_back():
 
 
 def test_impatient_signals_say_nothing():
-    body = "interrupts.worth_saving = True\n        time.sleep(60)"
+    body = "interrupts.worth_saving = True\n        try: time.sleep(60)\n        finally: time.sleep(1.0)  # it saves"
     command = [sys.executable, "-c", program(body)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -9,11 +9,11 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.kernels.geometry import Ray
-from wrt.kernels.intersect import closest_hit, occluded
-from wrt.kernels.scene_data import SceneData
+from wrt.backend.device import Device
+from wrt.kernels.accel.intersect import closest_hit, occluded
+from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.upload.scene_data import build_scene
 
 
 @wp.kernel(enable_backward=False)

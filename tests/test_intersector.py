@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from test_intersection import brute_force, random_rays, soup
 
 import wrt
-from wrt import intersector as module
+from wrt.rendering import intersector as module
 
 Rays = tuple[NDArray[np.float32], NDArray[np.float32]]
 

@@ -45,14 +45,14 @@ def test_threads_do_not_matter(scene: wrt.Scene) -> None:
 
 def test_passes_do_not_matter(scene: wrt.Scene, device: str) -> None:
     at_once = wrt.Renderer(scene, device=device, **OPTIONS)
-    at_once.device.launch(at_once._kernel.usual, 40 * 24, [64, *at_once._inputs])
+    at_once.device.launch(at_once._kernel.scalar, 40 * 24, [64, *at_once._inputs])
     singly = image_of(wrt.Renderer(scene, device=device, **OPTIONS), *range(1, 65))
     np.testing.assert_array_equal(at_once.image(), singly)
 
 
 def test_slices_do_not_matter(scene: wrt.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = image_of(wrt.Renderer(scene, **OPTIONS), 4)
-    monkeypatch.setattr("wrt.device.SLICES_PER_THREAD", 97)
+    monkeypatch.setattr("wrt.backend.slices.SLICES_PER_THREAD", 97)
     np.testing.assert_array_equal(whole, image_of(wrt.Renderer(scene, **OPTIONS), 4))
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from wrt import cache_folders, kernel_cache
-from wrt.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
-from wrt.kernel_cache import State, seal, state
+from wrt.backend import cache_folders, kernel_cache
+from wrt.backend.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
+from wrt.backend.kernel_cache import State, seal, state
 
 sys.path.insert(0, str(ROOT / "scripts"))
 import damage_cache
@@ -26,7 +26,7 @@ import damage_cache
 SMALL = """
 import sys
 import warp as wp
-from wrt.device import Device
+from wrt.backend.device import Device
 
 @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_cache"))
 def double(first: int, x: wp.array(dtype=float)):
@@ -125,8 +125,12 @@ def test_what_is_not_there_is_not_damaged(which: str, build: tuple[Path, Path]) 
     assert state(*build) is State.UNKNOWN
 
 
-def test_who_reads_while_another_writes_sees_no_damage(build: tuple[Path, Path], tmp_path: Path) -> None:
+def test_who_reads_while_another_writes_sees_no_damage(
+    build: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A build is replaced again and again, and no reader takes that for damage."""
+    # Two threads that never stop writing keep a reader waiting for longer than the default on a busy machine.
+    monkeypatch.setattr(cache_folders, "LOCK_SECONDS", 60.0)
     kept, over = build[0].parent, threading.Event()
     others = []
     for k in range(2):
@@ -255,6 +259,7 @@ def mounted(folder: Path, *options: str) -> Iterator[None]:
         subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
+@pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_done_without(cache: Cache, tmp_path: Path) -> None:
     cache.folder.write_text("a file where the folder should be")
     count, said = cache.run()
@@ -269,6 +274,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(cache: Cache, tmp_path: 
     assert f"{given}: cannot be written" in said
 
 
+@pytest.mark.slow
 def test_variables_that_are_empty_make_no_folder_here(cache: Cache, tmp_path: Path) -> None:
     home = tmp_path / "home"
     assert cache.run(XDG_CACHE_HOME="", WARP_CACHE_PATH="", HOME=str(home)) == (1, "")
@@ -277,6 +283,7 @@ def test_variables_that_are_empty_make_no_folder_here(cache: Cache, tmp_path: Pa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "program.py"]
 
 
+@pytest.mark.slow
 def test_a_read_only_cache_is_of_use(cache: Cache) -> None:
     with mounted(cache.folder):
         assert cache.run() == (1, "")
@@ -349,7 +356,12 @@ def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -
 def test_the_folder_of_a_killed_process_is_removed_by_the_next(cache: Cache, tmp_path: Path) -> None:
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    work = "import time; from wrt.cache_folders import work_folder; print(work_folder(), flush=True); time.sleep(600)"
+    work = """
+import time
+from wrt.backend.cache_folders import work_folder
+print(work_folder(), flush=True)
+time.sleep(600)
+"""
     cache.program.write_text(work)
     processes = [cache.begin(TMPDIR=str(temporary)) for _ in range(2)]
     try:
@@ -367,7 +379,7 @@ def test_the_folder_of_a_killed_process_is_removed_by_the_next(cache: Cache, tmp
 
 
 def test_a_fork_does_not_remove_the_folder_of_its_parent(tmp_path: Path) -> None:
-    program = "import os; from wrt.cache_folders import work_folder as w; f = w(); print(f.is_dir())\n"
+    program = "import os; from wrt.backend.cache_folders import work_folder as w; f = w(); print(f.is_dir())\n"
     program += "if not os.fork(): assert w() != f and w().is_dir()\nelse: os.wait(); print(f.is_dir())"
     command = [sys.executable, "-c", program]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}

@@ -17,10 +17,11 @@ import warp as wp
 from conftest import ROOT
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device, initialize_warp
+from wrt.backend.device import Device
+from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
 from wrt.kernels.render import make_render_kernel
+from wrt.upload.scene_data import build_scene
 
 ENVIRONMENTS = ("none", "constant", "image")
 
@@ -107,7 +108,7 @@ def test_a_second_renderer_compiles_nothing() -> None:
     first = wrt.Renderer(scene(wrt.Diffuse(0.5)), width=4, height=4)
     before = cached(first)
     second = wrt.Renderer(scene(wrt.Diffuse(0.7), wrt.Diffuse(0.2)), width=5, height=3, seed=4)
-    assert second._kernel.usual is first._kernel.usual
+    assert second._kernel.scalar is first._kernel.scalar
     assert before
     assert cached(second) == before
 
@@ -115,7 +116,7 @@ def test_a_second_renderer_compiles_nothing() -> None:
 def cached(renderer: wrt.Renderer) -> dict[str, int]:
     """Return the files that Warp keeps of a renderer's kernel, with when they were written."""
     folder = Path(wp.config.kernel_cache_dir)
-    return {str(p): p.stat().st_mtime_ns for p in folder.glob(f"wp_{renderer._kernel.usual.module.name}_*/*")}
+    return {str(p): p.stat().st_mtime_ns for p in folder.glob(f"wp_{renderer._kernel.scalar.module.name}_*/*")}
 
 
 CODE = """

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt import normals
-from wrt.build.geometry import numbered
-from wrt.device import zeros
+from wrt.backend.memory import zeros
+from wrt.cli.process import importing
 from wrt.errors import InputError
-from wrt.formats import obj
-from wrt.process import importing
+from wrt.io.mesh import obj
+from wrt.scene import normals
+from wrt.upload.accel.geometry import numbered
 
 MOUNTAINS = """
 shapes = [{ type = "many-triangles", triangles = 1000 }]
@@ -100,11 +100,11 @@ def test_normals_of_large_meshes_are_those_of_small_ones_whatever_the_threads(th
     assert len(mesh.faces) < normals.CREASE_LIMIT
     expected = normals.with_normals(mesh, 180.0)
     monkeypatch.setattr(normals, "CREASE_LIMIT", 0)
-    monkeypatch.setattr("wrt.device.available_threads", lambda: threads)
+    monkeypatch.setattr("wrt.backend.device.available_threads", lambda: threads)
     found = normals.with_normals(mesh)
     of_corners = [each.normals[each.faces] for each in (expected, found)]
     np.testing.assert_allclose(of_corners[1], of_corners[0], atol=3e-7)
-    monkeypatch.setattr("wrt.device.available_threads", lambda: 7)
+    monkeypatch.setattr("wrt.backend.device.available_threads", lambda: 7)
     np.testing.assert_array_equal(normals.with_normals(mesh).normals, found.normals)
 
 

@@ -15,7 +15,7 @@ from support.statistics import t_test_mean
 
 import wrt
 from wrt.cli import main
-from wrt.layers import LAYERS, channel_names
+from wrt.scene.layers import LAYERS, channel_names
 
 Array = NDArray[np.float64]
 
@@ -86,6 +86,7 @@ def test_layers_of_panes_are_what_geometry_says(device: str) -> None:
     np.testing.assert_array_equal(layers["motion"], 0.0)
 
 
+@pytest.mark.slow
 def test_layers_are_those_of_mitsuba(tmp_path: Path, report: Report) -> None:
     """Ray by ray of its integrator `aov`: a smooth ball before a textured wall.
 
@@ -317,6 +318,7 @@ PANE = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_
 # --- Files -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
     """OpenEXR and OpenImageIO read what the renderer holds, and what made it."""
     import OpenEXR
@@ -356,6 +358,7 @@ def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
     np.testing.assert_array_equal(wrt.load_image(tmp_path / "a.exr"), renderer.image())
 
 
+@pytest.mark.slow
 def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import OpenEXR
 
@@ -377,7 +380,7 @@ def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.Ca
         (["-o", "a.png", "--layers", "albedo"], "a.png: layers go into OpenEXR files"),
         (["-o", "a.png", "--integrator", "aov", "--layers", "albedo,uv"], "a.png: layers go into OpenEXR files"),
         (["-o", "a.npy", "--integrator", "aov", "--layers", "uv"], "a.npy: layers go into OpenEXR files"),
-        (["-o", "a.exr", "--integrator", "aov"], "integrator aov shows layers alone; name some"),
+        (["-o", "a.exr", "--integrator", "aov"], "integrator aov renders only layers; name some"),
         (["-o", "a.exr", "--layers", "albedo,nomal"], "there is no layer 'nomal' (did you mean 'normal'?)"),
     ],
 )

@@ -8,17 +8,17 @@ from numpy.typing import ArrayLike, NDArray
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.build.light_bounds import LightBounds
-from wrt.build.light_tree import WIDTH, build_light_tree
-from wrt.build.light_tree import LightTree as HostTree
-from wrt.kernels.geometry import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT
-from wrt.kernels.light_tree import (
+from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT
+from wrt.kernels.lights.tree import (
     FAR_LIGHT,
     LightTree,
     far_light_probability,
     light_tree_probability,
     sample_light_tree,
 )
+from wrt.upload.lights.bounds import LightBounds
+from wrt.upload.lights.tree import WIDTH, build_light_tree
+from wrt.upload.lights.tree import LightTree as HostTree
 
 SIDES = {"anywhere": int(RECEIVES_ANYWHERE), "front": int(RECEIVES_FRONT), "both": int(RECEIVES_BOTH)}
 

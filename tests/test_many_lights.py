@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from support.statistics import ImageTest, image_z_test
 
 import wrt
-import wrt.build.light_choice
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
+import wrt.upload.lights.choice
+from wrt.backend.device import Device
+from wrt.upload.scene_data import build_scene
 
 SIZE = 32
 
@@ -104,7 +104,7 @@ def test_the_tree_is_for_many_lights() -> None:
     assert features(room())
     assert not features(room(), "power")
     few = wrt.Scene()
-    few.add(lamps(wrt.build.light_choice.FEW_LIGHTS, 1), emission=1.0)
+    few.add(lamps(wrt.upload.lights.choice.FEW_LIGHTS, 1), emission=1.0)
     assert not features(few)
     assert features(few, "tree")
     few.add(lamps(1, 2), emission=1.0)

@@ -14,22 +14,23 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from wrt.memory import memory_left, trim
+from wrt.backend.memory import memory_left, trim
 
 STARTED = """
 import re, sys
 from pathlib import Path
 import numpy as np
 import warp as wp
-from wrt import device
+from wrt.backend import warp_backend
+from wrt.backend.device import Device
 
 def resident():
     text = Path("/proc/self/smaps").read_text()
     return sum(int(size) for size in re.findall(r"/warp\\.so\\n(?:.+:.+\\n)*?Rss: +(\\d+) kB", text))
 
 if sys.argv[1] == "before":
-    device.forget_code = lambda *libraries: None
-device.Device("cpu")
+    warp_backend.forget_code = lambda *libraries: None
+Device("cpu")
 kept = resident()
 counts = wp.array(np.arange(1000), dtype=int, device="cpu")
 sums = wp.empty_like(counts)
@@ -42,7 +43,7 @@ EVERYTHING = """
 import json, re, zlib
 from pathlib import Path
 import numpy as np
-from wrt.memory import forget_code
+from wrt.backend.memory import forget_code
 
 def answers():
     rng = np.random.default_rng(1)
@@ -156,7 +157,7 @@ def refused(folder: Path, before: Callable[[], None]) -> None:
     )
     assert result.returncode == 2, result.stderr
     assert re.fullmatch(
-        r"wrt: error: a picture of 8000x8000 needs 7\.7 GB, more than the [0-2]\.\d GB that cpu can give\n",
+        r"wrt: error: a picture of 8000x8000 needs 7\.7 GB, more than the [0-2]\.\d GB that cpu has left\n",
         result.stderr,
     )
 

@@ -14,8 +14,10 @@ import pytest
 from support.meshes import SQUARE, area, area_vector, check_message, gltf_box, repeated_edges, triangles, volume, write
 
 import wrt
-from wrt.formats.meshes import DEFAULT_REFLECTANCE, InputWarning, from_trimesh, load_mesh, load_shapes
-from wrt.srgb import linear_from_srgb
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import from_trimesh, load_mesh, load_shapes
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
+from wrt.scene.srgb import linear_from_srgb
 
 ASSETS = Path(__file__).resolve().parent.parent.parent / "shared" / "assets"
 needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the test assets are not beside this checkout")
@@ -111,7 +113,7 @@ def test_missing_directory_empty_and_unknown_files_are_refused(tmp_path):
     (tmp_path / "folder.obj").mkdir()
     with pytest.raises(wrt.InputError, match="is a directory"):
         load_mesh(tmp_path / "folder.obj")
-    with pytest.raises(wrt.InputError, match=r"mesh\.xyz: not a mesh format"):
+    with pytest.raises(wrt.InputError, match=r"mesh\.xyz: not a known mesh format"):
         load_mesh(write(tmp_path, "mesh.xyz", "1 2 3"))
     for suffix in ("obj", "ply", "stl", "off", "glb", "gltf"):
         with pytest.raises(wrt.InputError, match="the file is empty"):

@@ -9,8 +9,9 @@ import pytest
 from support.meshes import SQUARE, area, area_vector, write
 
 import wrt
-from wrt.formats.images import linear_from_srgb, save_image
-from wrt.formats.meshes import InputWarning, load_mesh, load_shapes
+from wrt.errors import InputWarning
+from wrt.io.images import linear_from_srgb, save_image
+from wrt.io.load_mesh import load_mesh, load_shapes
 
 
 def test_obj_names_with_spaces(tmp_path):

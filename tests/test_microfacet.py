@@ -24,7 +24,7 @@ from support.microfacet import (
 )
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
-from wrt.distributions import sgd_normalization
+from wrt.scene.materials.microfacet import sgd_normalization
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

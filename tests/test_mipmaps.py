@@ -17,14 +17,14 @@ from test_textures import coordinates
 from test_textures import expected as expected_bilinear
 
 import wrt
-from wrt.build.materials import describe_materials
-from wrt.build.pyramid import pyramid
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.formats.meshes import load_shapes
-from wrt.kernels.scene_data import SceneData
-from wrt.kernels.textures import filtered_color
-from wrt.srgb import of_codes
+from wrt.backend.device import Device
+from wrt.io.load_mesh import load_shapes
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.textures.textures import filtered_color
+from wrt.scene.srgb import of_codes
+from wrt.upload.materials import describe_materials
+from wrt.upload.scene_data import build_scene
+from wrt.upload.textures.pyramid import pyramid
 
 SIZE = 512
 BLACK, WHITE = 40, 220

@@ -14,10 +14,10 @@ from conftest import ROOT, Report
 from support.mitsuba_files import SCENES, write_files
 
 import wrt
-import wrt.presets
-from wrt.formats.mitsuba.coats import as_in_mitsuba
-from wrt.formats.mitsuba.metals import named_conductor
-from wrt.formats.parts import InputWarning
+import wrt.scene.materials.presets
+from wrt.errors import InputWarning
+from wrt.io.mitsuba.materials.coats import as_in_mitsuba
+from wrt.io.mitsuba.materials.metals import named_conductor
 
 BALL = '<shape type="sphere"/>'
 
@@ -177,7 +177,7 @@ def test_too_near_is_told(tmp_path: Path) -> None:
     place = '<transform name="to_world"><translate z="-1.000001"/></transform>'
     film = '<film type="hdrfilm"><integer name="width" value="4000"/><integer name="height" value="4000"/></film>'
     near = f'<sensor type="perspective"><float name="near_clip" value="1e-7"/>{place}{film}</sensor>'
-    with pytest.warns(InputWarning, match="no more than 768 segments"):
+    with pytest.warns(InputWarning, match="limited to 768 segments"):
         loaded(tmp_path, near + BALL)
 
 
@@ -249,7 +249,7 @@ def test_instances_share_a_mesh(tmp_path: Path) -> None:
 
 
 def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
-    """All that Mitsuba comes with, to the four digits that are kept; and a name that only `wrt.presets` has."""
+    """All that Mitsuba comes with, to the four digits that are kept; and a name that only `materials.presets` has."""
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     mi.set_variant("scalar_rgb")
     level = mi.logger().log_level()
@@ -265,7 +265,7 @@ def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
     mi.set_log_level(level)
     report("conductors", len(names) - 2, "as in Mitsuba")
     assert named_conductor("Ni") == named_conductor("ni_palik")
-    assert named_conductor("Pt") == wrt.presets.metal_ior("platinum")
+    assert named_conductor("Pt") == wrt.scene.materials.presets.metal_ior("platinum")
     assert named_conductor("unobtainium") is None
 
 
@@ -273,11 +273,11 @@ def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
 
 ERRORS = {
     '<shape type="sphere">': r"not well-formed XML",
-    '<shape type="sphere"><ref id="paint"/></shape>': r"line 2: there is nothing with the id 'paint'",
+    '<shape type="sphere"><ref id="paint"/></shape>': r"line 2: no object has the id 'paint'",
     '<shape type="obj"/>': r"line 2: shape 'obj': names no file",
     f'<emitter type="sunsky"><integer name="year" value="{10**400}"/></emitter>': r"'year' is out of range: 1000",
     '<emitter type="sunsky"><float name="turbidity" value="11"/></emitter>': r"turbidity must be at most 10",
-    '<emitter type="sunsky"><float name="hour"/><vector name="sun_direction" x="1"/></emitter>': r"choose one",
+    '<emitter type="sunsky"><float name="hour"/><vector name="sun_direction" x="1"/></emitter>': r"not both",
     '<shape type="obj"><string name="filename" value="no.obj"/></shape>': r"line 2: .*no\.obj: no such file",
     '<shape type="obj"><string name="filename" value="/dev/null"/></shape>': r"is a pipe or a device, not a file",
     '<include filename="scene.xml"/>': r"line 2: 'scene.xml' includes itself",
@@ -286,16 +286,16 @@ ERRORS = {
     '<shape type="sphere"><float name="radius" value="nan"/></shape>': r"numbers must be finite",
     '<shape type="sphere"><float name="radius" value="-1"/></shape>': r"'radius' must be greater than 0",
     '<shape type="sphere"><string name="radius" value="1"/></shape>': r"must be given by <float>, not by <string>",
-    '<shape type="sphere"><transform name="to_world"><spin/></transform></shape>': r"<spin> is no transform",
+    '<shape type="sphere"><transform name="to_world"><spin/></transform></shape>': r"<spin> is not a transform",
     '<shape type="sphere"><transform name="to_world"><scale value="0"/></transform></shape>': r"can be inverted",
     '<shape type="sphere"><transform name="to_world"><matrix value="1 2 3"/></transform></shape>': r"takes 9 or 16",
     '<bsdf type="diffuse" id="a"/><bsdf type="diffuse" id="a"/>': r"the id 'a' is used twice",
     '<shape type="sphere"><bsdf type="twosided"/></shape>': r"takes one bsdf or two, not 0",
     '<shape type="sphere"><bsdf type="dielectric"><string name="int_ior" value="glas"/></bsdf></shape>': r"'glas' is",
-    '<shape type="sphere"><bsdf type="bumpmap" id="x"><ref id="x"/></bsdf></shape>': r"is made of itself",
+    '<shape type="sphere"><bsdf type="bumpmap" id="x"><ref id="x"/></bsdf></shape>': r"contains itself",
     '<shape type="sphere"><bdsf type="diffuse"/></shape>': r"<bdsf> is not known here \(did you mean 'bsdf'\?\)",
     '<sensor type="perspective"><float name="fov" value="200"/></sensor><shape type="sphere"/>': r"'fov' must be",
-    '<emitter type="point"/>': r"no shapes in it",
+    '<emitter type="point"/>': r"it has no supported shapes",
 }
 
 
@@ -356,7 +356,7 @@ def test_references_that_multiply_take_no_time(tmp_path: Path) -> None:
 
 
 def test_parameters_are_for_xml() -> None:
-    with pytest.raises(wrt.InputError, match="parameters go with a Mitsuba scene"):
+    with pytest.raises(wrt.InputError, match="parameters are only for Mitsuba scenes"):
         wrt.load("cornell-box", parameters={"a": 1})
 
 
@@ -366,7 +366,8 @@ LEFT_OUT = {
     '<emitter type="projector"/><shape type="sphere"/>': "emitter 'projector'",
     '<sensor type="fluencemeter"/><shape type="sphere"/>': "sensor 'fluencemeter'",
     '<integrator type="ptracer"/><shape type="sphere"/>': "'path' stands in",
-    '<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator><shape type="sphere"/>': "hide",
+    '<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>'
+    '<shape type="sphere"><emitter type="area"/></shape>': "hide",
     '<sensor type="perspective"><film type="hdrfilm"><rfilter type="lanczos"/></film></sensor><shape type="sphere"/>': (
         "'blackman-harris' stands in"
     ),

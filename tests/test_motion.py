@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import wrt
-from wrt.build.motion import motion_records
-from wrt.kernels.motion import MotionKey, MotionRecord, transform_at
+from wrt.kernels.geometry.motion import MotionKey, MotionRecord, transform_at
+from wrt.upload.motion import motion_records
 
 FloatArray = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ def test_the_device_agrees(device: str, report: Report) -> None:
 @pytest.mark.parametrize(
     ("times", "transforms", "message"),
     [
-        ([], np.zeros((0, 4, 4)), "at least one"),
+        ([], np.zeros((0, 4, 4)), "one or more"),
         ([0.0, 0.0], [np.eye(4), np.eye(4)], "ascend"),
         ([0.0, np.nan], [np.eye(4), np.eye(4)], "finite"),
         ([0.0], [np.eye(3)], r"\(1, 4, 4\)"),

@@ -12,9 +12,9 @@ from scipy import stats
 from support.statistics import image_z_test
 
 import wrt
-from wrt.build import layout
-from wrt.build.motion import swept_boxes
-from wrt.motion import Motion
+from wrt.scene.motion import Motion
+from wrt.upload.accel import instancing
+from wrt.upload.accel.swept_boxes import swept_boxes
 
 FloatArray = NDArray[np.float64]
 
@@ -292,12 +292,13 @@ def test_shapes_know_where_they_are() -> None:
 
 def test_what_stands_still_while_the_shutter_is_open_is_in_one_tree() -> None:
     for shutter, kind in (((0.0, 1.0), "deforming"), ((0.3, 0.3), "none"), ((2.0, 3.0), "none")):
-        assert layout.lay_out(moving_scene(shutter)).kind == kind
+        assert instancing.lay_out(moving_scene(shutter)).kind == kind
     scene = moving_scene((0.0, 1.0))
     scene.shapes = [shape for shape in scene.shapes if shape.deformation is None]
-    assert layout.lay_out(scene).kind == "moving"
+    assert instancing.lay_out(scene).kind == "moving"
 
 
+@pytest.mark.slow
 def test_resuming(tmp_path: object) -> None:
     scene = moving_scene((0.0, 1.0))
     whole, half = (wrt.Renderer(scene, width=12, height=9, seed=5) for _ in range(2))

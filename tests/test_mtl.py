@@ -13,8 +13,9 @@ from PIL import Image
 from support.meshes import write
 
 import wrt
-from wrt.formats.meshes import InputWarning, load_shapes
-from wrt.srgb import linear_from_srgb
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_shapes
+from wrt.scene.srgb import linear_from_srgb
 
 CODES = np.random.default_rng(8).integers(0, 256, (4, 4, 4), dtype=np.uint8)
 OBJ = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
@@ -169,7 +170,7 @@ def test_maps_that_cannot_be_decoded_are_told_once_and_left_out(tmp_path):
     (tmp_path / "cut.png").write_bytes((tmp_path / "whole.png").read_bytes()[:60])
     for name, reason in (
         ("cut.exr", ""),
-        ("nan.exr", "no numbers"),
+        ("nan.exr", "infinite or NaN values"),
         ("bomb.hdr", "too large|claims"),
         ("cut.png", ""),
         ("none.exr", "no such file"),

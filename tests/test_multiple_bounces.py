@@ -12,12 +12,12 @@ from support.kernels import uniforms
 from test_rough_conductor import WHITE, metal
 
 import wrt
-from wrt.build import tables
-from wrt.build.scene_data import build_scene
-from wrt.build.tables import pack_tables
-from wrt.device import Device
-from wrt.kernels.albedo import VALUES
-from wrt.presets import metal_f0
+from wrt.backend.device import Device
+from wrt.kernels.bsdf.lobes.albedo import VALUES
+from wrt.scene.materials.presets import metal_f0
+from wrt.upload.scene_data import build_scene
+from wrt.upload.tables import material_tables as tables
+from wrt.upload.tables.material_tables import pack_tables
 
 pytestmark = pytest.mark.slow
 

@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 from support.media import mean_and_error, render, stage
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.materials.body import Body
+from wrt.backend.device import Device
+from wrt.scene.materials.body import Body
+from wrt.upload.scene_data import build_scene
 
 AIR, GLASS, WATER, ICE = 1.0, 1.5, 1.33, 1.31
 TINTS = {"glass": (0.3, 0.5, 0.9), "water": (1.0, 0.4, 0.2), "ice": (0.1, 0.2, 2.0)}
@@ -180,5 +180,5 @@ def test_tables_of_one_index_are_refused() -> None:
     scene = stage(sky=1.0)
     rough = wrt.RoughDielectric(multiple_bounces=True, priority=1)
     scene.add(layer(1.0, -1.0), material=rough, name="ground glass")
-    with pytest.raises(wrt.InputError, match="ground glass: multiple_bounces knows one index outside"):
+    with pytest.raises(wrt.InputError, match="ground glass: multiple_bounces needs a fixed index outside"):
         wrt.Renderer(scene, width=2, height=2)

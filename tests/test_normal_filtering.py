@@ -15,20 +15,20 @@ from support.kernels import map_function, upload
 from test_normal_maps import SQUARE, Probe, constant_map, encoded, lit, probes, unit, with_uvs
 
 import wrt
-from wrt.build.normal_maps import normals_of, slope_pyramid
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.kernels.footprint import texels_across, texture_footprint
-from wrt.kernels.geometry import Ray
-from wrt.kernels.intersect import NO_HIT, closest_hit
+from wrt.backend.device import Device
+from wrt.kernels.accel.intersect import NO_HIT, closest_hit
+from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.geometry.surface import surface_at
 from wrt.kernels.microfacet.widening import WIDENED
-from wrt.kernels.scene_data import (
+from wrt.kernels.scene.scene_data import (
     NORMALS_AT_POINT,
     NORMALS_FILTERED,
     NORMALS_FILTERED_ALONG_TEXTURE,
     SceneData,
 )
-from wrt.kernels.surface import surface_at
+from wrt.kernels.textures.footprint import texels_across, texture_footprint
+from wrt.upload.scene_data import build_scene
+from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
 
 pytestmark = pytest.mark.slow
 
@@ -144,7 +144,7 @@ def test_levels_hold_the_moments_of_the_interpolated_map(size: tuple[int, int]) 
 def test_levels_of_odd_sizes_are_cut_evenly() -> None:
     """A row of five becomes three of 5/3 each, by share."""
     row = np.float32([1, 2, 3, 4, 5])
-    from wrt.build.pyramid import halved
+    from wrt.upload.textures.pyramid import halved
 
     found = halved(np.broadcast_to(row[None, :, None], (1, 5, 3)).copy())
     expected = [(1 + 2 * 2 / 3) * 0.6, (2 / 3 + 3 + 4 * 2 / 3 - 4 / 3) * 0.6, (4 * 2 / 3 + 5) * 0.6]

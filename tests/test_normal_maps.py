@@ -15,7 +15,7 @@ from support.kernels import map_function
 import wrt
 from wrt.kernels import bsdf as models
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample, zero_pdf
-from wrt.kernels.normal_maps import bent_normal
+from wrt.kernels.textures.normal_maps import bent_normal
 
 # --- Materials that show what a reflection model is given --------------------------------------------
 
@@ -67,8 +67,7 @@ def probes() -> Iterator[None]:
         models.register_model(name, model)
     yield
     for name in PROBES:
-        del models.FAMILIES[name]
-    models.model_of.cache_clear()
+        models.BSDFS.forget(name)
 
 
 # --- Scenes ------------------------------------------------------------------------------------------
@@ -424,7 +423,7 @@ def test_scenes_without_pay_nothing() -> None:
 
 
 def test_checkpoints_know_the_map() -> None:
-    from wrt.fingerprint import scene_fingerprint
+    from wrt.rendering.fingerprint import scene_fingerprint
 
     def digest(normal_map: wrt.NormalMap | None) -> str:
         return scene_fingerprint(lit(wrt.quad(*SQUARE), wrt.Diffuse(normal_map=normal_map), LIGHT))["materials"]

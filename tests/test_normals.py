@@ -7,8 +7,8 @@ import pytest
 from support.meshes import SQUARE, triangles, write
 
 import wrt
-from wrt.formats.meshes import load_mesh
-from wrt.normals import with_normals
+from wrt.io.load_mesh import load_mesh
+from wrt.scene.normals import with_normals
 
 
 def test_normals_of_a_sphere_converge_to_its_own_whatever_its_seams():

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.formats.meshes import load_shapes
+from wrt.io.load_mesh import load_shapes
 from wrt.meshes.many_triangles import terrain
-from wrt.orientation import guess_up
+from wrt.studio.orientation import guess_up
 
 ROOT = Path(__file__).resolve().parent.parent
 ASSETS = ROOT.parent / "shared" / "assets" / "meshes"

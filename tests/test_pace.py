@@ -6,7 +6,7 @@ import math
 import pytest
 
 import wrt
-from wrt.pace import LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
+from wrt.rendering.passes import LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
 
 
 def passes(target, sample, *, limit=math.inf, **how):

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import pytest
+import setuptools
 from conftest import ROOT
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+import wrt
 
 SOURCES = ("wrt", "kernels", "meshes")
-
-
-def setuptools_options() -> dict[str, Any]:
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        options = tomllib.load(file)["tool"]["setuptools"]
-    assert isinstance(options, dict)
-    return options
 
 
 def source_files(folder: Path) -> list[Path]:
@@ -42,12 +33,12 @@ def test_every_folder_with_python_files_is_a_package() -> None:
     folders = {path.parent for source in SOURCES for path in source_files(ROOT / source) if path.suffix == ".py"}
     assert all((folder / "__init__.py").is_file() for folder in folders)
     names = [installed_name(folder).replace("/", ".") for folder in folders]
-    assert sorted(names) == sorted(setuptools_options()["packages"])
+    assert sorted(names) == sorted(setuptools.find_packages(str(ROOT), include=["wrt*"]))
 
 
-def test_package_map_leads_to_the_folders() -> None:
-    mapped = setuptools_options()["package-dir"]
-    assert mapped == {"wrt": "wrt", "wrt.kernels": "kernels", "wrt.meshes": "meshes"}
+@pytest.mark.parametrize("name", ["kernels", "meshes"])
+def test_links_lead_to_the_folders_at_the_top(name: str) -> None:
+    assert (ROOT / "wrt" / name).readlink() == Path("..", name)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +46,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a wheel built from a copy of the source tree, which the build would litter."""
     folder = tmp_path_factory.mktemp("wheel")
     for source in SOURCES:
-        shutil.copytree(ROOT / source, folder / "tree" / source, ignore=shutil.ignore_patterns("__pycache__"))
+        unused = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / source, folder / "tree" / source, ignore=unused, symlinks=True)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, folder / "tree")
     build = ["pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
@@ -87,20 +79,21 @@ def test_wheel_holds_every_source_file_and_no_other(wheel: Path) -> None:
         held = {name for name in names if not name.split("/")[0].endswith(".dist-info")}
         metadata = archive.read(next(name for name in names if name.endswith(".dist-info/METADATA"))).decode()
     assert held == expected
-    assert {"wrt/py.typed", "wrt/kernels/bsdf/diffuse.py", "wrt/meshes/cornell-box.toml"} <= held
+    assert {"wrt/py.typed", "wrt/__init__.pyi", "wrt/kernels/bsdf/diffuse.py", "wrt/meshes/cornell-box.toml"} <= held
     assert any(name.endswith(".ply") for name in held)
-    assert {"wrt/data/hosek_wilkie.npz", "wrt/data/hosek_wilkie.LICENSE"} <= held
-    for file in ("LICENSE", "wrt/data/hosek_wilkie.LICENSE"):
+    assert {"wrt/scene/skies/data/hosek_wilkie.npz", "wrt/scene/skies/data/hosek_wilkie.LICENSE"} <= held
+    for file in ("LICENSE", "wrt/scene/skies/data/hosek_wilkie.LICENSE"):
         assert any(name.endswith(f".dist-info/licenses/{file}") for name in names)
     assert "License-Expression: Apache-2.0 AND BSD-3-Clause" in metadata
     assert "Requires-Python: >=3.10" in metadata
 
 
-# Says where the three packages were found, in a Python that knows of no editable installation.
+# Says where wrt, its kernels and its meshes were found, in a Python that knows of no editable installation.
 WHERE = """
 import sys
 sys.meta_path[:] = [finder for finder in sys.meta_path if "__editable__" not in getattr(finder, "__module__", "")]
-import wrt, wrt.kernels, wrt.kernels.film, wrt.meshes
+import wrt, wrt.kernels, wrt.kernels.film.film, wrt.meshes
+assert wrt.Mesh.__module__ == "wrt.scene.mesh"
 print(wrt.__file__, wrt.kernels.__file__, wrt.meshes.scene_path("cornell-box"), sep="\\n")
 """
 
@@ -113,28 +106,27 @@ def packages_found(*, cwd: Path, python_path: Path | None) -> list[Path]:
         [sys.executable, "-c", WHERE], cwd=cwd, env=environment, capture_output=True, text=True, check=False
     )
     assert result.returncode == 0, result.stderr
-    found = [Path(line) for line in result.stdout.splitlines()]
+    found = [Path(line).resolve() for line in result.stdout.splitlines()]
     assert all(path.is_file() for path in found)
     return found
 
 
-IN_TREE = ["wrt/__init__.py", "kernels/__init__.py", "meshes/cornell-box.toml"]
-IN_PACKAGE = ["wrt/__init__.py", "wrt/kernels/__init__.py", "wrt/meshes/cornell-box.toml"]
+FOUND = ["wrt/__init__.py", "wrt/kernels/__init__.py", "wrt/meshes/cornell-box.toml"]
 
 
 def test_source_tree_works_without_installation() -> None:
-    assert packages_found(cwd=ROOT, python_path=None) == [ROOT / name for name in IN_TREE]
+    assert packages_found(cwd=ROOT, python_path=None) == [(ROOT / name).resolve() for name in FOUND]
 
 
 @pytest.mark.slow
 def test_source_tree_works_beside_an_installed_copy(installed: Path) -> None:
-    # The tree's wrt/ hides the installed one from a Python started in it, and has no kernels inside.
-    assert packages_found(cwd=ROOT, python_path=installed) == [ROOT / name for name in IN_TREE]
+    # The tree's wrt/ hides the installed one from a Python started in it.
+    assert packages_found(cwd=ROOT, python_path=installed) == [(ROOT / name).resolve() for name in FOUND]
 
 
 @pytest.mark.slow
 def test_installed_copy_works_alone(installed: Path, tmp_path: Path) -> None:
-    assert packages_found(cwd=tmp_path, python_path=installed) == [installed / name for name in IN_PACKAGE]
+    assert packages_found(cwd=tmp_path, python_path=installed) == [installed / name for name in FOUND]
 
 
 def test_import_is_light() -> None:
@@ -143,9 +135,30 @@ def test_import_is_light() -> None:
     assert not {"numpy", "warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO"} & set(result.stdout.split())
 
 
-def test_every_public_name_can_be_had() -> None:
-    import wrt
+def test_every_public_name_can_be_imported() -> None:
+    names: dict[str, object] = {}
+    exec("from wrt import *", names)
+    assert set(names) - {"__builtins__"} == set(wrt.__all__) == set(dir(wrt))
+    assert {"Renderer", "Scene", "__version__", "register_material", "render"} <= set(names)
 
-    assert set(wrt.__all__) == set(wrt._EXPORTS) | {"__version__"}
-    missing = [name for name in wrt.__all__ if not hasattr(wrt, name)]
-    assert missing == []
+
+def test_a_name_that_wrt_lacks_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'wrt' has no attribute 'rendr'"):
+        wrt.rendr  # noqa: B018
+
+
+@pytest.mark.slow
+def test_type_checkers_see_the_public_names(tmp_path: Path) -> None:
+    script = tmp_path / "uses.py"
+    script.write_text("from wrt import Scene\nreveal_type(Scene().shapes)\nimport wrt\nwrt.rendr\n")
+    cache = f"--cache-dir={tmp_path / 'cache'}"
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", cache, str(script)]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert 'note: Revealed type is "list[wrt.scene.scene.Shape]"' in result.stdout, result.stdout
+    assert 'error: Module has no attribute "rendr"' in result.stdout
+    assert "Found 1 error" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["wrt.wrt", "wrt.tests", "wrt.scripts", "wrt.docs"])
+def test_other_folders_of_the_checkout_are_no_part_of_the_package(name: str) -> None:
+    assert importlib.util.find_spec(name) is None

@@ -8,8 +8,8 @@ from conftest import Report
 from support.kernels import map_function, uniforms
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
-from wrt.kernels.phase import phase, sample_phase
-from wrt.kernels.warps import square_to_sphere
+from wrt.kernels.media.phase import phase, sample_phase
+from wrt.kernels.sampling.warps import square_to_sphere
 
 N = 2**20
 MEANS = (-0.95, -0.5, 0.0, 1e-4, 0.3, 0.8, 0.99)

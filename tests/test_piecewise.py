@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.build.piecewise import UNITS, integrals, part_edges, tiles
-from wrt.device import initialize_warp
-from wrt.kernels.piecewise import sample_tile, tile_probability
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.sampling.piecewise import sample_tile, tile_probability
+from wrt.upload.lights.piecewise import UNITS, integrals, part_edges, tiles
 
 N = 2**18
 

@@ -23,9 +23,9 @@ from support.bsdfs import (
 from support.kernels import uniforms
 
 import wrt
-from wrt.build.coat_tables import coat_table
-from wrt.device import Device
-from wrt.materials.plastics import internal_reflectance
+from wrt.backend.device import Device
+from wrt.scene.materials.plastics import internal_reflectance
+from wrt.upload.tables.coat import coat_table
 
 pytestmark = pytest.mark.slow
 

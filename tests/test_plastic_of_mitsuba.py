@@ -20,12 +20,12 @@ from test_plastic import egan_hilgeman, look_up
 from test_rough_conductor import g1_fit, smith_lambda_beckmann, stretched_cotangent
 
 import wrt
-from wrt.build.tables import table
-from wrt.device import Device
-from wrt.formats.mitsuba.coats import sent_back
-from wrt.kernels.coat import make_coat_kernel
-from wrt.materials.plastics import internal_reflectance
-from wrt.textures import ColorSource
+from wrt.backend.device import Device
+from wrt.io.mitsuba.materials.coats import internal_reflectances
+from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
+from wrt.scene.materials.plastics import internal_reflectance
+from wrt.scene.textures import ColorSource
+from wrt.upload.tables.material_tables import table
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
@@ -200,7 +200,7 @@ def test_rough_base(distribution: str, alpha: float, nonlinear: bool, device: st
     mean = internal_of(distribution, alpha, 1.5, device)
     internal = float(table(bare.table_key, Device(device))[2])
     # What scene files of Mitsuba go by.
-    np.testing.assert_allclose(sent_back(distribution, alpha, 1.5), (internal, mean), rtol=1e-3)
+    np.testing.assert_allclose(internal_reflectances(distribution, alpha, 1.5), (internal, mean), rtol=1e-3)
     rho = np.array(COLOR) if nonlinear else 1.0
     report(f"{distribution} {alpha}: light sent back from below, and Mitsuba's mean", internal, mean)
     np.testing.assert_allclose(factor, (1.0 - rho * mean) / (1.0 - rho * internal) * np.ones(3), rtol=2e-3)

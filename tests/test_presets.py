@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -13,9 +14,10 @@ import pytest
 from conftest import ROOT, Report
 from numpy.typing import NDArray
 
-from wrt import presets
+from wrt.cli import main
 from wrt.errors import InputError
-from wrt.materials import Conductor, Dielectric
+from wrt.io.toml.reader import load_scene
+from wrt.scene.materials import Conductor, Dielectric, presets
 
 Array = NDArray[np.float64]
 
@@ -291,21 +293,75 @@ def test_names() -> None:
     assert presets.dielectric_ior("Water") == pytest.approx(1.335)
     assert presets.dielectric_ior("glass") == 1.51
     assert Dielectric(presets.dielectric_ior("diamond")).ior == 2.42
-    known = {*presets.METAL_F0, *presets.METAL_IOR, *presets.DIELECTRIC_IOR}
+    known = {*presets.METAL_F0, *presets.METAL_IOR, *presets.DIELECTRIC_IOR, *presets.SEMICONDUCTOR_F0}
     assert set(presets.ALIASES.values()) <= known
     assert known.isdisjoint(presets.ALIASES)
+
+
+def test_every_constant_has_a_name_in_a_scene(tmp_path: Path) -> None:
+    """Each table through the keys of a scene file: the values as printed, of ranges the middle."""
+    colors = {**presets.METAL_F0, **presets.SEMICONDUCTOR_F0}
+    ranges = {name: (sum(ends) / 2.0,) * 3 for name, ends in presets.DIELECTRIC_F0.items()}
+    indices = {name: sum(ends) / 2.0 for name, ends in presets.DIELECTRIC_IOR.items()}
+    rows = [f'type = "conductor"\nf0 = "{name}"' for name in (*colors, *ranges)]
+    rows += [f'type = "dielectric"\nior = "{name}"' for name in (*indices, *presets.DIELECTRIC_F0)]
+    rows += ['type = "rough-conductor"\nmetal = "silicon"', 'type = "conductor"\nmetal = "Si"']
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        "\n".join(f"[materials.m{i}]\n{row}" for i, row in enumerate(rows))
+        + "".join(f'\n[[shapes]]\ntype = "sphere"\nmaterial = "m{i}"' for i in range(len(rows)))
+    )
+    found = [shape.material for shape in load_scene(file).shapes]
+    reflectances = {name: tuple(min(x, 1.0) for x in color) for name, color in {**colors, **ranges}.items()}
+    assert [material.f0 for material in found[: len(reflectances)]] == list(reflectances.values())
+    found = found[len(reflectances) :]
+    assert [material.ior for material in found[: len(indices)]] == list(indices.values())
+    found = found[len(indices) :]
+    for name, material in zip(presets.DIELECTRIC_F0, found, strict=False):
+        if name not in ("water", "glass"):  # which have an index of their own
+            assert ((material.ior - 1.0) / (material.ior + 1.0)) ** 2 == pytest.approx(ranges[name][0])
+    assert [material.f0 for material in found[-2:]] == [presets.SEMICONDUCTOR_F0["silicon"]] * 2
+
+
+def test_a_name_is_refused_with_its_key() -> None:
+    with pytest.raises(InputError, match=r"f0: 'gould' is not a known .*\(did you mean 'gold'"):
+        Conductor(f0="gould")
+    with pytest.raises(InputError, match=r"ior: 'gens' is not a known dielectric \(did you mean 'gems'"):
+        Dielectric("gens")
+
+
+def test_the_command_line_lists_every_name_with_its_source(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["materials", "--presets"]) == 0
+    listed = capsys.readouterr().out
+    for paragraph, table, key in zip(
+        listed.split("\n\n"),
+        (presets.METAL_IOR, presets.METAL_F0, presets.SEMICONDUCTOR_F0, presets.DIELECTRIC_F0, presets.DIELECTRIC_IOR),
+        ("metal", "f0", "f0", "f0", "ior"),
+        strict=False,
+    ):
+        head, *rows = paragraph.split("\n")
+        assert head.startswith(f"{key} = NAME")
+        assert rows[0].startswith("(")
+        names = [re.split(r"  +", row.strip())[0] for row in rows if row.startswith("  ")]
+        assert names == list(table)
+        numbers = [float(x) for row in rows if row.startswith("  ") for x in re.findall(r"\d+\.?\d*", row)]
+        printed = np.unique(np.hstack([np.ravel(value) for value in table.values()]))
+        np.testing.assert_allclose(np.unique(numbers), np.unique([float(f"{x:.3f}") for x in printed]), atol=1e-9)
+    assert max(map(len, listed.splitlines())) <= 100
+    assert main(["materials", "glass", "--presets"]) == 2
 
 
 @pytest.mark.parametrize(
     ("look_up", "name", "says"),
     [
-        (presets.metal_ior, "gould", "'gould' is no known metal with a refractive index (did you mean 'gold'?)"),
-        (presets.metal_ior, "Zn", "'Zn' is no known metal with a refractive index; there are: aluminium, brass"),
-        (presets.metal_f0, "chrome", "'chrome' is no known metal with a reflectance (did you mean 'chromium'?)"),
-        (presets.metal_f0, "silicon", "is no known metal with a reflectance"),
-        (presets.dielectric_ior, "dimond", "(did you mean 'diamond'?); there are: air, diamond, optical glass"),
-        (presets.dielectric_ior, "", "'' is no known dielectric; there are: air"),
-        (presets.dielectric_ior, 1.5, "1.5 is no known dielectric"),
+        (presets.metal_ior, "gould", "'gould' is not a known metal with a refractive index (did you mean 'gold'?)"),
+        (presets.metal_ior, "Zn", "'Zn' is not a known metal with a refractive index; known are: aluminium, brass"),
+        (presets.metal_f0, "chrome", "'chrome' is not a known metal with a reflectance (did you mean 'chromium'?)"),
+        (presets.metal_f0, "gems", "is not a known metal with a reflectance"),
+        (presets.reflectance_f0, "siliccon", "(did you mean 'silicon'?)"),
+        (presets.dielectric_ior, "dimond", "(did you mean 'diamond'?); known are: air, crystalware, diamond"),
+        (presets.dielectric_ior, "", "'' is not a known dielectric; known are: air"),
+        (presets.dielectric_ior, 1.5, "1.5 is not a known dielectric"),
     ],
 )
 def test_unknown_names(look_up: Callable[[object], object], name: object, says: str) -> None:

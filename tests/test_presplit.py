@@ -11,8 +11,8 @@ from test_intersection import random_rays
 from test_intersector import assert_same
 
 import wrt
-import wrt.build.bvh as module
-from wrt.build.bvh import MORE_PIECES
+import wrt.upload.accel.bvh as module
+from wrt.upload.accel.bvh import MORE_PIECES
 
 
 def mesh_of(corners: NDArray) -> wrt.Mesh:

@@ -26,7 +26,7 @@ from support.principled_reference import load_fits
 
 import wrt
 from wrt.kernels.bsdf import model_of
-from wrt.presets import dielectric_ior
+from wrt.scene.materials.presets import dielectric_ior
 
 pytestmark = pytest.mark.slow
 
@@ -256,7 +256,7 @@ def test_models_are_asked_for_in_order() -> None:
         ({"roughness": -0.1}, "roughness must be at least 0"),
         ({"ior": 0.5}, "ior must be at least 1"),
         ({"ior": "gold"}, "ior: "),
-        ({"ior": 0, "transmission": 0.5}, "ior 0 stands for infinite"),
+        ({"ior": 0, "transmission": 0.5}, "ior 0 means infinite"),
         ({"base_color": (1.2, 0.0, 0.0)}, r"base_color\[0\] must be at most 1"),
         ({"specular_color": (-1.0, 0.0, 0.0)}, r"specular_color\[0\] must be at least 0"),
         ({"anisotropy": wrt.VertexColor()}, "anisotropy must be a number, or an image"),
@@ -269,7 +269,7 @@ def test_models_are_asked_for_in_order() -> None:
                 "anisotropy": 0.5,
                 "roughness": wrt.ImageTexture(np.ones((1, 1, 3), np.float32)),
             },
-            "multiple_bounces needs a roughness",
+            "multiple_bounces needs roughness",
         ),
     ],
 )

@@ -17,7 +17,7 @@ from support.mitsuba_scene import load_mitsuba
 from support.principled_reference import APPENDIX_B, MITSUBA, WRT, Albedos, Choices
 
 import wrt
-from wrt.kernels import albedo_fits
+from wrt.kernels.bsdf.lobes import albedo_fits
 
 P = wrt.Principled
 GOLD = (1.0, 0.71, 0.29)

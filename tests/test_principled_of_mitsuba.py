@@ -48,7 +48,7 @@ def shares(values: NDArray[np.float64], wo: NDArray[np.float32], wi: NDArray[np.
     return 4.0 * np.pi * np.stack([weighted[up].mean(axis=0), weighted[~up].mean(axis=0)])
 
 
-@pytest.mark.filterwarnings("ignore::wrt.formats.parts.InputWarning")
+@pytest.mark.filterwarnings("ignore::wrt.errors.InputWarning")
 @pytest.mark.parametrize("name", MODELS)
 def test_as_much_light_as_in_mitsuba(name: str, tmp_path: Path, device: str, report: Report) -> None:
     mi = load_mitsuba()

@@ -11,10 +11,19 @@ from typing import Any
 
 import pytest
 
-from wrt import progress_lines
-from wrt.progress import ProgressBar, duration_text, fraction_done, noise_text, rate_text, status_pieces, status_text
-from wrt.renderer import Progress
-from wrt.terminal import columns_of, fitted, fitted_bar, shortened, terminal_columns
+import wrt
+from wrt.progress import lines as progress_lines
+from wrt.progress.bar import (
+    ProgressBar,
+    duration_text,
+    fraction_done,
+    noise_text,
+    rate_text,
+    status_pieces,
+    status_text,
+)
+from wrt.progress.terminal import columns_of, fitted, fitted_bar, shortened, terminal_columns
+from wrt.rendering.passes import Progress
 
 
 def progress(**changes: Any) -> Progress:
@@ -135,7 +144,7 @@ def test_the_bar_follows_a_terminal_that_changes_its_size(monkeypatch: pytest.Mo
     columns = 100
     monkeypatch.setattr(sys, "stderr", terminal := Terminal())
     monkeypatch.setattr(os, "get_terminal_size", lambda _: os.terminal_size((columns, 24)))
-    monkeypatch.setattr("wrt.progress.REDRAW_SECONDS", 0.0)
+    monkeypatch.setattr("wrt.progress.bar.REDRAW_SECONDS", 0.0)
     with ProgressBar("絵.obj") as bar:
         for columns in (100, 40, 80, 20, 3):
             terminal.truncate(0)
@@ -143,6 +152,22 @@ def test_the_bar_follows_a_terminal_that_changes_its_size(monkeypatch: pytest.Mo
             line = terminal.getvalue().rpartition("\r")[2].rstrip()
             assert 0 < len(line) < columns
             assert columns < 40 or r"\u7d75" in line, "escapes take more than one column"
+
+
+@pytest.mark.parametrize(("asked", "shown"), [(None, True), (True, True), (False, False)])
+def test_render_shows_a_bar_to_whoever_watches(
+    asked: bool | None, shown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    monkeypatch.setattr(os, "get_terminal_size", lambda _: os.terminal_size((100, 24)))
+    wrt.render("cornell-box", width=8, height=8, spp=4, progress=asked)
+    assert ("cornell-box" in terminal.getvalue()) is shown
+
+
+def test_render_says_nothing_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", written := File())
+    wrt.render("cornell-box", width=8, height=8, spp=4)
+    assert written.getvalue() == ""
 
 
 class File(io.StringIO):
@@ -172,3 +197,12 @@ def test_off_a_terminal_there_are_lines_ever_more_seldom(wanted: bool, monkeypat
     assert len(after.splitlines()) <= 8, "lines came too often"
     time.sleep(0.15)
     assert written.getvalue() == after, "lines came after the end"
+
+
+def test_a_notebook_shows_the_bar_on_standard_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+    monkeypatch.setattr(sys, "stdout", shown := stream())
+    monkeypatch.setattr(sys, "stderr", errors := stream())
+    wrt.render("cornell-box", width=8, height=8, spp=4)
+    assert "cornell-box" in shown.getvalue()
+    assert errors.getvalue() == ""

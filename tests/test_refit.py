@@ -13,8 +13,8 @@ from test_intersection import random_rays
 from test_intersector import assert_same, camera_rays
 
 import wrt
-from wrt.build.bvh import refit_bvh
-from wrt.device import Device
+from wrt.backend.device import Device
+from wrt.upload.accel.bvh import refit_bvh
 
 Rays = tuple[NDArray[np.float32], NDArray[np.float32]]
 Array = NDArray[np.float32]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from support.kernels import upload
 from test_bvh import HARD, build, check, soup
 
-from wrt.build import reinsertion
-from wrt.build.binary_tree import split_boxes
-from wrt.build.bvh import SAH_DEPTHS, _boxes
-from wrt.build.reinsertion import LEAST, levels_of, reinsert
-from wrt.device import Device
-from wrt.kernels import bvh_reinsert
+from wrt.backend.device import Device
+from wrt.kernels.accel.build import reinsert as bvh_reinsert
+from wrt.upload.accel import reinsertion
+from wrt.upload.accel.binary_tree import split_boxes
+from wrt.upload.accel.bvh import SAH_DEPTHS, _boxes
+from wrt.upload.accel.reinsertion import LEAST, levels_of, reinsert
 
 Nodes = NDArray[Any]
 

@@ -1,4 +1,4 @@
-"""Passes change over to the faster kernel: when that is worth it, with the same bits, and never where it cannot be."""
+"""Passes switch to the wide kernel: when that is worth it, with the same bits, and never where it cannot be."""
 
 from __future__ import annotations
 
@@ -18,19 +18,30 @@ import warp as wp
 from conftest import ROOT
 
 import wrt
-from wrt import wide
-from wrt.device import Device
-from wrt.lean.builds import Builds
-from wrt.render_kernel import RenderKernel
-from wrt.wide import COMPILING_SECONDS, LOADING_SECONDS, NEEDED, SWITCH, WideKernel, largest_array, processor_flags
+from wrt.backend import lanes
+from wrt.backend.builds import Builds
+from wrt.backend.device import Device
+from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.rendering import wide_kernel as wide
+from wrt.rendering.render_kernel import RenderKernel
+from wrt.rendering.wide_kernel import (
+    COMPILING_SECONDS,
+    LOADING_SECONDS,
+    WideKernel,
+    largest_array,
+)
 
-sixteen_lanes = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no such registers")
+needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
 
 
 class Noted:
     """What stands in for the notes of builds: a kernel is there once it was compiled."""
 
     compiled = False
+
+    def __init__(self) -> None:
+        self.folders: list[str] = []
 
     def has(self, name: str) -> bool:
         return self.compiled
@@ -74,14 +85,14 @@ def notes(monkeypatch: pytest.MonkeyPatch) -> Noted:
     found = Noted()
     started.clear()
     monkeypatch.setattr(Builds, "known", lambda: found)
-    monkeypatch.setattr(wide, "processor_flags", lambda: NEEDED)
+    monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[16])
     monkeypatch.setattr(subprocess, "Popen", Compiler)
     monkeypatch.setattr(WideKernel, "_load", lambda kernel: setattr(kernel, "kernel", "loaded"))
     return found
 
 
 def kernel_of(renderer: wrt.Renderer) -> WideKernel:
-    """Return the faster kernel of a scene, before anything was asked about it."""
+    """Return the wide kernel of a scene, before anything was asked about it."""
     kernel = renderer._kernel
     return WideKernel(renderer.device, kernel._features, kernel.records)
 
@@ -102,6 +113,7 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     assert kernel.kernel is None
     described = json.loads(started[0].command[3])
     assert described == json.loads(json.dumps(dataclasses.asdict(kernel._features)))
+    assert started[0].command[4] == "16"
     started[0].returncode, notes.compiled = 0, True
     kernel.prepare(LOADING_SECONDS / 2)
     assert kernel.kernel is None
@@ -116,7 +128,7 @@ def test_a_thread_rests_while_it_is_compiled(
     rested: list[int] = []
     kernel = RenderKernel(renderer.device, renderer._kernel._features, 20, 19)
     kernel.records = renderer._kernel.records
-    monkeypatch.setattr(Device, "launch", lambda *_, spared=0: rested.append(spared))
+    monkeypatch.setattr(Device, "launch", lambda *_, spared=0, **__: rested.append(spared))
     for left in (0.0, math.inf, math.inf):
         kernel.launch([], left)
     started[0].returncode = 1
@@ -146,7 +158,7 @@ def test_where_it_cannot_be_had_nothing_is_tried(
 ) -> None:
     kernel = kernel_of(renderer)
     if lacking == "processor":
-        monkeypatch.setattr(wide, "processor_flags", lambda: NEEDED - {"avx512f"})
+        monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[8] - {"avx2"})
     elif lacking == "warp":
         monkeypatch.setattr(Builds, "known", lambda: None)
     elif lacking == "array":
@@ -163,6 +175,26 @@ def test_where_it_cannot_be_had_nothing_is_tried(
     kernel.wait()
     kernel.prepare(math.inf)
     assert (kernel.kernel, started) == (None, [])
+
+
+@pytest.mark.parametrize(
+    ("flags", "told", "expected"),
+    [
+        (NEEDED[16] | NEEDED[8], "", 16),
+        (NEEDED[8], "", 8),
+        (NEEDED[8] | {"avx512f"}, "", 8),
+        (NEEDED[8] - {"fma"}, "", 0),
+        (NEEDED[8], "0", 0),
+        (NEEDED[8], "4", 4),
+        (NEEDED[8], "5", 8),
+    ],
+)
+def test_lanes_are_those_of_the_processor(
+    flags: frozenset[str], told: str, expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lanes, "processor_flags", lambda: flags)
+    monkeypatch.setenv(SWITCH, told)
+    assert lanes_here() == expected
 
 
 def test_a_device_other_than_the_cpu_has_none(notes: Noted, renderer: wrt.Renderer) -> None:
@@ -191,7 +223,7 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
 
 
-@sixteen_lanes
+@needs_lanes
 @pytest.mark.slow
 def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first.
@@ -202,10 +234,10 @@ def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     scene = wrt.load("cornell-box")
     size = {"width": 37, "height": 21}
-    usual = wrt.Renderer(scene, **size)
-    for _ in usual.passes(spp=9):
+    scalar = wrt.Renderer(scene, **size)
+    for _ in scalar.passes(spp=9):
         pass
-    assert "wide" not in usual._kernel.in_use.module.name
+    assert "wide" not in scalar._kernel.in_use.module.name
     first = wrt.Renderer(scene, **size)
     for _ in first.passes(spp=4):
         pass
@@ -215,33 +247,34 @@ def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch
     assert "wide" in second._kernel.in_use.module.name
     for _ in second.passes(spp=9):
         pass
-    np.testing.assert_array_equal(second.image(), usual.image())
-    np.testing.assert_array_equal(second.variance(), usual.variance())
-    assert first.rays + second.rays == usual.rays
+    np.testing.assert_array_equal(second.image(), scalar.image())
+    np.testing.assert_array_equal(second.variance(), scalar.variance())
+    assert first.rays + second.rays == scalar.rays
 
 
-LEAN = """
+COMPILED = """
 import sys
-import wrt.wide
-wrt.wide.LEAN_LOADING_SECONDS = float(sys.argv[1])
+import wrt.rendering.wide_kernel
+wrt.rendering.wide_kernel.COMPILED_LOADING_SECONDS = float(sys.argv[1])
 from wrt.cli import main
 sys.argv = ["wrt", "render", "cornell-box", "--size", "40x30", "--spp", "40", "--quiet", "-o", sys.argv[2]]
 status = main()
-stand_in = sys.modules["warp"]
-print(status, [name for name in stand_in.builds._loaded if ".wide." in name])
+from wrt.backend import current_backend
+assert "warp" not in sys.modules
+print(status, [name for name in current_backend().builds._loaded if ".wide" in name])
 """
 
 
 CODE = """
 import hashlib
 import sys
-from wrt.device import initialize_warp
+from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
 from wrt.kernels.render import make_render_kernel
-from wrt.kernels.wide.translate import wide_code
+from wrt.spmd.translate import wide_code
 initialize_warp()
 for models in sys.argv[1:]:
-    code = wide_code(make_render_kernel(Features(tuple(models.split()), False, "constant")))
+    code = wide_code(make_render_kernel(Features(tuple(models.split()), False, "constant")), 8)
 print(hashlib.sha256(code.encode()).hexdigest())
 """
 
@@ -262,7 +295,7 @@ def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
 COMPILING = """
 import os
 import sys
-from wrt.wide import main
+from wrt.rendering.wide_kernel import main
 print(main(sys.argv), os.nice(0))
 """
 
@@ -275,7 +308,7 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 
 
 @pytest.mark.slow
-@sixteen_lanes
+@needs_lanes
 def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
     """Killed while another compiles, so that its own waits; nothing is left of it."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
@@ -296,7 +329,7 @@ def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) 
 
 
 @pytest.mark.slow
-@sixteen_lanes
+@needs_lanes
 def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
     wrt.Renderer(wrt.load("cornell-box"), width=20, height=19).compile()
     kernels = Path(wp.config.kernel_cache_dir).parent
@@ -304,13 +337,20 @@ def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
     environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")  # where nothing is known yet
 
     def render(seconds: str, output: str) -> str:
-        command = [sys.executable, "-c", LEAN, seconds, output]
+        command = [sys.executable, "-c", COMPILED, seconds, output]
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
         assert done.stderr == ""
         return done.stdout.strip()
 
     features = wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)._kernel._features
-    compiling = [sys.executable, "-c", COMPILING, json.dumps(dataclasses.asdict(features)), str(os.getpid())]
+    compiling = [
+        sys.executable,
+        "-c",
+        COMPILING,
+        json.dumps(dataclasses.asdict(features)),
+        str(lanes_here()),
+        str(os.getpid()),
+    ]
     done = subprocess.run(compiling, env=environment, check=True, stdout=subprocess.PIPE, text=True)
     # As all cores render meanwhile, it would never come to its end behind them.
     assert done.stdout == f"0 {os.nice(0)}\n"
@@ -318,7 +358,7 @@ def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
         [sys.executable, "-m", "wrt", "render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", "first.npy"],
         cwd=tmp_path, env=environment, check=True, capture_output=True,
     )  # fmt: skip
-    assert render("inf", "usual.npy") == "0 []"
+    assert render("inf", "scalar.npy") == "0 []"
     loaded = render("-1", "wide.npy")
-    assert loaded.startswith("0 ['wrt.render.wide.")
-    assert (tmp_path / "wide.npy").read_bytes() == (tmp_path / "usual.npy").read_bytes()
+    assert loaded.startswith(f"0 ['wrt.render.wide{lanes_here()}.")
+    assert (tmp_path / "wide.npy").read_bytes() == (tmp_path / "scalar.npy").read_bytes()

@@ -32,11 +32,11 @@ from support.statistics import sidak
 from test_fresnel import complex_fresnel
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.materials.metals import average_reflectance
-from wrt.materials.microfacet import MASKINGS
-from wrt.presets import metal_f0, metal_ior
+from wrt.backend.device import Device
+from wrt.scene.materials.metals import average_reflectance
+from wrt.scene.materials.microfacet import MASKINGS
+from wrt.scene.materials.presets import metal_f0, metal_ior
+from wrt.upload.scene_data import build_scene
 
 WHITE = {"f0": 1.0, "multiple_bounces": True}
 
@@ -274,7 +274,7 @@ def test_average_reflectance() -> None:
 
 def test_maskings_are_those_of_the_kernels() -> None:
     from wrt.kernels.microfacet import DISTRIBUTIONS, LEAST_ALPHA, maskings_of
-    from wrt.materials.microfacet import LEAST_ALPHA as LEAST
+    from wrt.scene.materials.microfacet import LEAST_ALPHA as LEAST
 
     known = {name: set(maskings_of(name)) for name in DISTRIBUTIONS}
     known["blinn-phong"].remove("smith")  # borrowed, and makes light at grazing angles whatever the roughness

@@ -26,8 +26,8 @@ from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_
 from test_fresnel import cook_torrance
 
 import wrt
-from wrt.device import Device
-from wrt.materials.dielectrics import mean_transmittance
+from wrt.backend.device import Device
+from wrt.scene.materials.dielectrics import mean_transmittance
 
 pytestmark = pytest.mark.slow
 
@@ -139,12 +139,12 @@ def test_white_furnace(device: str, report: Report) -> None:
 
 
 def test_what_is_tabulated_is_what_is_lost(device: str, report: Report) -> None:
-    """Between the table's own points, to 8e-3 up to 89.9 degrees: as white is the furnace. Nowhere is more made."""
+    """Between the table's own points, to 5e-3 up to 89.9 degrees: as white is the furnace. Nowhere is more made."""
     import warp as wp
 
-    from wrt.build.tables import table
-    from wrt.kernels.albedo import missing_energy
-    from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel, side_table
+    from wrt.kernels.bsdf.lobes.albedo import missing_energy
+    from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel, side_table
+    from wrt.upload.tables.material_tables import table
 
     @wp.kernel(module="unique", enable_backward=False)
     def look_up(
@@ -174,8 +174,8 @@ def test_what_is_tabulated_is_what_is_lost(device: str, report: Report) -> None:
             error = looked_up.numpy() - computed.numpy()
             off = float(np.abs(error[mu > 0.0017]).max())
             report(f"index {ior}, {'outside' if front else 'inside'}: 1 − E off by at most", off, 0.0)
-            assert off < 8e-3
-            assert error.max() < 8e-3
+            assert off < 5e-3
+            assert error.max() < 8e-3  # beyond 89.9 degrees, where the table has its last points, the most is 6.1e-3
 
 
 def test_mean_transmittance() -> None:
@@ -322,7 +322,7 @@ def test_a_lamp_seen_through_ground_glass(device: str, report: Report) -> None:
 def test_media_have_names(tmp_path: Path) -> None:
     assert wrt.Dielectric("diamond").ior == 2.42
     assert wrt.RoughDielectric("Water", "air").relative_ior == pytest.approx(1.335)
-    with pytest.raises(wrt.InputError, match=r"^ior: 'watr' is no known dielectric \(did you mean 'water'\?\)"):
+    with pytest.raises(wrt.InputError, match=r"^ior: 'watr' is not a known dielectric \(did you mean 'water'\?\)"):
         wrt.ThinDielectric("watr")
     with pytest.raises(wrt.InputError, match=r"^exterior_ior must be greater than 0, not 0$"):
         wrt.Dielectric(1.5, 0.0)

@@ -13,7 +13,7 @@ import pytest
 
 import wrt
 import wrt.meshes
-from wrt.formats.scene_toml import load_scene
+from wrt.io.toml.reader import load_scene
 from wrt.meshes import many_triangles
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,7 +32,7 @@ def maker() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def cornell() -> wrt.scene.Scene:
+def cornell() -> wrt.scene.scene.Scene:
     return load_scene(wrt.meshes.scene_path("cornell-box"))
 
 
@@ -234,11 +234,11 @@ def first_facing(origins: np.ndarray, toward: np.ndarray, a: np.ndarray, b: np.n
 # The Cornell box
 
 
-def shape_mesh(scene: wrt.scene.Scene, name: str) -> wrt.Mesh:
+def shape_mesh(scene: wrt.scene.scene.Scene, name: str) -> wrt.Mesh:
     return next(shape.mesh for shape in scene.shapes if shape.name == name)
 
 
-def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.scene.Scene):
+def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.scene.scene.Scene):
     """Two triangles make each published quadrilateral: how far is its fourth corner off the plane of the others?"""
     for shape in cornell.shapes:
         normals = face_normals(shape.mesh)[::2]
@@ -249,7 +249,7 @@ def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.sce
         np.testing.assert_allclose(np.abs(off), expected, atol=1e-6, err_msg=shape.name)
 
 
-def test_cornell_box_fronts_face_the_room(cornell: wrt.scene.Scene):
+def test_cornell_box_fronts_face_the_room(cornell: wrt.scene.scene.Scene):
     middle = np.array([0.278, 0.274, 0.28])
     for shape in cornell.shapes:
         centers = shape.mesh.vertices[shape.mesh.faces].mean(axis=1).astype(np.float64)
@@ -259,7 +259,7 @@ def test_cornell_box_fronts_face_the_room(cornell: wrt.scene.Scene):
     assert (face_normals(shape_mesh(cornell, "light"))[:, 1] < 0.0).all()
 
 
-def test_cornell_room_is_closed_but_for_its_front_and_blocks_but_for_their_bottom(cornell: wrt.scene.Scene):
+def test_cornell_room_is_closed_but_for_its_front_and_blocks_but_for_their_bottom(cornell: wrt.scene.scene.Scene):
     def joined(meshes: list[wrt.Mesh]) -> tuple[np.ndarray, np.ndarray]:
         corners = np.concatenate([mesh.vertices[mesh.faces].reshape(-1, 3) for mesh in meshes])
         unique, where = np.unique(corners, axis=0, return_inverse=True)
@@ -277,7 +277,7 @@ def test_cornell_room_is_closed_but_for_its_front_and_blocks_but_for_their_botto
         assert (points[edges][..., 1] == 0.0).all()
 
 
-def test_cornell_picture_shows_red_left_and_green_right(cornell: wrt.scene.Scene):
+def test_cornell_picture_shows_red_left_and_green_right(cornell: wrt.scene.scene.Scene):
     right, up, _ = cornell.camera.frame()
     origin = np.array(cornell.camera.origin)
 
@@ -289,7 +289,7 @@ def test_cornell_picture_shows_red_left_and_green_right(cornell: wrt.scene.Scene
     assert np.tan(np.radians(cornell.camera.fov_degrees) / 2) == pytest.approx(0.0125 / 0.035, rel=1e-12)
 
 
-def test_cornell_colors_are_those_of_the_measured_spectra(cornell: wrt.scene.Scene):
+def test_cornell_colors_are_those_of_the_measured_spectra(cornell: wrt.scene.scene.Scene):
     spectra = script("cornell_box")
     colors = spectra.colors()
     by_name = {shape.name: shape for shape in cornell.shapes}

@@ -13,7 +13,7 @@ from scipy import stats
 from support.kernels import draw, map_function
 from support.statistics import chi_square_test, sidak
 
-from wrt.kernels.sampler import unit_float, vertex_block
+from wrt.kernels.sampling.sampler import unit_float, vertex_block
 
 N = 2**20
 AXES = ("seed", "pixel", "index", "block")

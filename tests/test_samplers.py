@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from support.statistics import image_z_test, sidak, t_test_mean
 
 import wrt
-from wrt.scene import SAMPLERS, RenderSettings
+from wrt.scene.scene import SAMPLERS, RenderSettings
 
 SIZE = {"width": 24, "height": 18}
 DEFAULT = RenderSettings().sampler
@@ -39,6 +39,7 @@ def picture(spp: int = 5, targets: tuple[int, ...] = (), **options: object) -> N
     return renderer.image().astype(np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_bits_depend_on_neither_passes_nor_threads_nor_crop(sampler: str) -> None:
     whole = picture(sampler=sampler)

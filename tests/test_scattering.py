@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from support.media import mean_and_error, render, stage
 
 import wrt
-from wrt.medium import albedo_of_color, color_of_albedo
+from wrt.scene.medium import albedo_of_color, color_of_albedo
 
 
 def ball(material: wrt.Material) -> wrt.Shape:
@@ -150,6 +150,6 @@ def test_path_lets_media_absorb_alone(device: str) -> None:
     scene = stage(sky=1.0)
     medium = wrt.Medium(absorption=1.0, scattering=5.0)
     scene.add(wrt.box((-5, -5, -0.5), (5, 5, 0.0)), material=wrt.Null(interior=medium))
-    with pytest.warns(UserWarning, match="lets media only absorb"):
+    with pytest.warns(UserWarning, match="ignores scattering in media"):
         image = render(scene, device, integrator="path").image()
     np.testing.assert_allclose(image, math.exp(-0.5), rtol=1e-4)

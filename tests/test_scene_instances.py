@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from support.statistics import image_z_test, t_test_mean
 
 import wrt
-from wrt.build import layout
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
+from wrt.backend.device import Device
+from wrt.upload.accel import instancing
+from wrt.upload.scene_data import build_scene
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 @pytest.fixture
 def shared(monkeypatch: pytest.MonkeyPatch) -> None:
     """Meshes of few triangles too have trees of their own."""
-    monkeypatch.setattr(layout, "WORTH_SHARING", 0)
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
 
 
 def turn(rng: np.random.Generator) -> FloatArray:
@@ -90,9 +90,9 @@ def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
 @pytest.mark.slow
 def test_a_picture_of_instances_is_that_of_copies(shared: None, device: str, report: Report) -> None:
     copies, instances = many(False), many(True)
-    assert layout.lay_out(copies).kind == "none"
-    assert layout.lay_out(instances).kind == "still"
-    assert len(layout.lay_out(instances).shared) == 2
+    assert instancing.lay_out(copies).kind == "none"
+    assert instancing.lay_out(instances).kind == "still"
+    assert len(instancing.lay_out(instances).shared) == 2
     # With the same random numbers all but a few paths find the same, but for rounding. (In copies of mirror images
     # corners have another order, and so the points on lights.)
     one, other = (rendered(many(instanced, False), device, 16, seed=1) for instanced in (False, True))
@@ -212,16 +212,16 @@ def test_what_lies_in_the_world_and_what_does_not() -> None:
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(shutter_close=1.0))
     scene.add(ball)
     scene.add(ball, transform=there)
-    found = layout.lay_out(scene)
+    found = instancing.lay_out(scene)
     assert found.kind == "none"
     np.testing.assert_array_equal(found.world_meshes[1].vertices, ball.transformed(there).vertices)
     scene.add_instances(small, [np.eye(4), there])
-    assert layout.lay_out(scene).kind == "none"
+    assert instancing.lay_out(scene).kind == "none"
     scene.add(ball, transform=np.eye(4))
-    found = layout.lay_out(scene)
+    found = instancing.lay_out(scene)
     assert (found.kind, found.world_shapes, [i.shape for i in found.instances]) == ("still", [0, 2, 3], [1, 4])
     scene.add(small, transform=wrt.Motion.translation((1.0, 0.0, 0.0)))
-    assert layout.lay_out(scene).kind == "moving"
+    assert instancing.lay_out(scene).kind == "moving"
 
 
 @pytest.mark.parametrize(
@@ -239,9 +239,9 @@ def test_what_is_no_transform(transform: object, message: str) -> None:
 
 
 def test_what_is_no_deformation() -> None:
-    with pytest.raises(wrt.InputError, match="9 vertices, the mesh"):
+    with pytest.raises(wrt.InputError, match="9 vertices, but the mesh"):
         wrt.Shape(wrt.box(), deformation=wrt.Deformation((0.0, 1.0), np.zeros((2, 9, 3))))
-    with pytest.raises(wrt.InputError, match="one set a time"):
+    with pytest.raises(wrt.InputError, match="a set per key"):
         wrt.Deformation((0.0, 1.0), np.zeros((3, 9, 3)))
 
 
@@ -261,7 +261,7 @@ def test_normals_follow_a_deformation(report: Report) -> None:
 
 
 def test_fingerprints_see_transforms() -> None:
-    from wrt.fingerprint import scene_fingerprint
+    from wrt.rendering.fingerprint import scene_fingerprint
 
     def of(transform: object) -> str:
         scene = wrt.Scene()

@@ -9,7 +9,7 @@ import pytest
 from support.scene_files import QUAD, scene_of, write_beside
 
 import wrt
-from wrt.formats.scene_toml import load_scene
+from wrt.io.toml.reader import load_scene
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ MISTAKES = {
     "[camera]\naperture_blades = 2": "camera: camera aperture_blades must be between 3 and 1000, not 2",
     "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",
     "[settings]\nwidth = 8\ncrop = [0, 0, 9, 4]": "settings: crop must lie inside the picture: (9, 4) is beyond",
-    "[settings]\ncrop = [4, 0, 4, 4]": "settings: crop must not be empty: from (4, 0) up to (4, 4) there are no pixels",
+    "[settings]\ncrop = [4, 0, 4, 4]": "settings: crop must not be empty: there are no pixels from (4, 0) up to (4, 4)",
     "[camera]\norigin = [0, 0]": "camera: camera origin must be three numbers, not [0, 0]",
     "[camera]\norigin = [0, 0, 0]": "camera: camera origin and target must differ",
     "camera = 3": "camera: must be a table, not 3",
@@ -102,10 +102,10 @@ MISTAKES = {
     "[[shapes]]\ntype = 'cube'": "shapes[0]: type must be one of",
     "[[shapes]]\ntype = ['box']": "shapes[0]: type must be one of",
     "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0]]": "shapes[0]: corners[1] must be three numbers",
-    "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0, 0]]": "shapes[0]: a polygon takes at least three",
+    "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0, 0]]": "shapes[0]: a polygon needs at least three",
     "[[shapes]]\ntype = 'polygons'\npolygons = []": "shapes[0]: polygons must be an array of arrays of corners",
     "[[shapes]]\ntype = 'mesh'\nfile = 'none.ply'": "shapes[0].file: {folder}/none.ply: no such file",
-    "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: not a mesh format",
+    "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: not a known mesh format",
     "[[shapes]]\ntype = 'mesh'\nfile = 'meshes/roof.obj'\nsmooth = 1": "shapes[0]: smooth must be true or false, not 1",
     "[[shapes]]\ntype = 'many-triangles'\ntriangles = 1.5": "shapes[0]: triangles must be a whole number",
     QUAD + "material = 'gold'\n[materials.old]\ntype = 'mirror'": (
@@ -153,12 +153,12 @@ def test_files_that_are_not_text_or_not_there_are_refused(folder):
 
 
 MOTIONS = {
-    "keys = []": "camera.motion: motion times must be finite numbers, at least one",
+    "keys = []": "camera.motion: motion times must be one or more finite numbers",
     "keys = [{ translate = [0, 0, 1] }]": "camera.motion.keys[0]: the key 'time' is missing",
     "keys = [{ time = 1 }, { time = 1 }]": "camera.motion: motion times must ascend",
-    "keys = [{ time = 0 }, { time = 1e308 }]": "camera.motion: motion times must be finite numbers, at least one",
+    "keys = [{ time = 0 }, { time = 1e308 }]": "camera.motion: motion times must be one or more finite numbers",
     "keys = [{ time = 1, turn = 3 }]": "camera.motion.keys[0].turn: unknown key",
-    "keys = [{ time = 1, scale = 2 }]": "camera: camera motion must only move and turn",
+    "keys = [{ time = 1, scale = 2 }]": "camera: camera motion must be rigid",
     "keys = 3": "camera.motion.keys: must be an array of tables",
     "center = [0, 0, 0]": "camera.motion: the key 'keys' is missing",
 }

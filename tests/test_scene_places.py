@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.formats.scene_toml import load_scene
+from wrt.io.toml.reader import load_scene
 
 
 def read(folder: Path, text: str) -> wrt.Scene:

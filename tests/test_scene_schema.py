@@ -8,15 +8,16 @@ from typing import Any
 
 import jsonschema
 import pytest
+from support.pages import blocks
 from support.scene_files import COMPOSITES, FULL, MOVING, QUAD
-from test_docs import COMMON, COMMON_OF_CAMERAS, COMMON_OF_MATERIALS, SCENE_FORMAT, TABLES, TEXTURES, blocks, documented
+from test_docs import COMMON, COMMON_OF_CAMERAS, COMMON_OF_MATERIALS, SCENE_FORMAT, TABLES, TEXTURES, documented
 from test_scene_mistakes import MISTAKES
 
 import wrt
 from wrt.cli import main
-from wrt.formats.scene_schema import scene_schema, schema_text
-from wrt.formats.scene_toml import load_scene
-from wrt.formats.scene_writer import save_scene
+from wrt.io.toml.reader import load_scene
+from wrt.io.toml.schema import scene_schema, schema_text
+from wrt.io.toml.writer import save_scene
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -33,7 +34,7 @@ FILES = [
 ]
 SEEN_BY_THE_READER_ALONE = (
     "no such file",
-    "not a mesh format",
+    "not a known mesh format",
     "there is no [",
     "must differ",
     "crop must",

@@ -10,10 +10,10 @@ import pytest
 from support.scene_files import COMPOSITES, FULL, MOVING, QUAD, ROOF, scene_of, write_beside
 
 import wrt
-from wrt.formats.images import save_image
-from wrt.materials import MATERIALS
-from wrt.materials.composite import MAX_NESTING
-from wrt.srgb import linear_from_srgb
+from wrt.io.images import save_image
+from wrt.scene.materials import MATERIALS
+from wrt.scene.materials.composite import MAX_NESTING
+from wrt.scene.srgb import linear_from_srgb
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from conftest import ROOT
 from support.kernels import upload
 
 import wrt
-from wrt.normals import vertex_normals, with_normals
+from wrt.scene.normals import vertex_normals, with_normals
 
 RNG = np.random.default_rng(2)
 
@@ -124,7 +124,7 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
         (1, nan, "sheet: vertex 7 is not finite"),
         (1, "much", "sheet: vertices must be numbers"),
         (1, wp.zeros(400, dtype=float, device="cpu"), "sheet: vertices must be a Warp array of vec3"),
-        (2, np.zeros((4, 3)), "lamp: vertices of what gives off light cannot be updated"),
+        (2, np.zeros((4, 3)), "lamp: vertices of an emitting shape cannot be updated"),
         (3, mesh.vertices, "shape must be between 0 and 2"),
         (wrt.Shape(mesh, name="other"), mesh.vertices, "other: not one of the scene's shapes"),
     ):

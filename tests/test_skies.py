@@ -11,11 +11,19 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.build.environment import resolve_environment
-from wrt.environment import image_directions
-from wrt.formats.scene_toml import load_scene
-from wrt.harmonics import harmonics
-from wrt.sky import LUMINOUS_EFFICACY, color_matching, rgb_from_xyz, sky_xyz, sun_spectrum, sun_xyz, zenith_luminance
+from wrt.io.toml.reader import load_scene
+from wrt.scene.environment import image_directions
+from wrt.scene.skies.harmonics import harmonics
+from wrt.scene.skies.preetham import (
+    LUMINOUS_EFFICACY,
+    color_matching,
+    rgb_from_xyz,
+    sky_xyz,
+    sun_spectrum,
+    sun_xyz,
+    zenith_luminance,
+)
+from wrt.upload.lights.environment import resolve_environment
 
 Array = NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -193,7 +201,7 @@ def test_the_sun_is_the_solar_constant_but_for_the_air(report: Report) -> None:
     """
     half = math.radians(0.265)
     wavelengths, _ = sun_spectrum(0.0, 2.0)
-    from wrt import sky
+    from wrt.scene.skies import preetham as sky
 
     outside = np.interp(np.arange(380.0, 751.0), wavelengths, 10.0 * sky._SUN) @ color_matching(np.arange(380.0, 751.0))
     above = LUMINOUS_EFFICACY * outside[1] * math.pi * math.sin(half) ** 2 / 1000.0

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.device import initialize_warp
-from wrt.kernels.solid_angle import (
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.sampling.solid_angle import (
     cone_pdf,
     disk_cone,
     disk_pdf,

@@ -23,9 +23,9 @@ from support.statistics import sidak
 from test_against_mitsuba import Case, compare
 from test_plastic_of_mitsuba import COLOR, MASKING, FittedPlastic, internal_of
 
-from wrt.build.tables import table
-from wrt.device import Device
-from wrt.textures import ColorSource
+from wrt.backend.device import Device
+from wrt.scene.textures import ColorSource
+from wrt.upload.tables.material_tables import table
 from wrt.values import Vec3
 
 pytestmark = pytest.mark.slow

@@ -193,7 +193,9 @@ def truth_picture(rng, size=32):
 
 
 class TestPictures:
-    @pytest.mark.parametrize(("noise", "samples"), [("normal", 16), ("skewed", 256)])
+    @pytest.mark.parametrize(
+        ("noise", "samples"), [("normal", 16), pytest.param("skewed", 256, marks=pytest.mark.slow)]
+    )
     def test_levels_hold_under_the_null(self, noise, samples, report):
         rng = np.random.default_rng(8)
         values = []

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from test_textures import coordinates, looked_up
 
 import wrt
-from wrt.build import texels
-from wrt.build.materials import describe_materials
-from wrt.build.normal_maps import normals_of
-from wrt.build.texels import FEWEST_TEXELS, Texels, codes_of
-from wrt.device import Device
-from wrt.kernels.scene_data import SceneData
-from wrt.srgb import of_codes
+from wrt.backend.device import Device
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.scene.srgb import of_codes
+from wrt.upload.materials import describe_materials
+from wrt.upload.textures import texels
+from wrt.upload.textures.normal_maps import normals_of
+from wrt.upload.textures.texels import FEWEST_TEXELS, Texels, codes_of
 
 CODES = np.random.default_rng(5).integers(0, 256, (40, 33, 3), dtype=np.uint8)
 COLORS = of_codes(linear=False)[CODES]

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from support.kernels import upload
 
 import wrt
-from wrt.build.materials import describe_materials
-from wrt.device import Device
-from wrt.kernels.scene_data import SceneData
-from wrt.kernels.textures import make_slot_color
-from wrt.textures import TEXTURE_FILTERS, WRAPS
+from wrt.backend.device import Device
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.textures.textures import make_slot_color
+from wrt.scene.textures import TEXTURE_FILTERS, WRAPS
+from wrt.upload.materials import describe_materials
 
 N = 20_000
 PIXELS = np.random.default_rng(1).random((5, 7, 3)).astype(np.float32)

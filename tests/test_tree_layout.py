@@ -16,14 +16,24 @@ from support.kernels import upload
 from test_bvh import HARD, Tree, build, build_indexed, cast_rays, check, rays, soup
 
 import wrt
-from wrt.build.binary_tree import CPU_SIZES
-from wrt.build.bvh import build_bvh
-from wrt.device import Device
-from wrt.kernels import bvh as traversal
-from wrt.kernels.bvh import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, STACK_SIZE, WIDTH, Bvh
-from wrt.kernels.interleaved import RAYS_PER_THREAD, trace_interleaved
-from wrt.kernels.packets import PACKET, trace_packets
-from wrt.kernels.ray_batch import RayBatch, trace_rays
+from wrt.backend.device import Device
+from wrt.kernels.accel.bvh import Bvh
+from wrt.kernels.accel.interleaved import trace_interleaved
+from wrt.kernels.accel.packets import trace_packets
+from wrt.kernels.accel.ray_batch import RayBatch, trace_rays
+from wrt.kernels.native import at_file_level, text_of
+from wrt.kernels.native.constants import (
+    LEAF_FLOATS,
+    LEAF_SIZE,
+    MAX_DEPTH,
+    NODE_FLOATS,
+    PACKET,
+    RAYS_PER_THREAD,
+    STACK_SIZE,
+    WIDTH,
+)
+from wrt.upload.accel.binary_tree import CPU_SIZES
+from wrt.upload.accel.bvh import build_bvh
 
 OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k in range(8)])
 """Row k points towards the corner with the bits of 7 − k: bit `axis` of k is set where it is negative."""
@@ -63,17 +73,21 @@ def test_children_lie_towards_their_octants(name: str, device: str, report: Repo
     check(tree, corners)
 
 
-def sorted_code() -> str:
-    """Return the traversal for processors without AVX-512, which sorts the children that it meets."""
-    code = traversal.native_code(traversal._TRAVERSE)
-    assert "defined(__AVX512VL__)" in code
-    return code.replace("defined(__AVX512VL__)", "0")
+def sorted_text() -> str:
+    """Return the traversal for processors without AVX2, which sorts the children that it meets."""
+    text = text_of("traversal.h")
+    assert "WRT_VECTORS && defined(__AVX2__)" in text
+    return text.replace("WRT_VECTORS && defined(__AVX2__)", "0")
 
 
-@wp.func_native(sorted_code())
+sorted_h = at_file_level(sorted_text(), "sorted_traversal")
+
+
+@wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
 def traverse_sorted(
     bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
-) -> wp.vec4: ...
+) -> wp.vec4:
+    sorted_h()
 
 
 @wp.kernel(enable_backward=False, module="test_tree_layout.sorted")
@@ -187,29 +201,42 @@ def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
     return data, count
 
 
-def counting_code(code: str) -> str:
-    """Return a traversal that returns in place of u how much of the stack was ever written."""
+def counting(text: str, name: str) -> wp.Function:
+    """Return a traversal, in a namespace of that name, that returns in place of u how much of the stack was written."""
     pushes = {
-        "const i8 order =": "if (top + 8 > most) most = top + 8;",
-        "int place = top++;": "if (top >= most) most = top + 1;",
+        "const i8 order =": "if (stack.top + 8 > most_written) most_written = stack.top + 8;",
+        "int place = stack.top++;": "if (stack.top >= most_written) most_written = stack.top + 1;",
     }
     for push, count in pushes.items():
-        assert code.count(push) == 1
-        code = code.replace(push, count + push)
-    assert code.count("t_max, hit_u, hit_v);") == 1
-    return "int most = 0;" + code.replace("t_max, hit_u, hit_v);", "t_max, (float)most, hit_v);")
+        assert text.count(push) == 1
+        text = text.replace(push, count + push)
+    text = text.replace("WRT_", f"{name.upper()}_").replace("namespace wrt {", f"namespace {name} {{")
+    return at_file_level(f"namespace {name} {{ static int most_written; }}\n{text}", name)
 
 
-@wp.func_native(counting_code(traversal.native_code(traversal._TRAVERSE)))
+_COUNTED = """
+    NAME::most_written = 0;
+    wp::vec_t<4, float> found = NAME::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);
+    found[2] = (float)NAME::most_written;
+    return found;
+"""
+
+counting_h = counting(text_of("traversal.h"), "counted")
+counting_table_h = counting(text_of("traversal.h").replace("defined(__AVX512VL__)", "0"), "counted_table")
+
+
+@wp.func_native(_COUNTED.replace("NAME", "counted"))
 def traverse_counting(
     bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
-) -> wp.vec4: ...
+) -> wp.vec4:
+    counting_h()
 
 
-@wp.func_native(counting_code(sorted_code()))
-def traverse_counting_sorted(
+@wp.func_native(_COUNTED.replace("NAME", "counted_table"))
+def traverse_counting_table(
     bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
-) -> wp.vec4: ...
+) -> wp.vec4:
+    counting_table_h()
 
 
 @wp.kernel(enable_backward=False, module="test_tree_layout.counting")
@@ -218,7 +245,7 @@ def count_stack(tree: Bvh, direction: wp.vec3, found_out: wp.array(dtype=wp.vec4
     if i == 0:
         found_out[i] = traverse_counting(tree, wp.vec3(0.0), direction, 0.0, 1.0e30, False)
     else:
-        found_out[i] = traverse_counting_sorted(tree, wp.vec3(0.0), direction, 0.0, 1.0e30, False)
+        found_out[i] = traverse_counting_table(tree, wp.vec3(0.0), direction, 0.0, 1.0e30, False)
 
 
 @pytest.mark.parametrize("octant", range(8))
@@ -229,10 +256,9 @@ def test_the_deepest_tree_does_not_overflow_the_stack(octant: int, report: Repor
     wp.launch(count_stack, 2, [tree, wp.vec3(*OCTANTS[octant])], [out], device="cpu")
     found = out.numpy()
     np.testing.assert_array_equal(found[:, 0].copy().view(np.int32), count - 1)
-    sizes = re.findall(r"\b(?:begins|waiting)\[(\d+) \+ 8\]", traversal.native_code(traversal._TRAVERSE))
-    assert sizes == [str(STACK_SIZE)] * 2
+    assert re.findall(r"\b(begins|waiting)\[STACK_SIZE \+ 8\]", text_of("traversal.h")) == ["begins", "waiting"]
     written = found[:, 2].astype(int)
-    report("places of the stack written, by octant and sorted", str(written.tolist()), f"<= {STACK_SIZE + 8}")
+    report("places of the stack written, with AVX-512 and without", str(written.tolist()), f"<= {STACK_SIZE + 8}")
     # As much as there can be, or the tree would not show anything.
     np.testing.assert_array_equal(written, (WIDTH - 1) * (MAX_DEPTH - 1) + WIDTH)
     assert (written <= STACK_SIZE + 8).all()
@@ -304,7 +330,7 @@ def test_of_large_coincident_triangles_the_lowest_is_hit(axis: int, device: str)
 
 _OVERFLOWING = """
 import numpy as np, wrt
-from wrt.device import Device
+from wrt.backend.device import Device
 rng = np.random.default_rng(0)
 for attempt in range(40):
     count = int(rng.integers(9, 200))

@@ -138,7 +138,7 @@ def test_a_lamp_is_seen_from_afar(far: float, axis: int, device: str, report: Re
 def test_a_mesh_of_any_unit_can_be_set_on_the_floor(unit: float) -> None:
     mesh = wrt.box((3.0, -2.0, 5.0), (4.0, 2.0, 7.0)).scaled(unit).standing(1.5)
     np.testing.assert_allclose(mesh.bounds, [[-0.1875, 0.0, -0.375], [0.1875, 1.5, 0.375]], atol=1e-6)
-    with pytest.raises(wrt.InputError, match=r"^quad: it is flat along y, and has no height that could be scaled$"):
+    with pytest.raises(wrt.InputError, match=r"^quad: the mesh is flat along y, so it cannot be scaled to a height$"):
         wrt.quad((0, 1, 0), (0, 0, unit), (unit, 0, 0)).standing(1.0)
     for height in (0.0, -1.0, float("nan"), "tall"):
         with pytest.raises(wrt.InputError, match="box: height must be"):

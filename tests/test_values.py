@@ -134,7 +134,7 @@ def test_light_must_fit_a_float32(value: Any) -> None:
 @pytest.mark.parametrize("value", [[[1.0, 2.0], [3.0]], "words", [None, "x"], {"a": 1}])
 def test_what_is_no_array_of_numbers(value: Any) -> None:
     text = message(lambda: array(value, "thing", np.float64))
-    assert text == "thing must be an array of numbers, all rows of one length"
+    assert text == "thing must be an array of numbers with rows of equal length"
 
 
 def test_meshes_of_ragged_arrays_and_projections_are_refused() -> None:

@@ -13,9 +13,10 @@ from PIL import Image
 from support.gltf_rays import Reference, Window, joined, linear_to_srgb
 
 import wrt
-from wrt.build.scene_data import build_scene
-from wrt.device import Device
-from wrt.formats.meshes import InputWarning, load_file
+from wrt.backend.device import Device
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_file
+from wrt.upload.scene_data import build_scene
 
 POINTS = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "<f4")
 FACES = np.array([0, 1, 2, 0, 2, 3], "<u2")
@@ -101,6 +102,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_path: Path, report: Report) -> None:
     """Pixels over the edges of masks and texels aside, all are right to 2 of 255 steps; without alpha they are not.
@@ -175,6 +177,7 @@ def scene_of(uvs: np.ndarray, colors: np.ndarray, uv_set: int, alpha: bool) -> w
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
 def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(integrator: str, tmp_path: Path) -> None:
     """The same numbers give the same bits, wherever they are kept; in a scene file too."""
@@ -182,7 +185,7 @@ def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(integrator: str,
     plain = scene_of(SECOND, np.repeat(alpha, 3, axis=1), 0, False)
     noise = np.random.default_rng(4).random((4, 3)).astype(np.float32)
     extra = scene_of(np.concatenate([UVS, SECOND], axis=1), np.concatenate([noise, alpha], axis=1), 1, True)
-    assert [build_scene(scene, Device("cpu")).features.extras for scene in (plain, extra)] == [False, True]
+    assert [build_scene(scene, Device("cpu")).features.uv2_alpha for scene in (plain, extra)] == [False, True]
     wrt.save_scene(tmp_path / "scene.toml", extra)
     first, *others = (
         wrt.render(scene, width=40, height=24, spp=4, integrator=integrator)
@@ -196,7 +199,7 @@ def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(integrator: str,
 def test_meshes_without_them_have_zeros_and_are_opaque() -> None:
     mesh = wrt.Mesh(POINTS, FACES.reshape(2, 3))
     scene = wrt.Scene([wrt.Shape(mesh, wrt.Diffuse(opacity=wrt.VertexColor(alpha=True)))])
-    np.testing.assert_array_equal(build_scene(scene, Device("cpu")).data.extras.numpy(), [[0, 0, 1]] * 4)
+    np.testing.assert_array_equal(build_scene(scene, Device("cpu")).data.uv2_alpha.numpy(), [[0, 0, 1]] * 4)
 
 
 def test_mistakes_are_told() -> None:

@@ -7,7 +7,7 @@ from conftest import Report
 from support.kernels import map_function, uniforms
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
-from wrt.kernels.warps import square_to_cosine_hemisphere, square_to_disk, square_to_triangle
+from wrt.kernels.sampling.warps import square_to_cosine_hemisphere, square_to_disk, square_to_triangle
 
 N = 2**20
 TESTS = 3

@@ -75,12 +75,12 @@ def test_two_mirrors_are_a_geometric_series_cut_by_attenuation(limit: float, dev
 BEHIND, BEFORE = 1.0, 10.0
 
 
-def slab(degrees: float) -> wrt.Scene:
+def slab(degrees: float, medium: wrt.Medium | None = None) -> wrt.Scene:
     """A slab between two walls that shine: seen through it the one behind, reflected the one before, by the camera."""
     angle = np.radians(degrees)
     origin = 3.0 * np.array([np.sin(angle), 0.0, np.cos(angle)])
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(tuple(origin), (0.0, 0.0, 0.0), fov_degrees=0.01))
-    scene.add(wrt.box((-50.0, -50.0, -1.0), (50.0, 50.0, 0.0)), material=wrt.Dielectric(ior=1.5))
+    scene.add(wrt.box((-50.0, -50.0, -1.0), (50.0, 50.0, 0.0)), material=wrt.Dielectric(ior=1.5, interior=medium))
     scene.add(wall(-9.0, facing=1.0), material=wrt.Diffuse(0.0), emission=BEHIND)
     scene.add(wall(9.0, facing=-1.0), material=wrt.Diffuse(0.0), emission=BEFORE)
     return scene
@@ -95,14 +95,18 @@ def fresnel(degrees: float, eta: float) -> float:
     return float(0.5 * (f_p**2 + f_s**2))
 
 
-def slab_tree(r: float, depth: int, limit: float = 0.0) -> tuple[float, int]:
-    """Return the radiance of the slab and the rays of its tree, followed ray by ray in double precision."""
+def slab_tree(r: float, depth: int, limit: float = 0.0, crossing: float = 1.0) -> tuple[float, int]:
+    """Return the radiance of the slab and the rays of its tree, followed ray by ray in double precision.
+
+    `crossing` is the share of light that the slab's medium lets through on the way from one face to the other.
+    """
 
     def follow(inside: bool, up: bool, weight: float, level: int) -> tuple[float, int]:
         if weight < limit or level > depth:
             return 0.0, 0
         if not inside and level > 1:  # on the way to a wall
             return weight * (BEFORE if up else BEHIND), 1
+        weight *= crossing if inside else 1.0
         on = up if inside else False
         through = follow(not inside, on, weight * (1.0 - r), level + 1)
         back = follow(inside, not on, weight * r, level + 1)
@@ -128,7 +132,7 @@ def test_a_slab_sums_what_its_faces_reflect_and_refract(degrees: float, device: 
     assert found == pytest.approx(whole, rel=1e-5 + 2.0 * r**9)
 
 
-@pytest.mark.parametrize("limit", [0.2, 0.02, 0.002, 1e-5])
+@pytest.mark.parametrize("limit", [0.2, 0.05, 0.02, 0.005, 0.002, 1e-5])
 def test_attenuation_prunes_the_tree_of_a_slab(limit: float, device: str, report: Report) -> None:
     """The squeeze of solid angles in glass does not count as attenuation, nor as gain."""
     radiance, rays = slab_tree(fresnel(60.0, 1.5), 64, limit)
@@ -137,6 +141,68 @@ def test_attenuation_prunes_the_tree_of_a_slab(limit: float, device: str, report
     report(f"rays followed to {limit}", found, rays)
     assert found == rays
     np.testing.assert_allclose(seen(scene, max_depth=64, min_attenuation=limit, device=device), radiance, rtol=1e-5)
+
+
+# --- Media -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limit", [0.05, 0.005, 1e-6])
+def test_a_slab_absorbs_along_each_of_its_rays(limit: float, device: str) -> None:
+    """Beer's law, source 002: I(x) = I(0) exp(−b x). What is absorbed counts for the limit on attenuation."""
+    for absorption, degrees in ((1.0, 0.0), (0.3, 60.0)):
+        distance = 1.0 / np.sqrt(1.0 - (np.sin(np.radians(degrees)) / 1.5) ** 2)
+        scene = slab(degrees, wrt.Medium(absorption=absorption))
+        left = float(np.exp(-absorption * distance))
+        radiance, rays = slab_tree(fresnel(degrees, 1.5), 64, limit, left)
+        assert rays < slab_tree(fresnel(degrees, 1.5), 64, limit)[1] or limit > 1e-3
+        np.testing.assert_allclose(seen(scene, max_depth=64, min_attenuation=limit, device=device), radiance, rtol=2e-5)
+        assert rays_of(scene, max_depth=64, min_attenuation=limit, device=device) == rays
+
+
+def test_an_amber_cube_has_the_color_of_its_thickness(device: str) -> None:
+    """Looked at straight; a path traces the same by random choices."""
+    amber = (0.08, 0.6, 1.7)
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 9.0), (0.0, 0.0, 0.0), fov_degrees=0.01)
+    scene.add(
+        wrt.box((-0.5, -0.5, -1.0), (0.5, 0.5, 1.0)),
+        material=wrt.Dielectric(ior=1.55, interior=wrt.Medium(absorption=amber)),
+    )
+    r, t = ((1.55 - 1.0) / (1.55 + 1.0)) ** 2, np.exp(-2.0 * np.array(amber))
+    expected = r + (1.0 - r) ** 2 * t * (1.0 + r * t) / (1.0 - (r * t) ** 2)
+    found = seen(scene, max_depth=20, min_attenuation=0.0, device=device)[0, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    assert found.max() - found.min() > 0.7
+
+
+def test_media_dim_shadow_rays_and_shine(device: str) -> None:
+    """A point light over a floor, and the camera, in a box of gas without a surface of its own."""
+    gas = wrt.Medium(absorption=(0.1, 0.4, 0.9), emission=(0.5, 0.0, 0.2))
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 0.01))
+    scene.add(wrt.box((-4.0, -4.0, -4.0), (4.0, 4.0, 4.0)), material=wrt.Null(interior=gas))
+    scene.add(wrt.quad((-3.0, 0.0, 3.0), (6.0, 0.0, 0.0), (0.0, 0.0, -6.0)), material=wrt.Diffuse(0.5))
+    scene.add_light(wrt.PointLight((0.0, 3.0, 0.0), intensity=10.0))
+    absorption = np.array(gas.absorption)
+    lit = 0.5 / np.pi * 10.0 / 3.0**2 * np.exp(-3.0 * absorption)
+    along = np.array(gas.emission) * (1.0 - np.exp(-2.0 * absorption)) / absorption
+    found = seen(scene, device=device)[0, 0]
+    np.testing.assert_allclose(found, lit * np.exp(-2.0 * absorption) + along, rtol=1e-4)
+
+
+def test_bodies_that_overlap_go_by_priority(device: str) -> None:
+    """Water that reaches into the wall of its glass: the boundary within the wall is not there."""
+    water = wrt.Dielectric(ior=1.33, interior=wrt.Medium(absorption=(1.0, 0.5, 0.2)), priority=1)
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 9.0), (0.0, 0.0, 0.0), fov_degrees=0.01)
+    scene.add(wrt.box((-9.0, -9.0, 0.0), (9.0, 9.0, 1.0)), material=wrt.Dielectric(ior=1.5, priority=2))
+    scene.add(wrt.box((-9.0, -9.0, -1.0), (9.0, 9.0, 0.5)), material=water)
+    found = seen(scene, max_depth=2, min_attenuation=0.0, device=device)[0, 0]
+    np.testing.assert_allclose(found, fresnel(0.0, 1.5), rtol=1e-5)  # of the front face, and nothing else yet
+    found = seen(scene, max_depth=4, min_attenuation=0.0, device=device)[0, 0]
+    a, b, c = fresnel(0.0, 1.5), fresnel(0.0, 1.5 / 1.33), fresnel(0.0, 1.33)
+    water_left = np.exp(-1.0 * np.array((1.0, 0.5, 0.2)))
+    straight = (1.0 - a) * (1.0 - b) * (1.0 - c) * water_left
+    np.testing.assert_allclose(found, a + straight + (1.0 - a) ** 2 * b, rtol=1e-5)
 
 
 # --- Lamps -----------------------------------------------------------------------------------------
@@ -282,3 +348,94 @@ def test_a_tree_without_limits_is_refused() -> None:
     with pytest.raises(wrt.InputError, match="min_attenuation"):
         renderer_of(glass_and_mirrors(), min_attenuation=0.0)
     renderer_of(glass_and_mirrors(), min_attenuation=0.0, max_depth=20)
+
+
+# --- Jittered rays ---------------------------------------------------------------------------------
+
+SKY = 0.1
+SPECK = wrt.quad((0.0, -90.0, 0.0), (1e-3, 0.0, 0.0), (0.0, 0.0, 1e-3))
+TOWARDS = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
+ACROSS = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+
+
+def with_gloss() -> wrt.Scene:
+    """A scene under a faint sky with a speck of each material of these tests, so that all share a kernel."""
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(SKY))
+    for material in (wrt.Glossy(), wrt.Glossy(exponent=1.0), wrt.Mirror(), wrt.Diffuse(0.0)):
+        scene.add(SPECK, material=material)
+    scene.add_light(wrt.DiskLight((0.0, -95.0, 0.0), (0.0, -1.0, 0.0), 1e-3, radiance=1.0))
+    return scene
+
+
+def over_gloss(material: wrt.Material) -> wrt.Scene:
+    """Gloss seen at 45 degrees from (1, 1, 0), so that the mirrored ray leads along TOWARDS."""
+    scene = with_gloss()
+    scene.camera = wrt.PerspectiveCamera((1.0, 1.0, 0.0), (0.0, 0.0, 0.0), fov_degrees=1e-4)
+    scene.add(wrt.quad((-9.0, 0.0, 9.0), (18.0, 0.0, 0.0), (0.0, 0.0, -18.0)), material=material)
+    return scene
+
+
+def across_the_mirrored_ray(low: float) -> wrt.Mesh:
+    """A wall two away from the gloss, perpendicular to the mirrored ray, from `low` along ACROSS to far beyond."""
+    corner = 2.0 * TOWARDS + low * ACROSS + [0.0, 0.0, -4.0]
+    return wrt.quad(tuple(corner), tuple(4.0 * ACROSS), (0.0, 0.0, 8.0))
+
+
+@pytest.mark.parametrize("rays", [1, 16])
+def test_jittered_rays_fill_the_square(rays: int, device: str, report: Report) -> None:
+    """Source 002: r' = r + u U + v V with u, v uniform in ±a/2. At twice the distance the square is twice as wide."""
+    side, low = 0.4, 0.15
+    share = (0.5 * side * 2.0 - low) / (side * 2.0)
+    radiance = np.array([1.0, 2.0, 3.0])
+    scene = over_gloss(wrt.Glossy(0.8, side=side))
+    scene.add(across_the_mirrored_ray(low), material=wrt.Diffuse(0.0), emission=tuple(radiance))
+    found = seen(scene, spp=4096 // rays, jittered_rays=rays, device=device)[0, 0]
+    report(f"red of the square, {rays} rays", found[0], 0.8 * (share + (1.0 - share) * SKY))
+    np.testing.assert_allclose(found, 0.8 * (share * radiance + (1.0 - share) * SKY), rtol=0.01)
+
+
+@pytest.mark.parametrize("exponent", [8.0, 200.0])
+def test_jittered_rays_follow_the_lobe_of_phong(exponent: float, device: str) -> None:
+    """Of a cone of half angle α around the mirrored direction light comes with the share 1 − cosⁿ⁺¹α."""
+    scene = over_gloss(wrt.Glossy(0.8, exponent=exponent))
+    radius = 2.0 * np.tan(np.radians(12.0))
+    scene.add_light(wrt.DiskLight(tuple(2.0 * TOWARDS), tuple(-TOWARDS), radius, radiance=3.0))
+    found = seen(scene, spp=4096, device=device)[0, 0]
+    share = 1.0 - np.cos(np.radians(12.0)) ** (exponent + 1.0)
+    np.testing.assert_allclose(found, 0.8 * (3.0 * share + (1.0 - share) * SKY), rtol=0.015)
+
+
+def glossy_room() -> wrt.Scene:
+    """Gloss beside gloss, a mirror, a lamp of triangles, one without extent, and a sky."""
+    scene = with_gloss()
+    scene.camera = wrt.PerspectiveCamera((0.0, 1.5, 4.0), (0.0, 0.4, 0.0), fov_degrees=50)
+    scene.add(wrt.quad((-3.0, 0.0, 3.0), (6.0, 0.0, 0.0), (0.0, 0.0, -6.0)), material=wrt.Glossy(0.7, side=0.6))
+    scene.add(wrt.quad((-2.0, 0.0, -1.5), (4.0, 0.0, 0.0), (0.0, 3.0, 0.0)), material=wrt.Glossy(0.9, exponent=20.0))
+    scene.add(wrt.quad((-2.0, 0.0, 1.5), (0.0, 0.0, -3.0), (0.0, 2.0, 0.0)), material=wrt.Mirror(0.6))
+    scene.add(wrt.quad((0.5, 1.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), emission=4.0, material=wrt.Diffuse(0.0))
+    scene.add_light(wrt.PointLight((1.0, 2.0, 2.0), intensity=2.0))
+    return scene
+
+
+@pytest.mark.parametrize("rays", [1, 5])
+def test_a_tree_of_gloss_has_the_light_of_paths(rays: int, device: str, report: Report) -> None:
+    """Where nothing is matt, trees of jittered rays are unbiased, and so are paths."""
+    options: dict[str, Any] = {"width": 8, "height": 6, "max_depth": 6, "device": device, "sampler": "independent"}
+    found = seen(glossy_room(), spp=512, min_attenuation=0.0, jittered_rays=rays, **options)
+    path = seen(glossy_room(), spp=2048, integrator="path", **options)
+    report(f"mean radiance, {rays} rays", found.mean(), path.mean())
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), path.mean(axis=(0, 1)), rtol=0.02)
+
+
+def test_without_jittered_rays_gloss_has_direct_light(device: str) -> None:
+    """With none, the camera's ray and shadow rays to both triangles of the lamp; with seven, those instead."""
+    scene = over_gloss(wrt.Glossy(0.8, side=2.0))
+    scene.add(across_the_mirrored_ray(-2.0), material=wrt.Diffuse(0.0), emission=1.0)
+    assert rays_of(scene, jittered_rays=0, device=device) == 3
+    assert rays_of(scene, jittered_rays=7, device=device) == 8
+
+
+@pytest.mark.parametrize("bad", [-1, 17, 1.5])
+def test_impossible_numbers_of_jittered_rays_are_refused(bad: float) -> None:
+    with pytest.raises(wrt.InputError, match="jittered_rays"):
+        wrt.RenderSettings(jittered_rays=bad)  # type: ignore[arg-type]

@@ -1,8 +1,7 @@
-"""The kernel of sixteen lanes leaves the same bits as the one of a single thread, whatever a scene uses."""
+"""The wide kernel leaves the same bits as the one of a single thread, whatever a scene uses."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import re
 import subprocess
@@ -14,31 +13,26 @@ import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
-from support.wide_scenes import CAMERAS, SCENES
+from support.wide_scenes import CAMERAS, SCENES, wide_kernel
 from test_cuda_compile import FEATURES
 
 import wrt
-from wrt.build import bvh, layout
-from wrt.build.integrators import integrator_features
+from wrt.backend.lanes import WIDTHS, lanes_of
+from wrt.backend.processor import processor_flags
 from wrt.kernels.bsdf import model_of
 from wrt.kernels.bsdf.record import MAX_SLOTS
 from wrt.kernels.features import Features
-from wrt.kernels.integrators import INTEGRATORS
+from wrt.kernels.integrators.registry import INTEGRATORS
+from wrt.kernels.native.constants import LARGE_TREE
 from wrt.kernels.render import make_render_kernel
-from wrt.kernels.wide import library
-from wrt.kernels.wide.library import can_be_called, library_functions
-from wrt.kernels.wide.rays import LARGE_TREE
-from wrt.kernels.wide.render import TILE, make_wide_render_kernel, with_few_slots
-from wrt.kernels.wide.translate import wide_code
-from wrt.kernels.wide.types import Unsupported
-from wrt.wide import NEEDED, processor_flags
+from wrt.spmd import library
+from wrt.spmd.ir import Unsupported
+from wrt.spmd.kernel import make_wide_render_kernel, with_few_slots
+from wrt.spmd.library import can_be_called, library_functions
+from wrt.spmd.translate import wide_code
+from wrt.upload.accel import bvh, instancing
 
 Bits = dict[str, NDArray[Any]]
-
-
-def features_of(renderer: wrt.Renderer) -> Features:
-    features = dataclasses.replace(renderer._built.features, sampler=renderer.settings.sampler)
-    return integrator_features(features, renderer.integrator, renderer.settings)
 
 
 def bits(renderer: wrt.Renderer, kernel: wp.Kernel, threads: int, start: Bits, spp: Sequence[int]) -> Bits:
@@ -50,17 +44,15 @@ def bits(renderer: wrt.Renderer, kernel: wp.Kernel, threads: int, start: Bits, s
     return {**renderer.film.state(), "rays": renderer.film.data.rays.numpy().copy()}
 
 
-def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), **options: Any) -> list[str]:
+def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), lanes: int = 0, **options: Any) -> list[str]:
     """Render a scene by both kernels, and return which arrays of the film differ in any bit.
 
-    With passes of less than sixteen samples and of more, of which as many of a pixel are followed together.
+    With passes of fewer samples than lanes and of more, of which as many of a pixel are followed together.
     """
     renderer = wrt.Renderer(scene, **{"width": 45, "height": 31, "threads": 1, **options})
     start = renderer.film.state()
-    x0, y0, x1, y1 = renderer.crop
-    tiles = -(-(x1 - x0) // TILE) * -(-(y1 - y0) // TILE)
-    one = bits(renderer, renderer._kernel.usual, renderer.film.pixels, start, spp)
-    many = bits(renderer, make_wide_render_kernel(features_of(renderer)), tiles, start, spp)
+    one = bits(renderer, renderer._kernel.scalar, renderer.film.pixels, start, spp)
+    many = bits(renderer, *wide_kernel(renderer, lanes or LANES), start, spp)
     assert one["total"].any()
     assert one["count"].min() >= spp[-1]
     return [name for name in one if one[name].tobytes() != many[name].tobytes()]
@@ -69,25 +61,44 @@ def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), **options: Any) 
 @pytest.fixture
 def shared(monkeypatch: pytest.MonkeyPatch) -> None:
     """Meshes of few triangles too have trees of their own."""
-    monkeypatch.setattr(layout, "WORTH_SHARING", 0)
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
 
 
 # --- Pictures ----------------------------------------------------------------------------------------
 
-needs_lanes = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no AVX-512")
-QUICK = ("plain",)
+LANES = lanes_of(processor_flags())
+needs_lanes = pytest.mark.skipif(not LANES, reason="the processor has neither AVX-512 nor AVX2")
+QUICK = ("plain", "disk")
+"""The scene and the camera of all tests that are not slow, which share kernels: each takes 10 to 20 s to compile."""
+
+
+def quick_scene() -> wrt.Scene:
+    scene = SCENES[QUICK[0]][0]()
+    scene.camera = CAMERAS[QUICK[1]]
+    return scene
 
 
 @needs_lanes
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in SCENES]
+    ("name", "camera"),
+    [
+        pytest.param(name, camera, marks=() if (name, camera) == QUICK else pytest.mark.slow)
+        for name, (_, _, cameras) in SCENES.items()
+        for camera in cameras
+    ],
 )
-def test_the_same_bits(name: str, shared: None) -> None:
-    make, options, cameras = SCENES[name]
+def test_the_same_bits(name: str, camera: str, shared: None) -> None:
+    make, options, _ = SCENES[name]
     scene = make()
-    for camera in cameras:
-        scene.camera = CAMERAS[camera]
-        assert differences(scene, **options) == [], camera
+    scene.camera = CAMERAS[camera]
+    assert differences(scene, **options) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lanes", [lanes for lanes in WIDTHS if lanes != LANES])
+def test_the_same_bits_with_other_numbers_of_lanes(lanes: int) -> None:
+    """Clang makes several registers of a vector, or uses part of one."""
+    assert differences(quick_scene(), lanes=lanes) == []
 
 
 def scattered(count: int, size: float) -> wrt.Mesh:
@@ -102,7 +113,7 @@ def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of which a leaf may hold two, before other triangles."""
     monkeypatch.setattr(bvh, "MORE_PIECES", 5.0)
     monkeypatch.setattr(bvh, "WORTH_CUTTING", np.inf)
-    scene = SCENES["plain"][0]()
+    scene = quick_scene()
     scene.add(scattered(2_000, 0.3), material=wrt.Diffuse(0.5))
     assert differences(scene) == []
 
@@ -110,7 +121,7 @@ def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_lanes
 def test_large_tree() -> None:
     """More rays take turns there."""
-    scene = SCENES["plain"][0]()
+    scene = quick_scene()
     scene.add(scattered(LARGE_TREE // 10, 0.005), material=wrt.Diffuse(0.5))
     assert wrt.Renderer(scene)._built.data.bvh.leaves.size > LARGE_TREE
     assert differences(scene) == []
@@ -133,8 +144,7 @@ def test_large_tree() -> None:
     ids=str,
 )
 def test_sizes_and_settings(options: dict[str, Any]) -> None:
-    scene = SCENES["plain"][0]()
-    scene.camera = CAMERAS["disk"]
+    scene = quick_scene()
     assert differences(scene, **options) == []
 
 
@@ -142,8 +152,7 @@ def test_sizes_and_settings(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize("target", [5, 29])
 def test_pixels_that_have_samples_already(target: int) -> None:
     """Some have none, some a few, and some all or more than are asked for."""
-    scene = SCENES["plain"][0]()
-    scene.camera = CAMERAS["perspective"]
+    scene = quick_scene()
     counts = np.random.default_rng(1).integers(0, target + 2, 45 * 31).astype(np.int32)
     counts[:16] = target + 4
     renderer = wrt.Renderer(scene, width=45, height=31, threads=1)
@@ -152,8 +161,8 @@ def test_pixels_that_have_samples_already(target: int) -> None:
     for name in ("total", "total_of_squares"):
         start[name][:] = rng.random(start[name].shape)
     start["count"][:], start["rejected"][:] = counts, counts // 3
-    one = bits(renderer, renderer._kernel.usual, 45 * 31, start, [target])
-    many = bits(renderer, make_wide_render_kernel(features_of(renderer)), 3 * 2, start, [target])
+    one = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [target])
+    many = bits(renderer, *wide_kernel(renderer, LANES), start, [target])
     assert all(one[name].tobytes() == many[name].tobytes() for name in one)
     assert (one["count"] == np.maximum(counts, target)).all()
     assert (many["total"][counts >= target] == start["total"][counts >= target]).all()
@@ -161,17 +170,17 @@ def test_pixels_that_have_samples_already(target: int) -> None:
 
 @needs_lanes
 def test_samples_that_are_not_finite() -> None:
-    scene = SCENES["plain"][0]()
-    scene.camera = CAMERAS["perspective"]
+    scene = quick_scene()
     scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, emission=3e38)
     renderer = wrt.Renderer(scene, width=45, height=31, threads=1, strategy="bsdf")
     start = renderer.film.state()
-    one = bits(renderer, renderer._kernel.usual, 45 * 31, start, [20])
-    many = bits(renderer, make_wide_render_kernel(features_of(renderer)), 3 * 2, start, [20])
+    one = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [20])
+    many = bits(renderer, *wide_kernel(renderer, LANES), start, [20])
     assert one["rejected"].any()
     assert all(one[name].tobytes() == many[name].tobytes() for name in one)
 
 
+@pytest.mark.slow
 @needs_lanes
 def test_a_small_stack() -> None:
     """A thousand paths need more of it than some shells allow."""
@@ -187,7 +196,7 @@ print(renderer._kernel.in_use.module.name, progress.spp)
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     name, samples = done.stdout.split()
-    assert name.startswith("wrt.render.wide.")
+    assert name.startswith(f"wrt.render.wide{LANES}.")
     assert samples == "32"
 
 
@@ -199,19 +208,19 @@ PATHS = [features for features in FEATURES if features.integrator == "path"]
 @pytest.mark.parametrize(
     "features",
     [
-        pytest.param(f, marks=() if f.layers or f.nested or f.instances == "deforming" else pytest.mark.slow, id=f.name)
+        pytest.param(f, marks=() if f.aovs or f.nested or f.instances == "deforming" else pytest.mark.slow, id=f.name)
         for f in PATHS
     ],
 )
 def test_every_kernel_that_follows_paths_is_translated(features: Features) -> None:
-    code = wide_code(make_render_kernel(features))
+    code = wide_code(make_render_kernel(features), 16)
     assert "static void render_tile(" in code
     assert code.count("{") == code.count("}")
 
 
 def test_materials_have_as_many_values_as_are_read() -> None:
     features = Features(("diffuse", "conductor"), False, "none")
-    code = wide_code(make_render_kernel(features))
+    code = wide_code(make_render_kernel(features), 16)
     few = with_few_slots(code, features)
     for name in ("Matrix", "mat_t", "make_mat"):
         whole = re.compile(rf"{name}<{MAX_SLOTS}, ?3,")
@@ -223,7 +232,7 @@ def test_materials_have_as_many_values_as_are_read() -> None:
 @pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name != "path"])
 def test_kernels_that_follow_no_paths_are_not(integrator: str) -> None:
     with pytest.raises(Unsupported, match="follows no path"):
-        make_wide_render_kernel(Features(("diffuse",), False, "none", integrator=integrator))
+        make_wide_render_kernel(Features(("diffuse",), False, "none", integrator=integrator), 16)
 
 
 def test_a_function_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,7 +243,7 @@ def test_a_function_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) 
         without = {k: v for k, v in known.items() if k != name}
         monkeypatch.setattr(library, "library_functions", lambda without=without: without)
         with pytest.raises(Unsupported, match=told):
-            wide_code(kernel)
+            wide_code(kernel, 16)
 
 
 def test_what_functions_take() -> None:

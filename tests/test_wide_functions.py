@@ -1,4 +1,4 @@
-"""Each function of sixteen lanes gives in every lane the bits that Warp's own gives for one."""
+"""Each function of several lanes gives in every lane the bits that Warp's own gives for one."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wrt.kernels.wide.library import LIBRARY
-from wrt.kernels.wide.render import AT_FILE_LEVEL
-from wrt.wide import NEEDED, processor_flags
+from wrt.backend.lanes import WIDTHS, lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.kernels.native import at_file_level
+from wrt.spmd.library import library
 
-pytestmark = pytest.mark.skipif(not processor_flags() >= NEEDED, reason="the processor has no AVX-512")
+HERE = lanes_of(processor_flags()) or min(WIDTHS)
 
 # For each check what is done: `lanes` is the namespace of one of both. Names that end in `s` are vectors or matrices.
 # a, b, c: any floats; t: 0 to 1; x, y: floats that integers hold; d, e: doubles; i, j: integers, j not 0; k: 0 to 31;
@@ -103,8 +104,8 @@ template<unsigned R, unsigned N, class T> bool same(const wp::mat_t<R, N, T>& a,
 struct Some {
     const float* f;
     const int* i;
-    float number(int of, int l) const { return f[16 * of + l]; }
-    int integer(int of, int l) const { return i[16 * of + l]; }
+    float number(int of, int l) const { return f[lanes::WIDTH * of + l]; }
+    int integer(int of, int l) const { return i[lanes::WIDTH * of + l]; }
 };
 template<int N> wp::vec_t<N, float> some_vector(Some s, int first, int l) {
     wp::vec_t<N, float> r;
@@ -117,7 +118,7 @@ template<int R, int N> wp::mat_t<R, N, float> some_matrix(Some s, int first, int
     return r;
 }
 template<class M, class One> void count(int& failed, const M& many, const One& one) {
-    for (int l = 0; l < 16; ++l) failed += !same(lanes::lane(many, l), one(l));
+    for (int l = 0; l < lanes::WIDTH; ++l) failed += !same(lanes::lane(many, l), one(l));
 }
 """
 
@@ -148,11 +149,12 @@ ARGUMENTS = {
     "g": ("wp::mat_t<2, 4, float>", "some_matrix<2, 4>(s, 5, l)"),
 }
 NUMBERS, INTEGERS = 13, 3
+GROUPS = 200
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan, 1e-40, -1e-45, 3.4e38, -1e30, 1e-30, 2.5, -2.5, 1e10]
 
 
-def code(checks: list[str], memory_checks: dict[str, str]) -> str:
+def code(lanes: int, checks: list[str], memory_checks: dict[str, str]) -> str:
     """Return C++ of `check_all`, which counts in how many lanes each check fails."""
     members = {"One": "", "Many": ""}
     fill = ""
@@ -163,15 +165,15 @@ def code(checks: list[str], memory_checks: dict[str, str]) -> str:
     functions = {"One": "", "Many": ""}
     calls = ""
     for k, check in enumerate(checks):
-        lanes = f"lanes::Mask{check}" if check in COMPARISONS else check
-        functions["Many"] += f"    auto check_{k}() const {{ return {lanes}; }}\n"
+        call = f"lanes::Mask{check}" if check in COMPARISONS else check
+        functions["Many"] += f"    auto check_{k}() const {{ return {call}; }}\n"
         functions["One"] += f"    auto check_{k}() const {{ return {check.replace('lanes::', 'wp::')}; }}\n"
         calls += f"    count(failed[{k}], many.check_{k}(), [&](int l) {{ return ones[l].check_{k}(); }});\n"
     for k, check in enumerate(memory_checks.values(), len(checks)):
         functions["Many"] += f"    int check_{k}(MEMORY_IN) const {{ return {check}; }}\n"
         calls += f"    failed[{k}] += many.check_{k}(MEMORY);\n"
     sets = "".join(f"lanes::set_lane({name}, l, ones[l].{name}); " for name in ARGUMENTS)
-    text = f"""{LIBRARY}{HELPERS}{MEMORY}
+    text = f"""{HELPERS}{MEMORY}
 struct One {{
 {members["One"]}
     One() {{}}
@@ -180,15 +182,15 @@ struct One {{
 {functions["One"]}}};
 struct Many {{
 {members["Many"]}
-    Many(const One* ones) {{ for (int l = 0; l < 16; ++l) {{ {sets}}} }}
+    Many(const One* ones) {{ for (int l = 0; l < lanes::WIDTH; ++l) {{ {sets}}} }}
 {functions["Many"]}}};
 static void check_all(Some s, int* failed, const char* bytes, const int* records) {{
-    One ones[16];
-    for (int l = 0; l < 16; ++l) ones[l] = One(s, l);
+    One ones[lanes::WIDTH];
+    for (int l = 0; l < lanes::WIDTH; ++l) ones[l] = One(s, l);
     const Many many(ones);
 {MOVES}{calls}}}
 """
-    return text.replace("MEMORY_IN", MEMORY_IN).replace("MEMORY", "bytes, records, some, from, to")
+    return library(lanes) + text.replace("MEMORY_IN", MEMORY_IN).replace("MEMORY", "bytes, records, some, from, to")
 
 
 MEMORY_IN = "const char* bytes, const int* records, unsigned some, unsigned from, unsigned to"
@@ -198,7 +200,7 @@ MEMORY_IN = "const char* bytes, const int* records, unsigned some, unsigned from
 MEMORY = """
 template<int OFFSET, int SIZE, class T> bool gathered(const char* base, const int* records, unsigned mask) {
     lanes::Ints at;
-    for (int l = 0; l < 16; ++l) at.v[l] = mask >> l & 1 ? records[l] * SIZE : 0x7fffff00 - l;
+    for (int l = 0; l < lanes::WIDTH; ++l) at.v[l] = mask >> l & 1 ? records[l] * SIZE : 0x7fffff00 - l;
     const auto found = lanes::gather<OFFSET, SIZE>(base, at.v, (T*)nullptr, lanes::of_bits(mask));
     bool right = true;
     LANES_EACH(l, lanes::of_bits(mask)) {
@@ -221,7 +223,7 @@ template<class T> int moved(const T& x, const T& y, unsigned from, unsigned to) 
     T r = y;
     move(r, x, lanes::Move{(unsigned short)from, (unsigned short)to});
     int wrong = 0;
-    for (int l = 0; l < 16; ++l) {
+    for (int l = 0; l < lanes::WIDTH; ++l) {
         int source = -1;
         if (to >> l & 1) {
             unsigned rest = from;
@@ -236,7 +238,7 @@ template<class C, class I, class X> int assigned(const C& whole, I at, const X& 
     C wide = whole;
     assign_inplace(wide, at, x, lanes::of_bits(mask));
     int wrong = 0;
-    for (int l = 0; l < 16; ++l) {
+    for (int l = 0; l < lanes::WIDTH; ++l) {
         auto one = lanes::lane(whole, l);
         const int k = place < 0 ? lanes::lane(lanes::Ints(at), l) : place;
         auto value = lanes::lane(x, l);
@@ -247,7 +249,7 @@ template<class C, class I, class X> int assigned(const C& whole, I at, const X& 
 }
 """
 MOVES = """
-    const unsigned some = s.integer(2, 0) & 0xffff, room = s.integer(2, 1) & 0xffff;
+    const unsigned some = s.integer(2, 0) & lanes::ALL, room = s.integer(2, 1) & lanes::ALL;
     const int most = wp::min(__builtin_popcount(some), __builtin_popcount(room));
     const unsigned from = lanes::first_of(some, most), to = lanes::first_of(room, most);
 """
@@ -273,31 +275,31 @@ MEMORY_CHECKS = {
 }
 
 
-def numbers(groups: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def numbers(groups: int, lanes: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return floats, integers of all sizes, and of both some that are special."""
     rng = np.random.default_rng(11)
-    shape = (groups, NUMBERS, 16)
+    shape = (groups, NUMBERS, lanes)
     floats = (rng.normal(size=shape) * 10.0 ** rng.integers(-3, 4, shape)).astype(np.float32)
     special = rng.random(shape) < 0.15
     floats[special] = rng.choice(np.array(SPECIAL, np.float32), special.sum())
-    floats[:, 3] = rng.random((groups, 16))
-    integers = rng.integers(-(2**31) + 1, 2**31, (groups, INTEGERS, 16))
+    floats[0, :2, 0] = 0.0, -0.0
+    floats[:, 3] = rng.random((groups, lanes))
+    integers = rng.integers(-(2**31) + 1, 2**31, (groups, INTEGERS, lanes))
     integers >>= rng.integers(0, 31, integers.shape)
     return floats, integers.astype(np.int32)
 
 
 def failures(
-    checks: list[str], memory_checks: dict[str, str], wrong: tuple[str, str] = ("", ""), groups: int = 200
+    checks: list[str], memory_checks: dict[str, str], wrong: tuple[str, str] = ("", ""), lanes: int = HERE
 ) -> dict[str, int]:
     """Return in how many lanes each check failed, perhaps with some text of the code in another's place."""
     names = [*checks, *memory_checks]
-    source = code(checks, memory_checks)
+    source = code(lanes, checks, memory_checks)
     if wrong[0]:
         assert wrong[0] in source
         source = source.replace(*wrong)
 
-    @wp.func_native(AT_FILE_LEVEL.replace("CODE", source))
-    def declare() -> int: ...
+    checks_h = at_file_level(source, "checks")
 
     @wp.func_native("check_all({floats.data, integers.data}, failed.data, (const char*)bytes.data, records.data);")
     def check(
@@ -306,7 +308,8 @@ def failures(
         bytes: wp.array(dtype=wp.uint8),
         records: wp.array(dtype=int),
         failed: wp.array(dtype=int),
-    ): ...
+    ):
+        checks_h()
 
     @wp.kernel(module="unique", enable_backward=False)
     def check_group(
@@ -316,24 +319,30 @@ def failures(
         records: wp.array(dtype=int),
         failed: wp.array(dtype=int),
     ):
-        if declare() == 0:
-            check(floats, integers, bytes, records, failed)
+        check(floats, integers, bytes, records, failed)
 
     rng = np.random.default_rng(12)
     failed = wp.zeros(len(names), dtype=int, device="cpu")
-    for floats, integers in zip(*numbers(groups), strict=True):
+    for floats, integers in zip(*numbers(GROUPS, lanes), strict=True):
         arrays = [
             wp.array(floats.ravel(), dtype=float, device="cpu"),
             wp.array(integers.ravel(), dtype=int, device="cpu"),
             wp.array(rng.integers(0, 256, 40 * 44).astype(np.uint8), dtype=wp.uint8, device="cpu"),
-            wp.array(rng.integers(0, 40, 16).astype(np.int32), dtype=int, device="cpu"),
+            wp.array(rng.integers(0, 40, lanes).astype(np.int32), dtype=int, device="cpu"),
         ]
         wp.launch(check_group, dim=1, inputs=[*arrays, failed], device="cpu")
     return {name: int(n) for name, n in zip(names, failed.numpy(), strict=True) if n}
 
 
-def test_functions_of_lanes_are_those_of_one() -> None:
-    assert failures(CHECKS + COMPARISONS, MEMORY_CHECKS) == {}
+@pytest.mark.slow
+@pytest.mark.parametrize("lanes", WIDTHS)
+def test_functions_of_lanes_are_those_of_one(lanes: int) -> None:
+    assert failures(CHECKS + COMPARISONS, MEMORY_CHECKS, lanes=lanes) == {}
+
+
+def test_lanes_move_and_are_gathered_as_on_paper() -> None:
+    few = {name: MEMORY_CHECKS[name] for name in ("gathers of float", "moves")}
+    assert failures([], few) == {}
 
 
 def test_a_function_that_differs_is_noticed() -> None:

@@ -1,4 +1,4 @@
-"""One line from anything renderable to a picture."""
+"""`load` and `render`: from a file, mesh or scene to a picture."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.camera import Camera
 from wrt.errors import InputError, did_you_mean
-from wrt.files import confined_to
-from wrt.mesh import Mesh
-from wrt.presentation import SETTINGS, present
-from wrt.scene import Scene, Shape
+from wrt.io.safe_read import PathLike, confined_to
+from wrt.scene.environment import Environment
+from wrt.scene.materials import Material
+from wrt.scene.mesh import Mesh
+from wrt.scene.scene import Scene, Shape
+from wrt.studio.stage import FOR_ANIMATIONS, Stage, make_stage
+from wrt.studio.views import ViewLike
 
 MOST_NAMES = 10_000
-"""File names of a folder that are searched for one like a missing file's."""
-_WITH_AXES = ("glb", "gltf", "npz")
+"""Maximum number of file names in a folder to search for one similar to a missing file's."""
+_WITH_AXES = ("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz")
 """File types whose y axis points up."""
 
-_FOR_MESHES = "an up axis goes with a mesh, not with a scene"
-_FOR_PROCEDURAL = "a number of triangles goes with a scene that has a procedural mesh"
+_FOR_MESHES = "an up axis is for meshes, not for scenes"
+_FOR_PROCEDURAL = "a number of triangles is for scenes with a procedural mesh"
 
 
 def load(
@@ -36,46 +38,78 @@ def load(
     triangles: int | None = None,
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
+    sensor: int | None = None,
     strict: bool = False,
     confined: bool = False,
+    view: ViewLike | None = None,
+    frame: bool | None = None,
+    material: Material | str | None = None,
+    environment: Environment | PathLike | None = None,
+    transparent: bool = False,
+    aspect: float | None = None,
+    time: float | None = None,
 ) -> Scene:
-    """Return the scene that `source` stands for.
+    """Load a scene.
 
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
-            PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned as it is).
-            Meshes are put into a studio (see `wrt.presentation`), unless their file has lights of its own; a
-            camera of its own is kept. A trimesh object is read like its file, as far as trimesh keeps the file's
-            content: materials, colours, up axis, camera and lights.
-        triangles: size of the procedural meshes of a scene that has some.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. By default y for glTF, which says so, and for
-            a Mesh, which has wrt's own axes; for files that do not say, the one of y and z on which the mesh stands
-            (see `wrt.orientation.guess_up`), and in doubt z for STL and OFF, which most programs write with z up, and
-            y for the others. For a trimesh object the type of the file it was loaded from decides; an object that was
-            not loaded from a file, or was copied, is treated like an OBJ file.
-        parameters: for Mitsuba's scenes, what `$name` stands for in them.
-        strict: whether what would be left out with a warning is an error instead.
-        confined: whether to refuse a file that refers to files outside its own folder, as is wise for uploads (see
+            PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned unchanged).
+            Meshes are put into a studio (see `wrt.studio.presentation`) unless their file has lights; a camera in the
+            file is kept if it shows the mesh well. A trimesh object is read like its file, as far as trimesh keeps the
+            file's content: materials, colours, up axis, camera and lights.
+        triangles: number of triangles of a scene's procedural meshes.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF, by its
+            specification, and for a Mesh, which has wrt's axes. For other files it is the one of y and z on which the
+            mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF, as most programs write
+            them, and y for the others. A trimesh object follows the type of the file it was loaded from; an object
+            that was not loaded from a file, or was copied, is treated like an OBJ file.
+        parameters: values of the parameters `$name` of a Mitsuba scene.
+        sensor: which sensor of a Mitsuba scene is the camera, counted from 0; by default the first.
+        strict: whether unsupported content raises an error instead of a warning.
+        confined: whether to refuse references to files outside the source's folder, as is wise for uploads (see
             docs/security.md).
+        view: where to look from, instead of the source's camera: "AZIMUTH,ELEVATION" or the two angles in degrees, or
+            "front", "right", "back", "left", "top", "bottom" or "three-quarter". 0,0 is from the front, +z, and the
+            azimuth grows towards +x. The studio's light comes from the camera's side.
+        frame: True ignores the source's camera, and frames what it shows without floors, backdrops and lamps; False
+            keeps the camera. Without a view a scene is framed from its camera's direction. By default a camera in a
+            mesh's file is replaced, with a warning, if the mesh fills less than half of its picture.
+        material: replaces the materials of a mesh: a material, or a text such as "gold" (see
+            `wrt.scene.materials.named.named_material`).
+        environment: replaces the studio's light, or the scene's own environment: an environment, an image file, or
+            "sky" for a clear sky with the sun, at the radiance of an exposed picture.
+        transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
+        aspect: width of the picture over its height, for framing; by default that of the scene's settings.
+        time: the time, seconds, at which the first animation of a glTF file is; by default the file is at rest. Studio
+            and camera are the same for all times.
 
     Raises:
-        InputError: where the source cannot be used, naming it and the cause.
+        InputError: if the source cannot be used; the message names it and the cause.
     """
+    stage = make_stage(
+        view=view,
+        frame=frame,
+        material=material,
+        environment=environment,
+        transparent=transparent,
+        aspect=aspect,
+        time=time,
+    )
     with _confined(source if confined else None):
         if not strict:
-            return _load(source, triangles, up, parameters)
-        from wrt.formats.parts import InputWarning
+            return _load(source, triangles, up, parameters, sensor, stage)
+        from wrt.errors import InputWarning
 
         with warnings.catch_warnings():
             warnings.simplefilter("error", InputWarning)
             try:
-                return _load(source, triangles, up, parameters)
+                return _load(source, triangles, up, parameters, sensor, stage)
             except InputWarning as warning:
                 raise InputError(str(warning)) from None
 
 
 def _confined(source: Any) -> contextlib.AbstractContextManager[None]:
-    """Return a context that confines reading to the folder of `source` if it is a path; otherwise to nothing."""
+    """Return a context that confines reading to the folder of `source` if it is a path."""
     is_path = isinstance(source, (str, os.PathLike)) and not _is_builtin(source)
     return confined_to(Path(source).parent if is_path else None)
 
@@ -86,69 +120,91 @@ def _is_builtin(source: Any) -> bool:
     return isinstance(source, str) and source in meshes.scene_names() and not Path(source).is_file()
 
 
-def _load(source: Any, triangles: int | None, up: str | None, parameters: Mapping[str, Any] | None) -> Scene:
+def _load(
+    source: Any,
+    triangles: int | None,
+    up: str | None,
+    parameters: Mapping[str, Any] | None,
+    sensor: int | None,
+    stage: Stage,
+) -> Scene:
     if isinstance(source, (str, os.PathLike)):
-        return _load_path(source, triangles, up, parameters)
+        return _load_path(source, triangles, up, parameters, sensor, stage)
     kind = type(source).__name__
-    _refuse(parameters, kind)
+    _refuse(parameters, sensor, kind)
     if triangles is not None:
         raise InputError(f"{kind}: {_FOR_PROCEDURAL}")
+    if stage.time is not None:
+        raise InputError(f"{kind}: {FOR_ANIMATIONS}")
     if isinstance(source, Scene):
         if up is not None:
             raise InputError(f"{kind}: {_FOR_MESHES}")
-        return source
+        return stage.shown(source)
     if isinstance(source, Mesh):
-        return _present([Shape(source, name=source.name)], up or "y")
-    from wrt.formats.meshes import load_object
+        return stage.present(source, Scene([Shape(source, name=source.name)]), up or "y")
+    from wrt.io.load_mesh import load_object
 
     scene = load_object(source)
-    from wrt.formats.trimesh_objects import file_type
+    from wrt.io.trimesh_objects import file_type
 
-    return _shown("trimesh", scene, up, file_type(source))
+    return _shown(source, scene, up, file_type(source), stage)
 
 
-def _refuse(parameters: Mapping[str, Any] | None, source: object) -> None:
-    """Raise InputError if there are parameters, for a source that is not a Mitsuba scene."""
+def _refuse(parameters: Mapping[str, Any] | None, sensor: int | None, source: object) -> None:
+    """Raise InputError if there are parameters or a sensor, since the source is not a Mitsuba scene."""
     if parameters:
-        raise InputError(f"{source}: parameters go with a Mitsuba scene (.xml), and with nothing else")
+        raise InputError(f"{source}: parameters are only for Mitsuba scenes (.xml)")
+    if sensor is not None:
+        raise InputError(f"{source}: the number of a sensor is only for Mitsuba scenes (.xml)")
 
 
 def _load_path(
-    source: str | os.PathLike[str], triangles: int | None, up: str | None, parameters: Mapping[str, Any] | None
+    source: PathLike,
+    triangles: int | None,
+    up: str | None,
+    parameters: Mapping[str, Any] | None,
+    sensor: int | None,
+    stage: Stage,
 ) -> Scene:
     from wrt import meshes
-    from wrt.files import naming
+    from wrt.io.safe_read import naming_file
 
     path = Path(source)
     if not str(source):
-        raise InputError("the name of what is to be rendered is empty")
+        raise InputError("the name of the input is empty")
     if _is_builtin(source):
         path = meshes.scene_path(str(source))
-    elif not os.path.lexists(path):  # for a broken link, the reader has a better message
+    elif not os.path.lexists(path):  # the reader has a better message for a broken link
         raise InputError(_not_there(source))
     if path.suffix.lower() == ".xml":
         if up is not None or triangles is not None:
-            raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba's scenes")
-        from wrt.formats.kinds import hinting
-        from wrt.formats.mitsuba.scene import load_mitsuba
+            raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba scenes")
+        from wrt.io.file_type import hinting
+        from wrt.io.mitsuba.scene import load_mitsuba
 
-        # What comes of numbers out of range is checked where it is used.
-        with naming(path), hinting(path), np.errstate(all="ignore"):
-            return load_mitsuba(path, parameters=parameters)
-    _refuse(parameters, source)
+        # Overflow is not reported here: values are checked where they are used.
+        with naming_file(path), hinting(path), np.errstate(all="ignore"):
+            return stage.shown(load_mitsuba(path, parameters=parameters, sensor=sensor))
+    _refuse(parameters, sensor, source)
     if path.suffix.lower() == ".toml":
         if up is not None:
             raise InputError(f"{source}: {_FOR_MESHES}")
-        from wrt.formats.scene_toml import load_scene
+        from wrt.io.toml.reader import load_scene
 
-        return load_scene(path, triangles=triangles)
+        loaded = load_scene(path, triangles=triangles)
+        with naming_file(path):
+            return stage.shown(loaded)
     if triangles is not None:
         raise InputError(f"{source}: {_FOR_PROCEDURAL}")
-    from wrt.formats.meshes import load_file
+    from wrt.io.load_mesh import load_file
 
-    scene = load_file(path)
-    with naming(path):
-        return _shown(source, scene, up, path.suffix.lower().removeprefix("."))
+    if stage.time is not None:
+        from wrt.animation.file_animation import reach_of_file
+
+        stage = dataclasses.replace(stage, reach=reach_of_file(path))
+    scene = load_file(path, time=stage.time)
+    with naming_file(path):
+        return _shown(source, scene, up, path.suffix.lower().removeprefix("."), stage)
 
 
 def _not_there(source: str | os.PathLike[str]) -> str:
@@ -164,34 +220,27 @@ def _not_there(source: str | os.PathLike[str]) -> str:
         known += meshes.scene_names()
         if not path.suffix:
             said += f", and no built-in scene of that name ({', '.join(meshes.scene_names())})"
-    return said + did_you_mean(path.name, known, likeness=0.75)  # higher than usual: most names share a suffix
+    return said + did_you_mean(path.name, known, likeness=0.75)  # above the default, since most names share a suffix
 
 
-def _shown(source: object, scene: Scene, up: str | None, kind: str) -> Scene:
-    """Return the content of a mesh file or an object, with its own lights or else in a studio.
+def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage) -> Scene:
+    """Return the content of a mesh file or object, with its own lights or in a studio.
 
     Args:
         source: the file or object, for messages.
         scene: its content.
-        up: the axis that points up, if it was given.
-        kind: the type of the file, such as "stl"; empty where it is not known.
+        up: the given up axis, or None.
+        kind: the file type, such as "stl"; empty if unknown.
+        stage: how to show it.
     """
     if up is None and kind not in _WITH_AXES and not (scene.lights or scene.camera):
-        from wrt.orientation import guess_up
+        from wrt.studio.orientation import guess_up
 
         up = guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
-        raise InputError(f"{source}: an up axis is for files without lights and cameras, which would not turn with it")
-    if scene.lights:
-        scene.settings = dataclasses.replace(SETTINGS)
-        return scene
-    return _present(scene.shapes, up or "y", scene.camera)
-
-
-def _present(shapes: list[Shape], up: str, camera: Camera | None = None) -> Scene:
-    scene = present(shapes, up=up, rescale=camera is None)
-    scene.camera = camera or scene.camera
-    return scene
+        name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
+        raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
+    return stage.present(source, scene, up or "y")
 
 
 def render(
@@ -204,6 +253,9 @@ def render(
     height: int | None = None,
     spp: int | None = None,
     time: float | None = None,
+    noise: float | None = None,
+    adaptive: bool | None = None,
+    denoise: bool | None = None,
     device: str = "cpu",
     seed: int = 0,
     threads: int | None = None,
@@ -211,20 +263,44 @@ def render(
     crop: tuple[int, int, int, int] | None = None,
     sampler: str | None = None,
     integrator: str | None = None,
+    view: ViewLike | None = None,
+    frame: bool | None = None,
+    material: Material | str | None = None,
+    environment: Environment | PathLike | None = None,
+    transparent: bool = False,
+    progress: bool | None = None,
 ) -> NDArray[np.float32]:
-    """Render `source` and return (H, W, 3) float32 linear radiance, of the part that `crop` names.
+    """Render `source` and return (H, W, 3) float32 linear radiance, of the crop window if given.
 
-    `source`, `up`, `parameters` and `strict` are those of `load`, the other arguments those of `wrt.Renderer` and its
-    `passes`.
+    A transparent picture is (H, W, 4): its radiance, 0 where nothing is seen, and its coverage (associated alpha).
+
+    `source`, `up`, `parameters`, `strict`, `view`, `frame`, `material`, `environment` and `transparent` are as for
+    `load`, the other arguments as for `wrt.Renderer` and its `passes`; `denoise` removes noise, see
+    `wrt.Renderer.denoised`. `progress` says whether to show the progress of the render; None is for a bar in
+    terminals and notebooks and nothing elsewhere.
 
     Raises:
-        InputError: where something given cannot be used.
+        InputError: if an argument cannot be used.
     """
-    from wrt.pace import LONGEST_PASS
-    from wrt.renderer import Renderer
+    from wrt.progress.bar import ProgressBar
+    from wrt.progress.terminal import bar_stream
+    from wrt.rendering.passes import LONGEST_PASS, WATCHED_PASS
+    from wrt.rendering.renderer import Renderer
 
+    watched = bar_stream() is not None if progress is None else progress
     renderer = Renderer(
-        load(source, up=up, parameters=parameters, strict=strict),
+        load(
+            source,
+            up=up,
+            parameters=parameters,
+            strict=strict,
+            view=view,
+            frame=frame,
+            material=material,
+            environment=environment,
+            transparent=transparent,
+            aspect=width / height if width and height else None,
+        ),
         width=width,
         height=height,
         device=device,
@@ -235,6 +311,15 @@ def render(
         sampler=sampler,
         integrator=integrator,
     )
-    for _ in renderer.passes(spp=spp, time=time, pass_seconds=LONGEST_PASS):  # nobody looks at it in between
-        pass
-    return renderer.image()
+    seconds = WATCHED_PASS if watched else LONGEST_PASS
+    with ProgressBar(_label_of(source), time_limit=time, wanted=watched) as bar:
+        for done in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=seconds):
+            bar.update(done)
+    smooth = renderer.settings.denoise if denoise is None else denoise
+    image, alpha = renderer.denoised() if smooth else renderer.image(), renderer.alpha()
+    return image if alpha is None else np.dstack([image, alpha])
+
+
+def _label_of(source: object) -> str:
+    """Return a short name for a source."""
+    return Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"

@@ -1,4 +1,4 @@
-"""Checks shared by everything a person types: numbers, vectors, colours."""
+"""Checks of input: numbers, vectors, colours, arrays."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ Vec3: TypeAlias = tuple[float, float, float]
 ColorLike: TypeAlias = float | Sequence[float]
 """Linear Rec. 709 RGB: three numbers, or one for a grey."""
 
-
 FLOAT32_MAX = 3.4028234663852886e38
-"""Kernels compute in float32: a larger colour would be infinite there."""
+"""The largest float32; a larger colour would be infinite in kernels."""
 
 
 def _shown(value: object) -> str:
-    """Return a value as it was typed, in one line."""
+    """Return the repr of a value in one line."""
     return " ".join(repr(value).split())
 
 
@@ -43,7 +42,7 @@ def number(
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a number, not {value!r}") from None
     except OverflowError:
-        raise InputError(f"{name} must fit a floating-point number") from None
+        raise InputError(f"{name} is too large for a floating-point number") from None
     if not math.isfinite(result):
         raise InputError(f"{name} must be finite, not {result}")
     if result < minimum:
@@ -66,14 +65,14 @@ def integer(value: object, name: str, *, minimum: int, maximum: int) -> int:
 
 
 def boolean(value: object, name: str) -> bool:
-    """Return `value` if it is true or false and nothing that merely counts as such, or raise InputError."""
+    """Return `value` if it is a bool, or raise InputError naming `name`."""
     if not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, not {value!r}")
     return value
 
 
 def one_of(value: object, choices: Sequence[str], name: str) -> str:
-    """Return `value` if it is one of some words, or raise InputError naming `name`, the words and a likely one."""
+    """Return `value` if it is among `choices`, or raise InputError naming `name` and the choices."""
     if not isinstance(value, str) or value not in choices:
         hint = did_you_mean(value, choices) if isinstance(value, str) else ""
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {_shown(value)}{hint}")
@@ -86,6 +85,12 @@ def pair(value: object, name: str) -> tuple[float, float]:
     if len(items) != 2:
         raise InputError(f"{name} must be two numbers, not {_shown(value)}")
     return number(items[0], f"{name}[0]"), number(items[1], f"{name}[1]")
+
+
+def vec3(values: NDArray[Any] | Sequence[float]) -> Vec3:
+    """Return three numbers as a tuple of floats."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
 
 
 def vector(value: object, name: str) -> Vec3:
@@ -101,7 +106,7 @@ def vector(value: object, name: str) -> Vec3:
 
 
 def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
-    """Return `value` as non-negative linear RGB; one number stands for a grey."""
+    """Return `value` as non-negative linear RGB; a single number is a grey."""
     if isinstance(value, (int, float)) or getattr(value, "shape", None) == ():
         grey = number(value, name, minimum=0.0, maximum=maximum)
         return grey, grey, grey
@@ -112,9 +117,9 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
 
 
 def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
-    """Return `value` as an array, or raise InputError naming `name` where it is ragged or holds other things.
+    """Return `value` as an array, or raise InputError naming `name` if it is ragged or not numeric.
 
-    Arrays of Warp and of torch that lie on a GPU come from there.
+    Warp and torch arrays on a GPU are copied to the CPU.
     """
     if not isinstance(value, np.ndarray) and callable(to_numpy := getattr(value, "numpy", None)):
         value = to_numpy()
@@ -123,13 +128,13 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
             raise TypeError
         return np.asarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must be an array of numbers, all rows of one length") from None
+        raise InputError(f"{name} must be an array of numbers with rows of equal length") from None
 
 
 def owned(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
     """Return `value` as a contiguous read-only array, or raise InputError as `array` does.
 
-    Arrays that could still be written to elsewhere are copied; read-only arrays are not.
+    Arrays that others could still write to are copied; read-only arrays are not.
     """
     result = np.ascontiguousarray(array(value, name, dtype))
     made_here = isinstance(value, (list, tuple)) or (
@@ -142,9 +147,9 @@ def owned(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
 
 
 def sealed(made: NDArray[Any]) -> NDArray[Any]:
-    """Make an array, and the arrays that it is a view of, read-only, and return it.
+    """Make an array and the arrays it is a view of read-only, and return it.
 
-    `owned` then takes it without a copy. Call it only for arrays that no other code writes to.
+    `owned` then does not copy it. Call it only for arrays that no other code writes to.
     """
     viewed: Any = made
     while isinstance(viewed, np.ndarray):
@@ -154,7 +159,7 @@ def sealed(made: NDArray[Any]) -> NDArray[Any]:
 
 
 def _is_read_only(values: NDArray[Any]) -> bool:
-    """Return whether an array and all arrays that it is a view of are read-only."""
+    """Return whether an array and all arrays it is a view of are read-only."""
     viewed: Any = values
     while isinstance(viewed, np.ndarray):
         if viewed.flags.writeable:
@@ -166,24 +171,24 @@ def _is_read_only(values: NDArray[Any]) -> bool:
 def key_times(value: object, what: str) -> NDArray[np.float64]:
     """Return a copy of the times of keys as (N,) float64, or raise InputError naming `what`, such as "motion".
 
-    Kernels have them as float32, in which they must be finite and ascend.
+    They must be finite and ascend even when rounded to float32, as in kernels.
     """
     times = array(value, f"{what} times", np.float64).copy()
     with np.errstate(over="ignore", invalid="ignore"):
         rounded = times.astype(np.float32)
         ascend = bool((np.diff(rounded) > 0.0).all())
     if times.ndim != 1 or len(times) == 0 or not np.isfinite(rounded).all():
-        raise InputError(f"{what} times must be finite numbers, at least one")
+        raise InputError(f"{what} times must be one or more finite numbers")
     if not ascend:
         raise InputError(f"{what} times must ascend, each greater than the one before, not {times.tolist()}")
     return times
 
 
 def image(value: object, what: str) -> NDArray[np.float32]:
-    """Return `value` as (H, W, 3) float32 pixels, finite, not negative and read-only; see `owned`.
+    """Return `value` as finite, non-negative, read-only (H, W, 3) float32 pixels; see `owned`.
 
     Raises:
-        InputError: where it is not such an image, naming `what`.
+        InputError: if it is not such an image; the message names `what`.
     """
     with np.errstate(over="ignore"):
         pixels = owned(value, f"{what}: pixels", np.float32)

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_conductor, fresnel_schlick
 from wrt.kernels.bsdf.record import (
     Bsdf,
     BsdfSample,
@@ -12,7 +13,6 @@ from wrt.kernels.bsdf.record import (
     zero_evaluate,
     zero_pdf,
 )
-from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
 
 ETA = wp.constant(0)
 K = wp.constant(1)
@@ -21,30 +21,30 @@ F0 = wp.constant(0)  # of "schlick"
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction, by the complex index of refraction."""
+    """Return the mirror direction, weighted by the complex index of refraction."""
     return mirror_sample(wo, fresnel_conductor(wo[2], bsdf.slots[ETA], bsdf.slots[K]))
 
 
 @wp.func
 def sample_schlick(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction, by the reflectance at normal incidence."""
+    """Return the mirror direction, weighted by the reflectance at normal incidence."""
     return mirror_sample(wo, fresnel_schlick(wo[2], bsdf.slots[F0]))
 
 
 @wp.func
 def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
-    """Return the mirrored direction, by the complex index of refraction."""
+    """Return the mirror direction, weighted by the complex index of refraction."""
     return mirror_lobe(fresnel_conductor(wo[2], bsdf.slots[ETA], bsdf.slots[K]))
 
 
 @wp.func
 def specular_schlick(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
-    """Return the mirrored direction, by the reflectance at normal incidence."""
+    """Return the mirror direction, weighted by the reflectance at normal incidence."""
     return mirror_lobe(fresnel_schlick(wo[2], bsdf.slots[F0]))
 
 
 def make_conductor(fresnel: str = "conductor") -> Model:
-    """Return the model by exact Fresnel equations ("conductor") or by Schlick's approximation ("schlick").
+    """Return the model with exact Fresnel equations ("conductor") or Schlick's approximation ("schlick").
 
     Raises:
         ValueError: for another name.

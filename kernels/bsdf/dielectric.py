@@ -1,11 +1,12 @@
 """A smooth boundary between two transparent media.
 
-Reflection and refraction by the exact Fresnel equations, chosen in their proportion. Radiance is
-scaled by (n_i / n_t)² on refraction, because a refracted beam fills another solid angle.
+Fresnel's exact equations, or Schlick's approximation of them, give the probabilities of reflection and refraction.
+Refraction scales radiance by (n_i / n_t)², because the solid angle of a beam changes.
 """
 
 import warp as wp
 
+from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric, fresnel_schlick
 from wrt.kernels.bsdf.record import (
     Bsdf,
     BsdfSample,
@@ -16,52 +17,76 @@ from wrt.kernels.bsdf.record import (
     zero_evaluate,
     zero_pdf,
 )
-from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
+from wrt.kernels.specialise import specialised
 
 IOR = wp.constant(0)  # n_inside / n_outside
-REFLECTANCE = wp.constant(1)  # what reflected light is multiplied by
-TRANSMITTANCE = wp.constant(2)  # what refracted light is multiplied by
+REFLECTANCE = wp.constant(1)  # factor of reflected light
+TRANSMITTANCE = wp.constant(2)  # factor of refracted light
 
 
 @wp.func
 def seen_from(inside_over_outside: float, front: bool) -> float:
-    """Return n_t / n_i, the index on the other side over that on the viewer's, who is in front or not."""
+    """Return n_t / n_i, the index on the far side over that on the viewer's; `front`: the viewer is in front."""
     return wp.where(front, inside_over_outside, 1.0 / inside_over_outside)
 
 
 @wp.func
 def refracted(wo: wp.vec3, eta: float) -> wp.vec3:
-    """Return the direction beyond the boundary, where there is one; eta = n_t / n_i."""
+    """Return the refracted direction, unless there is total internal reflection; eta = n_t / n_i."""
     cos_t = wp.sqrt(wp.max(0.0, cos_transmitted_squared(wo[2], eta)))
     scale = 1.0 / eta
     return wp.vec3(-wo[0] * scale, -wo[1] * scale, -cos_t)
 
 
 @wp.func
-def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the reflected or the refracted direction."""
-    eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
-    s = mirror_sample(wo, bsdf.slots[REFLECTANCE])
-    if u_lobe >= fresnel_dielectric(wo[2], eta):
-        scale = 1.0 / eta
-        s.wi = refracted(wo, eta)
-        s.weight = bsdf.slots[TRANSMITTANCE] * (scale * scale)
-        s.eta = eta
-    return s
+def schlick(cos_i: float, eta: float) -> float:
+    """Return R0 + (1 − R0)(1 − cosθ)⁵ for eta = n_t / n_i, with θ on the side of the lower index.
+
+    Shirley and Marschner, "Fundamentals of Computer Graphics" (3rd edition, section 13.1), after Schlick (1994). Under
+    total internal reflection it is 1.
+    """
+    cosine = cos_i
+    if eta < 1.0:
+        cos2_t = cos_transmitted_squared(cos_i, eta)
+        if cos2_t <= 0.0:
+            return 1.0
+        cosine = wp.sqrt(cos2_t)
+    r = (eta - 1.0) / (eta + 1.0)
+    return fresnel_schlick(cosine, wp.vec3(r * r))[0]
 
 
-@wp.func
-def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
-    """Return the reflected and the refracted direction."""
-    eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
-    reflectance = fresnel_dielectric(wo[2], eta)
-    lobes = mirror_lobe(bsdf.slots[REFLECTANCE] * reflectance)
-    lobes.transmitted = bsdf.slots[TRANSMITTANCE] * ((1.0 - reflectance) / (eta * eta))
-    lobes.through = refracted(wo, eta)
-    lobes.eta = eta
-    return lobes
+@specialised()
+def make_dielectric(fresnel: str = "exact") -> Model:
+    """Return the model with Fresnel's equations ("exact") or Schlick's approximation ("schlick").
 
+    Raises:
+        ValueError: for another name.
+    """
+    if fresnel not in ("exact", "schlick"):
+        raise ValueError(f"no dielectric of {fresnel!r}")
+    reflectance_of = fresnel_dielectric if fresnel == "exact" else schlick
 
-MODEL = Model(
-    zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular, index_slot=int(IOR)
-)
+    @wp.func
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        s = mirror_sample(wo, bsdf.slots[REFLECTANCE])
+        if u_lobe >= reflectance_of(wo[2], eta):
+            scale = 1.0 / eta
+            s.wi = refracted(wo, eta)
+            s.weight = bsdf.slots[TRANSMITTANCE] * (scale * scale)
+            s.eta = eta
+        return s
+
+    @wp.func
+    def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+        eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
+        reflectance = reflectance_of(wo[2], eta)
+        lobes = mirror_lobe(bsdf.slots[REFLECTANCE] * reflectance)
+        lobes.transmitted = bsdf.slots[TRANSMITTANCE] * ((1.0 - reflectance) / (eta * eta))
+        lobes.through = refracted(wo, eta)
+        lobes.eta = eta
+        return lobes
+
+    return Model(
+        zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular, index_slot=int(IOR)
+    )

@@ -3,7 +3,7 @@
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
-from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)
 

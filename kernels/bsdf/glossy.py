@@ -1,35 +1,46 @@
-"""Gloss by a jittered mirror direction: distribution ray tracing as it is taught.
+"""Gloss by a jittered mirror direction, as textbooks teach distribution ray tracing.
 
 Cook, Porter and Carpenter, "Distributed ray tracing" (1984), in the form of Shirley and Marschner, "Fundamentals
-of Computer Graphics" (3rd edition, section 13.4). A square of side a lies at the tip of the mirrored direction r,
-perpendicular to it, and light comes from a random point of it:
+of Computer Graphics" (3rd edition, section 13.4). There are two lobes around the mirror direction r.
+
+"square": a square of side a lies at the tip of r, perpendicular to it, and light comes from a random point in it:
 
     r' = r + u U + v V,    u, v uniform in ±a/2.
 
-At distance d = 1 / cosα from the viewed point, α the angle between r and r', the square's area a² fills the solid
-angle a² cosα / d², so that r' has the density 1 / (a² cos³α) per solid angle. What falls below the surface is lost.
+At distance d = 1 / cosα from the shaded point, where α is the angle between r and r', the square's area a² subtends the
+solid angle a² cosα / d², so r' has the density 1 / (a² cos³α) per solid angle. V is the axis of the square in the plane
+of incidence.
 
-The model is defined by its sampler: f cosθi = reflectance · density. It is not reciprocal, as
-f(wo, wi) cosθi = f(wi, wo) cosθo but for the square's corners; from all directions of view together a surface may
-send back more than it got. V is the axis of the square in the plane of incidence.
+"phong": the lobe of Phong, "Illumination for computer generated pictures" (1975), exactly: the density of r' is
+(n + 1) / 2π cosⁿα.
+
+Directions below the surface are lost. The model is defined by its sampler: f cosθi = reflectance · density. It is not
+reciprocal, as f(wo, wi) cosθi = f(wi, wo) cosθo, but for the square's corners; over all directions of view a surface
+may reflect more light than it receives.
 """
 
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.microfacet.numerics import expm1, log1p
+from wrt.kernels.sampling.warps import INV_PI, TWO_PI
+from wrt.kernels.specialise import specialised
 
 REFLECTANCE = wp.constant(0)
-SIDE = wp.constant(1)
+SIDE = wp.constant(1)  # of "square"
+EXPONENT = wp.constant(1)  # of "phong"
 
 LEAST_SIDE = wp.constant(1.0e-4)
 
 ROUNDING = wp.constant(2.0e-7)
-"""How far the square reaches beyond ±a/2 when a direction is looked up, so that all that are drawn lie in it."""
+"""Tolerance beyond ±a/2 when a direction is evaluated, so that all sampled directions lie in the square."""
 
 
 @wp.struct
 class _Square:
-    """The axes of the square, the mirrored direction, and half the side."""
+    """The axes of the square, the mirror direction, and half the side."""
 
     u: wp.vec3
     v: wp.vec3
@@ -64,22 +75,16 @@ def _density(square: _Square, wi: wp.vec3) -> float:
 
 
 @wp.func
-def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-    """Return f |cosθi|."""
-    return bsdf.slots[REFLECTANCE] * pdf(bsdf, wo, wi)
-
-
-@wp.func
-def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return the density of `sample` per solid angle; it lacks what falls below the surface."""
+def pdf_square(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return the density of `sample_square` per solid angle; directions lost below the surface are missing."""
     if wi[2] <= 0.0:
         return 0.0
     return _density(_square_of(bsdf, wo), wi)
 
 
 @wp.func
-def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the direction of a uniform point in the square."""
+def sample_square(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    """Return the direction to a uniform point in the square."""
     square = _square_of(bsdf, wo)
     side = 2.0 * (square.half - ROUNDING)
     s = no_sample()
@@ -90,4 +95,47 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=2)
+@wp.func
+def pdf_phong(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return the density of `sample_phong` per solid angle; directions lost below the surface are missing."""
+    if wi[2] <= 0.0:
+        return 0.0
+    off = wi - wp.vec3(-wo[0], -wo[1], wo[2])
+    less = 0.5 * wp.dot(off, off)  # 1 − cosα, with all digits where α is small
+    if less >= 1.0:
+        return 0.0
+    exponent = bsdf.slots[EXPONENT][0]
+    return (exponent + 1.0) * (0.5 * INV_PI) * exponential(exponent * log1p(-less))
+
+
+@wp.func
+def sample_phong(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    """Return a direction of the lobe: cosα = u^(1/(n + 1))."""
+    square = _square_of(bsdf, wo)
+    less = -expm1(logarithm(1.0 - u[0]) / (bsdf.slots[EXPONENT][0] + 1.0))  # 1 − cosα
+    sin_a = wp.sqrt(less * (2.0 - less))
+    turned = sine_cosine(TWO_PI * u[1])
+    s = no_sample()
+    s.wi = wp.normalize(square.r * (1.0 - less) + square.u * (sin_a * turned[1]) + square.v * (sin_a * turned[0]))
+    s.pdf = pdf_phong(bsdf, wo, s.wi)
+    if s.pdf > 0.0:
+        s.weight = bsdf.slots[REFLECTANCE]
+    return s
+
+
+@specialised()
+def make_glossy(lobe: str = "square") -> Model:
+    """Return the model with the lobe "square" or "phong".
+
+    Raises:
+        ValueError: for another name.
+    """
+    if lobe not in ("square", "phong"):
+        raise ValueError(f"no gloss of {lobe!r}")
+    pdf, sample = (pdf_phong, sample_phong) if lobe == "phong" else (pdf_square, sample_square)
+
+    @wp.func
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        return bsdf.slots[REFLECTANCE] * pdf(bsdf, wo, wi)
+
+    return Model(evaluate, pdf, sample, slots=2, jitters=True)

@@ -1,4 +1,4 @@
-"""An ideal mirror of one reflectance at every angle."""
+"""An ideal mirror with the same reflectance at every angle."""
 
 import warp as wp
 
@@ -18,13 +18,13 @@ REFLECTANCE = wp.constant(0)
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction."""
+    """Return the mirror direction."""
     return mirror_sample(wo, bsdf.slots[REFLECTANCE])
 
 
 @wp.func
 def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
-    """Return the mirrored direction."""
+    """Return the mirror direction."""
     return mirror_lobe(bsdf.slots[REFLECTANCE])
 
 

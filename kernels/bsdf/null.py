@@ -1,4 +1,4 @@
-"""A boundary that is not there for light: it goes straight on."""
+"""A boundary that light passes unchanged."""
 
 import warp as wp
 

@@ -1,22 +1,21 @@
 """Rough diffuse reflection: the energy-preserving Oren-Nayar model.
 
-Oren and Nayar, "Generalization of Lambert's reflectance model" (1994), see a surface of V-shaped grooves
-whose facets are Lambertian. Their qualitative model, ρ/π (A + B max(0, cos Δφ) sin α tan β), makes energy out of
-nothing where σ is small (a white surface of σ = 0.2 shows 1.5 % too much at grazing angles) and loses nearly
-half of it where σ is large. This is the form of Portsmouth, Kutz and Hill, "EON: a practical
-energy-preserving rough diffuse BRDF", JCGT 14(1) (2025): one bounce after Fujii (2012, "A tiny improvement
-of Oren-Nayar reflectance model"), whose albedo is known exactly, and a term for all other bounces that
-returns what it lacks. White stays white; a colour becomes deeper with σ.
+Oren and Nayar, "Generalization of Lambert's reflectance model" (1994), model a surface of V-shaped grooves with
+Lambertian facets. Their qualitative model, ρ/π (A + B max(0, cos Δφ) sin α tan β), gains energy where σ is small (a
+white surface of σ = 0.2 reflects 1.5 % too much at grazing angles) and loses nearly half of it where σ is large. This
+is the form of Portsmouth, Kutz and Hill, "EON: a practical energy-preserving rough diffuse BRDF", JCGT 14(1) (2025):
+one bounce after Fujii (2012, "A tiny improvement of Oren-Nayar reflectance model"), whose albedo is known exactly, and
+a term for all further bounces that returns the missing energy. White stays white; colours saturate with σ.
 
 The first bounce is ρ/π A' (1 + r s/t), with s = sinθo sinθi cos Δφ, and t = max(cosθo, cosθi) where s > 0, else 1.
-For s > 0 s/t is cos Δφ sin α tan β, so that the roughness r = B/A gives the published model but for its scale.
+For s > 0 s/t is cos Δφ sin α tan β, so the roughness r = B/A gives the published model up to its scale.
 """
 
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
-from wrt.kernels.trigonometry import sine_cosine
-from wrt.kernels.warps import INV_PI, TWO_PI
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.sampling.warps import INV_PI, TWO_PI
 
 REFLECTANCE = wp.constant(0)
 SIGMA = wp.constant(1)  # standard deviation of the facets' slope angle, radians
@@ -31,8 +30,8 @@ _C2 = wp.constant(0.0724882124569225)  # 2/3 − 28/(15π)
 class _Cosine:
     """A clamped cosine, transformed by (x, y, z) -> (a x + b z, c y, d x + z); the viewer is at y = 0, x > 0.
 
-    `axis` is that x in the local frame, `uniform` the share of samples that are uniform instead, and
-    `clipped` the share of the projected hemisphere that stays above the horizon.
+    `axis` is that x axis in the local frame, `uniform` the share of uniform samples, and `clipped` the share of the
+    projected hemisphere that stays above the horizon.
     """
 
     axis: wp.vec2
@@ -53,9 +52,9 @@ def roughness_of(sigma: float) -> float:
 
 @wp.func
 def missing_albedo(mu: float) -> float:
-    """Return what the albedo of one bounce lacks to 1 where ρ is 1, over r A': C1 − G(μ)/π, from 0.287793 down to 0."""
+    """Return 1 − the albedo of one bounce at ρ = 1, over r A': C1 − G(μ)/π, from 0.287793 down to 0."""
     s = wp.sqrt(wp.max(0.0, 1.0 - mu * mu))
-    # (1 − s³)/μ of the paper is μ (1 + s + s²)/(1 + s), which does not cancel at grazing angles.
+    # The paper's (1 − s³)/μ equals μ (1 + s + s²)/(1 + s), which does not cancel at grazing angles.
     g = s * (wp.acos(wp.min(mu, 1.0)) - s * mu) + (s * mu * (1.0 + s + s * s) / (1.0 + s) - s) * (2.0 / 3.0)
     return wp.max(0.0, _C1 - INV_PI * g)
 
@@ -68,13 +67,13 @@ def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
     rho = bsdf.slots[REFLECTANCE]
     r = roughness_of(bsdf.slots[SIGMA][0])
     a = 1.0 / (1.0 + _C1 * r)
-    # One bounce: the cosine is drawn into s/t, which grows without limit at grazing angles.
+    # One bounce: the cosine is multiplied into s/t, which is unbounded at grazing angles.
     s = wo[0] * wi[0] + wo[1] * wi[1]
     slope = s * wi[2]
     if s > 0.0:
         slope = s * (wi[2] / wp.max(wo[2], wi[2]))
     single = a * (wi[2] + r * slope)
-    # All others, as Kulla and Conty (2017) do for metals, with 1 − albedo written as r A' times `missing_albedo`.
+    # All others, as Kulla and Conty (2017) for metals, with 1 − albedo written as r A' times `missing_albedo`.
     average = a * (1.0 + _C2 * r)
     share = wi[2] * a * r * missing_albedo(wo[2]) * missing_albedo(wi[2]) / (_C1 - _C2)
     one = wp.vec3(1.0)
@@ -84,7 +83,7 @@ def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _cosine_of(wo: wp.vec3, r: float) -> _Cosine:
-    """Return the lobe fitted to the model for a viewer; the numbers are those of the paper's listing."""
+    """Return the lobe fitted to the model for a viewer; the numbers are from the paper's listing."""
     mu = wo[2]
     lobe = _Cosine()
     lobe.axis = wp.vec2(1.0, 0.0)
@@ -104,7 +103,7 @@ def _density(lobe: _Cosine, wi: wp.vec3) -> float:
     """Return the density of the mixture of the transformed cosine and uniform directions."""
     x = lobe.axis[0] * wi[0] + lobe.axis[1] * wi[1]
     y = lobe.axis[0] * wi[1] - lobe.axis[1] * wi[0]
-    # The adjugate of the transform takes wi back, up to its determinant.
+    # The adjugate of the transform is its inverse up to the determinant.
     minor = lobe.a - lobe.b * lobe.d
     h = wp.vec3(lobe.c * (x - lobe.b * wi[2]), minor * y, lobe.c * (lobe.a * wi[2] - lobe.d * x))
     k = lobe.c * minor / wp.dot(h, h)
@@ -134,7 +133,7 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         x = radius * turned[1]
         y = radius * turned[0]
     else:
-        # A point of the disk, moved into what the horizon's preimage leaves of it.
+        # Move a point of the disk into the part that the horizon's preimage leaves.
         radius = wp.sqrt(u[0])
         v = radius * turned[0]
         t = -wp.lerp(wp.sqrt(wp.max(0.0, 1.0 - v * v)), radius * turned[1], lobe.clipped)

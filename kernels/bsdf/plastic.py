@@ -1,32 +1,32 @@
-"""Plastic: a diffuse base under a smooth transparent coat, which the base's light leaves only in part.
+"""Plastic: a diffuse base under a smooth transparent coat with inner reflections.
 
-Light is mirrored by the coat, or refracted into it; there the base reflects it diffusely, and what meets the coat from
-below is let out or sent back to the base, any number of times. That makes a geometric series:
+The coat mirrors light or refracts it to the base, which reflects it diffusely; from below, the coat transmits it or
+reflects it back to the base, any number of times. The geometric series is
 
     f = ρ/π T(θo) T(θi) / (η² (1 − R ρ)),    T = 1 − F,    R = 2 ∫ F_inside cosθ d cosθ
 
 (Wolff 1994, "Diffuse-reflectance model for smooth dielectric surfaces"; its series is that of Saunderson 1942,
 "Calculation of the color of pigmented plastics"). The division by η² is the spreading of radiance on the way out.
-As 1 − R = (1 − R_outside) / η², a white base keeps nothing. Without the nonlinear shift of colours the denominator is
+As 1 − R = (1 − R_outside) / η², a white base absorbs nothing. Without the nonlinear colour shift the denominator is
 that of a white base, 1 − R, and the albedo is ρ T(θo).
 """
 
 import warp as wp
 
+from wrt.kernels.bsdf.lobes.coat_transmittance import transmitted
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, SpecularLobes, mirror_lobe, mirror_sample
-from wrt.kernels.coat import transmitted
-from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)  # of the base
-SPECULAR = wp.constant(1)  # what light mirrored by the coat is multiplied by
+SPECULAR = wp.constant(1)  # factor of light mirrored by the coat
 IOR = wp.constant(2)  # n of the coat / n outside
 INTERNAL = wp.constant(3)  # R, the coat's reflectance for diffuse light from below
-NONLINEAR = wp.constant(4)  # 1 where colours shift by inner reflections, else 0
+NONLINEAR = wp.constant(4)  # 1 if inner reflections shift colours, else 0
 
 
 @wp.func
 def base_reflectance(rho: wp.vec3, internal: float, nonlinear: float) -> wp.vec3:
-    """Return what the base sends up with all inner reflections, ρ / (1 − R ρ); or ρ / (1 − R) if `nonlinear` is 0."""
+    """Return the base's reflectance with all inner reflections, ρ / (1 − R ρ), or ρ / (1 − R) if `nonlinear` is 0."""
     one = wp.vec3(1.0)
     return wp.cw_div(rho, one - (one + (rho - one) * nonlinear) * internal)
 
@@ -39,9 +39,9 @@ def mean(color: wp.vec3) -> float:
 
 @wp.func
 def base_share(bsdf: Bsdf, let_in: float) -> float:
-    """Return how often the base is sampled, by the share of light that it sends back of what the coat lets in.
+    """Return the probability of sampling the base, from the share of light that the coat lets in.
 
-    Inner reflections are left out; without nonlinear shifts of colour the share is exact.
+    It leaves inner reflections out; without the nonlinear colour shift it is exact.
     """
     base = let_in * mean(bsdf.slots[REFLECTANCE])
     return base / wp.max(base + (1.0 - let_in) * mean(bsdf.slots[SPECULAR]), 1.0e-20)
@@ -67,7 +67,7 @@ def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction, or one of density cosθ/π from the base."""
+    """Return the mirror direction, or one with density cosθ/π from the base."""
     let_in = transmitted(wo[2], bsdf.slots[IOR][0])
     share = base_share(bsdf, let_in)
     if u_lobe >= share:

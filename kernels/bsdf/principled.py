@@ -1,38 +1,45 @@
-"""The metalness workflow: what a glTF material means, in forms that conserve energy and are reciprocal.
+"""The metallic-roughness material of glTF, in a form that conserves energy and is reciprocal.
 
 Khronos Group 2021, "glTF 2.0 Specification", appendix B, and KHR_materials_ior, _specular, _anisotropy, _transmission,
-_volume (refraction), _clearcoat, _sheen; after Burley, "Physically based shading at Disney" (2012, 2015). From below:
+_volume (refraction), _clearcoat, _sheen; after Burley, "Physically based shading at Disney" (2012, 2015). Bottom up:
 
     metal       F(base_color, 1) D G / (4 cosθi cosθo),    F(f0, f90) = f0 + (f90 − f0)(1 − wo·m)⁵
     dielectric  F(f0, f90) D G / (4 cosθi cosθo) + base_color [(1 − t) diffuse + t (1 − F) refraction]
     base        metallic · metal + (1 − metallic) · dielectric
-    sheen, coat on it (`kernels/bsdf/layering.py`)
+    sheen, coat on it (`kernels/bsdf/lobes/coats.py`)
 
 with α = roughness², f0 = min(((ior − 1) / (ior + 1))² specular_color, 1) specular, f90 = specular, t = transmission.
-Appendix B asks that a BRDF be positive, reciprocal and energy conserving, but its sample implementation is not. Where
-this differs from that:
+Appendix B requires a BRDF to be positive, reciprocal and energy conserving, but its sample implementation is not. This
+one differs from the sample:
 
 - G is Smith's height-correlated form, which the appendix calls more accurate, not the product of both G1.
-- Under the specular layer lies diffuse = (1 − E(θo)) (1 − E(θi)) / (π (1 − E_avg)), E being that layer's albedo, as the
-  appendix recommends after Kulla and Conty (2017), instead of (1 − F(wo·m)) / π: at grazing angles that would reflect
-  up to twice the light. A white dielectric reflects all light, less what `kernels/albedo_fits.py` overestimates E by.
-- Coat and sheen leave the base min(1 − E(θo), 1 − E(θi)), where the coat has 1 − F(θo).
+- Under the specular layer, diffuse = (1 − E(θo)) (1 − E(θi)) / (π (1 − E_avg)), where E is that layer's albedo, as the
+  appendix recommends after Kulla and Conty (2017), instead of (1 − F(wo·m)) / π, which would reflect up to twice the
+  light at grazing angles. A white dielectric reflects all light, less the overestimate of E in
+  `kernels/bsdf/lobes/albedo_fits.py`.
+- Coat and sheen leave the base min(1 − E(θo), 1 − E(θi)), where the sample's coat leaves 1 − F(θo).
 
-A transmitting share t of a dielectric is a rough boundary (Walter et al. 2007) with Schlick's Fresnel taken on the side
-of the lower index, so that it is the same both ways, and 1 under total internal reflection. The opaque share and metal
-look the same from both sides. A thin sheet reflects as if it were opaque, and what it lets through goes on as if
-reflected and mirrored through the surface.
+The transmitting share t of a dielectric is a rough boundary (Walter et al. 2007) with Schlick's Fresnel on the side of
+the lower index, so that it is the same both ways, and 1 under total internal reflection. The opaque share and metal
+look the same from both sides. A thin sheet reflects as if it were opaque; its transmitted light has the directions of
+reflected light, mirrored through the surface.
 """
 
-import functools
+from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.albedo import average_missing_energy, missing_energy, multiple_bounce_fresnel, multiple_bounce_lobe
-from wrt.kernels.albedo_fits import average_facet_albedo, facet_albedo
-from wrt.kernels.bsdf.facets import mirrored
-from wrt.kernels.bsdf.layering import Layer, Response, add_coat, add_sheen, facet_response
-from wrt.kernels.bsdf.principled_base import (
+from wrt.kernels.bsdf.lobes.albedo import (
+    average_missing_energy,
+    missing_energy,
+    multiple_bounce_fresnel,
+    multiple_bounce_lobe,
+)
+from wrt.kernels.bsdf.lobes.albedo_fits import average_facet_albedo, facet_albedo
+from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen, facet_response
+from wrt.kernels.bsdf.lobes.facets import mirrored
+from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
+from wrt.kernels.bsdf.lobes.principled_base import (
     FEATURE_ROWS,
     IOR,
     Base,
@@ -41,45 +48,50 @@ from wrt.kernels.bsdf.principled_base import (
     make_cos_outside,
     make_split,
     make_turned,
-    name_of,
     rows_of,
     schlick_albedo,
     seen_index,
 )
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.bsdf.rough_dielectric import facet_normal, refraction_density
-from wrt.kernels.fresnel import cos_transmitted_squared
 from wrt.kernels.microfacet import ggx
-from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.specialise import specialised
 
 
-@functools.cache
-def make_base_layer(features: tuple[str, ...]) -> Layer:
-    """Return the layer below sheen and coat."""
+class _Energy(NamedTuple):
+    """The energy balance at the facets, for a model with some features.
+
+    Attributes:
+        missing: (bsdf, base, w) -> the share of light that one bounce at white facets loses.
+        bounced: (bsdf, base, average) -> the share of that which metal and opaque dielectric still reflect.
+        shares: (bsdf, base, wo, white) -> the shares that facets reflect or transmit directly, and that are spread like
+            a diffuse reflection.
+    """
+
+    missing: wp.Function
+    bounced: wp.Function
+    shares: wp.Function
+
+
+@specialised()
+def _make_energy(features: tuple[str, ...]) -> _Energy:
     body = "transmission" in features
-    thin = "thin" in features
-    transmits = body or thin
+    transmits = body or "thin" in features
     bounces = "bounces" in features
-    name = name_of(features)
-    base_of = make_base_of(features)
-    split = make_split(transmits)
-    outside = make_cos_outside(body)
-    turned = make_turned(features)
 
-    @wp.func(name=f"principled_missing_{name}")
+    @wp.func
     def missing(bsdf: Bsdf, b: Base, w: wp.vec3) -> float:
         return missing_energy(bsdf.tables, bsdf.table, w, wp.sqrt(b.shape[0] * b.shape[1]))
 
-    @wp.func(name=f"principled_bounced_{name}")
+    @wp.func
     def bounced(bsdf: Bsdf, b: Base, average: float) -> wp.vec3:
-        """Return the share of light blocked once that comes out after all, of the metal and the opaque dielectric."""
         metal = multiple_bounce_fresnel(average_schlick(b.color, 1.0), average)
         dielectric = multiple_bounce_fresnel(average_schlick(b.f0, b.f90), average) * (1.0 - b.transmission)
         return wp.lerp(dielectric, metal, b.metallic)
 
-    @wp.func(name=f"principled_shares_{name}")
+    @wp.func
     def shares(bsdf: Bsdf, b: Base, wo: wp.vec3, white: wp.vec2) -> wp.vec2:
-        """Return what facets reflect or let through at once, and what is spread like a diffuse reflection."""
         dielectric = schlick_albedo(white, wp.max(b.f0), b.f90)
         below = (1.0 - b.metallic) * (1.0 - dielectric) * wp.max(b.color)
         facets = wp.lerp(dielectric, schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
@@ -94,9 +106,18 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             spread += wp.max(bounced(bsdf, b, average)) * missing(bsdf, b, wo)
         return wp.vec2(facets, spread)
 
-    @wp.func(name=f"principled_spread_{name}")
-    def spread(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, white: wp.vec2) -> wp.vec3:
-        """Return f cosθi of what lies under the facets, and of light that they blocked."""
+    return _Energy(missing, bounced, shares)
+
+
+@specialised()
+def _make_diffuse(features: tuple[str, ...]) -> wp.Function:
+    """Return (bsdf, base, wo, wi, white) -> f cosθi of the diffuse layer and of light that facets blocked."""
+    bounces = "bounces" in features
+    energy = _make_energy(features)
+    missing, bounced = energy.missing, energy.bounced
+
+    @wp.func
+    def diffuse(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, white: wp.vec2) -> wp.vec3:
         f0 = wp.max(b.f0)
         average = 1.0 - schlick_albedo(average_facet_albedo(b.shape), f0, b.f90)
         left_o = 1.0 - schlick_albedo(white, f0, b.f90)
@@ -113,10 +134,17 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             left_o -= more * lost_o
             left_i -= more * lost_i
         let_out = wp.max(left_o, 0.0) * wp.max(left_i, 0.0) / wp.max(average, 1.0e-4)
-        diffuse = b.color * ((1.0 - b.metallic) * (1.0 - b.transmission) * INV_PI * let_out)
-        return (diffuse + lobe) * wi[2]
+        base = b.color * ((1.0 - b.metallic) * (1.0 - b.transmission) * INV_PI * let_out)
+        return (base + lobe) * wi[2]
 
-    @wp.func(name=f"principled_refracted_{name}")
+    return diffuse
+
+
+@specialised()
+def _make_refraction(split: wp.Function) -> wp.Function:
+    """Return (bsdf, base, wo, wi, share) -> Response of facets that refract into a body."""
+
+    @wp.func
     def refracted(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, share: float) -> Response:
         r = Response()
         eta = seen_index(bsdf)
@@ -127,13 +155,30 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             s = split(b, cos_o, wp.where(bsdf.front, cos_o, cos_i))
             density = ggx.d(m, b.shape) * cos_o * refraction_density(cos_o, cos_i, eta)
             density = density / ggx.projected_area(wo, b.shape)
-            # G1(wi) = cosθi / P: with visible normals that of wo is in the density.
+            # G1(wi) = cosθi / P: the density of visible normals contains that of wo.
             hidden = -wi[2] / ggx.projected_area(-wi, b.shape)
             r.value = s.transmitted * (density * hidden / (eta * eta))
             r.density = density * (1.0 - s.chosen) * share
         return r
 
-    @wp.func(name=f"principled_evaluate_{name}")
+    return refracted
+
+
+@specialised()
+def make_base_layer(features: tuple[str, ...]) -> Layer:
+    """Return the layer below sheen and coat."""
+    body = "transmission" in features
+    thin = "thin" in features
+    transmits = body or thin
+    base_of = make_base_of(features)
+    split = make_split(transmits)
+    outside = make_cos_outside(body)
+    turned = make_turned(features)
+    shares = _make_energy(features).shares
+    diffuse = _make_diffuse(features)
+    refracted = _make_refraction(split)
+
+    @wp.func
     def evaluate(bsdf: Bsdf, viewer: wp.vec3, light: wp.vec3) -> Response:
         wo = turned(bsdf, viewer, 1.0)
         wi = turned(bsdf, light, 1.0)
@@ -144,13 +189,13 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         r = Response()
         r.albedo = wp.min(parts[0] + parts[1], 1.0)
         if wi[2] > 0.0:
-            # wo·m is half the length of wo + wi, the same from both sides to the last bit.
+            # wo·m is half the length of wo + wi, bit for bit the same when they are swapped.
             cos_m = 0.5 * wp.length(wo + wi)
             s = split(b, cos_m, outside(bsdf, cos_m))
             facets = facet_response(wo, wi, b.shape)
             r.value = s.reflected * facets[0]
             if parts[1] > 0.0:
-                r.value = r.value + spread(bsdf, b, wo, wi, white)
+                r.value = r.value + diffuse(bsdf, b, wo, wi, white)
             r.density = facets[1] * s.chosen * share + INV_PI * wi[2] * (1.0 - share)
             return r
         if wp.static(thin):
@@ -166,7 +211,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             r.density = through.density
         return r
 
-    @wp.func(name=f"principled_direction_{name}")
+    @wp.func
     def direction(bsdf: Bsdf, viewer: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         wo = turned(bsdf, viewer, 1.0)
         b = base_of(bsdf)
@@ -189,7 +234,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
                     wi = wp.where(wi[2] < 0.0, wi, wp.vec3(0.0))
         return turned(bsdf, wi, -1.0)
 
-    @wp.func(name=f"principled_albedo_{name}")
+    @wp.func
     def albedo(bsdf: Bsdf, viewer: wp.vec3) -> float:
         b = base_of(bsdf)
         wo = turned(bsdf, viewer, 1.0)
@@ -199,27 +244,26 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
     return Layer(evaluate, direction, albedo)
 
 
-@functools.cache
+@specialised()
 def make_principled(*features: str) -> Model:
-    """Return the model with some of FEATURE_ROWS, in that order; "transmission" of a body or "thin", of a sheet.
+    """Return the model with some of FEATURE_ROWS, in that order; "transmission" is for bodies, "thin" for sheets.
 
     Raises:
-        ValueError: where there is no such feature, or they come in another order.
+        ValueError: if a feature is unknown or out of order.
     """
     if [f for f in FEATURE_ROWS if f in features] != list(features) or {"transmission", "thin"} <= set(features):
         raise ValueError(f"no principled model of {', '.join(features)}: features are {', '.join(FEATURE_ROWS)}")
     rows = rows_of(features)
     body = "transmission" in features
     transmits = body or "thin" in features
-    name = name_of(features)
     layer = make_base_layer(tuple(f for f in features if f not in ("coat", "sheen")))
     if "sheen" in features:
-        layer = add_sheen(name, layer, rows["sheen_color"], rows["sheen_roughness"], body)
+        layer = add_sheen(layer, rows["sheen_color"], rows["sheen_roughness"], body)
     if "coat" in features:
-        layer = add_coat(name, layer, rows["coat"], rows["coat_roughness"], body)
+        layer = add_coat(layer, rows["coat"], rows["coat_roughness"], body)
     respond, direction = layer.evaluate, layer.direction
 
-    @wp.func(name=f"principled_{name}")
+    @wp.func
     def respond_to(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
         if wo[2] <= 0.0 or wi[2] == 0.0:
             return Response()
@@ -228,15 +272,15 @@ def make_principled(*features: str) -> Model:
                 return Response()
         return respond(bsdf, wo, wi)
 
-    @wp.func(name=f"principled_value_{name}")
+    @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         return respond_to(bsdf, wo, wi).value
 
-    @wp.func(name=f"principled_pdf_{name}")
+    @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         return respond_to(bsdf, wo, wi).density
 
-    @wp.func(name=f"principled_sample_{name}")
+    @wp.func
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         s = no_sample()
         wi = direction(bsdf, wo, u, u_lobe)

@@ -1,11 +1,11 @@
-"""What a reflection model is given, what it answers, and what a model is."""
+"""The interface of reflection models: their input, their samples, and the model itself."""
 
 from typing import NamedTuple
 
 import warp as wp
 
 MAX_SLOTS = 16
-"""The most values (colours or numbers) that one model may read."""
+"""The most values (colours or numbers) that a model may read."""
 
 slot_values = wp.types.matrix(shape=(MAX_SLOTS, 3), dtype=float)
 
@@ -14,11 +14,10 @@ slot_values = wp.types.matrix(shape=(MAX_SLOTS, 3), dtype=float)
 class Bsdf:
     """A material at one point: its model and the values there.
 
-    Row k of `slots` is a colour, or a number repeated three times; each model's file names its rows.
-    The frame's z is the shading normal and faces the viewer; `front` tells whether that is the front
-    of the surface. A model that reads a table finds it in `tables` from `table` on. `normal_variance` is
-    that of the slopes along the frame's x and y which a filtered normal map has averaged away: a rough model
-    adds it to its roughness (`kernels/microfacet/widening.py`).
+    Row k of `slots` is a colour, or a number repeated three times; each model's file names its rows. The frame's z is
+    the shading normal and faces the viewer; `front` tells whether this is the front of the surface. A model's table
+    begins at `table` in `tables`. `normal_variance` is the variance of slopes along the frame's x and y that a
+    filtered normal map has averaged away; a rough model adds it to its roughness (`kernels/microfacet/widening.py`).
     """
 
     model: int
@@ -31,10 +30,10 @@ class Bsdf:
 
 @wp.struct
 class BsdfSample:
-    """A direction drawn from a BSDF.
+    """A direction sampled from a BSDF.
 
-    `weight` is f |cosθi| / pdf and zero where there is none; `pdf` is per solid angle and 0 where
-    `delta` says that the direction was the only one possible; `eta` is n_t / n_i, 1 but on refraction.
+    `weight` is f |cosθi| / pdf, zero for no direction; `pdf` is per solid angle, and 0 for a `delta` direction; `eta`
+    is n_t / n_i, and 1 except on refraction.
     """
 
     wi: wp.vec3
@@ -46,7 +45,7 @@ class BsdfSample:
 
 @wp.struct
 class SpecularLobes:
-    """The single directions that light goes in at a smooth surface: mirrored, and `through`.
+    """The mirrored direction and the direction `through` a smooth surface.
 
     Weights are f |cosθi| without its delta; `eta` is n_t / n_i for `through`.
     """
@@ -61,18 +60,19 @@ class Model(NamedTuple):
     """A reflection model: three device functions in the local frame whose z faces the viewer.
 
     Attributes:
-        evaluate: (bsdf, wo, wi) -> vec3, f |cosθi| without what goes in single directions only.
-        pdf: (bsdf, wo, wi) -> float, the density per solid angle of what `sample` draws of that.
+        evaluate: (bsdf, wo, wi) -> vec3, f |cosθi| without delta lobes.
+        pdf: (bsdf, wo, wi) -> float, the density of `sample` per solid angle, without delta lobes.
         sample: (bsdf, wo, u: vec2, u_lobe: float) -> BsdfSample.
-        slots: how many values it reads, at most MAX_SLOTS.
-        delta: whether `evaluate` is zero everywhere, so that sampling lights for it is useless.
-        transmits: whether light may come through the surface.
-        matt: whether nothing in it goes mainly in the mirror direction: normal maps may then be steeper.
-        widens: whether it adds `Bsdf.normal_variance` to its roughness; only then normal maps may be filtered.
-        specular: (bsdf, wo) -> SpecularLobes, the single directions for ray trees; None where it has none.
-        straight: (bsdf, wo) -> vec3, the share of light that comes straight through from −wo, for models that let
-            none through in any other way, and `sample` as delta; None for all others. Shadow rays then pass.
-        index_slot: which value is the refractive index inside over outside, for bodies within one another; −1: none.
+        slots: the number of values that it reads, at most MAX_SLOTS.
+        delta: whether it has delta lobes only, so that `evaluate` is zero and sampling lights useless.
+        transmits: whether light can come through the surface.
+        matt: whether no lobe is centred on the mirror direction: normal maps may then be steeper.
+        widens: whether it adds `Bsdf.normal_variance` to its roughness; only then can normal maps be filtered.
+        specular: (bsdf, wo) -> SpecularLobes, the delta directions for ray trees; None for models without.
+        jitters: whether ray trees send rays of its `sample` on from it.
+        straight: (bsdf, wo) -> vec3, the share of light that comes straight through from −wo, for models that transmit
+            in no other way and sample this as delta; None for all others. Shadow rays then pass.
+        index_slot: the row of the refractive index inside over outside, for nested bodies; −1 for none.
     """
 
     evaluate: wp.Function
@@ -84,13 +84,14 @@ class Model(NamedTuple):
     matt: bool = False
     widens: bool = False
     specular: wp.Function | None = None
+    jitters: bool = False
     straight: wp.Function | None = None
     index_slot: int = -1
 
 
 @wp.func
 def no_sample() -> BsdfSample:
-    """Return that there is no direction to go in."""
+    """Return a sample without a direction."""
     s = BsdfSample()
     s.wi = wp.vec3(0.0, 0.0, 1.0)
     s.weight = wp.vec3(0.0)
@@ -102,7 +103,7 @@ def no_sample() -> BsdfSample:
 
 @wp.func
 def mirror_sample(wo: wp.vec3, reflectance: wp.vec3) -> BsdfSample:
-    """Return the ideal mirror direction."""
+    """Return the ideal mirror direction with this weight."""
     s = BsdfSample()
     s.wi = wp.vec3(-wo[0], -wo[1], wo[2])
     s.weight = reflectance
@@ -114,7 +115,7 @@ def mirror_sample(wo: wp.vec3, reflectance: wp.vec3) -> BsdfSample:
 
 @wp.func
 def mirror_lobe(reflectance: wp.vec3) -> SpecularLobes:
-    """Return the ideal mirror direction alone."""
+    """Return the ideal mirror direction as the only lobe."""
     lobes = SpecularLobes()
     lobes.reflected = reflectance
     lobes.transmitted = wp.vec3(0.0)
@@ -125,17 +126,17 @@ def mirror_lobe(reflectance: wp.vec3) -> SpecularLobes:
 
 @wp.func
 def no_lobes(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
-    """Return that nothing goes in single directions."""
+    """Return no delta directions."""
     return mirror_lobe(wp.vec3(0.0))
 
 
 @wp.func
 def zero_evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-    """Return the value of a BSDF that is not zero in single directions only, in any other."""
+    """Return zero, the value of a model with delta lobes only."""
     return wp.vec3(0.0)
 
 
 @wp.func
 def zero_pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return the density of a BSDF that samples single directions only, in any other."""
+    """Return zero, the density of a model with delta lobes only."""
     return 0.0

@@ -1,14 +1,12 @@
-"""A rough metal: mirror facets too small to see, f = F D G / (4 cosθi cosθo).
+"""A rough metal of mirror microfacets, f = F D G / (4 cosθi cosθo).
 
-Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007, eq. 20. Optionally the light that facets block
-bounces on (`kernels/albedo.py`).
+Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007, eq. 20. Optionally with multiple bounces between
+facets (`kernels/bsdf/lobes/albedo.py`).
 """
-
-import functools
 
 import warp as wp
 
-from wrt.kernels.albedo import (
+from wrt.kernels.bsdf.lobes.albedo import (
     average_missing_energy,
     missing_energy,
     multiple_bounce_fresnel,
@@ -16,18 +14,19 @@ from wrt.kernels.albedo import (
     multiple_bounces_pdf,
     sample_multiple_bounces,
 )
-from wrt.kernels.bsdf.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.lobes.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_conductor, fresnel_schlick
 from wrt.kernels.bsdf.record import Bsdf, Model
-from wrt.kernels.fresnel import fresnel_conductor, fresnel_schlick
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.microfacet.widening import WIDENED
+from wrt.kernels.specialise import specialised
 
 # Slot 0 is the shape of the distribution: see facets.py.
-REFLECTANCE = wp.constant(1)  # what Fresnel's reflectance is multiplied by
+REFLECTANCE = wp.constant(1)  # factor of Fresnel's reflectance
 F0 = wp.constant(2)  # of "schlick"
 ETA = wp.constant(2)  # of "conductor"
 K = wp.constant(3)
-AVERAGE = wp.constant(4)  # reflectance averaged over the hemisphere, 2 ∫ F μ dμ; read for multiple bounces alone
+AVERAGE = wp.constant(4)  # mean reflectance over the hemisphere, 2 ∫ F μ dμ; for multiple bounces only
 
 FRESNELS = ("conductor", "schlick")
 BOUNCES = ("single", "multiple")
@@ -55,18 +54,18 @@ def _average_schlick(bsdf: Bsdf) -> wp.vec3:
     return wp.cw_mul(bsdf.slots[REFLECTANCE], f0 + (wp.vec3(1.0) - f0) / 21.0)
 
 
-@functools.cache
+@specialised()
 def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces: str = "single") -> Model:
     """Return the model of a rough metal.
 
     Args:
-        distribution: of normals, a name in `kernels.microfacet.DISTRIBUTIONS`.
+        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`.
         masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
-        fresnel: "conductor" by a complex index η + ik, or "schlick" by the reflectance at normal incidence.
-        bounces: "single", or "multiple" for a white surface to reflect all light.
+        fresnel: "conductor" with a complex index η + ik, or "schlick" with the reflectance at normal incidence.
+        bounces: "single", or "multiple", with which a white surface reflects all light.
 
     Raises:
-        ValueError: where there is no such thing, or distribution and masking do not go together.
+        ValueError: if a name is unknown, or distribution and masking do not go together.
     """
     if fresnel not in FRESNELS or bounces not in BOUNCES:
         raise ValueError(f"no rough conductor of {fresnel!r} and {bounces!r} bounces")
@@ -75,19 +74,18 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
     shape_of = make_shape_of(distribution)
     conductor = fresnel == "conductor"
     reflectance = _reflectance_conductor if conductor else _reflectance_schlick
-    suffix = f"{distribution}_{masking}_{fresnel}_{bounces}".replace("-", "_")
 
-    @wp.func(name=f"rough_conductor_evaluate_{suffix}")
+    @wp.func
     def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return wp.vec3(0.0)
         shape = shape_of(bsdf)
         m = wp.normalize(wo + wi)
-        # cosθo below cannot be the cosine that G brings where both are next to nothing.
+        # Do not cancel cosθo against the cosine in G: both may be close to zero.
         value = d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
         return reflectance(bsdf, wp.min(wp.dot(wo, m), 1.0)) * value
 
-    @wp.func(name=f"rough_conductor_pdf_{suffix}")
+    @wp.func
     def pdf_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return 0.0
@@ -95,7 +93,7 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
         # dω_m / dω_i = 1 / (4 wo·m): Walter et al. 2007, eq. 14.
         return normal_pdf(wo, m, shape_of(bsdf)) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
 
-    @wp.func(name=f"rough_conductor_direction_{suffix}")
+    @wp.func
     def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         return mirrored(wo, sample_normal(wo, shape_of(bsdf), u))
 
@@ -104,31 +102,30 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
     if bounces == "multiple":
         average = _average_conductor if conductor else _average_schlick
         evaluate, pdf, direction = _with_multiple_bounces(
-            suffix, make_alpha_of(distribution), average, evaluate_single, pdf_single, direction_single
+            make_alpha_of(distribution), average, evaluate_single, pdf_single, direction_single
         )
         slots = {"schlick": 3, "conductor": 5}[fresnel]
-    sample = make_sample(f"rough_conductor_sample_{suffix}", evaluate, pdf, direction)
+    sample = make_sample(evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=slots, widens=distribution in WIDENED)
 
 
 def _with_multiple_bounces(
-    suffix: str,
     alpha_of: wp.Function,
     average: wp.Function,
     evaluate_single: wp.Function,
     pdf_single: wp.Function,
     direction_single: wp.Function,
 ) -> tuple[wp.Function, wp.Function, wp.Function]:
-    """Return the functions of a model of one bounce with the lobe of all further ones.
+    """Return the functions of a single-bounce model with the lobe of all further bounces added.
 
-    That lobe is sampled as often as it has a share of a white surface's light, 1 − E(wo).
+    The lobe is sampled in proportion to its share of a white surface's reflection, 1 − E(wo).
     """
 
-    @wp.func(name=f"rough_conductor_missing_{suffix}")
+    @wp.func
     def missing(bsdf: Bsdf, w: wp.vec3) -> float:
         return missing_energy(bsdf.tables, bsdf.table, w, alpha_of(bsdf))
 
-    @wp.func(name=f"rough_conductor_evaluate_all_{suffix}")
+    @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return wp.vec3(0.0)
@@ -136,7 +133,7 @@ def _with_multiple_bounces(
         lobe = multiple_bounce_lobe(missing(bsdf, wo), missing(bsdf, wi), lost) * wi[2]
         return evaluate_single(bsdf, wo, wi) + multiple_bounce_fresnel(average(bsdf), lost) * lobe
 
-    @wp.func(name=f"rough_conductor_pdf_all_{suffix}")
+    @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return 0.0
@@ -144,7 +141,7 @@ def _with_multiple_bounces(
         other = multiple_bounces_pdf(bsdf.tables, bsdf.table, wi, alpha_of(bsdf))
         return (1.0 - share) * pdf_single(bsdf, wo, wi) + share * other
 
-    @wp.func(name=f"rough_conductor_direction_all_{suffix}")
+    @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         if u_lobe < missing(bsdf, wo):
             return sample_multiple_bounces(bsdf.tables, bsdf.table, alpha_of(bsdf), u)

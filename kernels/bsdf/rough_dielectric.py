@@ -1,37 +1,41 @@
-"""A rough boundary between two transparent media: facets too small to see that each reflect and refract.
+"""A rough boundary between two transparent media, whose microfacets reflect and refract.
 
 Walter, Marschner, Li and Torrance, "Microfacet models for refraction through rough surfaces" (2007); the equations
-below are theirs. A normal m is drawn for the viewer, and Fresnel's equations there choose between both ways. Light
-comes from wi, where it was refracted in the medium of index n_t, and goes to wo, in that of n_i; eta = n_t / n_i.
-Radiance is scaled by (n_i / n_t)² on refraction, as in `kernels/bsdf/dielectric.py` and in eq. 21. Optionally the
-light that facets block bounces on (`kernels/albedo_dielectric.py`).
+below are theirs. Sample a normal m for the viewer; Fresnel's equations at m choose between reflection and refraction.
+Light comes from wi, where it was refracted in the medium of index n_t, and goes to wo, in that of n_i; eta = n_t / n_i.
+Radiance is scaled by (n_i / n_t)² on refraction, as in `kernels/bsdf/dielectric.py` and in eq. 21. Optionally with
+multiple bounces between facets (`kernels/bsdf/lobes/albedo_dielectric.py`).
 
-Where both indices are the same nothing is refracted and half vectors are nothing. Within INDEX_MATCHED of that, light
-passes straight through, unhindered.
+With equal indices nothing is refracted, and half vectors degenerate. If the indices agree within INDEX_MATCHED, light
+passes straight through.
 """
-
-import functools
 
 import warp as wp
 
-from wrt.kernels.albedo import missing_energy
-from wrt.kernels.albedo_dielectric import dielectric_lobes, dielectric_lobes_pdf, sample_dielectric_lobes, side_table
 from wrt.kernels.bsdf.dielectric import seen_from
-from wrt.kernels.bsdf.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.lobes.albedo import missing_energy
+from wrt.kernels.bsdf.lobes.albedo_dielectric import (
+    dielectric_lobes,
+    dielectric_lobes_pdf,
+    sample_dielectric_lobes,
+    side_table,
+)
+from wrt.kernels.bsdf.lobes.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
-from wrt.kernels.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.microfacet.widening import WIDENED
+from wrt.kernels.specialise import specialised
 
 # Slot 0 is the shape of the distribution: see facets.py.
 IOR = wp.constant(1)  # n_inside / n_outside
-REFLECTANCE = wp.constant(2)  # what reflected light is multiplied by
-TRANSMITTANCE = wp.constant(3)  # what refracted light is multiplied by
+REFLECTANCE = wp.constant(2)  # factor of reflected light
+TRANSMITTANCE = wp.constant(3)  # factor of refracted light
 
 INDEX_MATCHED = wp.constant(1.0e-3)
-"""|eta − 1| below which a boundary counts as none. Half vectors lose digits as 1 / |eta − 1|. Such a boundary reflects
-at most 2.5e-7 of the light at normal incidence and 1 % up to 86 degrees, and bends it by less than 0.06 degrees per
-unit of slope."""
+"""|eta − 1| below which a boundary is ignored. Half vectors lose digits as 1 / |eta − 1|. Such a boundary reflects at
+most 2.5e-7 of the light at normal incidence and 1 % up to 86 degrees, and bends it by less than 0.06 degrees per unit
+of slope."""
 
 BELOW_ONE = wp.constant(0.99999994)
 BOUNCES = ("single", "multiple")
@@ -39,16 +43,16 @@ BOUNCES = ("single", "multiple")
 
 @wp.func
 def is_matched(eta: float) -> bool:
-    """Return whether the two media are as good as one."""
+    """Return whether the two indices are practically the same."""
     return wp.abs(eta - 1.0) < INDEX_MATCHED
 
 
 @wp.func
 def facet_normal(wo: wp.vec3, wi: wp.vec3, eta: float) -> wp.vec3:
-    """Return the normal of the facets that send light from wi to wo; zero where there are none.
+    """Return the normal of the facets that send light from wi to wo; zero if there are none.
 
-    By reflection (eq. 13) or, where wi is below the surface, by refraction (eq. 16). Each direction must be on the
-    same side of the facet as of the surface.
+    It belongs to reflection (eq. 13) or, if wi is below the surface, to refraction (eq. 16). Each direction must be on
+    the same side of the facet as of the surface.
     """
     m = wp.normalize(wo + wi * wp.where(wi[2] > 0.0, 1.0, eta))
     m = wp.where(m[2] < 0.0, -m, m)
@@ -59,7 +63,7 @@ def facet_normal(wo: wp.vec3, wi: wp.vec3, eta: float) -> wp.vec3:
 
 @wp.func
 def cosine_to(m: wp.vec3, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return the cosine of wo to the facet; of reflection the mean of both, which are the same but for rounding."""
+    """Return the cosine of wo to the facet; for reflection the mean with that of wi, which differs by rounding only."""
     cos_o = wp.dot(wo, m)
     if wi[2] > 0.0:
         return 0.5 * (cos_o + wp.dot(wi, m))
@@ -68,7 +72,7 @@ def cosine_to(m: wp.vec3, wo: wp.vec3, wi: wp.vec3) -> float:
 
 @wp.func
 def transmittance(cos_o: float, cos_i: float, eta: float) -> float:
-    """Return 1 − F for positive cosines on both sides: precise where it is small, and the same from both sides.
+    """Return 1 − F for positive cosines on both sides: precise when small, and the same from both sides.
 
     (T_s + T_p) / 2 (Born and Wolf, 1.5.3), where each is 4 n n' cosθ cosθ' over the square of a sum.
     """
@@ -81,32 +85,31 @@ def transmittance(cos_o: float, cos_i: float, eta: float) -> float:
 def refraction_density(cos_o: float, cos_i: float, eta: float) -> float:
     """Return dω_m / dω_i of refraction, eta² cosθi / (cosθo − eta cosθi)² (eq. 17), for positive cosines to m.
 
-    By Snell's law the denominator's root is (1 − eta²) / (cosθo + eta cosθi), without a difference of near numbers.
+    By Snell's law the root of the denominator is (1 − eta²) / (cosθo + eta cosθi), which does not cancel.
     """
     root = eta * (cos_o + eta * cos_i) / ((1.0 - eta) * (1.0 + eta))
     return root * root * cos_i
 
 
-@functools.cache
+@specialised()
 def make_rough_dielectric(distribution: str, masking: str, bounces: str = "single") -> Model:
     """Return the model of a rough dielectric.
 
     Args:
-        distribution: of normals, a name in `kernels.microfacet.DISTRIBUTIONS`.
+        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`.
         masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
-        bounces: "single", or "multiple" for light not to be lost.
+        bounces: "single", or "multiple", with which no light is lost.
 
     Raises:
-        ValueError: where there is no such thing, or distribution and masking do not go together.
+        ValueError: if a name is unknown, or distribution and masking do not go together.
     """
     if bounces not in BOUNCES:
         raise ValueError(f"no rough dielectric of {bounces!r} bounces")
     parts = make_microfacet(distribution, masking)
     d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
     shape_of = make_shape_of(distribution)
-    suffix = f"{distribution}_{masking}_{bounces}".replace("-", "_")
 
-    @wp.func(name=f"rough_dielectric_evaluate_{suffix}")
+    @wp.func
     def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         m = facet_normal(wo, wi, eta)
@@ -114,7 +117,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
         if cos_o <= 0.0 or is_matched(eta):
             return wp.vec3(0.0)
         shape = shape_of(bsdf)
-        # cosθo below cannot be the cosine that G brings where both are next to nothing.
+        # Do not cancel cosθo against the cosine in G: both may be close to zero.
         value = d(m, shape) * g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
         if wi[2] > 0.0:
             return bsdf.slots[REFLECTANCE] * (0.25 * fresnel_dielectric(cos_o, eta) * value)  # eq. 20
@@ -122,7 +125,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
         scale = transmittance(cos_o, cos_i, eta) * cos_o * refraction_density(cos_o, cos_i, eta) / (eta * eta)
         return bsdf.slots[TRANSMITTANCE] * (scale * value)  # eq. 21
 
-    @wp.func(name=f"rough_dielectric_pdf_{suffix}")
+    @wp.func
     def pdf_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         m = facet_normal(wo, wi, eta)
@@ -135,7 +138,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
         cos_i = -wp.dot(wi, m)
         return transmittance(cos_o, cos_i, eta) * density * refraction_density(cos_o, cos_i, eta)  # eq. 17 and 38
 
-    @wp.func(name=f"rough_dielectric_direction_{suffix}")
+    @wp.func
     def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         m = sample_normal(wo, shape_of(bsdf), u)
@@ -143,7 +146,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
         if cos_o <= 0.0:
             return wp.vec3(0.0)
         if u_lobe < fresnel_dielectric(cos_o, eta):
-            return mirrored(wo, m)  # eq. 39; zero where it is below, which is no direction of refraction
+            return mirrored(wo, m)  # eq. 39; zero if below the surface, where it cannot be refraction
         cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
         wi = m * (cos_o / eta - cos_t) - wo / eta  # eq. 40
         return wp.where(wi[2] < 0.0, wp.normalize(wi), wp.vec3(0.0))
@@ -151,16 +154,16 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
     if bounces == "multiple":
         evaluate, pdf, direction = _with_multiple_bounces(
-            suffix, make_alpha_of(distribution), evaluate_single, pdf_single, direction_single
+            make_alpha_of(distribution), evaluate_single, pdf_single, direction_single
         )
-    sample = _or_straight_on(suffix, make_sample(f"rough_dielectric_facets_{suffix}", evaluate, pdf, direction))
+    sample = _or_straight_on(make_sample(evaluate, pdf, direction))
     return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=distribution in WIDENED, index_slot=int(IOR))
 
 
-def _or_straight_on(suffix: str, sample_facets: wp.Function) -> wp.Function:
-    """Return the sampling of the facets or, where both media are as good as one, of the way straight on."""
+def _or_straight_on(sample_facets: wp.Function) -> wp.Function:
+    """Return the sampling of the facets or, if the indices match, of the direction straight on."""
 
-    @wp.func(name=f"rough_dielectric_sample_{suffix}")
+    @wp.func
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         if is_matched(eta):
@@ -178,22 +181,21 @@ def _or_straight_on(suffix: str, sample_facets: wp.Function) -> wp.Function:
 
 
 def _with_multiple_bounces(
-    suffix: str,
     alpha_of: wp.Function,
     evaluate_single: wp.Function,
     pdf_single: wp.Function,
     direction_single: wp.Function,
 ) -> tuple[wp.Function, wp.Function, wp.Function]:
-    """Return the functions of a model of one bounce with the lobes of all further ones.
+    """Return the functions of a single-bounce model with the lobes of all further bounces added.
 
-    Those are sampled as often as they have a share of the light, 1 − E(wo).
+    They are sampled in proportion to their share of the light, 1 − E(wo).
     """
 
-    @wp.func(name=f"rough_dielectric_missing_{suffix}")
+    @wp.func
     def missing(bsdf: Bsdf, wo: wp.vec3) -> float:
         return missing_energy(bsdf.tables, side_table(bsdf.table, bsdf.front), wo, alpha_of(bsdf))
 
-    @wp.func(name=f"rough_dielectric_evaluate_all_{suffix}")
+    @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(eta):
@@ -204,7 +206,7 @@ def _with_multiple_bounces(
             further = bsdf.slots[TRANSMITTANCE] * (lobes / (eta * eta))
         return evaluate_single(bsdf, wo, wi) + further
 
-    @wp.func(name=f"rough_dielectric_pdf_all_{suffix}")
+    @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if wo[2] <= 0.0 or wi[2] == 0.0 or is_matched(seen_from(bsdf.slots[IOR][0], bsdf.front)):
             return 0.0
@@ -212,7 +214,7 @@ def _with_multiple_bounces(
         density = dielectric_lobes_pdf(bsdf.tables, bsdf.table, bsdf.front, wi, alpha_of(bsdf))
         return (1.0 - further) * pdf_single(bsdf, wo, wi) + further * density
 
-    @wp.func(name=f"rough_dielectric_direction_all_{suffix}")
+    @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         further = missing(bsdf, wo)
         if u_lobe < further:

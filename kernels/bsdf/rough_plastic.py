@@ -1,31 +1,35 @@
-"""Rough plastic: a diffuse base under a rough transparent coat, which the base's light leaves only in part.
+"""Rough plastic: a diffuse base under a rough transparent coat with inner reflections.
 
 The model of kernels/bsdf/plastic.py with a microfacet reflection (Walter, Marschner, Li and Torrance 2007) in place of
-the mirror, and tables (kernels/coat.py) in place of Fresnel's transmittance:
+the mirror, and tables (kernels/bsdf/lobes/coat_transmittance.py) in place of Fresnel's transmittance:
 
     f = F D G / (4 cosθo cosθi) + ρ/π T(θo) T(θi) / (η² (1 − R ρ)).
 
-Light that is refracted by the rough coat is taken to reach a base that forgets where it came from.
+Light that the rough coat refracts to the base is assumed to lose its direction there.
 """
-
-import functools
 
 import warp as wp
 
-from wrt.kernels.bsdf.facets import make_sample, mirrored
+from wrt.kernels.bsdf.lobes.coat_transmittance import (
+    coat_column,
+    coat_internal_reflectance,
+    coat_transmittance,
+    transmitted,
+)
+from wrt.kernels.bsdf.lobes.facets import make_sample, mirrored
 from wrt.kernels.bsdf.plastic import base_reflectance, base_share
 from wrt.kernels.bsdf.record import Bsdf, Model
-from wrt.kernels.coat import coat_column, coat_internal_reflectance, coat_transmittance, transmitted
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.microfacet.widening import widened_evenly
-from wrt.kernels.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.specialise import specialised
 
-# The first two are those of plastic.py, for `base_share`.
+# The first two rows agree with plastic.py, for `base_share`.
 REFLECTANCE = wp.constant(0)  # of the base
-SPECULAR = wp.constant(1)  # what light reflected by the coat is multiplied by
+SPECULAR = wp.constant(1)  # factor of light reflected by the coat
 IOR = wp.constant(2)  # n of the coat / n outside
 ALPHA = wp.constant(3)
-NONLINEAR = wp.constant(4)  # 1 where colours shift by inner reflections, else 0
+NONLINEAR = wp.constant(4)  # 1 if inner reflections shift colours, else 0
 
 
 @wp.func
@@ -50,30 +54,29 @@ def base_value(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3, alpha: float) -> wp.vec3:
     return base * (INV_PI * wi[2] * let_in(bsdf, wo, alpha) * let_in(bsdf, wi, alpha) / (eta * eta))
 
 
-@functools.cache
+@specialised()
 def make_rough_plastic(distribution: str, masking: str) -> Model:
-    """Return the model for a distribution of normals that has a roughness α and a masking (see kernels/microfacet).
+    """Return the model for a masking and a distribution of normals with a roughness α (see kernels/microfacet).
 
     Raises:
-        ValueError: where they do not go together.
+        ValueError: if they do not go together.
     """
     parts = make_microfacet(distribution, masking)
     d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
-    suffix = f"{distribution}_{masking}".replace("-", "_")
 
-    @wp.func(name=f"rough_plastic_evaluate_{suffix}")
+    @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return wp.vec3(0.0)
         shape = coat_shape(bsdf)
         h = wo + wi
         m = wp.normalize(h)
-        # wo·m = wi·m = |wo + wi| / 2: the same to the last bit when light and viewer change places.
+        # wo·m = wi·m = |wo + wi| / 2, bit for bit the same when light and viewer are swapped.
         reflected = 1.0 - transmitted(wp.min(0.5 * wp.length(h), 1.0), bsdf.slots[IOR][0])
         coat = reflected * d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
         return bsdf.slots[SPECULAR] * coat + base_value(bsdf, wo, wi, shape[0])
 
-    @wp.func(name=f"rough_plastic_pdf_{suffix}")
+    @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return 0.0
@@ -84,12 +87,12 @@ def make_rough_plastic(distribution: str, masking: str) -> Model:
         coat = normal_pdf(wo, m, shape) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
         return share * INV_PI * wi[2] + (1.0 - share) * coat
 
-    @wp.func(name=f"rough_plastic_direction_{suffix}")
+    @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         shape = coat_shape(bsdf)
         if u_lobe < base_share(bsdf, let_in(bsdf, wo, shape[0])):
             return square_to_cosine_hemisphere(u)
         return mirrored(wo, sample_normal(wo, shape, u))
 
-    sample = make_sample(f"rough_plastic_sample_{suffix}", evaluate, pdf, direction)
+    sample = make_sample(evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=5, widens=True)

@@ -1,15 +1,14 @@
-"""Microfacet theory: distributions of normals D, and shadowing and masking G, in any combination that exists.
+"""Microfacet theory: distributions of normals D and masking-shadowing G, in all valid combinations.
 
-A distribution is a file with device functions of a unit normal m in the local frame, and of the `shape` that its
-heading explains:
+A distribution is a file with device functions of a unit normal m in the local frame and a `shape`, which the file's
+docstring explains:
 
     d(m, shape)     normal_pdf(wo, m, shape)     sample_normal(wo, shape, u)     smith_lambda(w, shape), where known
 
-∫ d cosθ dω = 1, and normal_pdf is the density of sample_normal per solid angle. wo is on the side of +z. Roughnesses
-must be at least LEAST_ALPHA.
+∫ d cosθ dω = 1, and normal_pdf is the density of sample_normal per solid angle. wo has z > 0. Roughnesses must be at
+least LEAST_ALPHA.
 """
 
-import functools
 from types import ModuleType
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ import warp as wp
 
 from wrt.kernels.microfacet import abc, beckmann, blinn_phong, ggx, sgd
 from wrt.kernels.microfacet.masking import GENERAL, SMITH, WALTER, make_masking
+from wrt.kernels.specialise import specialised
 
 DISTRIBUTIONS: dict[str, ModuleType] = {
     "ggx": ggx,
@@ -27,16 +27,16 @@ DISTRIBUTIONS: dict[str, ModuleType] = {
 }
 MASKINGS = (*SMITH, *WALTER, *GENERAL)
 LEAST_ALPHA = wp.constant(1.0e-4)
-"""The least roughness of ggx, beckmann and blinn-phong for which these functions are accurate in float32."""
+"""The least roughness of ggx, beckmann and blinn-phong at which these functions are accurate in float32."""
 
 
 class Microfacet(NamedTuple):
-    """A distribution of normals with its shadowing and masking.
+    """A distribution of normals with its masking-shadowing function.
 
     Attributes:
         d: (m, shape) -> float, the density of normals per area and solid angle.
-        g: (wo, wi, m, shape) -> float, what both directions see of the microfacets of normal m.
-        g1: (w, m, shape) -> float, what one direction sees of them.
+        g: (wo, wi, m, shape) -> float, the share of microfacets with normal m that both directions see.
+        g1: (w, m, shape) -> float, the share that one direction sees.
         sample_normal: (wo, shape, u: vec2) -> vec3.
         normal_pdf: (wo, m, shape) -> float, per solid angle of m.
     """
@@ -48,12 +48,12 @@ class Microfacet(NamedTuple):
     normal_pdf: wp.Function
 
 
-@functools.cache
+@specialised()
 def make_microfacet(distribution: str, masking: str) -> Microfacet:
-    """Return the device functions for a distribution in DISTRIBUTIONS and a masking in MASKINGS.
+    """Return the device functions of a distribution in DISTRIBUTIONS and a masking in MASKINGS.
 
     Raises:
-        ValueError: where there is no such distribution or masking, or they do not go together.
+        ValueError: if either name is unknown, or the two cannot be combined.
     """
     if distribution not in DISTRIBUTIONS:
         raise ValueError(f"no distribution {distribution!r}: there are {', '.join(DISTRIBUTIONS)}")
@@ -64,7 +64,7 @@ def make_microfacet(distribution: str, masking: str) -> Microfacet:
 
 
 def maskings_of(distribution: str) -> tuple[str, ...]:
-    """Return the names of the maskings that go with a distribution."""
+    """Return the names of the maskings that a distribution can be combined with."""
     smith_lambda = getattr(DISTRIBUTIONS[distribution], "smith_lambda", None)
     smith = tuple(SMITH) if smith_lambda is not None else ()
     walter = tuple(WALTER) if smith_lambda is beckmann.smith_lambda else ()

@@ -1,30 +1,30 @@
 """The ABC distribution: D ∝ 1 / (1 + B (1 − cosθ))^C (Löw, Kronander, Ynnerman and Unger 2012).
 
-shape = (B, C, 0): B sets the width of the peak, C how steep its tail falls. The paper's factor A also holds what
-normalises D; here D is normalised, so that a reflectance may be given.
+shape = (B, C, 0): B sets the width of the peak, C the steepness of its tail. The paper's factor A includes the
+normalisation of D; here D is normalised, so that a reflectance can be given.
 
 ∫ D cosθ dω, with v = 1 − cosθ, y = 1 + B v and Y = 1 + B:
 
     2π ∫₀¹ (1 − v) (1 + B v)^−C dv = 2π/B² ∫₁^Y (Y − y) y^−C dy = 2π/B² (Y E(1 − C) − E(2 − C)),
 
-E(k) = ∫₁^Y y^(k − 1) dy = (Y^k − 1) / k, and ln Y at k = 0. The difference loses a factor of 1/B in accuracy, so
-that B has a lower limit.
+E(k) = ∫₁^Y y^(k − 1) dy = (Y^k − 1) / k, and ln Y at k = 0. The difference loses a factor of 1/B in accuracy, hence the
+lower limit of B.
 """
 
 import warp as wp
 
-from wrt.kernels.exponential import exponential
+from wrt.kernels.math.exponential import exponential
+from wrt.kernels.math.trigonometry import sine_cosine
 from wrt.kernels.microfacet.numerics import log1p, power_integral, power_integral_inverse
-from wrt.kernels.trigonometry import sine_cosine
-from wrt.kernels.warps import TWO_PI
+from wrt.kernels.sampling.warps import TWO_PI
 
 LEAST_B = wp.constant(0.1)
-"""Below, the distribution is close to a constant for any C in use; smaller values count as this one."""
+"""The least B; below, the distribution is nearly constant for any C in use."""
 
 
 @wp.func
 def _one_minus_cos(m: wp.vec3) -> float:
-    """Return 1 − cosθ from the sine: cosθ itself has no digits left where it is near 1."""
+    """Return 1 − cosθ computed from the sine: near 1, cosθ itself has no digits left."""
     return (m[0] * m[0] + m[1] * m[1]) / (1.0 + m[2])
 
 
@@ -53,7 +53,7 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
-    """Return a normal of density ∝ D: unlike that of D cosθ, its cumulative function has an inverse in closed form."""
+    """Return a normal with density ∝ D: its cumulative distribution can be inverted, unlike that of D cosθ."""
     b = wp.max(shape[0], LEAST_B)
     k = 1.0 - shape[1]
     v = wp.min(power_integral_inverse(k, u[0] * power_integral(k, log1p(b))) / b, 1.0)

@@ -5,12 +5,12 @@ Anisotropic: shape = (αu, αv, 0), of root-mean-square slopes αu/√2 along x 
 
 import warp as wp
 
-from wrt.kernels.exponential import exponential, logarithm
-from wrt.kernels.warps import PI
+from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.sampling.warps import PI
 
 INV_SQRT_PI = wp.constant(0.564189583547756)
 MOST_SLOPE = wp.constant(4.0)
-"""Slopes beyond, in units of α, have a probability of 1.5e-8: less than the smallest random number."""
+"""Slopes beyond this, in units of α, have a probability of 1.5e-8, less than the smallest random number."""
 
 STEPS = wp.constant(24)
 
@@ -33,7 +33,7 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
 def stretched_cotangent(w: wp.vec3, shape: wp.vec3) -> float:
     """Return a = 1 / (α tanθ), α the roughness towards w (Heitz 2014, section 5).
 
-    At most 10: from 5 on nothing is hidden that float32 could tell.
+    At most 10: beyond 5, masking is below the precision of float32.
     """
     x = shape[0] * w[0]
     y = shape[1] * w[1]
@@ -49,7 +49,7 @@ def smith_lambda(w: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def projected_area(w: wp.vec3, shape: wp.vec3) -> float:
-    """Return the area of visible and hidden microfacets that face w, cosθ (1 + Λ(w)): finite at grazing angles."""
+    """Return the area of visible and masked facets projected along w, cosθ (1 + Λ(w)), finite at grazing angles."""
     x = shape[0] * w[0]
     y = shape[1] * w[1]
     a = stretched_cotangent(w, shape)
@@ -70,17 +70,17 @@ def _visible_below(x: float, cos_o: float, sin_o: float) -> float:
 
 @wp.func
 def sample_visible_slope(u: float, cos_o: float, sin_o: float) -> float:
-    """Return a slope in the plane of the viewer at α = 1, of density ∝ max(0, cosθ − x sinθ) exp(−x²).
+    """Return a slope in the plane of the viewer at α = 1, with density ∝ max(0, cosθ − x sinθ) exp(−x²).
 
-    Its cumulative function is in closed form (Heitz and d'Eon 2014, supplement) and is inverted by Newton's method, as
-    in Jakob, "An improved visible normal sampling routine for the Beckmann distribution" (2014). Here the iteration
-    starts where the density is greatest. Beyond, the function is concave, so that no step passes the root; before,
-    its logarithm is, as the density is log-concave.
+    The cumulative distribution has a closed form (Heitz and d'Eon 2014, supplement) and is inverted by Newton's method,
+    as in Jakob, "An improved visible normal sampling routine for the Beckmann distribution" (2014). Here the iteration
+    starts at the peak of the density. Above it the function is concave, so no step passes the root; below it its
+    logarithm is, as the density is log-concave.
     """
     most = float(MOST_SLOPE)
     if cos_o < MOST_SLOPE * sin_o:
         most = cos_o / sin_o
-    # From 0 = d/dx (cosθ − x sinθ) exp(−x²), without the difference of near numbers.
+    # The root of 0 = d/dx (cosθ − x sinθ) exp(−x²), without cancellation.
     x = -sin_o / (cos_o + wp.sqrt(cos_o * cos_o + 2.0 * sin_o * sin_o))
     target = wp.max(u, 2.0e-8) * _visible_below(most, cos_o, sin_o)
     before = target < _visible_below(x, cos_o, sin_o)
@@ -102,7 +102,7 @@ def sample_visible_slope(u: float, cos_o: float, sin_o: float) -> float:
 
 @wp.func
 def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
-    """Return a visible normal: stretch the viewer to α = 1, draw the slopes there, and stretch them back.
+    """Return a visible normal: stretch the viewer to α = 1, sample slopes there, and stretch them back.
 
     Heitz and d'Eon 2014, "Importance sampling microfacet-based BSDFs using the distribution of visible normals".
     """
@@ -114,7 +114,7 @@ def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
         cos_phi = w[0] / sin_o
         sin_phi = w[1] / sin_o
     x = sample_visible_slope(u[0], w[2], sin_o)
-    # Across the plane of the viewer slopes are as they are on the surface.
+    # Across the plane of the viewer slopes have their plain distribution.
     y = wp.erfinv(wp.clamp(2.0 * u[1] - 1.0, -0.9999999, 0.9999999))
     slope_x = shape[0] * (cos_phi * x - sin_phi * y)
     slope_y = shape[1] * (sin_phi * x + cos_phi * y)

@@ -1,25 +1,25 @@
 """Blinn's distribution (1977), a power of the cosine, normalised as in Walter et al. 2007.
 
-shape = (α, α, 0). The exponent is n = 2/α² − 2, of the same peak and about the same width as Beckmann's distribution of
-that α (Walter 2007, section 5.2): cosⁿθ = (1 + tan²θ)^(−n/2) → exp(−tan²θ / α²).
+shape = (α, α, 0). The exponent n = 2/α² − 2 gives the same peak and about the same width as Beckmann's distribution of
+this α (Walter 2007, section 5.2): cosⁿθ = (1 + tan²θ)^(−n/2) → exp(−tan²θ / α²).
 """
 
 import warp as wp
 
-from wrt.kernels.exponential import exponential, logarithm
+from wrt.kernels.math.exponential import exponential, logarithm
 from wrt.kernels.microfacet import beckmann
 from wrt.kernels.microfacet.numerics import expm1, log1p, normal_of, tan2_theta
-from wrt.kernels.warps import INV_PI
+from wrt.kernels.sampling.warps import INV_PI
 
 smith_lambda = beckmann.smith_lambda
-"""Not of this distribution, but Beckmann's: Walter 2007, section 5.2, has a = √(n/2 + 1) / tanθ = 1 / (α tanθ)."""
+"""Beckmann's Λ as an approximation: Walter 2007, section 5.2, has a = √(n/2 + 1) / tanθ = 1 / (α tanθ)."""
 
 stretched_cotangent = beckmann.stretched_cotangent
 
 
 @wp.func
 def d(m: wp.vec3, shape: wp.vec3) -> float:
-    """Return D(m) = (n + 2) / 2π cosⁿθ (Walter 2007, eq. 30), by tan²θ."""
+    """Return D(m) = (n + 2) / 2π cosⁿθ (Walter 2007, eq. 30), computed from tan²θ."""
     if m[2] <= 0.0:
         return 0.0
     inv_alpha2 = 1.0 / (shape[0] * shape[0])
@@ -34,5 +34,5 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
-    """Return a normal of density D cosθ: cosθ = u^(1/(n + 2)) (Walter 2007)."""
+    """Return a normal with density D cosθ: cosθ = u^(1/(n + 2)) (Walter 2007)."""
     return normal_of(expm1(-shape[0] * shape[0] * logarithm(1.0 - u[0])), u[1])

@@ -6,8 +6,8 @@ of visible normals are exact.
 
 import warp as wp
 
-from wrt.kernels.trigonometry import sine_cosine
-from wrt.kernels.warps import PI, TWO_PI
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.sampling.warps import PI, TWO_PI
 
 
 @wp.func
@@ -23,9 +23,9 @@ def d(m: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def smith_lambda(w: wp.vec3, shape: wp.vec3) -> float:
-    """Return Λ(w), of the ratio of hidden to visible area (Heitz 2014, eq. 72).
+    """Return Λ(w), the ratio of masked to visible area (Heitz 2014, eq. 72).
 
-    (√(1 + t) − 1) / 2, written without the difference of near numbers.
+    (√(1 + t) − 1) / 2, written without cancellation.
     """
     x = shape[0] * w[0]
     y = shape[1] * w[1]
@@ -35,7 +35,7 @@ def smith_lambda(w: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def projected_area(w: wp.vec3, shape: wp.vec3) -> float:
-    """Return the area of visible and hidden microfacets that face w, cosθ (1 + Λ(w)): finite at grazing angles."""
+    """Return the area of visible and masked facets projected along w, cosθ (1 + Λ(w)), finite at grazing angles."""
     x = shape[0] * w[0]
     y = shape[1] * w[1]
     return 0.5 * (w[2] + wp.sqrt(x * x + y * y + w[2] * w[2]))
@@ -51,11 +51,11 @@ def normal_pdf(wo: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
     """Return a visible normal (Dupuy and Benyoub 2023, "Sampling visible GGX normals with spherical caps").
 
-    With roughness stretched to 1 the surface is a hemisphere; light from w that it mirrors fills a spherical cap
-    evenly. A direction c of the cap gives the normal along w + c.
+    Stretched to a roughness of 1 the surface is a hemisphere; it mirrors light from w uniformly into a spherical cap.
+    A direction c in the cap gives the normal along w + c.
     """
     w = wp.normalize(wp.vec3(shape[0] * wo[0], shape[1] * wo[1], wo[2]))
-    # c.z = (1 − u1)(1 + w.z) − w.z, which is 1 − below and above − 1; each keeps its digits where it is small.
+    # c.z = (1 − u1)(1 + w.z) − w.z, which is 1 − below and above − 1; each form is precise where it is small.
     below = u[1] * (1.0 + w[2])
     above = (1.0 - w[2]) + (1.0 - u[1]) * (1.0 + w[2])
     r = wp.sqrt(wp.max(below * above, 0.0))

@@ -1,23 +1,23 @@
-"""Shadowing and masking G(wo, wi, m): how much of the microfacets of normal m both directions see.
+"""Masking-shadowing G(wo, wi, m): the share of microfacets with normal m that both directions see.
 
-Directions on different sides of the surface are those of refraction: every G but the implicit one then takes each
-direction's own angle to m. 0 where a direction sees m from the back.
+Directions on different sides of the surface belong to refraction: every G but the implicit one then uses each
+direction's own angle to m. G is 0 if a direction sees the back of m.
 """
 
-import functools
 from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.exponential import exponential, logarithm
+from wrt.kernels.math.exponential import exponential, logarithm
 from wrt.kernels.microfacet.beckmann import stretched_cotangent
 from wrt.kernels.microfacet.numerics import log1p
+from wrt.kernels.specialise import specialised
 
 HALF_LOG_TWO_PI = wp.constant(0.918938533204673)
 
 
 class Masking(NamedTuple):
-    """The two functions of a kind of masking: g(wo, wi, m, shape), and g1(w, m, shape) of one direction alone."""
+    """The two functions of a kind of masking: g(wo, wi, m, shape), and g1(w, m, shape) for one direction."""
 
     g: wp.Function
     g1: wp.Function
@@ -25,7 +25,7 @@ class Masking(NamedTuple):
 
 @wp.func
 def sees(w: wp.vec3, m: wp.vec3) -> bool:
-    """Return whether w is on the same side of the microfacet as of the surface."""
+    """Return whether w is on the same side of the microfacet as of the macrosurface."""
     return wp.dot(w, m) * w[2] > 0.0
 
 
@@ -34,7 +34,7 @@ def sees(w: wp.vec3, m: wp.vec3) -> bool:
 
 @wp.func
 def _stirling(x: float) -> float:
-    """Return what Stirling's formula for ln Γ(x) leaves out; to 3e-7 for x ≥ 3 (Abramowitz and Stegun, 6.1.41)."""
+    """Return the remainder of Stirling's formula for ln Γ(x), to 3e-7 for x ≥ 3 (Abramowitz and Stegun, 6.1.41)."""
     y = 1.0 / (x * x)
     return (1.0 / 12.0 - y * (1.0 / 360.0 - y * (1.0 / 1260.0))) / x
 
@@ -43,7 +43,7 @@ def _stirling(x: float) -> float:
 def beta_from_one(a: float, b: float) -> float:
     """Return Euler's beta function B(1 + a, 1 + b) for a, b ≥ 0, symmetric to the last bit.
 
-    By Stirling's formula at arguments two higher, and Γ(x + 1) = x Γ(x) back down.
+    Uses Stirling's formula at arguments two higher, then Γ(x + 1) = x Γ(x) twice.
     """
     low = 1.0 + wp.min(a, b)
     high = 1.0 + wp.max(a, b)
@@ -60,24 +60,24 @@ def beta_from_one(a: float, b: float) -> float:
 
 @wp.func
 def correlated(a: float, b: float, same_side: bool) -> float:
-    """Return Smith's G from Λ of both directions, a microfacet's height having one value for both.
+    """Return Smith's height-correlated G from Λ of both directions.
 
-    High microfacets are seen more from both directions on one side: 1 / (1 + a + b) (Heitz 2014, eq. 99). What is high
-    on one side is low on the other: B(1 + a, 1 + b) (Heitz, Hanika, d'Eon and Dachsbacher 2016).
+    On one side of the surface, both directions see high microfacets better: 1 / (1 + a + b) (Heitz 2014, eq. 99). A
+    point high on one side is low on the other: B(1 + a, 1 + b) (Heitz, Hanika, d'Eon and Dachsbacher 2016).
     """
     if same_side:
         return 1.0 / (1.0 + (a + b))
     return beta_from_one(a, b)
 
 
-def _smith(name: str, smith_lambda: wp.Function) -> Masking:
-    @wp.func(name=f"g1_smith_{name}")
+def _smith(smith_lambda: wp.Function) -> Masking:
+    @wp.func
     def g1(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
         if not sees(w, m):
             return 0.0
         return 1.0 / (1.0 + smith_lambda(w, shape))
 
-    @wp.func(name=f"g_smith_{name}")
+    @wp.func
     def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
         if not sees(wo, m) or not sees(wi, m):
             return 0.0
@@ -86,11 +86,11 @@ def _smith(name: str, smith_lambda: wp.Function) -> Masking:
     return Masking(g, g1)
 
 
-def _smith_separable(name: str, smith_lambda: wp.Function) -> Masking:
-    """Return Smith's G1 of both directions multiplied (Walter 2007, eq. 23)."""
-    g1 = _smith(name, smith_lambda).g1
+def _smith_separable(smith_lambda: wp.Function) -> Masking:
+    """Return the separable form, the product of Smith's G1 for both directions (Walter 2007, eq. 23)."""
+    g1 = _smith(smith_lambda).g1
 
-    @wp.func(name=f"g_smith_separable_{name}")
+    @wp.func
     def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
         return g1(wo, m, shape) * g1(wi, m, shape)
 
@@ -99,7 +99,7 @@ def _smith_separable(name: str, smith_lambda: wp.Function) -> Masking:
 
 @wp.func
 def g1_walter(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return Smith's G1 of Beckmann's distribution by a rational fit: Walter 2007, eq. 27, which passes 1 by 6e-5."""
+    """Return a rational fit to Smith's G1 for Beckmann's distribution: Walter 2007, eq. 27; exceeds 1 by up to 6e-5."""
     if not sees(w, m):
         return 0.0
     a = stretched_cotangent(w, shape)
@@ -114,12 +114,12 @@ def g_walter(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
     return g1_walter(wo, m, shape) * g1_walter(wi, m, shape)
 
 
-# --- Others, which know nothing of the distribution -------------------------------------------------
+# --- Maskings that do not depend on the distribution ------------------------------------------------
 
 
 @wp.func
 def g1_cook_torrance(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return what one side of a symmetric V-shaped groove hides of the other (Torrance and Sparrow 1967)."""
+    """Return the visible share of one side of a symmetric V-shaped groove (Torrance and Sparrow 1967)."""
     if not sees(w, m):
         return 0.0
     return wp.min(2.0 * wp.abs(m[2]) * wp.abs(w[2]) / wp.max(wp.abs(wp.dot(w, m)), 1.0e-20), 1.0)
@@ -127,13 +127,13 @@ def g1_cook_torrance(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def g_cook_torrance(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return the smaller of what both directions see: Cook and Torrance 1982."""
+    """Return the smaller G1 of the two directions (Cook and Torrance 1982)."""
     return wp.min(g1_cook_torrance(wo, m, shape), g1_cook_torrance(wi, m, shape))
 
 
 @wp.func
 def g1_kelemen(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return |cosθ / w·m|, at most 1: a direction's share of `g_kelemen`, which is not the product of two such."""
+    """Return |cosθ / w·m|, at most 1: one direction's factor; `g_kelemen` is not the product of two."""
     if not sees(w, m):
         return 0.0
     return wp.min(wp.abs(w[2]) / wp.max(wp.abs(wp.dot(w, m)), 1.0e-20), 1.0)
@@ -141,10 +141,10 @@ def g1_kelemen(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 
 @wp.func
 def g_kelemen(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return cosθo cosθi / (wo·m)², and so G / (cosθo cosθi) = 1 / (wo·m)² = 2 / (1 + wo·wi).
+    """Return cosθo cosθi / (wo·m)², hence G / (cosθo cosθi) = 1 / (wo·m)² = 2 / (1 + wo·wi).
 
-    Kelemen and Szirmay-Kalos 2001. On reflection it is at most 1, as the mean of both cosines is (wo·m) cosθm; on
-    refraction it is cut there.
+    Kelemen and Szirmay-Kalos 2001. For reflection it is at most 1, as the mean of both cosines is (wo·m) cosθm; for
+    refraction it is clamped to 1.
     """
     if not sees(wo, m) or not sees(wi, m):
         return 0.0
@@ -169,7 +169,7 @@ def g_implicit(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 # --- By name ----------------------------------------------------------------------------------------
 
 SMITH = {"smith": _smith, "smith-separable": _smith_separable}
-"""For distributions whose Λ is known in closed form; height-correlated, and not."""
+"""For distributions with a closed-form Λ: height-correlated and separable."""
 
 WALTER = {"walter": Masking(g_walter, g1_walter)}
 """For Beckmann's distribution and those that borrow its Λ."""
@@ -182,25 +182,25 @@ GENERAL = {
 """For every distribution."""
 
 
-@functools.cache
+@specialised()
 def make_masking(masking: str, distribution: str, smith_lambda: wp.Function | None, gaussian: bool) -> Masking:
     """Return the functions of a kind of masking for one distribution.
 
     Args:
         masking: a key of SMITH, WALTER or GENERAL.
-        distribution: its name, for the names of the functions and of errors.
+        distribution: its name, for errors.
         smith_lambda: Λ(w, shape), or None where there is no closed form.
         gaussian: whether that Λ is Beckmann's.
 
     Raises:
-        ValueError: where the two do not go together, or there is no such masking.
+        ValueError: if the masking is unknown or does not go with the distribution.
     """
     if masking in GENERAL:
         return GENERAL[masking]
     if masking in WALTER and gaussian:
         return WALTER[masking]
     if masking in SMITH and smith_lambda is not None:
-        return SMITH[masking](distribution.replace("-", "_"), smith_lambda)
+        return SMITH[masking](smith_lambda)
     if masking not in SMITH and masking not in WALTER:
         raise ValueError(f"no masking {masking!r}: there are {', '.join([*SMITH, *WALTER, *GENERAL])}")
     raise ValueError(f"masking {masking!r} is not known for the distribution {distribution!r}")

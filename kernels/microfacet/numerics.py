@@ -1,20 +1,20 @@
-"""Functions that keep their digits near zero, and normals from slopes.
+"""Functions that keep their precision near zero, and normals from slopes.
 
-Without them a mirror-like lobe has no shape in float32: at roughness 1e-4 a cosine of 1 − 5e-9 is a cosine of 1.
+Float32 cannot resolve a mirror-like lobe without them: at roughness 1e-4 a cosine of 1 − 5e-9 rounds to 1.
 """
 
 import warp as wp
 
-from wrt.kernels.exponential import exponential, logarithm
-from wrt.kernels.trigonometry import sine_cosine
-from wrt.kernels.warps import TWO_PI
+from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.sampling.warps import TWO_PI
 
 
 @wp.func
 def log1p_ratio(x: float) -> float:
     """Return ln(1 + x) / x for x > −1, and 1 at 0.
 
-    The rounding of 1 + x is the same above and below the line, and cancels (Kahan; Higham, "Accuracy and Stability
+    Numerator and denominator contain the same rounding of 1 + x, which cancels (Kahan; Higham, "Accuracy and Stability
     of Numerical Algorithms", 2nd edition, 1.14.1).
     """
     y = 1.0 + x
@@ -55,7 +55,7 @@ def power_integral(k: float, log_y: float) -> float:
 @wp.func
 def power_integral_inverse(k: float, area: float) -> float:
     """Return y − 1, where `power_integral` from 1 to y is `area`."""
-    # Just above −1 the end of the integral is beyond what float32 tells from its limit 1 / |k|.
+    # Just above −1 the end of the integral exceeds what float32 can tell from its limit 1 / |k|.
     x = wp.max(k * area, -0.9999999)
     return expm1(area * log1p_ratio(x))
 
@@ -68,7 +68,7 @@ def tan2_theta(m: wp.vec3) -> float:
 
 @wp.func
 def normal_of(tan2: float, u: float) -> wp.vec3:
-    """Return the unit vector of this tan²θ and the azimuth 2π u."""
+    """Return the unit vector with this tan²θ and the azimuth 2π u."""
     z = 1.0 / wp.sqrt(1.0 + tan2)
     r = wp.sqrt(tan2) * z
     turned = sine_cosine(TWO_PI * u)

@@ -15,21 +15,23 @@ from typing import Any
 import numpy as np
 
 import wrt
-from wrt.materials import MATERIALS
+from wrt.scene.materials import MATERIALS
 
 SAMPLER = wrt.RenderSettings().sampler
+
+LIGHT_SHAPES = ("spot", "rectangle", "disk", "sphere", "sun")
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "no environment": {},
     "an image around": {"environment": "image"},
     "textures": {"textured": True},
-    "opacity and mixtures": {"layered": True},
+    "opacity and mixtures": {"opacity": True},
     "normal maps or brushed surfaces": {"tangents": True},
-    "lights with shapes": {"light_shapes": True},
+    "lights with shapes": {"light_shapes": LIGHT_SHAPES},
     "many lights": {"light_tree": True},
     "instances": {"instances": "still"},
     "deforming instances": {"instances": "deforming"},
-    "layers": {"layers": True},
+    "layers": {"aovs": True},
 }
 """What a kernel of one model may have besides."""
 
@@ -43,23 +45,24 @@ BODIES: dict[str, dict[str, Any]] = {
 
 EVERYTHING: dict[str, Any] = {
     "instances": "deforming",
-    "light_shapes": True,
+    "light_shapes": LIGHT_SHAPES,
     "clamped": True,
     "regularized": True,
-    "layers": True,
+    "aovs": True,
     "light_tree": True,
     "media": "scattering",
     "nested": True,
-    "extras": True,
+    "uv2_alpha": True,
 }
 """All that a path may meet beside what surfaces are."""
 
 
 @dataclasses.dataclass(frozen=True)
-class SixteenLanes:
-    """The kernel of `kernels/wide` for the same features."""
+class Wide:
+    """The kernel of `wrt/spmd` for the same features."""
 
     features: Any
+    lanes: int
 
 
 def largest_models() -> tuple[str, ...]:
@@ -84,6 +87,7 @@ def compile_cases() -> dict[str, Any]:
     import warp as wp
 
     import wrt.kernels
+    from wrt.backend.lanes import WIDTHS, lanes_of, processor_flags
     from wrt.kernels.features import Features
 
     every = [cls() for cls in MATERIALS.values()]
@@ -98,12 +102,13 @@ def compile_cases() -> dict[str, Any]:
     for name, given in BODIES.items():
         cases[f"diffuse and dielectric, {name}"] = dataclasses.replace(glass, **given)
     cases["every model as it comes"] = Features(usual, False, "constant", sampler=SAMPLER)
-    surfaces = {"textured": True, "environment": "image", "layered": True, "tangents": True, "sampler": SAMPLER}
+    surfaces = {"textured": True, "environment": "image", "opacity": True, "tangents": True, "sampler": SAMPLER}
     cases["every model as it comes, textures and images"] = Features(usual, **surfaces)
     cases["every model at its largest, textures and images"] = Features(largest, **surfaces)
     cases["every model at its largest, everything"] = Features(largest, **surfaces, **EVERYTHING)
+    lanes = lanes_of(processor_flags()) or min(WIDTHS)
     some = [name for name in cases if name.startswith(("scene", "every model as it comes"))]
-    cases |= {f"sixteen lanes, {name}": SixteenLanes(cases[name]) for name in some}
+    cases |= {f"{lanes} lanes, {name}": Wide(cases[name], lanes) for name in some}
     for found in pkgutil.iter_modules(wrt.kernels.__path__, "wrt.kernels."):
         kernels = [x for x in vars(importlib.import_module(found.name)).values() if isinstance(x, wp.Kernel)]
         if any(kernel.module.name == found.name for kernel in kernels):
@@ -114,8 +119,8 @@ def compile_cases() -> dict[str, Any]:
 
 def scene_features(name: str) -> Any:
     """Return what the kernel of a built-in scene contains."""
-    from wrt.build.scene_data import build_scene
-    from wrt.device import Device
+    from wrt.backend.device import Device
+    from wrt.upload.scene_data import build_scene
 
     scene = wrt.load(name)
     return dataclasses.replace(build_scene(scene, Device("cpu")).features, sampler=scene.settings.sampler)
@@ -127,14 +132,14 @@ def kernel_module(case: Any) -> Any:
 
     import warp as wp
 
-    from wrt.kernels.albedo import make_missing_kernel
-    from wrt.kernels.albedo_dielectric import make_missing_dielectric_kernel
-    from wrt.kernels.coat import make_coat_kernel
+    from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
+    from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
+    from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
     from wrt.kernels.render import make_render_kernel
-    from wrt.kernels.wide.render import make_wide_render_kernel
+    from wrt.spmd.kernel import make_wide_render_kernel
 
-    if isinstance(case, SixteenLanes):
-        return make_wide_render_kernel(case.features).module
+    if isinstance(case, Wide):
+        return make_wide_render_kernel(case.features, case.lanes).module
     if not isinstance(case, str):
         return make_render_kernel(case).module
     makers = {"reflection": make_missing_kernel, "dielectric": make_missing_dielectric_kernel, "coat": make_coat_kernel}
@@ -148,7 +153,7 @@ def compile_seconds(case: Any) -> tuple[float, int]:
     """Return CPU seconds to compile a case, and bytes of object code; for a new process with an empty cache."""
     import warp as wp
 
-    from wrt.device import Device
+    from wrt.backend.device import Device
 
     device = Device("cpu")
     start = time.process_time()

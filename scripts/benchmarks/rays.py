@@ -10,7 +10,7 @@ import numpy as np
 
 import wrt
 from benchmarks.measure import in_turn
-from wrt.device import available_threads
+from wrt.backend.slices import available_threads
 
 KINDS = ("coherent", "incoherent", "diffuse")
 

@@ -22,7 +22,7 @@ from peers.peer import OWN, PEERS, Environments, Peer, PeerError, Session, first
 from benchmarks.agreement import agreement
 from benchmarks.measure import ROOT
 from benchmarks.scenes import CASES, Budget
-from wrt.device import available_threads
+from wrt.backend.slices import available_threads
 
 Picture = NDArray[np.float64]
 Row = dict[str, Any]

@@ -1,4 +1,4 @@
-"""Results as tables of docs/performance.md, and everything else that --docs writes."""
+"""Results as tables of docs/performance.md and docs/notes, and everything else that --docs writes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import json
 import math
 import textwrap
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from benchmarks.figures import MEASURED, error_ratio
 from benchmarks.measure import MEASURED_FOLDER, ROOT, geometric_mean, table, write_section
 
 PAGE = ROOT / "docs" / "performance.md"
+NOTES = ROOT / "docs" / "notes"
 PICTURES = ROOT / "docs" / "pictures"
 TILE = 220
 """Pixels a side of a picture on the sheet."""
@@ -24,11 +27,12 @@ Row = dict[str, Any]
 
 
 def write_documents(result: Row, pictures: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write a result to docs/measured, its tables into docs/performance.md, and its plot and pictures."""
+    """Write a result to docs/measured, its tables into the pages that show them, and its plot and pictures."""
     name = result["benchmark"]
     MEASURED_FOLDER.mkdir(parents=True, exist_ok=True)
     (MEASURED_FOLDER / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    write_section(PAGE, name, TEXTS[name](result))
+    for section in SECTIONS[name]:
+        write_section(section.page, section.name, section.text(result))
     if f"benchmark-{name}" in MEASURED:
         MEASURED[f"benchmark-{name}"](PICTURES / "plots" / f"benchmark-{name}.png")
     if pictures and all(row["scene"] in pictures for row in result["rows"]):
@@ -40,12 +44,12 @@ def write_sheet(rows: list[Row], pictures: Mapping[str, NDArray[np.float64]]) ->
     from pictures.picture import contact_sheet
     from PIL import Image
 
-    from wrt.formats.images import quantize
+    from wrt.develop.picture import develop_image
 
     tiles = []
     for row in rows:
         picture = pictures[row["scene"]]
-        codes = quantize((picture * (0.3 / np.quantile(picture, 0.6))).astype(np.float32))
+        codes = develop_image(picture * (0.3 / np.quantile(picture, 0.6)), tone="none", exposure=0.0)
         small = Image.fromarray(codes).resize((TILE, TILE), Image.Resampling.LANCZOS)
         tiles.append((np.asarray(small), (row["scene"], row["about"])))
     contact_sheet(tiles, 4).save(PICTURES / "benchmark.jpg", quality=88, optimize=True)
@@ -54,7 +58,7 @@ def write_sheet(rows: list[Row], pictures: Mapping[str, NDArray[np.float64]]) ->
 def render_text(result: Row) -> str:
     """Return the tables of `render`."""
     rows = result["rows"]
-    peers = [name for name in PEERS if any("ratio" in row["renderers"].get(name, {}) for row in rows)]
+    peers = peers_of(rows)
     return "\n".join(
         [
             paragraph(
@@ -65,9 +69,18 @@ def render_text(result: Row) -> str:
             speed_table(rows, peers),
             error_table(rows, peers),
             cost_table(rows, peers),
-            agreement_table(rows, peers),
         ]
     )
+
+
+def agreement_text(result: Row) -> str:
+    """Return the table of `render` that tells whether all renderers made the same picture."""
+    return agreement_table(result["rows"], peers_of(result["rows"]))
+
+
+def peers_of(rows: list[Row]) -> list[str]:
+    """Return the renderers that wrt was compared with."""
+    return [name for name in PEERS if any("ratio" in row["renderers"].get(name, {}) for row in rows)]
 
 
 def paragraph(text: str) -> str:
@@ -115,22 +128,20 @@ def error_table(rows: list[Row], peers: list[str]) -> str:
     times = sorted({e["seconds"] for row in rows for e in row["renderers"][OWN.name].get("errors", [])})
     if not times:
         return ""
-    head = ["scene", "seconds", "wrt", *(title(name) for name in peers)]
+    names = ["wrt", *(title(name) for name in peers)]
+    head = ["scene", *(f"{name}, {seconds:g} s" for name in names for seconds in times)]
     lines = []
     for row in rows:
-        for seconds in times:
-            ours = next((e for e in row["renderers"][OWN.name]["errors"] if e["seconds"] == seconds), None)
-            if ours is None:  # fewer times were asked for
-                continue
-            line = [
-                f"`{row['scene']}`",
-                f"{seconds:g}",
-                f"{100.0 * ours['rmse']:.2f} % ({100.0 * ours['relative']:.2f} %)",
-            ]
-            for name in peers:
+        ours = {e["seconds"]: e for e in row["renderers"][OWN.name]["errors"]}  # fewer times may have been asked for
+        line = [f"`{row['scene']}`"]
+        line += [
+            f"{100.0 * ours[t]['rmse']:.2f} % ({100.0 * ours[t]['relative']:.2f} %)" if t in ours else "" for t in times
+        ]
+        for name in peers:
+            for seconds in times:
                 ratios = [error_ratio(row, name, seconds, key) for key in ("rmse", "relative")]
                 line.append("" if math.isnan(ratios[0]) else f"{ratios[0]:.2f} ({ratios[1]:.2f})")
-            lines.append(line)
+        lines.append(line)
     intro = (
         "Root mean square error of wrt after equal seconds, over the picture's mean, and how many times as large "
         "that of others is; in brackets with every pixel over its own radiance:"
@@ -239,5 +250,28 @@ def profile_text(result: Row) -> str:
     return f"On {result['machine']}.\n\n" + table(head, lines)
 
 
-TEXTS = {"render": render_text, "scaling": scaling_text, "compile": compile_text, "profile": profile_text}
-"""What writes the section of docs/performance.md, by its name."""
+@dataclass(frozen=True)
+class Section:
+    """A part of a page that is written by a benchmark.
+
+    Attributes:
+        page: the file.
+        name: the name between the marks where it begins and ends.
+        text: returns the part as Markdown.
+    """
+
+    page: Path
+    name: str
+    text: Callable[[Row], str]
+
+
+SECTIONS = {
+    "render": (
+        Section(PAGE, "render", render_text),
+        Section(NOTES / "comparison.md", "agreement", agreement_text),
+    ),
+    "scaling": (Section(NOTES / "scaling.md", "scaling", scaling_text),),
+    "profile": (Section(NOTES / "profile.md", "profile", profile_text),),
+    "compile": (Section(NOTES / "compiling.md", "compile", compile_text),),
+}
+"""What writes the tables of the documentation, by the benchmark."""

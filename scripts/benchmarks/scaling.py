@@ -17,7 +17,7 @@ import wrt
 from benchmarks.measure import law_of_power, line_through
 from benchmarks.render import next_seed, samples_for
 from benchmarks.scenes import CASES, Budget, lanterns, mountains
-from wrt.device import available_threads
+from wrt.backend.slices import available_threads
 
 Row = dict[str, Any]
 

@@ -36,11 +36,11 @@ import numpy as np
 
 import wrt
 from peers.ply_files import write_ply
-from wrt.lights import Light
-from wrt.materials import Material
-from wrt.materials.body import Body
-from wrt.scene import Shape
-from wrt.textures import ColorSource
+from wrt.scene.lights import Light
+from wrt.scene.materials import Material
+from wrt.scene.materials.body import Body
+from wrt.scene.scene import Shape
+from wrt.scene.textures import ColorSource
 
 VARIANT = "scalar_rgb"
 

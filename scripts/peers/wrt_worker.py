@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from worker import serve
 
 import wrt
-from wrt.pace import LONGEST_PASS
+from wrt.rendering.passes import LONGEST_PASS
 
 
 class WrtWorker:
@@ -19,7 +19,7 @@ class WrtWorker:
 
     def __init__(self, folder: Path, device: str) -> None:
         started = time.perf_counter()
-        from wrt.device import Device
+        from wrt.backend.device import Device
 
         Device(device)  # imports and starts Warp
         imported = time.perf_counter()

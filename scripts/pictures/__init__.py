@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from . import cameras, city, integrators, lights, materials, media, motion
+from . import cameras, city, integrators, lights, materials, media, motion, presets, studio, tone, tutorial
 from .picture import Drawing
 
 GROUPS: dict[str, dict[str, Drawing]] = {
     "materials": materials.PICTURES,
+    "presets": presets.PICTURES,
     "cameras": cameras.PICTURES,
     "lights": lights.PICTURES,
     "city": city.PICTURES,
     "integrators": integrators.PICTURES,
     "motion": motion.PICTURES,
     "media": media.PICTURES,
+    "tone": tone.PICTURES,
+    "studio": studio.PICTURES,
+    "tutorial": tutorial.PICTURES,
 }
 """By group, what makes each picture, by the name of its file."""

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.formats.parts import merge
-from wrt.normals import with_normals
+from wrt.scene.mesh import merge
+from wrt.scene.normals import with_normals
 
 Array = NDArray[np.float64]
 

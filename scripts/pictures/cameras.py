@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.formats.parts import merge
+from wrt.scene.mesh import merge
 
 from .bodies import checkered
 from .picture import Picture

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 import wrt
-from wrt.formats.images import quantize
-from wrt.layer_pictures import picture_of
-from wrt.layers import LAYERS
+from wrt.develop.picture import develop_image
+from wrt.rendering.layer_colors import layer_colors
+from wrt.scene.layers import LAYERS
 
 from .bodies import checkered
 from .picture import How, Picture, contact_sheet
@@ -64,7 +64,10 @@ class LayerSheet:
     def draw(self, name: str, how: How) -> Any:
         """Return a Pillow image; `name` is what progress is reported by."""
         layers = self.picture.rendered(name, how).layers()
-        tiles = [(quantize(picture_of(layer, values)), (layer,)) for layer, values in layers.items()]
+        tiles = [
+            (develop_image(layer_colors(layer, values), tone="none", exposure=0.0), (layer,))
+            for layer, values in layers.items()
+        ]
         return contact_sheet(tiles, self.columns)
 
 

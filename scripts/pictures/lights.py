@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.lights import FALLOFFS
+from wrt.scene.lights import FALLOFFS
 
 from .picture import Picture
 
@@ -72,7 +72,7 @@ def screen() -> wrt.Scene:
     return scene
 
 
-def sky(elevation: float, turbidity: float, exposure: float) -> wrt.Scene:
+def sky(elevation: float, turbidity: float, exposure: float | None) -> wrt.Scene:
     """The balls in the open, under sun and sky, the last one without the noise of the sun's light through glass."""
     scene = stage(wrt.RoughPlastic((0.04, 0.12, 0.3), alpha=0.08))
     del scene.shapes[1]

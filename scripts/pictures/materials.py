@@ -230,12 +230,8 @@ def sky() -> wrt.ImageEnvironment:
     return wrt.ImageEnvironment(np.repeat(row[:, None], 64, axis=1).astype(np.float32), name="sky")
 
 
-def make_scene(tile: Tile) -> wrt.Scene:
-    """Return the set with a tile's material on what stands in it.
-
-    The materials of the other tiles lie out of sight below the floor: so all scenes have the same features, and with
-    them the same kernel.
-    """
+def stage() -> wrt.Scene:
+    """Return the set with its lights and nothing standing in it."""
     camera = wrt.PerspectiveCamera(origin=(0.0, 2.5, 8.0), target=(0.0, 0.96, 0.0), fov_degrees=17.5)
     scene = wrt.Scene(camera=camera, environment=sky())
     scene.settings.max_depth = 32
@@ -245,11 +241,25 @@ def make_scene(tile: Tile) -> wrt.Scene:
     aim = (0.0, 1.0, 0.0)
     scene.add(facing((-4.0, 5.0, 4.0), aim, 3.2, 3.2), material=wrt.Diffuse(0.0), emission=(7.3, 7.1, 6.7))
     scene.add(facing((4.6, 2.6, 1.6), aim, 0.8, 4.6), material=wrt.Diffuse(0.0), emission=(5.2, 5.4, 5.8))
+    return scene
+
+
+def speck() -> wrt.Mesh:
+    """Return a ball out of sight below the floor, for materials that a scene has for the sake of a shared kernel."""
+    return ball(4).scaled(1e-3).translated((0.0, -5.0, 0.0))
+
+
+def make_scene(tile: Tile) -> wrt.Scene:
+    """Return the set with a tile's material on what stands in it.
+
+    The materials of the other tiles lie out of sight below the floor: so all scenes have the same features, and with
+    them the same kernel.
+    """
+    scene = stage()
     scene.add(brilliant() if tile.cut else ball(), material=tile.material, name=tile.name)
-    speck = ball(4).scaled(1e-3).translated((0.0, -5.0, 0.0))
     for other in tiles():
         if not any(other.material.emission):
-            scene.add(speck, material=other.material, name=other.name)
+            scene.add(speck(), material=other.material, name=other.name)
     return scene
 
 

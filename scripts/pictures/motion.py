@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.formats.parts import merge
+from wrt.scene.mesh import merge
 
 from .picture import Picture
 

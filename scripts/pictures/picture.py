@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.formats.images import quantize
+from wrt.develop.exposure import stops
+from wrt.develop.picture import develop_image
 
 Pixels = NDArray[np.uint8]
 
@@ -96,7 +97,8 @@ class Picture:
     def pixels(self, name: str, how: How) -> Pixels:
         """Return (H, W, 3) sRGB codes."""
         renderer = self.rendered(name, how)
-        return quantize(renderer.image() * np.float32(2.0**renderer.settings.exposure))
+        settings = renderer.settings
+        return develop_image(renderer.image(), tone=settings.tone, exposure=stops(renderer.image(), settings.exposure))
 
     def draw(self, name: str, how: How) -> Any:
         """Return a Pillow image; `name` is what progress is reported by."""

@@ -1,1 +1,1 @@
-"""What the tests share: statistics, and a bridge to an independent renderer."""
+"""Helpers shared by the tests: statistics, and a bridge to an independent renderer."""

@@ -1,4 +1,4 @@
-"""What must hold for every reflection model, asked of one material seen from one side."""
+"""Checks that every reflection model must pass, for one material seen from one side."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 import wrt
 from support.kernels import uniforms, upload
 from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
-from wrt.build.tables import pack_tables
-from wrt.device import Device
-from wrt.kernels.bsdf import current_name, identifier, make_bsdf, model_of
+from wrt.backend.device import Device
+from wrt.kernels.bsdf import current_name, make_bsdf, model_of
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
+from wrt.kernels.features import identifier
+from wrt.upload.tables.material_tables import pack_tables
 
 EPS = float(np.finfo(np.float32).eps)
 ANGLES = (0.0, 45.0, 80.0, 89.0)

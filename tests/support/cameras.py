@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import wrt
 from support.kernels import upload
-from wrt.build.camera import build_camera
-from wrt.kernels.camera import Camera, camera_ray, shutter_time
+from wrt.kernels.camera.camera import Camera, shutter_time
+from wrt.kernels.camera.models import make_camera
+from wrt.upload.camera import build_camera
 
 FloatArray = NDArray[np.float64]
 
@@ -24,6 +25,9 @@ class CameraRays(NamedTuple):
     times: FloatArray
     footprints: FloatArray
     visible: NDArray[np.bool_]
+
+
+camera_ray = make_camera().ray
 
 
 @wp.kernel(enable_backward=False)

@@ -1,4 +1,4 @@
-"""Rays against meshes that stand in many places, in float64, and what rounding in float32 may make of each.
+"""Rays against instances of meshes in float64, and bounds on the rounding errors of float32.
 
 A ray that reaches an instance is moved into its mesh's space in float32, and there tested like any other.
 So beside the rounding of the test, `support.exact_rays.woop`, there is that of the moved ray: of its origin
@@ -28,7 +28,7 @@ SECOND_ORDER = 1.001
 
 
 class Placed(NamedTuple):
-    """Meshes, and where they stand.
+    """Meshes and their instances.
 
     Attributes:
         meshes: the distinct ones.

@@ -1,11 +1,10 @@
-"""Rays against every triangle in float64, and what rounding in float32 may make of each.
+"""Rays against every triangle in float64, and bounds on the rounding errors of float32.
 
 A ray tracer in float32 may differ from the exact answer where a ray passes an edge, or where two
-triangles are equally far. How near is near enough is no matter of taste: each intersection test is a
-short formula, and the rounding of each of its steps adds up to a bound (Higham, "Accuracy and
-Stability of Numerical Algorithms", 2nd edition, section 3.1). `woop` and `moeller` give for a ray and a
-triangle the three edge functions, the distance, and those bounds, of the tests that wrt and Embree do.
-`explain` then tells whether an answer can be right.
+triangles are equally far. The tolerance is derived, not chosen: each intersection test is a short formula,
+and the rounding errors of its steps add up to a bound (Higham, "Accuracy and Stability of Numerical
+Algorithms", 2nd edition, section 3.1). `woop` and `moeller` return the three edge functions, the distance,
+and these bounds for the tests of wrt and Embree. `explain` then decides whether an answer can be right.
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ def _oriented(edges: Array, edge_error: Array, numerator: Array, numerator_error
 
 
 def woop(corners: Array, origins: Array, directions: Array) -> Tested:
-    """Test as `kernels/simd.py` does (Woop, Benthin and Wald 2013).
+    """Test as `kernels/native/triangles.h` does (Woop, Benthin and Wald 2013).
 
     There each corner is sheared so that the ray becomes the z axis; S is the shear, A = X − S Z one of a
     corner's coordinates. S takes two roundings, X and Z one, S Z one, the difference one; in sum
@@ -133,7 +132,7 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         det_error = edge_error.sum(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
             t_error = np.where(det > det_error, np.abs(inverse) * spread / (det - det_error), np.inf)
-            # What WOOP_ERROR of kernels/simd.py says: least_t, but 0 where the triangle is wholly in front.
+            # As in `exceeds_error` of kernels/native/triangles.h: least_t, but 0 where the triangle is wholly in front.
             most_x, most_y, most_z = (np.abs(a).max(axis=2) for a in (ax, ay, z))
             error_x, error_y = 5.0 * EPSILON * (most_x + most_z), 5.0 * EPSILON * (most_y + most_z)
             error_e = 2.0 * (2.0 * EPSILON * most_x * most_y + error_y * most_x + error_x * most_y)
@@ -152,7 +151,7 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
 
 
 def _main_axis(directions: Array) -> NDArray[np.int64]:
-    """Return the axis along which each ray runs fastest; of equal ones the last, as in `RAY_SETUP`."""
+    """Return the axis along which each ray runs fastest; of equal ones the last, as in kernels/native/boxes.h."""
     dx, dy, dz = np.abs(directions).T
     return np.where(dx > dy, np.where(dx > dz, 0, 2), np.where(dy > dz, 1, 2))
 

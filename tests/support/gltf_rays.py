@@ -1,4 +1,4 @@
-"""What the glTF specification says a file without lighting looks like: its own reader and rays, and nothing of wrt's.
+"""An independent reader and ray caster of unlit glTF files, which uses nothing of wrt.
 
 Khronos Group 2021, "glTF 2.0 Specification"; KHR_materials_unlit: the colour is the base colour, which is the vertex
 colour times the factor times the texture. Slow: every ray meets every triangle.

@@ -1,4 +1,4 @@
-"""What the device makes of a material at a point: which part answers, with what values, and what passes."""
+"""Evaluate a material at a point on the device: which part is chosen, with what values, and what passes through."""
 
 import functools
 from typing import NamedTuple
@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 import wrt
 from support.kernels import upload
-from wrt.build.materials import describe_materials
-from wrt.device import Device
+from wrt.backend.device import Device
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.features import Features
-from wrt.kernels.materials import PASSED_THROUGH, make_bsdf_at, make_choose_material, make_share_passed
-from wrt.kernels.scene_data import SceneData
-from wrt.kernels.surface import Surface
+from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.scene.materials import PASSED_THROUGH, make_bsdf_at, make_choose_material, make_share_passed
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.upload.materials import describe_materials
 
 
 @wp.struct
@@ -130,7 +130,7 @@ class Hit:
         numbers = upload(u, float, self.device)
         value = wp.zeros(len(np.asarray(wo)), dtype=wp.vec3, device=self.device)
         pdf = wp.zeros(len(value), dtype=float, device=self.device)
-        features = Features(self.table.models, self.table.textured, "none", layered=True)
+        features = Features(self.table.models, self.table.textured, "none", opacity=True)
         inputs = [self.scene, self.point, numbers, upload(wo, wp.vec3, self.device), upload(wi, wp.vec3, self.device)]
         wp.launch(evaluate_kernel(features), (len(value), len(numbers)), inputs, [value, pdf], device=self.device)
         return value.numpy(), pdf.numpy()

@@ -1,4 +1,4 @@
-"""Running device functions over arrays, and the numbers they draw."""
+"""Run device functions over arrays, and draw the numbers of samplers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from wrt.device import initialize_warp
-from wrt.kernels.sampler import BLOCK_TIME, Sampler, make_sample_4d, make_sample_camera
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.sampling.sampler import BLOCK_TIME, Sampler, make_sample_4d, make_sample_camera
 
 
 def map_function(function: wp.Function, *inputs: ArrayLike, device: str) -> NDArray[Any]:

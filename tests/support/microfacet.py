@@ -1,4 +1,4 @@
-"""Distributions of microfacet normals and their maskings as functions over arrays, and the cases that are tried."""
+"""Distributions of microfacet normals and their maskings as functions over arrays, and the test cases."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from support.kernels import upload
 from support.statistics import integrate_pdf_over_bins
-from wrt.distributions import sgd_normalization
 from wrt.kernels.microfacet import DISTRIBUTIONS, make_microfacet, maskings_of
+from wrt.scene.materials.microfacet import sgd_normalization
 
 N = 2**18
 ANGLES = (0.0, 45.0, 80.0, 89.0)

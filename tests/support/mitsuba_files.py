@@ -1,4 +1,4 @@
-"""Scene files of Mitsuba, rendered by Mitsuba itself and by wrt; and the images and meshes that they name."""
+"""Render Mitsuba's scene files with Mitsuba and with wrt; create the images and meshes that they name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Mitsuba 3 makes of a scene of wrt (scripts/peers/mitsuba_scene.py), with its error."""
+"""Render a scene of wrt with Mitsuba 3 (scripts/peers/mitsuba_scene.py), with its error."""
 
 from __future__ import annotations
 

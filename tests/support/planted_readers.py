@@ -1,4 +1,4 @@
-"""Readers with faults, by which tests/test_fuzz.py sees that scripts/fuzz.py notices them."""
+"""Faulty readers, with which tests/test_fuzz.py checks that scripts/fuzz.py finds faults."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import time
 import warnings
 from pathlib import Path
 
-from wrt.errors import InputError
-from wrt.formats.parts import warn
+from wrt.errors import InputError, warn
 
 
 def readers(kind: str) -> list:

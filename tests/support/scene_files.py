@@ -1,4 +1,4 @@
-"""Scene files that use much, what they need beside them, and reading them."""
+"""Scene files that use many features, and the files that they name."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 import wrt
-from wrt.formats.images import save_image
-from wrt.formats.scene_toml import load_scene
-from wrt.srgb import linear_from_srgb
+from wrt.io.images import save_image
+from wrt.io.toml.reader import load_scene
+from wrt.scene.srgb import linear_from_srgb
 
 FULL = """
 [settings]

@@ -1,9 +1,9 @@
 """Hypothesis tests that decide whether a sampler or a picture is right.
 
-A Monte Carlo result is never equal to its expectation, so a test asks how improbable the result
-would be if the code were right. Where many are asked at once, each gets the smaller significance
-that keeps the whole at the one stated (Šidák 1967). Seeds are fixed, once, so that a test which
-passes goes on passing until the code changes.
+A Monte Carlo result never equals its expectation, so a test computes how improbable the result would be
+if the code were right. If many tests are made at once, each has the smaller significance that keeps the
+stated one for all together (Šidák 1967). Seeds are fixed once, so that a passing test keeps passing until
+the code changes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Small scenes that together use all that a render kernel may contain, for kernels that must leave the same bits."""
+"""Small scenes that together use every feature of a render kernel, to compare kernels bit for bit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import wrt
-from wrt.layers import LAYERS
+from wrt.scene.layers import LAYERS
 
 VIEW: dict[str, Any] = {"origin": (0.2, 1.5, 5.0), "target": (0.0, 0.6, 0.0)}
 WIDE_OPEN: dict[str, Any] = {**VIEW, "aperture_radius": 0.1, "focus_distance": 5.0}
@@ -211,3 +211,13 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     "deforming": (deforming, {"light_choice": "tree"}, ("moving",)),
 }
 """A scene, options of its renderer, and cameras, by name; each is one kernel."""
+
+
+def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
+    """Return the wide kernel for a renderer's scene, and how many of its threads render the picture."""
+    from wrt.kernels.native.constants import TILE
+    from wrt.spmd.kernel import make_wide_render_kernel
+
+    x0, y0, x1, y1 = renderer.crop
+    tiles = -(-(x1 - x0) // TILE) * -(-(y1 - y0) // TILE)
+    return make_wide_render_kernel(renderer._kernel._features, lanes), tiles

@@ -1,8 +1,8 @@
 """The command line: ``wrt render`` and the commands around it.
 
-Exit status: 0 on success; 1 when a file or standard output could not be written or memory ran out; 2 when an input or
-an option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard error. Heavy modules
-are imported only when they are needed.
+Exit status: 0 on success; 1 if a file or standard output could not be written or memory ran out; 2 if an input or an
+option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard error. Heavy modules
+are imported only when needed.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ import os
 import sys
 from collections.abc import Sequence
 
-from wrt.cli.options import make_parser, parse
-from wrt.cli.status import INTERRUPTED, complain, outcome
+from wrt.cli.arguments.options import make_parser, parse
+from wrt.cli.exit_status import INTERRUPTED, complain, outcome
+from wrt.cli.process import settle_in
 from wrt.cli.streams import settle_streams
-from wrt.process import settle_in
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
     Args:
-        argv: the arguments; by default those of the process, whose standard streams then never raise.
+        argv: the arguments; by default those of the process, whose standard streams are then made never to raise.
     """
     if argv is not None:
         return _status(list(argv), own_process=False)
     if "_ARGCOMPLETE" in os.environ:
-        from wrt.cli.completion import complete
+        from wrt.cli.arguments.completion import complete
 
         complete(make_parser())
     streams = settle_streams()

@@ -1,14 +1,14 @@
-"""All commands except `render`: each function takes the options and returns the exit status."""
+"""All commands except `render`. Each function takes the options and returns the exit status."""
 
 from __future__ import annotations
 
 import argparse
 
-from wrt.cli.status import complain, give_up, warn
+from wrt.cli.exit_status import complain, give_up, warn
 
 
 def _say(text: str) -> None:
-    """Print a command's result to standard output."""
+    """Print a result to standard output."""
     print(text, flush=True)
 
 
@@ -24,40 +24,58 @@ def scenes(options: argparse.Namespace) -> int:
 
 def schema(options: argparse.Namespace) -> int:
     """Print the schema of scene files."""
-    from wrt.formats.scene_schema import schema_text
+    from wrt.io.toml.schema import schema_text
 
     _say(schema_text().removesuffix("\n"))
     return 0
 
 
 def materials(options: argparse.Namespace) -> int:
-    """List the materials, or describe one."""
-    from wrt.describe_materials import explain_material, list_materials
+    """List the materials or the names of optical constants, or describe a material."""
+    from wrt.describe.materials import explain_material, list_materials
+    from wrt.describe.presets import list_presets
+    from wrt.errors import InputError
 
+    if options.presets:
+        if options.name is not None:
+            raise InputError("--presets lists the names for all materials; leave out NAME")
+        _say(list_presets())
+        return 0
     _say(list_materials() if options.name is None else explain_material(options.name))
     return 0
 
 
 def completion(options: argparse.Namespace) -> int:
     """Print the shell code for completion."""
-    from wrt.cli.completion import shell_code
+    from wrt.cli.arguments.completion import shell_code
 
     _say(shell_code(options.shell))
     return 0
 
 
 def info(options: argparse.Namespace) -> int:
-    """Show what a scene or mesh file contains."""
+    """Show what a scene or mesh file contains, or what wrt finds on this machine."""
     from pathlib import Path
 
+    from wrt.errors import InputError
+
+    if options.system:
+        from wrt.describe.system import system_text
+
+        _say(system_text())
+    if options.source is None:
+        if options.system:
+            return 0
+        raise InputError("info: name a scene, or give --system")
+
     from wrt.api import load
-    from wrt.describe_scene import scene_text
-    from wrt.files import confined_to
-    from wrt.formats.meshes import MESH_SUFFIXES, load_file
-    from wrt.progress import short_warnings
+    from wrt.describe.scene import scene_text
+    from wrt.io.load_mesh import MESH_SUFFIXES, load_file
+    from wrt.io.safe_read import confined_to
+    from wrt.progress.bar import short_warnings
 
     with short_warnings(warn):
-        # Describe the content of a mesh file, without the studio that `load` puts around it.
+        # A mesh file is described without the studio that `load` adds.
         path = Path(options.source)
         alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
         if alone:
@@ -69,9 +87,43 @@ def info(options: argparse.Namespace) -> int:
     return 0
 
 
+def develop(options: argparse.Namespace) -> int:
+    """Turn a picture of radiance into a PNG."""
+    from pathlib import Path
+
+    from wrt.cli.signals import Interrupts
+    from wrt.develop.exposure import stops
+    from wrt.developing import check_exposure
+    from wrt.errors import InputError
+    from wrt.io.images import PICTURE, check_output, read_image, save_image
+    from wrt.io.safe_write import free_path
+
+    with Interrupts((lambda status: give_up(status, nothing)) if options.own_process else None) as interrupts:
+        if options.output is None:
+            output = free_path(Path(Path(options.source).stem + ".png"), PICTURE)
+        else:
+            output = check_output(options.output, force=options.force)
+        nothing = f"{output} was not written"
+        if output.suffix.lower() != ".png":
+            raise InputError(f"{output}: a developed picture is a PNG; give it a name that ends in .png")
+        try:
+            image = read_image(Path(options.source))
+            given = {} if options.tone is None else {"tone": options.tone}
+            given["exposure"] = stops(image, check_exposure(options.exposure))
+            developed = save_image(output, image, **given, force=options.force)
+        except KeyboardInterrupt:
+            complain("stopped", nothing)
+            return interrupts.exit_status
+    if developed is not None:
+        if developed.warning:
+            complain("warning", developed.warning)
+        warn(f"{output}  tone {developed.tone}  exposure {developed.stops:+.2f} stops")
+    return 0
+
+
 def convert(options: argparse.Namespace) -> int:
     """Convert a scene or mesh to a scene file."""
-    from wrt.interrupts import Interrupts
+    from wrt.cli.signals import Interrupts
 
     nothing = f"{options.output} was not written"
     with Interrupts((lambda status: give_up(status, nothing)) if options.own_process else None) as interrupts:
@@ -85,8 +137,8 @@ def convert(options: argparse.Namespace) -> int:
 
 def _convert(options: argparse.Namespace) -> None:
     from wrt.api import load
-    from wrt.formats.scene_writer import save_scene
-    from wrt.progress import short_warnings
+    from wrt.io.toml.writer import save_scene
+    from wrt.progress.bar import short_warnings
 
     with short_warnings(warn):
         scene = load(options.source, up=options.up, confined=options.confined)

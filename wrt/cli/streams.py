@@ -8,7 +8,7 @@ import os
 import sys
 from typing import TextIO, cast
 
-from wrt.cli.status import FAILED, complain
+from wrt.cli.exit_status import FAILED, complain
 
 
 class Stream(io.TextIOWrapper):
@@ -42,7 +42,7 @@ class Streams:
     """The standard streams of a command."""
 
     def __init__(self, out: Stream) -> None:
-        """Keep standard output, to check it at the end; errors of standard error cannot be reported anywhere."""
+        """Keep standard output, to check it at the end; errors of standard error cannot be reported."""
         self._out = out
 
     def status(self, status: int) -> int:
@@ -51,13 +51,13 @@ class Streams:
         error = self._out.error
         if error is None:
             return status
-        if error.errno != errno.EPIPE:  # a closed pipe is no error: its reader has seen enough
+        if error.errno != errno.EPIPE:  # a reader that closes its pipe is not an error
             complain("error", f"standard output: {error.strerror or error}")
         return status or FAILED
 
 
 def settle_streams() -> Streams:
-    """Replace the standard streams of this process; call it only where the process belongs to the command line."""
+    """Replace the standard streams of this process; call it only if the process belongs to the command line."""
     _open_closed()
     out = sys.stdout = _stream(sys.stdout, 1)
     sys.stderr = _stream(sys.stderr, 2)
@@ -65,7 +65,7 @@ def settle_streams() -> Streams:
 
 
 def _open_closed() -> None:
-    """Open file descriptors 0 to 2 where they are closed; otherwise a picture could be opened as standard error."""
+    """Open closed file descriptors 0 to 2, so that no picture is opened as standard error."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -75,7 +75,7 @@ def _open_closed() -> None:
 
 
 def _stream(given: TextIO | None, number: int) -> Stream:
-    """Return a Stream for a file descriptor, with the settings of `given`, which is None if it was closed."""
+    """Return a Stream for a file descriptor with the settings of `given`, which is None if the stream was closed."""
     if given is None:
         return Stream(open(number, "wb", closefd=False), "utf-8", "backslashreplace")
     text = cast("io.TextIOWrapper", given)

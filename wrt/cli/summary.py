@@ -1,4 +1,4 @@
-"""The summary of a finished render: a line for people, and a line of JSON for programs."""
+"""The summary of a finished render, as a line of text and a line of JSON."""
 
 from __future__ import annotations
 
@@ -12,22 +12,29 @@ from typing import TYPE_CHECKING
 from wrt.errors import one_line
 
 if TYPE_CHECKING:
-    from wrt.renderer import Renderer
+    from wrt.develop.picture import Developed
+    from wrt.rendering.renderer import Renderer
 
 _IMPORTED_AT = time.perf_counter()
 
 
 def samples_text(renderer: Renderer) -> str:
-    """Return the sample count as text; a range after an interrupted pass, when pixels differ."""
+    """Return the sample count as text; after an interrupted pass it is a range, since pixels differ."""
     least, most = renderer.spp, int(renderer.film.counts.max())
     return f"{least if least == most else f'{least} to {most}'} samples per pixel"
 
 
-def report(options: argparse.Namespace, renderer: Renderer, output: Path, seconds_total: float) -> None:
+def report(
+    options: argparse.Namespace,
+    renderer: Renderer,
+    output: Path,
+    developed: Developed | None,
+    seconds_total: float,
+) -> None:
     """Print the summary of a finished render."""
-    from wrt.progress import noise_text, rate_text
+    from wrt.progress.bar import noise_text, rate_text
 
-    seconds, noise = renderer.seconds_render, renderer.film.noise()
+    seconds, noise = renderer.seconds_render, renderer.noise()
     paths_per_second = renderer.paths / seconds if seconds > 0.0 else 0.0
     if not options.quiet:
         parts = [
@@ -37,6 +44,7 @@ def report(options: argparse.Namespace, renderer: Renderer, output: Path, second
             f"{seconds:.1f} s",
             f"{rate_text(paths_per_second)} paths/s",
             noise_text(noise),
+            f"exposure {developed.stops:+.2g}" if developed is not None and developed.stops else "",
         ]
         print("  ".join(part for part in parts if part), file=sys.stderr, flush=True)
     if options.json:
@@ -64,10 +72,10 @@ def report(options: argparse.Namespace, renderer: Renderer, output: Path, second
 
 
 class Clock:
-    """Measures how long each of several renders takes; the first is timed from the start of the process."""
+    """Measures the time of each render; that of the first includes the start of the process."""
 
     def __init__(self, *, own_process: bool) -> None:
-        """Start at the start of the process if it is the command line's own, otherwise now."""
+        """Start with the process if it belongs to the command line, otherwise now."""
         self._started = time.perf_counter() - (seconds_since_start() if own_process else 0.0)
 
     def lap(self) -> float:
@@ -78,12 +86,12 @@ class Clock:
 
 
 def seconds_since_start() -> float:
-    """Return the age of this process; where the system does not tell, the time since this module was imported."""
+    """Return the age of this process, or the time since this module was imported if the age is unknown."""
     imported = time.perf_counter() - _IMPORTED_AT
     try:
         with open("/proc/self/stat", encoding="ascii", errors="replace") as file:
-            # Fields after the program's name, which may hold spaces; the 20th is the start in clock
-            # ticks since the machine started (proc_pid_stat(5), field 22).
+            # Skip the program's name, which may contain spaces. The 20th field after it is the start time in clock
+            # ticks since boot (proc_pid_stat(5), field 22).
             ticks = int(file.read().rpartition(")")[2].split()[19])
         age = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
     except (OSError, AttributeError, ValueError, IndexError):

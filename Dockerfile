@@ -1,0 +1,14 @@
+# wrt, and a Dask worker or scheduler, for machines of a cluster (docs/clusters.md):
+#   docker build -t wrt .
+#   docker run --rm -v "$PWD:/work" wrt wrt render teapot.ply --part 3/16
+#   docker run --rm --network host wrt dask worker tcp://head:8786 --nthreads 1
+FROM python:3.12-slim
+
+COPY . /src
+RUN pip install --no-cache-dir '/src[dask]' && rm -rf /src
+
+# Kernels are compiled at the first render of their kind; mount a volume here to keep them.
+ENV XDG_CACHE_HOME=/cache WARP_CACHE_PATH=/cache/warp
+RUN mkdir -m 1777 /cache
+WORKDIR /work
+CMD ["wrt", "--help"]

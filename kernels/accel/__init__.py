@@ -1,0 +1,1 @@
+"""Acceleration structures: ray trees and the rays through them."""

@@ -1,0 +1,1 @@
+"""Lobes and functions that reflection models share."""

@@ -1,0 +1,229 @@
+"""Layers on a base: a coat and sheen, each of which passes the light that it does not reflect to the layers below.
+
+f = f_layer + f_base · min(1 − E(wo), 1 − E(wi)), where E is the layer's own albedo. The base's share of light from wo
+is at most 1 − E(wo), which conserves energy, and both directions count alike, which is reciprocal. The form is that of
+Estevez and Kulla (2017) for sheen, and of KHR_materials_sheen after them.
+"""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.bsdf.lobes.albedo_fits import LEAST_SHEEN_ROUGHNESS, sheen_albedo, specular_albedo
+from wrt.kernels.bsdf.lobes.facets import mirrored
+from wrt.kernels.bsdf.lobes.sheen import sheen
+from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.microfacet import LEAST_ALPHA, ggx
+from wrt.kernels.microfacet.widening import widened_evenly
+from wrt.kernels.sampling.warps import TWO_PI
+from wrt.kernels.specialise import specialised
+
+COAT_F0 = wp.constant(0.04)
+"""Reflectance at normal incidence of a coat of index 1.5."""
+
+BELOW_ONE = wp.constant(0.99999994)
+
+
+@wp.struct
+class Response:
+    """A BSDF for two directions.
+
+    `value` is f |cosθi|, `density` that of sampling wi per solid angle, and `albedo` about the share of light from wo
+    that is reflected or transmitted.
+    """
+
+    value: wp.vec3
+    density: float
+    albedo: float
+
+
+class Layer(NamedTuple):
+    """A layer with all below it, each lobe sampled in proportion to its reflection.
+
+    Attributes:
+        evaluate: (bsdf, wo, wi) -> Response, for wo above the surface.
+        direction: (bsdf, wo, u: vec2, u_lobe) -> wi; zero for none.
+        albedo: (bsdf, wo) -> float, that of the Response.
+    """
+
+    evaluate: wp.Function
+    direction: wp.Function
+    albedo: wp.Function
+
+
+@wp.func
+def schlick(cos_m: float, f0: wp.vec3, f90: float) -> wp.vec3:
+    """Return f0 + (f90 − f0)(1 − cosθ)⁵ (Schlick 1994, eq. 15, with the reflectance at grazing incidence)."""
+    x = wp.clamp(1.0 - cos_m, 0.0, 1.0)
+    x2 = x * x
+    return f0 + (wp.vec3(f90) - f0) * (x2 * x2 * x)
+
+
+@wp.func
+def facet_response(wo: wp.vec3, wi: wp.vec3, shape: wp.vec3) -> wp.vec2:
+    """Return D G cosθi / (4 cosθo cosθi) of GGX, and the density of reflection by visible normals.
+
+    With G = 1 / (1 + Λo + Λi) and the areas P = cosθ (1 + Λ) the first is
+    D cosθi / (4 (Po cosθi + cosθo Pi − cosθo cosθi)), finite at grazing angles. The second is D / (4 Po).
+    """
+    d = ggx.d(wp.normalize(wo + wi), shape)
+    area_o = ggx.projected_area(wo, shape)
+    area_i = ggx.projected_area(wi, shape)
+    # P ≥ cosθ: the sum is at least Po cosθi.
+    both = wp.max(area_o * wi[2] + wo[2] * (area_i - wi[2]), 1.0e-30)
+    return wp.vec2(0.25 * d * (wi[2] / both), 0.25 * d / area_o)
+
+
+@wp.func
+def alpha_of(roughness: float) -> float:
+    """Return α = roughness² (Burley 2012), clamped."""
+    r = wp.clamp(roughness, 0.0, 1.0)
+    return wp.max(r * r, LEAST_ALPHA)
+
+
+@wp.func
+def layer_share(reflected: float, below: float) -> float:
+    """Return the probability of sampling a layer that reflects `reflected`, above one that reflects `below`."""
+    return reflected / wp.max(reflected + (1.0 - reflected) * below, 1.0e-20)
+
+
+@specialised()
+def make_outside(body: bool) -> wp.Function:
+    """Return the device function (bsdf, w) -> bool: whether a direction is on a side with layers.
+
+    Layers lie on the outside of a body; an opaque surface and a thin sheet have them on both sides.
+    """
+    if body:
+        return _is_outside
+    return _always
+
+
+@wp.func
+def _is_outside(bsdf: Bsdf, w: wp.vec3) -> bool:
+    return bsdf.front == (w[2] > 0.0)
+
+
+@wp.func
+def _always(bsdf: Bsdf, w: wp.vec3) -> bool:
+    return True
+
+
+@specialised()
+def add_coat(below: Layer, coat: int, roughness: int, body: bool) -> Layer:
+    """Return a layer under a clear coat: KHR_materials_clearcoat, in a reciprocal form.
+
+    Args:
+        below: the layer below.
+        coat: row of the share of the surface that is coated.
+        roughness: row of the coat's roughness.
+        body: whether the surface bounds a transparent body, which is coated outside only.
+    """
+    below_evaluate, below_direction, below_albedo = below
+    outside = make_outside(body)
+
+    @wp.func
+    def shape_of(bsdf: Bsdf) -> wp.vec3:
+        alpha = alpha_of(bsdf.slots[wp.static(roughness)][0])
+        return widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+
+    @wp.func
+    def taken(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
+        if not outside(bsdf, w):
+            return 0.0
+        albedo = specular_albedo(wp.abs(w[2]), alpha)
+        return wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * (COAT_F0 * (albedo[0] - albedo[1]) + albedo[1])
+
+    @wp.func
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
+        shape = shape_of(bsdf)
+        reflected = taken(bsdf, wo, shape[0])
+        base = below_evaluate(bsdf, wo, wi)
+        share = layer_share(reflected, base.albedo)
+        r = Response()
+        r.albedo = reflected + (1.0 - reflected) * base.albedo
+        r.value = base.value * (1.0 - wp.max(reflected, taken(bsdf, wi, shape[0])))
+        r.density = base.density * (1.0 - share)
+        if wi[2] > 0.0 and reflected > 0.0:
+            facets = facet_response(wo, wi, shape)
+            amount = wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * facets[0]
+            r.value = r.value + schlick(0.5 * wp.length(wo + wi), wp.vec3(COAT_F0), 1.0) * amount
+            r.density += share * facets[1]
+        return r
+
+    @wp.func
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        shape = shape_of(bsdf)
+        share = layer_share(taken(bsdf, wo, shape[0]), below_albedo(bsdf, wo))
+        if u_lobe < share:
+            return mirrored(wo, ggx.sample_normal(wo, shape, u))
+        return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+
+    @wp.func
+    def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
+        reflected = taken(bsdf, wo, shape_of(bsdf)[0])
+        return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
+
+    return Layer(evaluate, direction, albedo)
+
+
+@specialised()
+def add_sheen(below: Layer, color: int, roughness: int, body: bool) -> Layer:
+    """Return a layer under fibres: KHR_materials_sheen.
+
+    Args:
+        below: the layer below.
+        color: row of the fibres' colour.
+        roughness: row of their roughness.
+        body: whether the surface bounds a transparent body, which has fibres outside only.
+    """
+    below_evaluate, below_direction, below_albedo = below
+    outside = make_outside(body)
+
+    @wp.func
+    def color_of(bsdf: Bsdf) -> wp.vec3:
+        return wp.min(bsdf.slots[wp.static(color)], wp.vec3(1.0))
+
+    @wp.func
+    def white_albedo(bsdf: Bsdf, w: wp.vec3) -> float:
+        if not outside(bsdf, w):
+            return 0.0
+        return sheen_albedo(wp.abs(w[2]), wp.clamp(bsdf.slots[wp.static(roughness)][0], LEAST_SHEEN_ROUGHNESS, 1.0))
+
+    @wp.func
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
+        tint = color_of(bsdf)
+        albedo_o = white_albedo(bsdf, wo)
+        albedo_i = white_albedo(bsdf, wi)
+        most = wp.max(albedo_o, albedo_i)
+        reflected = wp.max(tint) * wp.min(albedo_o, 1.0)
+        base = below_evaluate(bsdf, wo, wi)
+        share = layer_share(reflected, base.albedo)
+        r = Response()
+        r.albedo = reflected + (1.0 - reflected) * base.albedo
+        r.value = base.value * (1.0 - wp.max(tint) * wp.min(most, 1.0))
+        r.density = base.density * (1.0 - share)
+        if wi[2] > 0.0 and share > 0.0:
+            smooth = wp.clamp(bsdf.slots[wp.static(roughness)][0], LEAST_SHEEN_ROUGHNESS, 1.0)
+            r.value = r.value + tint * sheen(wo, wi, smooth, most)
+            r.density += share / TWO_PI
+        return r
+
+    @wp.func
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        reflected = wp.max(color_of(bsdf)) * wp.min(white_albedo(bsdf, wo), 1.0)
+        share = layer_share(reflected, below_albedo(bsdf, wo))
+        if u_lobe < share:
+            # Sample the hemisphere uniformly, as Estevez and Kulla recommend.
+            z = 1.0 - u[0]
+            radius = wp.sqrt(wp.max(0.0, 1.0 - z * z))
+            turned = sine_cosine(TWO_PI * u[1])
+            return wp.vec3(radius * turned[1], radius * turned[0], z)
+        return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+
+    @wp.func
+    def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
+        reflected = wp.max(color_of(bsdf)) * wp.min(white_albedo(bsdf, wo), 1.0)
+        return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
+
+    return Layer(evaluate, direction, albedo)

@@ -1,0 +1,84 @@
+"""Parts shared by microfacet models: shape, mirror direction at a facet, and sampling.
+
+Slot SHAPE of such a model is the shape of its distribution of normals (`kernels/microfacet`).
+"""
+
+import warp as wp
+
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample, no_sample
+from wrt.kernels.microfacet import LEAST_ALPHA
+from wrt.kernels.microfacet.widening import WIDENED, not_widened
+from wrt.kernels.specialise import specialised
+
+SHAPE = wp.constant(0)
+
+BY_ALPHA = ("ggx", "beckmann", "blinn-phong")
+ISOTROPIC = ("blinn-phong",)
+
+
+@wp.func
+def mirrored(wo: wp.vec3, m: wp.vec3) -> wp.vec3:
+    """Return the direction that a facet reflects to wo; zero if it is below the surface."""
+    wi = wp.normalize(m * (2.0 * wp.dot(wo, m)) - wo)
+    return wp.where(wi[2] > 0.0, wi, wp.vec3(0.0))
+
+
+@specialised()
+def make_shape_of(distribution: str) -> wp.Function:
+    """Return the device function bsdf -> shape of the distribution, clamped, and widened by a filtered normal map."""
+    by_alpha = distribution in BY_ALPHA
+    isotropic = distribution in ISOTROPIC
+    widened = WIDENED.get(distribution, not_widened)
+
+    @wp.func
+    def shape_of(bsdf: Bsdf) -> wp.vec3:
+        shape = bsdf.slots[SHAPE]
+        if wp.static(by_alpha):
+            along_x = wp.clamp(shape[0], LEAST_ALPHA, 1.0)
+            along_y = wp.clamp(shape[1], LEAST_ALPHA, 1.0)
+            if wp.static(isotropic):
+                along_y = along_x
+            shape = wp.vec3(along_x, along_y, 0.0)
+        return widened(shape, bsdf.normal_variance)
+
+    return shape_of
+
+
+@specialised()
+def make_alpha_of(distribution: str) -> wp.Function:
+    """Return the device function bsdf -> roughness, the geometric mean along x and y."""
+    shape_of = make_shape_of(distribution)
+
+    @wp.func
+    def alpha_of(bsdf: Bsdf) -> float:
+        shape = shape_of(bsdf)
+        return wp.sqrt(shape[0] * shape[1])
+
+    return alpha_of
+
+
+@specialised()
+def make_sample(evaluate: wp.Function, pdf: wp.Function, direction: wp.Function) -> wp.Function:
+    """Return a model's `sample` from a function (bsdf, wo, u, u_lobe) -> wi, which is zero for no direction.
+
+    Value and density are evaluated for the direction, not for the sampled normal: at a roughness of 1e-4 the two differ
+    by float32 rounding, and the renderer evaluates both again.
+
+    Args:
+        evaluate: that of the model.
+        pdf: that of the model; 0 for a zero direction.
+        direction: samples that density.
+    """
+
+    @wp.func
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        s = no_sample()
+        wi = direction(bsdf, wo, u, u_lobe)
+        density = pdf(bsdf, wo, wi)
+        if density > 0.0:
+            s.wi = wi
+            s.weight = evaluate(bsdf, wo, wi) / density
+            s.pdf = density
+        return s
+
+    return sample

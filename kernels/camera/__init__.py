@@ -1,0 +1,1 @@
+"""Cameras: from a point on the film to a ray, and back."""

@@ -1,0 +1,112 @@
+"""Camera models by name, and the dispatch among them: from a point on the film and a time to a ray, and back.
+
+A model is a file with a `MODEL` (`CameraModel` in `kernels/camera/camera.py`). To add one, write the file, name it in
+`BUILT_IN`, and describe it in `wrt/scene/camera.py`; `CAMERA_MODELS.register` adds one from outside the package.
+"""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.camera.camera import Camera, CameraModel, CameraRay
+from wrt.kernels.geometry.motion import transform_at
+from wrt.kernels.registry import Registry, model_number
+from wrt.kernels.specialise import specialised
+
+BUILT_IN = ("perspective", "orthographic", "panorama", "fisheye")
+"""Models in all kernels: the dispatch takes no time, and more variants would mean more kernels to compile."""
+
+
+def _check(name: str, model: CameraModel) -> None:
+    """Accept all models: both functions are required."""
+
+
+CAMERA_MODELS: Registry[CameraModel] = Registry("wrt.kernels.camera", BUILT_IN, _check)
+current_name = CAMERA_MODELS.current_name
+
+
+def camera_kind(name: str, outside: tuple[str, ...]) -> int:
+    """Return the number of a model in kernels with the models `outside` besides the built-in ones."""
+    return model_number(name, (*outside, *BUILT_IN))
+
+
+class CameraFunctions(NamedTuple):
+    """The device functions that dispatch on `Camera.kind`.
+
+    Attributes:
+        ray: (camera, film: vec2, u_lens: vec2, time) -> CameraRay through a point of the picture, in pixels; (0, 0) is
+            the top left corner of the whole picture.
+        film_position: (camera, point, distant: bool, time) -> vec2: the point of the picture, in pixels, where the lens
+            centre sees a point at a time. A `distant` point is a direction. Undefined for points that the camera
+            cannot see, such as those behind it.
+    """
+
+    ray: wp.Function
+    film_position: wp.Function
+
+
+@specialised()
+def make_camera(outside: tuple[str, ...] = ()) -> CameraFunctions:
+    """Return the functions for the built-in models and those `outside` (see `Features.cameras`)."""
+    model = _make_model((*outside, *BUILT_IN))
+    model_ray, project = model.ray, model.project
+
+    @wp.func
+    def camera_ray(camera: Camera, film: wp.vec2, u_lens: wp.vec2, time: float) -> CameraRay:
+        x = (film[0] - 0.5 * float(camera.width)) * camera.pixel[0] + camera.shift[0]
+        y = (0.5 * float(camera.height) - film[1]) * camera.pixel[1] + camera.shift[1]
+        result = model_ray(camera, x, y, u_lens)
+        ray = result.ray
+        if camera.motion.keys > 0:
+            placement = transform_at(camera.motion_keys, camera.motion, time)
+            ray.origin = placement.linear * ray.origin + placement.offset
+            ray.direction = wp.normalize(placement.linear * ray.direction)
+        ray.time = time
+        result.ray = ray
+        return result
+
+    @wp.func
+    def film_position(camera: Camera, point: wp.vec3, distant: bool, time: float) -> wp.vec2:
+        way = point
+        if camera.motion.keys > 0:
+            placement = transform_at(camera.motion_keys, camera.motion, time)
+            back = wp.inverse(placement.linear)
+            if distant:
+                way = back * point
+            else:
+                way = back * (point - placement.offset)
+        if not distant:
+            way = way - camera.origin
+        p = project(camera, wp.dot(way, camera.right), wp.dot(way, camera.up), wp.dot(way, camera.forward))
+        return wp.vec2(
+            (p[0] - camera.shift[0]) / camera.pixel[0] + 0.5 * float(camera.width),
+            0.5 * float(camera.height) - (p[1] - camera.shift[1]) / camera.pixel[1],
+        )
+
+    return CameraFunctions(camera_ray, film_position)
+
+
+@specialised()
+def _make_model(names: tuple[str, ...]) -> CameraModel:
+    """Return functions that dispatch among the models `names` by number, one link of a chain each."""
+    model = CAMERA_MODELS.model_of(names[0])
+    if not names[1:]:
+        return model
+    number = model_number(names[0], names)
+    model_ray, model_project = model.ray, model.project
+    following = _make_model(names[1:])
+    next_ray, next_project = following.ray, following.project
+
+    @wp.func
+    def ray_through(camera: Camera, x: float, y: float, u_lens: wp.vec2) -> CameraRay:
+        if camera.kind == wp.static(number):
+            return model_ray(camera, x, y, u_lens)
+        return next_ray(camera, x, y, u_lens)
+
+    @wp.func
+    def project(camera: Camera, right: float, up: float, forward: float) -> wp.vec2:
+        if camera.kind == wp.static(number):
+            return model_project(camera, right, up, forward)
+        return next_project(camera, right, up, forward)
+
+    return CameraModel(ray_through, project)

@@ -1,0 +1,1 @@
+"""The film: filters, sums of samples, and layers."""

@@ -1,0 +1,179 @@
+"""Layers besides radiance: properties of the first surface that a camera ray hits.
+
+Reflectance, normals and coverage are averaged over a pixel's samples, where a miss counts as 0. Quantities that cannot
+be averaged, such as depth across an edge, come from the sample nearest to the pixel's centre.
+"""
+
+import warp as wp
+
+from wrt.kernels.accel.intersect import NO_HIT
+from wrt.kernels.bsdf import make_bsdf
+from wrt.kernels.camera.camera import Camera, CameraRay
+from wrt.kernels.camera.models import make_camera
+from wrt.kernels.features import Features
+from wrt.kernels.film.film import is_finite_color
+from wrt.kernels.geometry.rays import to_local
+from wrt.kernels.geometry.surface import Surface, add_texture_coordinates
+from wrt.kernels.geometry.triangles import make_triangle_of
+from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface
+from wrt.kernels.integrators.specular_chain import make_follow_specular
+from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
+from wrt.kernels.scene.materials import make_bsdf_at
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.specialise import specialised
+
+
+@wp.struct
+class AovData:
+    """A film's layers, (pixels, channels), and the first channel of each in its array, −1 for disabled layers.
+
+    `sums` are over all samples; `nearest`, `object_number` (0 for a miss) and `off_middle` (the squared distance in
+    pixels) belong to the sample nearest to the pixel's centre.
+    """
+
+    sums: wp.array2d(dtype=wp.float64)
+    nearest: wp.array2d(dtype=wp.float32)
+    object_number: wp.array(dtype=wp.int32)
+    off_middle: wp.array(dtype=wp.float32)
+    # In `sums`
+    albedo: int
+    normal: int
+    geometric_normal: int
+    alpha: int
+    # In `nearest`
+    depth: int
+    position: int
+    uv: int
+    motion: int
+
+
+@wp.func
+def add_color(sums: wp.array2d(dtype=wp.float64), pixel: int, first: int, value: wp.vec3):
+    """Add three values to the sums from channel `first` on, unless that is −1."""
+    if first >= 0 and is_finite_color(value):
+        for k in range(3):
+            sums[pixel, first + k] = sums[pixel, first + k] + wp.float64(value[k])
+
+
+@wp.func
+def set_numbers(nearest: wp.array2d(dtype=wp.float32), pixel: int, first: int, count: int, value: wp.vec3):
+    """Set `count` channels from `first` on, unless that is −1."""
+    if first >= 0:
+        for k in range(count):
+            nearest[pixel, first + k] = value[k]
+
+
+@specialised("models", *make_bsdf_at.fields)
+def make_directional_albedo(features: Features) -> wp.Function:
+    """Return the device function (scene, surface, material, direction, u) -> vec3, an estimate of directional albedo.
+
+    It samples one direction as a path does. The weight f |cosθi| / pdf has the mean ∫ f |cosθi| dωi, the fraction of
+    uniform illumination that reaches the viewer, specular directions included. The scaling of radiance on refraction
+    is taken out, or glass would be brighter than 1 from inside.
+    """
+    bsdf_sample = make_bsdf(features.models).sample
+    bsdf_at = make_bsdf_at(features)
+
+    @wp.func
+    def directional_albedo(
+        scene: SceneData, surface: Surface, material: int, direction: wp.vec3, u: wp.vec4
+    ) -> wp.vec3:
+        bsdf = bsdf_at(scene, material, surface)
+        s = bsdf_sample(bsdf, to_local(surface.frame, -direction), wp.vec2(u[0], u[1]), u[2])
+        return s.weight * (s.eta * s.eta)
+
+    return directional_albedo
+
+
+@specialised("instances", "cameras")
+def make_motion_on_film(features: Features) -> wp.Function:
+    """Return the device function (scene, camera, first, direction) -> vec2, a point's motion in pixels.
+
+    It leads from the point's position on the film when the shutter opens to that when it closes.
+    """
+    triangle_of = make_triangle_of(features.instances)
+    film_position = make_camera(features.cameras).film_position
+
+    @wp.func
+    def motion_on_film(scene: SceneData, camera: Camera, first: FirstSurface, direction: wp.vec3) -> wp.vec2:
+        begin = direction
+        end = direction
+        distant = first.hit.triangle == NO_HIT
+        if not distant:
+            hit = first.hit
+            t = triangle_of(scene, hit.triangle, hit.instance, camera.shutter_open)
+            begin = t.p0 + t.e1 * hit.u + t.e2 * hit.v
+            t = triangle_of(scene, hit.triangle, hit.instance, camera.shutter_close)
+            end = t.p0 + t.e1 * hit.u + t.e2 * hit.v
+        there = film_position(camera, end, distant, camera.shutter_close)
+        return there - film_position(camera, begin, distant, camera.shutter_open)
+
+    return motion_on_film
+
+
+@specialised("guides", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields)
+def make_add_aovs(features: Features) -> wp.Function:
+    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
+
+    It adds one sample, seen along a camera ray through the point `offset` from the pixel's centre.
+    """
+    first_surface = make_first_surface(features)
+    guides = features.guides
+    follow_specular = make_follow_specular(features)
+    directional_albedo = make_directional_albedo(features)
+    motion_on_film = make_motion_on_film(features)
+    sample_4d = make_sample_4d(features.sampler)
+    has_coordinates = features.textured or features.tangents
+
+    @wp.func
+    def add_aovs(
+        scene: SceneData,
+        camera: Camera,
+        seen: CameraRay,
+        sampler: Sampler,
+        aovs: AovData,
+        pixel: int,
+        offset: wp.vec2,
+    ) -> int:
+        first = first_surface(scene, seen.ray, seen.footprint, sampler)
+        direction = seen.ray.direction
+        tint = wp.vec3(1.0)
+        if wp.static(guides):
+            chain = follow_specular(scene, first, seen.ray, sampler)
+            first = chain.first
+            direction = chain.direction
+            tint = chain.tint
+        surface = first.surface
+        met = first.hit.triangle != NO_HIT
+        if met:
+            add_color(aovs.sums, pixel, aovs.normal, surface.frame.n)
+            add_color(aovs.sums, pixel, aovs.geometric_normal, surface.normal)
+            if aovs.alpha >= 0:
+                aovs.sums[pixel, aovs.alpha] = aovs.sums[pixel, aovs.alpha] + wp.float64(1.0)
+            if aovs.albedo >= 0:
+                u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
+                albedo = directional_albedo(scene, surface, first.material, direction, u)
+                if wp.static(guides):
+                    albedo = wp.cw_mul(albedo, tint)
+                add_color(aovs.sums, pixel, aovs.albedo, albedo)
+        off_middle = wp.dot(offset, offset)
+        if off_middle < aovs.off_middle[pixel]:
+            aovs.off_middle[pixel] = off_middle
+            number = int(0)
+            depth = wp.inf
+            if met:
+                number = surface.shape + 1
+                depth = first.distance
+            aovs.object_number[pixel] = number
+            set_numbers(aovs.nearest, pixel, aovs.depth, 1, wp.vec3(depth))
+            set_numbers(aovs.nearest, pixel, aovs.position, 3, surface.position)
+            if aovs.uv >= 0:
+                if met and wp.static(not has_coordinates):
+                    surface = add_texture_coordinates(scene, first.hit, surface)
+                set_numbers(aovs.nearest, pixel, aovs.uv, 2, wp.vec3(surface.uv[0], surface.uv[1], 0.0))
+            if aovs.motion >= 0:
+                moved = motion_on_film(scene, camera, first, seen.ray.direction)
+                set_numbers(aovs.nearest, pixel, aovs.motion, 2, wp.vec3(moved[0], moved[1], 0.0))
+        return first.rays
+
+    return add_aovs

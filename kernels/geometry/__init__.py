@@ -1,0 +1,1 @@
+"""Rays, triangles, surfaces, and their motion."""

@@ -1,0 +1,222 @@
+"""The surface at a hit: position, normals, and interpolated vertex attributes."""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.accel.instances import make_instance_placement
+from wrt.kernels.geometry.motion import key_at
+from wrt.kernels.geometry.rays import Frame, Ray, make_frame
+from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.specialise import specialised
+from wrt.kernels.spmd_marks import shading_point
+
+
+@wp.struct
+class Surface:
+    """A point on a triangle, seen along a ray.
+
+    `normal` (geometric) and `frame.n` (shading) face the viewer; `front` tells whether the viewer is on the triangle's
+    front, where its corners run counter-clockwise; for a mirrored instance, the front of its mesh. `e1` and `e2` are
+    two edges of the triangle in the world, `clearance` is the offset from which rays leave it. `footprint` is the ray
+    cone's footprint in the texture (see `texture_footprint`); zero for a point sample. `second_uv` and `alpha` are set
+    if Features.uv2_alpha. `normal_variance` is the variance that a filtered normal map leaves to the roughness (see
+    `Bsdf`).
+    """
+
+    position: wp.vec3
+    e1: wp.vec3
+    e2: wp.vec3
+    clearance: float
+    normal: wp.vec3
+    frame: Frame
+    front: bool
+    shape: int
+    uv: wp.vec2
+    footprint: wp.vec4
+    color: wp.vec3
+    second_uv: wp.vec2
+    alpha: float
+    normal_variance: wp.vec2
+
+
+@wp.func
+def normal_of_mesh(scene: SceneData, hit: Hit, first: int) -> wp.vec3:
+    """Return the interpolated normal on a mesh copy, whose vertices are offset by `first` from the indices."""
+    i = scene.corners[hit.triangle]
+    normal = scene.normals[i[0] + first] * (1.0 - hit.u - hit.v)
+    return normal + scene.normals[i[1] + first] * hit.u + scene.normals[i[2] + first] * hit.v
+
+
+@specialised()
+def make_shading_normal(instances: str) -> wp.Function:
+    """Return the device function (scene, hit, time) -> the interpolated normal, of any length; 0 on flat triangles."""
+    deforming = instances == "deforming"
+
+    @wp.func
+    def of_one_tree(scene: SceneData, hit: Hit, time: float) -> wp.vec3:
+        return normal_of_mesh(scene, hit, 0)
+
+    if instances == "none":
+        return of_one_tree
+    instance_placement = make_instance_placement(instances)
+
+    @wp.func
+    def shading_normal(scene: SceneData, hit: Hit, time: float) -> wp.vec3:
+        record = scene.placed.instances[hit.instance]
+        normal = normal_of_mesh(scene, hit, 0)
+        if wp.static(deforming):
+            mesh = scene.placed.meshes[record.mesh]
+            if mesh.keys > 1:
+                at = key_at(scene.placed.key_times, mesh.first_time, mesh.keys, time)
+                first = int(at[0]) * mesh.vertex_stride
+                second = wp.min(first + mesh.vertex_stride, (mesh.keys - 1) * mesh.vertex_stride)
+                normal = normal_of_mesh(scene, hit, first) * (1.0 - at[1])
+                normal += normal_of_mesh(scene, hit, second) * at[1]
+        # Transform by cofactors: the inverse transpose times the determinant, for a map scaled to 1.
+        linear = instance_placement(scene.placed, record, time).linear
+        size = float(0.0)
+        for k in range(3):
+            size = wp.max(size, wp.max(wp.abs(linear[k])))
+        a = wp.vec3(linear[0, 0], linear[1, 0], linear[2, 0]) / size
+        b = wp.vec3(linear[0, 1], linear[1, 1], linear[2, 1]) / size
+        c = wp.vec3(linear[0, 2], linear[1, 2], linear[2, 2]) / size
+        return wp.cross(b, c) * normal[0] + wp.cross(c, a) * normal[1] + wp.cross(a, b) * normal[2]
+
+    return shading_normal
+
+
+@wp.func
+def leave(surface: Surface, side: float) -> wp.vec3:
+    """Return the surface's point offset to the side of its geometric normal (1) or the other (−1)."""
+    return surface.position + surface.normal * (side * surface.clearance)
+
+
+@wp.func
+def gap_behind(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> float:
+    """Return how far a ray that leaves a surface at `origin`, a little beside it, has come from it already."""
+    height = wp.abs(wp.dot(origin - surface.position, surface.normal))
+    return height / wp.max(wp.abs(wp.dot(direction, surface.normal)), 0.02)
+
+
+@specialised()
+def make_surface_at(instances: str) -> wp.Function:
+    """Return the device function (scene, ray, hit) -> Surface; see Features for `instances`."""
+    placed = instances != "none"
+    triangle_of = make_triangle_of(instances)
+    shading_normal = make_shading_normal(instances)
+
+    @wp.func(name=f"surface_at_{instances}")
+    @shading_point
+    def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
+        triangle = triangle_of(scene, hit.triangle, hit.instance, ray.time)
+        surface = Surface()
+        # Interpolated, not origin + t·direction: the error then depends on the triangle's own coordinates, not on the
+        # length of the ray.
+        surface.position = triangle.p0 + triangle.e1 * hit.u + triangle.e2 * hit.v
+        surface.e1 = triangle.e1
+        surface.e2 = triangle.e2
+        normal = wp.normalize(wp.cross(triangle.e1, triangle.e2))
+        surface.clearance = clearance_of(triangle, normal)
+        if wp.static(placed):
+            surface.shape = scene.placed.instances[hit.instance].shape
+            if surface.shape < 0:
+                surface.shape = scene.triangle_shape[hit.triangle]
+            normal = normal * triangle.side
+        else:
+            surface.shape = scene.triangle_shape[hit.triangle]
+
+        shading = wp.vec3()
+        if scene.shapes[surface.shape].smooth != 0:
+            shading = shading_normal(scene, hit, ray.time)
+        # Normals in files may point either way.
+        if wp.dot(shading, normal) < 0.0:
+            shading = -shading
+        surface.front = wp.dot(normal, ray.direction) < 0.0
+        if not surface.front:
+            normal = -normal
+            shading = -shading
+        # A BSDF cannot use an interpolated normal that faces away from the viewer.
+        if wp.dot(shading, ray.direction) >= 0.0:
+            shading = normal
+        surface.normal = normal
+        surface.frame = make_frame(wp.normalize(shading))
+        return surface
+
+    return at
+
+
+surface_at = make_surface_at("none")
+
+
+@wp.func
+def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
+    """Return the surface with the attributes that only textured materials need."""
+    i = scene.corners[hit.triangle]
+    w0 = 1.0 - hit.u - hit.v
+    surface.uv = scene.uvs[i[0]] * w0 + scene.uvs[i[1]] * hit.u + scene.uvs[i[2]] * hit.v
+    surface.color = scene.colors[i[0]] * w0 + scene.colors[i[1]] * hit.u + scene.colors[i[2]] * hit.v
+    return surface
+
+
+@specialised()
+def make_add_texture_coordinates(uv2_alpha: bool) -> wp.Function:
+    """Return `add_texture_coordinates`, extended by second coordinates and alpha if `uv2_alpha`."""
+
+    @wp.func
+    def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
+        surface = add_texture_coordinates(scene, hit, surface)
+        i = scene.corners[hit.triangle]
+        more = scene.uv2_alpha[i[0]] * (1.0 - hit.u - hit.v)
+        more = more + scene.uv2_alpha[i[1]] * hit.u + scene.uv2_alpha[i[2]] * hit.v
+        surface.second_uv = wp.vec2(more[0], more[1])
+        surface.alpha = more[2]
+        return surface
+
+    return add if uv2_alpha else add_texture_coordinates
+
+
+@wp.func
+def uv_edges(scene: SceneData, hit: Hit) -> wp.mat22:
+    """Return the changes of u and v along the triangle's edges e1 and e2, one row per edge."""
+    i = scene.corners[hit.triangle]
+    uv = scene.uvs[i[0]]
+    a = scene.uvs[i[1]] - uv
+    b = scene.uvs[i[2]] - uv
+    return wp.mat22(a[0], a[1], b[0], b[1])
+
+
+@wp.func
+def align_tangents(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
+    """Return the surface with its frame turned about the normal: s along increasing u, t as near as possible to v's.
+
+    t = ±n × s: if the texture is mirrored as the viewer sees it, the frame is left-handed. If u and v do not span the
+    triangle, the frame stays unchanged.
+    """
+    e1 = surface.e1
+    e2 = surface.e2
+    uv = uv_edges(scene, hit)
+    a = uv[0]
+    b = uv[1]
+    forth = a[0] * b[1]
+    back = a[1] * b[0]
+    area = forth - back
+    # Smaller values are rounding: the coordinates lie on a line, or in one point.
+    if wp.abs(area) <= 1.0e-6 * (wp.abs(forth) + wp.abs(back)):
+        return surface
+    # ∂p/∂u and ∂p/∂v up to the factor 1 / |area|.
+    sign = wp.sign(area)
+    along_u = (e1 * b[1] - e2 * a[1]) * sign
+    along_v = (e2 * a[0] - e1 * b[0]) * sign
+    along_u = wp.normalize(along_u)
+    n = surface.frame.n
+    s = along_u - n * wp.dot(n, along_u)
+    if wp.length_sq(s) <= 1.0e-8:
+        return surface
+    s = wp.normalize(s)
+    t = wp.cross(n, s)
+    if wp.dot(t, along_v) < 0.0:
+        t = -t
+    surface.frame.s = s
+    surface.frame.t = t
+    return surface

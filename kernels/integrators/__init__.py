@@ -1,0 +1,1 @@
+"""Integrators: what the light along a camera ray is."""

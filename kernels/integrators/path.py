@@ -1,0 +1,146 @@
+"""Unidirectional path tracing with next-event estimation and multiple importance sampling.
+
+Kajiya (1986); Veach (1997), chapters 9 and 10. The stages of a path are in the files beside this one.
+"""
+
+import warp as wp
+
+from wrt.kernels.accel.intersect import NO_HIT, make_intersect
+from wrt.kernels.features import Features
+from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.integrators.path_escape import make_escape
+from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
+from wrt.kernels.integrators.path_state import (
+    PathResult,
+    PathSettings,
+    begin_indirect,
+    camera_path,
+    path_result,
+)
+from wrt.kernels.integrators.path_surface import (
+    make_direct_lighting,
+    make_place_receiver,
+    make_prepare_bsdf,
+    make_sample_bsdf,
+    make_surface_emission,
+    make_surface_vertex,
+    pass_through,
+)
+from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
+from wrt.kernels.lights.intersect import make_closest_hit
+from wrt.kernels.media.skin import or_skin
+from wrt.kernels.sampling.sampler import (
+    BLOCK_BSDF,
+    BLOCK_LIGHT,
+    Sampler,
+    make_sample_4d,
+    passed_block,
+    vertex_block,
+)
+from wrt.kernels.scene.materials import has_panes
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.specialise import specialised
+from wrt.kernels.spmd_marks import path_function
+
+
+@specialised()
+def make_trace_path(features: Features) -> wp.Function:
+    """Return the device function that follows one path, with only what `features` names."""
+    sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
+    closest_hit, occluded = make_closest_hit(features), make_intersect(features.instances).occluded
+    traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
+    surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
+    prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
+    place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
+    opacity, nested, light_shapes = features.opacity, features.nested, bool(features.light_shapes)
+    media, scattering, bodies = features.media != "none", features.media == "scattering", features.bodies
+    clamped, panes, attenuates_shadows = features.clamped, has_panes(features.models), can_attenuate_shadows(features)
+
+    @wp.func
+    @path_function
+    def trace_path(
+        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
+    ) -> PathResult:
+        path = camera_path(camera_ray, pixel_footprint)
+        if wp.static(bodies):
+            path.medium_stack = scene.inside_at_camera
+        while path.depth < settings.max_depth:
+            path.depth += 1
+            vertex_number = path.depth + path.medium_scatterings
+            # Drawn before the ray is traced, as that waits for memory meanwhile: 5 % of a path in the Cornell box.
+            u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
+            u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
+            hit = closest_hit(scene, path.ray)
+            if wp.static(scattering):
+                hit = or_skin(path.skin, path.ray, hit)
+            path.rays += 1
+            u_more = wp.vec4()
+            if wp.static(opacity or panes or scattering):
+                u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
+
+            # ---- Medium
+            if wp.static(media):
+                segment = traverse_medium(scene, path, hit, wp.vec2(u_more[3], u_more[2]), settings.max_scatterings)
+                path.radiance = segment.radiance
+                path.throughput = segment.throughput
+                if wp.static(scattering):
+                    if segment.ends:
+                        break
+                    if segment.scatters:
+                        path = scatter_in_medium(scene, path, segment, hit, u_light, u_bsdf, settings)
+                        if path.is_done:
+                            break
+                        continue
+
+            # ---- Environment, and lights that are shapes
+            if hit.triangle <= NO_HIT:
+                path = escape(scene, path, hit, settings)
+                if wp.static(light_shapes):
+                    if not path.is_done:
+                        continue
+                break
+
+            # ---- Surface
+            if wp.static(scattering):
+                path.skin.hit.triangle = NO_HIT
+            vertex = surface_vertex(scene, path, hit, u_more[0], sampler)
+            if wp.static(opacity or nested):
+                if not vertex.is_solid:
+                    path = pass_through(path, vertex)
+                    if path.is_done:
+                        break
+                    continue
+            path = surface_emission(scene, path, vertex, settings.strategy)
+            if wp.static(not panes):
+                if path.depth >= settings.max_depth:
+                    break
+            vertex = prepare_bsdf(scene, path, vertex, settings.widening)
+            if wp.static(panes):
+                if not vertex.is_pane and path.depth >= settings.max_depth:
+                    break
+            if wp.static(clamped):
+                path = begin_indirect(path, vertex_number >= 2 and not vertex.is_pane)
+
+            # ---- Direct lighting
+            path = place_receiver(path, vertex)
+            light = direct_lighting(scene, path, vertex, u_light, settings.strategy)
+            path.rays += light.rays
+            shadow_radiance = wp.cw_mul(path.throughput, light.radiance)
+            if wp.static(attenuates_shadows):
+                path.radiance += shadow_radiance
+
+            # ---- BSDF sampling and roulette
+            path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
+
+            # ---- Shadow ray, last, when little of the surface's state is still live
+            if wp.static(not attenuates_shadows):
+                blocked = occluded(scene, light.shadow_ray, light.t_max)
+                if not blocked:
+                    path.radiance += shadow_radiance
+            if path.is_done:
+                break
+
+        result = path_result(path, settings.clamp_indirect)
+        return result
+
+    return trace_path

@@ -1,0 +1,139 @@
+"""Stages of a path in media: absorption and emission along a segment, and scattering.
+
+Raab, Seibert and Keller (2008); the formulas are in `kernels/media/medium.py` and `kernels/media/phase.py`.
+"""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.accel.intersect import NO_HIT
+from wrt.kernels.features import Features
+from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE
+from wrt.kernels.integrators.next_event import make_light_in_medium
+from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
+from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, transmittance
+from wrt.kernels.media.phase import phase, sample_phase
+from wrt.kernels.media.skin import make_skin_near
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.specialise import specialised
+from wrt.kernels.spmd_marks import inline_stage
+
+
+@wp.struct
+class MediumSegment:
+    """What a medium does to a path along a segment.
+
+    `radiance` and `throughput` are those of the path after it. If the path `scatters`, it does so at `distance` from
+    the surface at which the medium begins, with the mean cosine `g`. The path `ends` if nothing is left of its
+    throughput, or if it has scattered in media as often as it may.
+    """
+
+    radiance: wp.vec3
+    throughput: wp.vec3
+    scatters: bool
+    ends: bool
+    distance: float
+    g: float
+
+
+@specialised("media")
+def make_traverse_medium(features: Features) -> wp.Function:
+    """Return the stage (scene, path, hit, u_medium, max_scatterings) -> MediumSegment, up to the nearest hit."""
+    scattering = features.media == "scattering"
+    extinction_of = make_extinction(features.media)
+
+    @wp.func
+    @inline_stage
+    def traverse_medium(
+        scene: SceneData, path: PathState, hit: Hit, u_medium: wp.vec2, max_scatterings: int
+    ) -> MediumSegment:
+        segment = MediumSegment()
+        segment.radiance = path.radiance
+        segment.throughput = path.throughput
+        medium = medium_of(scene, path.medium_stack)
+        if medium >= 0:
+            record = scene.media[medium]
+            extinction = extinction_of(scene, path.medium_stack)
+            segment_length = path.origin_gap + hit.t
+            emission = emitted(record.emission, extinction, segment_length)
+            segment.radiance = path.radiance + wp.cw_mul(path.throughput, emission)
+            scatters_light = bool(False)
+            if wp.static(scattering):
+                scatters_light = wp.max(record.scattering) > 0.0
+                if scatters_light:
+                    flight = fly(
+                        extinction, record.scattering, path.throughput, segment_length, u_medium[0], u_medium[1]
+                    )
+                    segment.throughput = wp.cw_mul(path.throughput, flight.weight)
+                    segment.scatters = flight.scattered
+                    segment.ends = wp.max(segment.throughput) == 0.0 or (
+                        flight.scattered and path.medium_scatterings >= max_scatterings
+                    )
+                    segment.distance = flight.distance
+                    segment.g = record.g
+            if not scatters_light:
+                segment.throughput = wp.cw_mul(path.throughput, transmittance(extinction, segment_length))
+        return segment
+
+    return traverse_medium
+
+
+@specialised("media", "instances", "clamped", "regularized", *make_light_in_medium.fields)
+def make_scatter_in_medium(features: Features) -> wp.Function:
+    """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
+
+    It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
+    """
+    clamped, regularized = features.clamped, features.regularized
+    skin_near = make_skin_near(features.instances)
+    light_in_medium = make_light_in_medium(features)
+
+    @wp.func
+    @inline_stage
+    def scatter_in_medium(
+        scene: SceneData,
+        path: PathState,
+        segment: MediumSegment,
+        hit: Hit,
+        u_light: wp.vec4,
+        u_phase: wp.vec4,
+        settings: PathSettings,
+    ) -> PathState:
+        if wp.static(clamped):
+            path = begin_indirect(path, path.depth + path.medium_scatterings >= 2)
+        path.medium_scatterings += 1
+        path.depth -= 1
+
+        # The point at which the path scatters
+        distance = wp.max(segment.distance - path.origin_gap, 0.0)
+        path.skin = skin_near(scene, path.ray, distance, hit, path.previous_hit)
+        path.ray.origin = path.ray.origin + path.ray.direction * distance
+        path.previous_hit.triangle = NO_HIT
+        path.origin_gap = 0.0
+        path.passed_distance = 0.0
+        path.footprint = wp.vec2(0.0)
+
+        # Direct lighting
+        forward = path.ray.direction
+        if scene.lights.shape[0] > 0:
+            path.receiver.position = path.ray.origin
+            path.receiver.receives = RECEIVES_ANYWHERE
+            light = light_in_medium(
+                scene, path.receiver, forward, segment.g, path.medium_stack, path.skin, u_light, settings.strategy
+            )
+            path.rays += light.rays
+            path.radiance += wp.cw_mul(path.throughput, light.radiance)
+
+        # Phase function sampling
+        path.ray.direction = sample_phase(forward, segment.g, wp.vec2(u_phase[0], u_phase[1]))
+        path.scatter_pdf = phase(wp.dot(forward, path.ray.direction), segment.g)
+        if wp.static(regularized):
+            path.was_blurred = True
+
+        # Roulette begins below a throughput of 1 only: paths in milk scatter hundreds of times and must survive.
+        survival = wp.min(wp.max(path.throughput) * path.eta_scale, 1.0)
+        path.is_done = u_phase[3] >= survival
+        path.throughput = path.throughput / survival
+        return path
+
+    return scatter_in_medium

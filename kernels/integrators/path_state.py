@@ -1,0 +1,137 @@
+"""What a path carries from one vertex to the next, and what all integrators take and return."""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.accel.intersect import NO_HIT
+from wrt.kernels.geometry.rays import Ray, Receiver
+from wrt.kernels.media.skin import Skin, no_skin
+from wrt.kernels.scene.materials import MOST_PASSED
+from wrt.kernels.scene.scene_data import BodyStack
+from wrt.kernels.spmd_marks import inline_stage
+
+BEHIND_LIGHT = wp.constant(1.00001)
+"""Factor on the distance to a hidden light, by which a ray begins behind it; several times its rounding error."""
+
+
+@wp.struct
+class PathSettings:
+    """Settings that need no kernel of their own."""
+
+    max_depth: int
+    max_scatterings: int  # events in media, which max_depth does not count
+    strategy: int
+    min_attenuation: float  # of ray trees: what is dimmer is not followed
+    jittered_rays: int  # of ray trees: how many go on where gloss is first met
+    ambient: wp.vec3  # of ray trees: radiance that all that is not smooth receives from everywhere
+    ao_distance: float  # how far ambient occlusion looks
+    clamp_indirect: float  # most radiance per channel that a path brings by more than two segments
+    widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
+    hides_lights: int  # whether camera rays do not see the environment and lights without triangles
+
+
+@wp.struct
+class PathResult:
+    """The radiance along a ray, and how many rays it took."""
+
+    radiance: wp.vec3
+    rays: int
+
+
+@wp.struct
+class PathState:
+    """A path between two vertices.
+
+    `ray` is its next segment, and `scatter_pdf` the density of that direction, 0 if it was the only one possible.
+    `throughput` is the product of all weights so far, and `eta_scale` that of all squared relative indices. A path may
+    go straight through surfaces: `passed_distance` is the distance since it was last scattered, and `surfaces_passed`
+    counts them all. `receiver` is the last vertex for which a light was sampled. `previous_hit` is the surface that
+    the ray leaves, and `origin_gap` the distance from there to the ray's origin, as the medium begins at the surface.
+    `footprint` is the width of the cone that the camera ray stands for, and its growth; 0 once the path was scattered.
+    While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more,
+    which `is_indirect` tells. `was_blurred` tells whether the path was scattered by what is not smooth.
+    """
+
+    ray: Ray
+    radiance: wp.vec3
+    throughput: wp.vec3
+    eta_scale: float
+    scatter_pdf: float
+    footprint: wp.vec2
+    passed_distance: float
+    rays: int
+    depth: int
+    surfaces_passed: int
+    direct_radiance: wp.vec3
+    is_indirect: bool
+    was_blurred: bool
+    receiver: Receiver
+    medium_stack: BodyStack
+    origin_gap: float
+    medium_scatterings: int
+    skin: Skin
+    previous_hit: Hit
+    is_done: bool
+
+
+@wp.func
+@inline_stage
+def camera_path(camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
+    """Return a path that begins with a camera ray, outside all bodies."""
+    path = PathState()
+    path.ray = camera_ray
+    path.throughput = wp.vec3(1.0)
+    path.eta_scale = 1.0
+    path.footprint = pixel_footprint
+    path.receiver.time = camera_ray.time
+    path.skin = no_skin()
+    path.previous_hit.triangle = NO_HIT
+    return path
+
+
+@wp.func
+@inline_stage
+def sees_no_lights(path: PathState, settings: PathSettings) -> bool:
+    """Return whether a path's ray is a camera ray that sees neither environment nor lights without triangles.
+
+    It is one still behind surfaces that let it pass, which do not count as vertices.
+    """
+    return settings.hides_lights != 0 and path.depth == 1 and path.medium_scatterings == 0
+
+
+@wp.func
+@inline_stage
+def pass_hidden_light(path: PathState, hit: Hit) -> PathState:
+    """Move a path straight on to behind a light that it does not see."""
+    path.surfaces_passed += 1
+    path.is_done = path.surfaces_passed > MOST_PASSED
+    path.depth -= 1
+    distance = hit.t * BEHIND_LIGHT
+    path.passed_distance += distance
+    path.ray.origin = path.ray.origin + path.ray.direction * distance
+    path.origin_gap = 0.0
+    return path
+
+
+@wp.func
+@inline_stage
+def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
+    """Set the radiance so far apart as direct light, once a path has two segments: what follows may be clamped."""
+    if has_two_segments and not path.is_indirect:
+        path.direct_radiance = path.radiance
+        path.radiance = wp.vec3(0.0)
+        path.is_indirect = True
+    return path
+
+
+@wp.func
+@inline_stage
+def path_result(path: PathState, clamp_indirect: float) -> PathResult:
+    """Return what a path has brought; no channel of its indirect light is more than `clamp_indirect`."""
+    result = PathResult()
+    result.radiance = path.radiance
+    result.rays = path.rays
+    if path.is_indirect:
+        scale = wp.min(1.0, clamp_indirect / wp.max(wp.max(path.radiance), 1.0e-30))
+        result.radiance = path.direct_radiance + path.radiance * scale
+    return result

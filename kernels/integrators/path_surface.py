@@ -1,0 +1,325 @@
+"""Stages of a path at surfaces: the vertex, emission, direct lighting and scattering."""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.bsdf import make_bsdf, model_of
+from wrt.kernels.bsdf.record import Bsdf, BsdfSample
+from wrt.kernels.features import Features
+from wrt.kernels.geometry.rays import RECEIVES_BOTH, RECEIVES_FRONT, to_local, to_world
+from wrt.kernels.geometry.surface import (
+    Surface,
+    align_tangents,
+    gap_behind,
+    leave,
+    make_add_texture_coordinates,
+    make_surface_at,
+)
+from wrt.kernels.geometry.triangles import WIDELY
+from wrt.kernels.integrators.next_event import DirectLight, emitter_hit_weight, make_light_at_surface
+from wrt.kernels.integrators.path_state import PathState, begin_indirect
+from wrt.kernels.integrators.russian_roulette import russian_roulette
+from wrt.kernels.lights.lights import hit_triangle_pdf, make_lights
+from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index
+from wrt.kernels.sampling.sampler import Sampler
+from wrt.kernels.scene.materials import (
+    MOST_PASSED,
+    PASSED_THROUGH,
+    has_panes,
+    make_bsdf_at,
+    make_choose_material,
+    make_is_pane,
+    make_with_index,
+)
+from wrt.kernels.scene.scene_data import BodyStack, SceneData
+from wrt.kernels.specialise import specialised
+from wrt.kernels.spmd_marks import inline_stage
+from wrt.kernels.textures.footprint import sample_footprint
+from wrt.kernels.textures.normal_maps import apply_normal_map
+
+
+@wp.struct
+class SurfaceVertex:
+    """Where a path meets a surface, and what it meets there.
+
+    A path goes on from `origin_in_front`, or from `origin_behind` and within the bodies of `medium_stack_behind`. A
+    surface that is not `is_solid` takes no part in the path: a hole, or a boundary within a body of higher priority.
+    `bsdf`, `wo` and what follows them are set by the stage `prepare_bsdf`.
+    """
+
+    hit: Hit
+    surface: Surface
+    material: int
+    origin_in_front: wp.vec3
+    origin_behind: wp.vec3
+    medium_stack_behind: BodyStack
+    is_solid: bool
+    bsdf: Bsdf
+    wo: wp.vec3
+    is_pane: bool  # lets light through straight on
+    samples_lights: bool  # unless there are none, or light comes from single directions alone
+
+
+@wp.func
+def cone_width(footprint: wp.vec2, distance: float) -> float:
+    """Return the width of the camera ray's cone at a distance; `footprint` is its first width, and its growth."""
+    return footprint[0] + footprint[1] * distance
+
+
+@specialised()
+def make_surface_vertex(features: Features) -> wp.Function:
+    """Return the stage (scene, path, hit, u_material, sampler) -> SurfaceVertex, the vertex at a path's nearest hit."""
+    bodies, nested, opacity = features.bodies, features.nested, features.opacity
+    textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
+    surface_at = make_surface_at(features.instances)
+    meet = make_meet(features.instances)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
+
+    @wp.func
+    @inline_stage
+    def surface_vertex(
+        scene: SceneData, path: PathState, nearest: Hit, u_material: float, sampler: Sampler
+    ) -> SurfaceVertex:
+        vertex = SurfaceVertex()
+        hit = nearest
+        surface = surface_at(scene, path.ray, hit)
+        if wp.static(bodies):
+            if scene.shapes[surface.shape].body >= 0:
+                surface.clearance = surface.clearance * WIDELY
+        vertex.origin_in_front = leave(surface, 1.0)
+        vertex.origin_behind = leave(surface, -1.0)
+
+        # Bodies: of several surfaces in one place, the one that decides
+        vertex.is_solid = True
+        if wp.static(bodies):
+            meeting = meet(scene, path.ray, hit, surface, path.medium_stack)
+            hit = meeting.hit
+            surface = meeting.surface
+            vertex.medium_stack_behind = meeting.after
+            if wp.static(nested):
+                vertex.is_solid = is_there(scene, surface, path.medium_stack, meeting.after)
+
+        # Texture coordinates and material
+        if wp.static(textured or tangents):
+            surface = add_texture_coordinates(scene, hit, surface)
+        if wp.static(mipmapped):
+            width = cone_width(path.footprint, path.passed_distance + hit.t)
+            if width > 0.0:
+                surface.footprint = sample_footprint(scene, hit, surface, path.ray.direction, width, sampler.index)
+        vertex.material = scene.shapes[surface.shape].material
+        if wp.static(opacity):
+            if vertex.is_solid:
+                vertex.material = choose_material(scene, vertex.material, surface, u_material)
+                vertex.is_solid = vertex.material != PASSED_THROUGH
+        vertex.hit = hit
+        vertex.surface = surface
+        return vertex
+
+    return surface_vertex
+
+
+@wp.func
+@inline_stage
+def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
+    """Move a path straight on to behind a surface, which does not count as a vertex."""
+    path.surfaces_passed += 1
+    path.is_done = path.surfaces_passed > MOST_PASSED
+    path.depth -= 1
+    path.passed_distance += wp.length(vertex.origin_behind - path.ray.origin)
+    path.ray.origin = vertex.origin_behind
+    path.origin_gap = gap_behind(vertex.surface, vertex.origin_behind, path.ray.direction)
+    path.previous_hit = vertex.hit
+    path.medium_stack = vertex.medium_stack_behind
+    return path
+
+
+@specialised(*make_lights.fields)
+def make_surface_emission(features: Features) -> wp.Function:
+    """Return the stage (scene, path, vertex, strategy) -> PathState that adds what the surface shines itself."""
+    lights = make_lights(features)
+    choice_probability, emission_at = lights.choice_probability, lights.emission_at
+
+    @wp.func
+    @inline_stage
+    def surface_emission(scene: SceneData, path: PathState, vertex: SurfaceVertex, strategy: int) -> PathState:
+        shape = scene.shapes[vertex.surface.shape]
+        if shape.first_light >= 0:
+            if vertex.surface.front or shape.two_sided != 0:
+                weight = float(1.0)
+                if path.scatter_pdf > 0.0:
+                    distance = path.passed_distance + vertex.hit.t
+                    light_pdf = hit_triangle_pdf(vertex.surface, path.ray.direction, distance)
+                    light_number = shape.first_light + vertex.hit.triangle - shape.first_triangle
+                    light_pdf *= choice_probability(scene, path.receiver, light_number)
+                    weight = emitter_hit_weight(strategy, path.scatter_pdf, light_pdf)
+                path.radiance += wp.cw_mul(path.throughput, emission_at(scene, shape, vertex.surface)) * weight
+        return path
+
+    return surface_emission
+
+
+@specialised()
+def make_prepare_bsdf(features: Features) -> wp.Function:
+    """Return the stage (scene, path, vertex, widening) -> SurfaceVertex with its normal and BSDF."""
+    panes, nested = has_panes(features.models), features.nested
+    tangents, regularized = features.tangents, features.regularized
+    bsdf_is_delta = make_bsdf(features.models).is_delta
+    bsdf_at = make_bsdf_at(features)
+    with_index = make_with_index(features.models)
+    is_pane = make_is_pane(features.models)
+
+    @wp.func
+    @inline_stage
+    def prepare_bsdf(scene: SceneData, path: PathState, vertex: SurfaceVertex, widening: float) -> SurfaceVertex:
+        surface = vertex.surface
+        if wp.static(tangents):
+            surface = align_tangents(scene, vertex.hit, surface)
+            width = cone_width(path.footprint, path.passed_distance + vertex.hit.t)
+            surface = apply_normal_map(scene, vertex.material, vertex.hit, surface, path.ray.direction, width)
+        bsdf = bsdf_at(scene, vertex.material, surface)
+        if wp.static(regularized):
+            if path.was_blurred:
+                bsdf.normal_variance = bsdf.normal_variance + wp.vec2(widening)
+        if wp.static(nested):
+            if scene.shapes[surface.shape].body >= 0:
+                body_in_front = innermost(scene, path.medium_stack)
+                body_behind = innermost(scene, vertex.medium_stack_behind)
+                bsdf = with_index(bsdf, relative_index(scene, surface, body_in_front, body_behind))
+        vertex.wo = to_local(surface.frame, -path.ray.direction)
+        if wp.static(panes):
+            vertex.is_pane = is_pane(bsdf)
+        vertex.samples_lights = scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf)
+        vertex.bsdf = bsdf
+        vertex.surface = surface
+        return vertex
+
+    return prepare_bsdf
+
+
+@specialised("models")
+def make_place_receiver(features: Features) -> wp.Function:
+    """Return the stage (path, vertex) -> PathState that moves the receiver of light to the vertex."""
+    bsdf_transmits = make_bsdf(features.models).transmits
+    transmits = any(model_of(name).transmits for name in features.models)
+
+    @wp.func
+    @inline_stage
+    def place_receiver(path: PathState, vertex: SurfaceVertex) -> PathState:
+        if vertex.samples_lights:
+            path.receiver.position = vertex.origin_in_front
+            path.receiver.normal = vertex.surface.frame.n
+            path.receiver.receives = RECEIVES_FRONT
+            if wp.static(transmits):
+                if bsdf_transmits(vertex.bsdf):
+                    path.receiver.receives = RECEIVES_BOTH
+        return path
+
+    return place_receiver
+
+
+@specialised(*make_light_at_surface.fields)
+def make_direct_lighting(features: Features) -> wp.Function:
+    """Return the stage (scene, path, vertex, u_light, strategy) -> DirectLight, reflected or let through to the path.
+
+    The path's receiver must be at the vertex; see `place_receiver`.
+    """
+    light_at_surface = make_light_at_surface(features)
+
+    @wp.func
+    @inline_stage
+    def direct_lighting(
+        scene: SceneData, path: PathState, vertex: SurfaceVertex, u_light: wp.vec4, strategy: int
+    ) -> DirectLight:
+        light = DirectLight()
+        light.t_max = -1.0
+        if vertex.samples_lights:
+            light = light_at_surface(
+                scene,
+                path.receiver,
+                vertex.surface,
+                vertex.origin_behind,
+                vertex.bsdf,
+                vertex.wo,
+                path.medium_stack,
+                vertex.medium_stack_behind,
+                u_light,
+                strategy,
+            )
+        return light
+
+    return direct_lighting
+
+
+@specialised()
+def make_scatter_at_surface(features: Features) -> wp.Function:
+    """Return the stage (path, vertex, sample, u_roulette) -> PathState that turns a path to a sampled direction.
+
+    The path is done if roulette ends it, or if shading normal and surface disagree about the side to which it leaves.
+    """
+    bodies, media, regularized = features.bodies, features.media != "none", features.regularized
+    mipmapped, tangents = features.mipmapped, features.tangents
+    lets_pass = features.opacity or features.nested or has_panes(features.models)
+
+    @wp.func
+    @inline_stage
+    def scatter_at_surface(path: PathState, vertex: SurfaceVertex, sample: BsdfSample, u_roulette: float) -> PathState:
+        path.eta_scale *= sample.eta * sample.eta
+        path.scatter_pdf = sample.pdf
+        if wp.static(regularized):
+            path.was_blurred = path.was_blurred or sample.pdf > 0.0
+        side = wp.where(sample.wi[2] > 0.0, 1.0, -1.0)
+        direction = to_world(vertex.surface.frame, sample.wi)
+        path.is_done = not (wp.dot(direction, vertex.surface.normal) * side > 0.0)
+        if side > 0.0:
+            path.ray.origin = vertex.origin_in_front
+        else:
+            path.ray.origin = vertex.origin_behind
+            if wp.static(bodies):
+                path.medium_stack = vertex.medium_stack_behind
+        path.ray.direction = wp.normalize(direction)
+        if wp.static(media):
+            path.origin_gap = gap_behind(vertex.surface, path.ray.origin, path.ray.direction)
+            path.previous_hit = vertex.hit
+        if wp.static(lets_pass):
+            path.passed_distance = 0.0
+        if wp.static(mipmapped or tangents):
+            path.footprint = wp.vec2(0.0)
+        path = russian_roulette(path, u_roulette)
+        return path
+
+    return scatter_at_surface
+
+
+@specialised()
+def make_sample_bsdf(features: Features) -> wp.Function:
+    """Return the stage (path, vertex, u, u_pane, max_depth) -> PathState: on from a vertex, unless it is done.
+
+    A path that goes straight through a pane passes it, as if it were not there.
+    """
+    panes, clamped = has_panes(features.models), features.clamped
+    bsdf_sample = make_bsdf(features.models).sample
+    scatter_at_surface = make_scatter_at_surface(features)
+
+    @wp.func
+    @inline_stage
+    def sample_bsdf(path: PathState, vertex: SurfaceVertex, u: wp.vec4, u_pane: float, max_depth: int) -> PathState:
+        u_lobe = u[2]
+        if wp.static(panes):
+            u_lobe = wp.where(vertex.is_pane, u_pane, u[2])
+        sample = bsdf_sample(vertex.bsdf, vertex.wo, wp.vec2(u[0], u[1]), u_lobe)
+        path.throughput = wp.cw_mul(path.throughput, sample.weight)
+        if wp.static(panes):
+            if vertex.is_pane and not (sample.wi[2] > 0.0):
+                path = pass_through(path, vertex)
+                path.is_done = path.is_done or wp.max(path.throughput) == 0.0
+            else:
+                if wp.static(clamped):
+                    path = begin_indirect(path, path.depth + path.medium_scatterings >= 2)
+                path = scatter_at_surface(path, vertex, sample, u[3])
+                path.is_done = path.is_done or path.depth >= max_depth
+        else:
+            path = scatter_at_surface(path, vertex, sample, u[3])
+        return path
+
+    return sample_bsdf

@@ -1,0 +1,1 @@
+"""Lights: choosing one, and sampling a direction to it."""

@@ -1,0 +1,200 @@
+"""Sampling the lights for next-event estimation: choosing one, then a point on it.
+
+The two are separate. `kernels/lights/choice.py` knows no kinds of lights; the functions by kind, here, know nothing of
+the probability of the choice.
+"""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
+from wrt.kernels.features import Features
+from wrt.kernels.geometry.rays import Receiver
+from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
+from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
+from wrt.kernels.lights.choice import make_light_choice
+from wrt.kernels.lights.environment import ImagePoint, radiance_at
+from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
+from wrt.kernels.lights.record import LightSample
+from wrt.kernels.lights.shapes import make_light_shapes
+from wrt.kernels.lights.tree import NO_LIGHT
+from wrt.kernels.sampling.warps import square_to_triangle
+from wrt.kernels.scene.scene_data import (
+    LIGHT_DIRECTIONAL,
+    LIGHT_ENVIRONMENT,
+    LIGHT_POINT,
+    LIGHT_TRIANGLE,
+    LightRecord,
+    SceneData,
+    ShapeRecord,
+)
+from wrt.kernels.specialise import specialised
+from wrt.kernels.textures.textures import make_slot_value
+
+# --- Triangles -------------------------------------------------------------------------------------
+
+
+@wp.func
+def triangle_light_pdf(cross_length: float, distance2: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point uniform on a triangle of area cross_length / 2."""
+    return 2.0 * distance2 / (cross_length * cos_light)
+
+
+@wp.func
+def hit_triangle_pdf(surface: Surface, direction: wp.vec3, distance: float) -> float:
+    """Return the density of sampling a hit point, `distance` away, on its triangle."""
+    cos_light = -wp.dot(surface.normal, direction)
+    return triangle_light_pdf(wp.length(wp.cross(surface.e1, surface.e2)), distance * distance, cos_light)
+
+
+_OFF_TRIANGLE = wp.constant(2.0**-17)
+_BEFORE_TRIANGLE = wp.constant(1.0 - 2.0**-18)
+"""A shadow ray ends this far off an emissive triangle, relative to the coordinates there, and this share of its length
+before it: more than the error of a hit's distance, near and far, or it would hit the triangle."""
+
+
+@wp.func
+def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, u: wp.vec2) -> LightSample:
+    """Return a sample of a point uniform on a triangle, with the light's mean radiance."""
+    sample = LightSample()
+    b = square_to_triangle(u)
+    sample.point.triangle = light.triangle
+    sample.point.instance = light.instance
+    sample.point.u = b[0]
+    sample.point.v = b[1]
+    normal = wp.cross(triangle.e1, triangle.e2)
+    cross_length = wp.length(normal)
+    normal = normal / cross_length * triangle.side
+    point = triangle.p0 + triangle.e1 * b[0] + triangle.e2 * b[1]
+    cos_light = wp.dot(normal, receiver.position - point)
+    if cos_light < 0.0 and light.two_sided != 0:
+        cos_light = -cos_light
+        normal = -normal
+    if cos_light > 0.0:
+        off = wp.dot(wp.abs(point), wp.vec3(_OFF_TRIANGLE)) + triangle.slack
+        way = point + normal * off - receiver.position
+        distance2 = wp.dot(way, way)
+        distance = wp.sqrt(distance2)
+        sample.distance = distance * _BEFORE_TRIANGLE
+        sample.wi = way / distance
+        cos_light = -wp.dot(sample.wi, normal)
+        if cos_light > 0.0:
+            sample.pdf = triangle_light_pdf(cross_length, distance2, cos_light)
+            sample.radiance = light.value
+    return sample
+
+
+# --- All of them -----------------------------------------------------------------------------------
+
+
+class Lights(NamedTuple):
+    """Device functions for the lights of scenes with certain features.
+
+    Attributes:
+        sample_light: (scene, receiver, u vec4) -> LightSample of a light that it chooses.
+        sample_one_light: (scene, number, probability, receiver, u vec2) -> LightSample of this light, which was chosen
+            with that probability.
+        choice_probability: (scene, receiver, light) -> the probability with which sample_light chooses this light.
+        environment_light_pdf: (scene, receiver, point) -> the density with which sample_light samples the direction of
+            a point in the environment's image.
+        emission_at: (scene, shape record, surface) -> radiance of a triangle's surface, texture coordinates included.
+    """
+
+    sample_light: wp.Function
+    sample_one_light: wp.Function
+    choice_probability: wp.Function
+    environment_light_pdf: wp.Function
+    emission_at: wp.Function
+
+
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "light_tree")
+def make_lights(features: Features) -> Lights:
+    """Return the functions for scenes with these features."""
+    textured, light_tree = features.textured, features.light_tree
+    light_shapes = bool(features.light_shapes)
+    sample_light_shape = make_light_shapes(features.light_shapes).sample
+    choose_light, choice_probability = make_light_choice(light_tree)
+    triangle_of = make_triangle_of(features.instances)
+    slot_value = make_slot_value(features.uv2_alpha, features.mipmapped)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+
+    @wp.func
+    def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
+        if wp.static(textured):
+            if shape.emission_slot >= 0:
+                return slot_value(scene, shape.emission_slot, surface)
+        return shape.emission
+
+    @wp.func
+    def way_to_light(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
+        light = scene.lights[number]
+        sample = LightSample()
+        sample.radiance = wp.vec3(0.0)
+        sample.point.triangle = NO_HIT
+        if light.kind == LIGHT_TRIANGLE:
+            triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
+            sample = sample_triangle(light, triangle, receiver, u)
+            if wp.static(textured):
+                if sample.pdf > 0.0:
+                    surface = add_texture_coordinates(scene, sample.point, Surface())
+                    shape = scene.shapes[light.shape]
+                    sample.radiance = emission_at(scene, shape, surface)
+        elif light.kind == LIGHT_POINT:
+            way = light.place - receiver.position
+            distance2 = wp.dot(way, way)
+            sample.distance = wp.sqrt(distance2)
+            sample.delta = True
+            if distance2 > 0.0:
+                sample.wi = way / sample.distance
+                sample.radiance = light.value / distance2
+        elif light.kind == LIGHT_DIRECTIONAL:
+            sample.wi = light.place
+            sample.distance = INFINITE_DISTANCE
+            sample.delta = True
+            sample.radiance = light.value
+        elif light.kind == LIGHT_ENVIRONMENT:
+            s = sample_image(scene.environment, receiver, u)
+            sample.wi = s.wi
+            sample.distance = INFINITE_DISTANCE
+            sample.pdf = s.pdf
+            if sample.pdf > 0.0:
+                sample.radiance = radiance_at(scene.environment, s.point.uv)
+        else:
+            if wp.static(light_shapes):
+                sample = sample_light_shape(scene, light, receiver, u)
+        return sample
+
+    @wp.func
+    def sample_one_light(
+        scene: SceneData, number: int, probability: float, receiver: Receiver, u: wp.vec2
+    ) -> LightSample:
+        sample = way_to_light(scene, number, receiver, u)
+        sample.pdf = sample.pdf * probability
+        density = sample.pdf
+        if sample.delta:
+            density = probability
+        if density > 0.0:
+            sample.radiance = sample.radiance / density
+        else:
+            sample.radiance = wp.vec3(0.0)
+        return sample
+
+    @wp.func
+    def sample_light(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightSample:
+        choice = choose_light(scene, receiver, u)
+        if wp.static(light_tree):
+            if choice.light == NO_LIGHT:
+                nothing = LightSample()
+                nothing.point.triangle = NO_HIT
+                return nothing
+        return sample_one_light(scene, choice.light, choice.probability, receiver, choice.u)
+
+    @wp.func
+    def environment_light_pdf(scene: SceneData, receiver: Receiver, point: ImagePoint) -> float:
+        if scene.environment.light < 0:
+            return 0.0
+        probability = choice_probability(scene, receiver, scene.environment.light)
+        return image_pdf(scene.environment, receiver, point) * probability
+
+    return Lights(sample_light, sample_one_light, choice_probability, environment_light_pdf, emission_at)

@@ -1,0 +1,236 @@
+"""Lights with a shape that is not made of triangles: their models, and the dispatch among them.
+
+A model is a file with a `MODEL` (see `kernels/lights/record.py`). To add one, write the file, name it in `BUILT_IN`,
+and describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
+
+Scenes have few such lights, so a loop over those that rays can hit follows the traversal of the tree. A hit names one
+by a triangle number below NO_HIT.
+"""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.accel.intersect import NO_HIT
+from wrt.kernels.geometry.rays import Ray, Receiver
+from wrt.kernels.lights.record import NO_MEETING, LightModel, LightSample
+from wrt.kernels.registry import Registry, model_number
+from wrt.kernels.scene.scene_data import FIRST_LIGHT_SHAPE, LightRecord, LightShape, SceneData
+from wrt.kernels.specialise import specialised
+
+BUILT_IN = ("spot", "rectangle", "disk", "sphere", "sun")
+"""Models in the kernels of all scenes with any light shape: further variants would mean more kernels to compile."""
+
+
+def _check(name: str, model: LightModel) -> None:
+    if (model.meet is None) != (model.shines_back is None):
+        raise ValueError(f"{name}: a light that rays can meet needs both `meet` and `shines_back`")
+    if model.meet is not None and model.covers is not None:
+        raise ValueError(f"{name}: a light has `meet`, or `covers` if it is at infinity, not both")
+    if (model.pdf is None) != (model.meet is None and model.covers is None):
+        raise ValueError(f"{name}: a light needs a `pdf` if it has `meet` or `covers`, and only then")
+
+
+LIGHT_SHAPES: Registry[LightModel] = Registry("wrt.kernels.lights", BUILT_IN, _check)
+current_name = LIGHT_SHAPES.current_name
+
+_FIRST = wp.constant(-2)
+
+
+@wp.func
+def hit_number(shape: int) -> int:
+    """Return the number that stands for a light shape in a Hit's `triangle`."""
+    return _FIRST - shape
+
+
+@wp.func
+def shape_number(hit: Hit) -> int:
+    """Return the index in `light_shapes` that was hit; negative for a triangle or a miss."""
+    return _FIRST - hit.triangle
+
+
+def light_order(name: str) -> int:
+    """Return 0 for lights that rays can hit, 1 for those at infinity that rays find, 2 for the others.
+
+    Raises:
+        KeyError: if no model has this name.
+    """
+    model = LIGHT_SHAPES.model_of(name)
+    return 0 if model.meet else 1 if model.covers else 2
+
+
+def light_kind(name: str, names: tuple[str, ...]) -> int:
+    """Return the kind that stands for a model in kernels with the models `names`."""
+    return int(FIRST_LIGHT_SHAPE) + model_number(name, names)
+
+
+# --- By kind ---------------------------------------------------------------------------------------
+
+
+@specialised()
+def make_light_model(names: tuple[str, ...]) -> LightModel:
+    """Return device functions that dispatch among the models `names` by `light_kind`, one link of a chain each."""
+    if not names:
+        return LightModel(_no_sample, _no_pdf, _no_meeting, _no_light, _no_cover)
+    model = LIGHT_SHAPES.model_of(names[0])
+    kind = light_kind(names[0], names)
+    model_sample, model_pdf = model.sample, model.pdf
+    model_meet, model_shines_back, model_covers = model.meet, model.shines_back, model.covers
+    following = make_light_model(names[1:])
+    next_sample, next_pdf = following.sample, following.pdf
+    next_meet, next_shines_back, next_covers = following.meet, following.shines_back, following.covers
+
+    @wp.func
+    def sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec2) -> LightSample:
+        if shape.kind == wp.static(kind):
+            return model_sample(light, shape, receiver, u)
+        return next_sample(light, shape, receiver, u)
+
+    @wp.func
+    def pdf(shape: LightShape, receiver: Receiver, direction: wp.vec3, distance: float) -> float:
+        if shape.kind == wp.static(kind):
+            return model_pdf(shape, receiver, direction, distance)
+        return next_pdf(shape, receiver, direction, distance)
+
+    @wp.func
+    def meet(shape: LightShape, ray: Ray) -> float:
+        if shape.kind == wp.static(kind):
+            return model_meet(shape, ray)
+        return next_meet(shape, ray)
+
+    @wp.func
+    def shines_back(light: LightRecord, shape: LightShape, ray: Ray) -> bool:
+        if shape.kind == wp.static(kind):
+            return model_shines_back(light, shape, ray)
+        return next_shines_back(light, shape, ray)
+
+    @wp.func
+    def covers(shape: LightShape, direction: wp.vec3) -> bool:
+        if shape.kind == wp.static(kind):
+            return model_covers(shape, direction)
+        return next_covers(shape, direction)
+
+    return LightModel(
+        sample,
+        pdf if model_pdf else next_pdf,
+        meet if model_meet else next_meet,
+        shines_back if model_shines_back else next_shines_back,
+        covers if model_covers else next_covers,
+    )
+
+
+@specialised()
+def make_middle_of(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function kind -> vec2, the numbers that sample the centre of a light."""
+    if not names:
+        return _no_middle
+    kind = light_kind(names[0], names)
+    x, y = LIGHT_SHAPES.model_of(names[0]).middle
+    next_middle = make_middle_of(names[1:])
+    if x == y == 0.0:
+        return next_middle
+
+    @wp.func
+    def middle_of(kind_of_light: int) -> wp.vec2:
+        if kind_of_light == wp.static(kind):
+            return wp.vec2(wp.static(x), wp.static(y))
+        return next_middle(kind_of_light)
+
+    return middle_of
+
+
+@wp.func
+def _no_sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec2) -> LightSample:
+    return LightSample()
+
+
+@wp.func
+def _no_pdf(shape: LightShape, receiver: Receiver, direction: wp.vec3, distance: float) -> float:
+    return 0.0
+
+
+@wp.func
+def _no_meeting(shape: LightShape, ray: Ray) -> float:
+    return NO_MEETING
+
+
+@wp.func
+def _no_light(light: LightRecord, shape: LightShape, ray: Ray) -> bool:
+    return False
+
+
+@wp.func
+def _no_cover(shape: LightShape, direction: wp.vec3) -> bool:
+    return False
+
+
+@wp.func
+def _no_middle(kind_of_light: int) -> wp.vec2:
+    return wp.vec2(0.0)
+
+
+# --- All of a scene --------------------------------------------------------------------------------
+
+
+class LightShapes(NamedTuple):
+    """Device functions for the light shapes of scenes with certain models.
+
+    Attributes:
+        sample: (scene, light record, receiver, u: vec2) -> LightSample, as of a model, with `point` filled in.
+        nearer: (scene, ray, hit, distance) -> Hit: the nearest light shape on a ray before `distance`, or else `hit`.
+        blocks: (scene, ray, distance, aim) -> bool: whether a light shape other than `aim` lies before `distance`.
+        shines_back: (scene, shape, ray) -> bool; this and the following as in LightModel.
+        pdf: (shape, receiver, direction, distance) -> float.
+        covers: (shape, direction) -> bool.
+    """
+
+    sample: wp.Function
+    nearer: wp.Function
+    blocks: wp.Function
+    shines_back: wp.Function
+    pdf: wp.Function
+    covers: wp.Function
+
+
+@specialised()
+def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
+    """Return the functions for scenes with these models."""
+    model = make_light_model(names)
+    model_sample, meet, model_shines_back = model.sample, model.meet, model.shines_back
+
+    @wp.func
+    def sample_light_shape(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
+        sample = model_sample(light, scene.light_shapes[light.shape], receiver, u)
+        sample.point.triangle = NO_HIT
+        if light.shape < scene.solid_light_shapes:
+            sample.point.triangle = hit_number(light.shape)
+        return sample
+
+    @wp.func
+    def nearer_light_shape(scene: SceneData, ray: Ray, hit: Hit, distance: float) -> Hit:
+        nearest = float(distance)
+        for i in range(scene.solid_light_shapes):
+            t = meet(scene.light_shapes[i], ray)
+            if t > 0.0 and t < nearest:
+                nearest = t
+                hit.t = t
+                hit.triangle = hit_number(i)
+        return hit
+
+    @wp.func
+    def light_shape_blocks(scene: SceneData, ray: Ray, distance: float, aim: Hit) -> bool:
+        blocked = bool(False)
+        for i in range(scene.solid_light_shapes):
+            t = meet(scene.light_shapes[i], ray)
+            if t > 0.0 and t < distance and hit_number(i) != aim.triangle:
+                blocked = True
+        return blocked
+
+    @wp.func
+    def shines_back(scene: SceneData, shape: LightShape, ray: Ray) -> bool:
+        return model_shines_back(scene.lights[shape.light], shape, ray)
+
+    assert model.pdf is not None
+    assert model.covers is not None
+    return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks, shines_back, model.pdf, model.covers)

@@ -1,0 +1,1 @@
+"""Elementary functions inlined as arithmetic, which vectorises."""

@@ -1,0 +1,1 @@
+"""Participating media, and the bodies that they fill."""

@@ -1,0 +1,240 @@
+"""The stack of bodies that a path is in, and surfaces of several bodies at the same place.
+
+Bodies may contain one another, overlap, or touch. Where they overlap, the one with the highest priority counts, of
+equal ones that entered last (Schmidt and Budge, "Simple nested dielectrics in ray traced images", Journal of Graphics
+Tools 7(2), 2002): a surface that does not change this body is skipped.
+
+A ray continues from a small offset behind a surface, and would miss others within that offset. So all surfaces within
+it are found and crossed together.
+"""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
+from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.geometry.surface import Surface, leave, make_surface_at
+from wrt.kernels.sampling.warps import lattice_point, square_to_sphere
+from wrt.kernels.scene.scene_data import MOST_BODIES, BodyStack, SceneData
+from wrt.kernels.specialise import specialised
+
+MOST_TOGETHER = wp.constant(2 * MOST_BODIES)
+"""The most surfaces at one place that are considered."""
+
+_FULL = wp.constant(MOST_BODIES)
+_MOST_CROSSINGS = wp.constant(4096)
+
+
+@wp.struct
+class Meeting:
+    """The interaction of a ray with one surface, or with several at one place.
+
+    `surface` and `hit` belong to the surface that decides: one that bounds no body, or that of the body with the
+    highest priority. `after` are the bodies behind all of them.
+    """
+
+    hit: Hit
+    surface: Surface
+    after: BodyStack
+
+
+@wp.struct
+class Crossing:
+    """The body surface that a ray crossed last, its side, and its distance."""
+
+    body: int
+    front: bool
+    t: float
+
+
+@wp.func
+def is_same_crossing(last: Crossing, body: int, front: bool, t: float) -> bool:
+    """Return whether a ray that goes straight on meets the same place again, at the triangle beside an edge."""
+    return last.t > 0.0 and last.body == body and last.front == front and t - last.t <= 1.0e-5 * t
+
+
+@wp.func
+def innermost(scene: SceneData, inside: BodyStack) -> int:
+    """Return the body with the highest priority that contains a point; −1 for none."""
+    best = int(-1)
+    for i in range(MOST_BODIES):
+        if inside[i] > 0:
+            body = inside[i] - 1
+            if best < 0 or scene.bodies[body].priority >= scene.bodies[wp.max(best, 0)].priority:
+                best = body
+    return best
+
+
+@wp.func
+def times_in(inside: BodyStack, body: int) -> int:
+    """Return how often a body is in the stack."""
+    n = int(0)
+    for i in range(MOST_BODIES):
+        if inside[i] == body + 1:
+            n += 1
+    return n
+
+
+@wp.func
+def entered(inside: BodyStack, body: int) -> BodyStack:
+    """Return the stack with a body added, unless it is full."""
+    after = inside
+    place = int(_FULL)
+    for i in range(MOST_BODIES):
+        if inside[i] == 0 and place == _FULL:
+            place = i
+    if place < _FULL:
+        after[place] = body + 1
+    return after
+
+
+@wp.func
+def left(inside: BodyStack, body: int) -> BodyStack:
+    """Return the stack with one entry of a body removed, if there is one."""
+    after = inside
+    place = int(_FULL)
+    for i in range(MOST_BODIES):
+        if inside[i] == body + 1:
+            place = i
+    for i in range(MOST_BODIES - 1):
+        if i >= place:
+            after[i] = inside[i + 1]
+    if place < _FULL:
+        after[_FULL - 1] = 0
+    return after
+
+
+@wp.func
+def crossed(before: BodyStack, after: BodyStack, body: int, front: bool) -> BodyStack:
+    """Return the stack behind one more of several surfaces at one place.
+
+    `before` is the stack in front of all of them, `after` that behind the ones crossed so far. A body is entered or
+    left only once: a ray through an edge hits the triangles on both sides of it.
+    """
+    n = times_in(after, body) - times_in(before, body)
+    if front:
+        if n <= 0:
+            return entered(after, body)
+    elif n >= 0:
+        return left(after, body)
+    return after
+
+
+@specialised()
+def make_meet(instances: str) -> wp.Function:
+    """Return the device function (scene, ray, hit, surface, inside) -> Meeting.
+
+    It considers the surfaces from the nearest hit, a point of `surface`, to the ray's clearance behind it, for a ray in
+    the bodies `inside`. See Features for `instances`.
+    """
+    intersect = make_intersect(instances)
+    closest_hit_before, next_hit = intersect.closest_hit_before, intersect.next_hit
+    surface_at = make_surface_at(instances)
+
+    @wp.func
+    def meet(scene: SceneData, ray: Ray, hit: Hit, surface: Surface, inside: BodyStack) -> Meeting:
+        m = Meeting()
+        m.hit = hit
+        m.surface = surface
+        m.after = inside
+        body = scene.shapes[m.surface.shape].body
+        if body < 0:
+            return m
+        m.after = crossed(inside, inside, body, m.surface.front)
+        highest = scene.bodies[body].priority
+        probe = Ray()
+        probe.origin = leave(surface, 1.0)
+        probe.time = ray.time
+        way = leave(surface, -1.0) - probe.origin
+        length = wp.length(way)
+        probe.direction = way / length
+        found = closest_hit_before(scene, probe, length)
+        met = int(0)
+        while found.triangle != NO_HIT and met < MOST_TOGETHER:
+            if found.triangle != hit.triangle or found.instance != hit.instance:
+                other = surface_at(scene, ray, found)
+                body = scene.shapes[other.shape].body
+                if body < 0:
+                    # A surface on the boundary covers it.
+                    found.t = hit.t
+                    m.hit = found
+                    m.surface = other
+                    return m
+                n = times_in(m.after, body)
+                m.after = crossed(inside, m.after, body, other.front)
+                if times_in(m.after, body) != n and scene.bodies[body].priority > highest:
+                    highest = scene.bodies[body].priority
+                    m.hit = found
+                    m.hit.t = hit.t
+                    m.surface = other
+            found = next_hit(scene, probe, found, length)
+            met += 1
+        return m
+
+    return meet
+
+
+@wp.func
+def is_there(scene: SceneData, surface: Surface, inside: BodyStack, after: BodyStack) -> bool:
+    """Return whether a surface between these stacks exists optically: not if the same body is on both sides."""
+    return scene.shapes[surface.shape].body < 0 or innermost(scene, inside) != innermost(scene, after)
+
+
+@wp.func
+def relative_index(scene: SceneData, surface: Surface, before: int, after: int) -> float:
+    """Return the refractive index inside the body that `surface` bounds over that on the surface's other side.
+
+    `before` and `after` are the bodies on both sides, −1 for none. With none, the index is that of the body's own
+    material relative to its surroundings.
+    """
+    body = scene.bodies[scene.shapes[surface.shape].body]
+    other = wp.where(surface.front, before, after)
+    outside = body.exterior_ior
+    if other >= 0:
+        if scene.bodies[other].ior > 0.0:
+            outside = scene.bodies[other].ior
+    return body.ior / outside
+
+
+@specialised()
+def make_count_crossings(instances: str) -> wp.Kernel:
+    """Return the kernel that traces rays from a point through the whole scene, to find the bodies that contain it.
+
+    Row k of `left_more` counts for each body how much more often ray k left it than entered it, which is how many of
+    its surfaces enclose the point; `last_left` has the distance at which the ray last left it. See Features for
+    `instances`.
+    """
+    intersect = make_intersect(instances)
+    closest_hit, next_hit = intersect.closest_hit, intersect.next_hit
+    surface_at = make_surface_at(instances)
+
+    @wp.kernel(module=wp.get_module(make_count_crossings.module_name(instances)), enable_backward=False)
+    def count_crossings(
+        first_ray: int,
+        rays: int,
+        scene: SceneData,
+        origin: wp.vec3,
+        time: float,
+        left_more: wp.array2d(dtype=int),
+        last_left: wp.array2d(dtype=float),
+    ):
+        k = first_ray + wp.tid()
+        ray = Ray()
+        ray.origin = origin
+        ray.direction = square_to_sphere(lattice_point(k, rays))
+        ray.time = time
+        found = closest_hit(scene, ray)
+        crossings = int(0)
+        while found.triangle != NO_HIT and crossings < _MOST_CROSSINGS:
+            surface = surface_at(scene, ray, found)
+            body = scene.shapes[surface.shape].body
+            if body >= 0:
+                if surface.front:
+                    left_more[k, body] = left_more[k, body] - 1
+                else:
+                    left_more[k, body] = left_more[k, body] + 1
+                    last_left[k, body] = wp.max(last_left[k, body], found.t)
+            found = next_hit(scene, ray, found, INFINITE_DISTANCE)
+            crossings += 1
+
+    return count_crossings

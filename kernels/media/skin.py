@@ -1,0 +1,87 @@
+"""Surfaces of a medium so near to a point inside that a ray from there would miss them.
+
+A ray ignores hits nearer than the error of their distance (`kernels/native/triangles.h`), which for large triangles may
+be a good part of a dense medium's mean free path. A path scattered there would leave without noticing. But it came from
+that surface, or was on its way to it, so the surface is remembered and counts as hit even if the ray misses it.
+"""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.accel.intersect import NO_HIT
+from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.geometry.surface import make_surface_at
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.specialise import specialised
+
+RELATIVE_ERROR = wp.constant(1.0e-5)
+"""Error of a hit's distance, relative to the size of triangle and coordinates: several times the actual bound."""
+
+_FARTHEST = wp.constant(20.0)
+
+
+@wp.struct
+class Skin:
+    """A surface near a point in a medium, as a plane with an outward normal; `hit` is NO_HIT if none is near.
+
+    Rays may miss it if it is nearer than `error`.
+    """
+
+    hit: Hit
+    point: wp.vec3
+    normal: wp.vec3
+    error: float
+
+
+@wp.func
+def no_skin() -> Skin:
+    """Return that no surface is near."""
+    skin = Skin()
+    skin.hit.triangle = NO_HIT
+    return skin
+
+
+@specialised()
+def make_skin_near(instances: str) -> wp.Function:
+    """Return the device function (scene, ray, distance, ahead, behind) -> Skin of the point at a distance along a ray.
+
+    `ahead` is the hit in front of the ray and `behind` the one that it left, or NO_HIT. See Features for `instances`.
+    """
+    surface_at = make_surface_at(instances)
+
+    @wp.func
+    def skin_near(scene: SceneData, ray: Ray, distance: float, ahead: Hit, behind: Hit) -> Skin:
+        skin = no_skin()
+        hit = ahead
+        if behind.triangle >= 0 and (ahead.triangle < 0 or distance < ahead.t - distance):
+            hit = behind
+        if hit.triangle < 0:
+            return skin
+        surface = surface_at(scene, ray, hit)
+        # Seen along the ray, normals face back: outwards behind, inwards ahead.
+        skin.normal = -surface.normal
+        if hit.triangle == behind.triangle and hit.t == behind.t:
+            skin.normal = surface.normal
+        skin.point = surface.position
+        size = wp.max(wp.abs(surface.position)) + wp.length(surface.e1) + wp.length(surface.e2)
+        skin.error = size * RELATIVE_ERROR
+        point = ray.origin + ray.direction * distance
+        if wp.abs(wp.dot(skin.point - point, skin.normal)) < skin.error:
+            skin.hit = hit
+        return skin
+
+    return skin_near
+
+
+@wp.func
+def or_skin(skin: Skin, ray: Ray, hit: Hit) -> Hit:
+    """Return the skin as the hit of a ray that leaves through it and missed it, otherwise the ray's own hit."""
+    out = wp.dot(ray.direction, skin.normal)
+    if skin.hit.triangle < 0 or out <= 0.0:
+        return hit
+    t = wp.max(wp.dot(skin.point - ray.origin, skin.normal), 0.0) / out
+    if t > _FARTHEST * skin.error or (hit.triangle != NO_HIT and hit.t <= t + 2.0 * skin.error):
+        return hit
+    found = skin.hit
+    found.t = t
+    return found

@@ -1,0 +1,151 @@
+#pragma once
+// Two-level traversal: instances of meshes, each mesh with a tree of its own (`kernels/accel/instances.py`).
+#include "motion.h"
+#include "traversal.h"
+
+namespace wrt {
+enum class Instances { still, moving, deforming };
+
+// The inverse of an affine map by cofactors, for numbers near 1: the determinant must neither underflow nor overflow.
+WRT_INLINE void invert(Matrix33& map, const Vector3& offset, Matrix33& linear, Vector3& shift) {
+    float largest = 0.0f;
+    for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 3; ++j) largest = wp::max(largest, wp::abs(map[k][j]));
+    for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 3; ++j) map[k][j] /= largest;
+    for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 3; ++j)
+            linear[j][k] = map[(k + 1) % 3][(j + 1) % 3] * map[(k + 2) % 3][(j + 2) % 3]
+                         - map[(k + 1) % 3][(j + 2) % 3] * map[(k + 2) % 3][(j + 1) % 3];
+    const float scale =
+        1.0f / ((map[0][0] * linear[0][0] + map[0][1] * linear[1][0] + map[0][2] * linear[2][0]) * largest);
+    for (int k = 0; k < 3; ++k) {
+        shift[k] = 0.0f;
+        for (int j = 0; j < 3; ++j) {
+            linear[k][j] *= scale;
+            shift[k] -= linear[k][j] * offset[j];
+        }
+    }
+}
+
+// Find the hit of a ray in the tree of a mesh; see `find_hit`. For a deforming mesh, boxes and triangles are
+// interpolated between two keys. Rounding is monotonic, so triangles stay within their boxes.
+template<Instances KIND, class Placed, class Mesh, class Skipped>
+WRT_INLINE void find_hit_in_mesh(
+    const Placed& placed, const Mesh& mesh, const Ray& ray, const float time, const float t_min, const bool any_hit,
+    Nearest& nearest, Skipped skipped) {
+    Tree tree = tree_of(mesh.bvh);
+    if constexpr (KIND == Instances::deforming) {
+        if (mesh.keys > 1) {
+            const KeyAt at = key_at(placed.key_times.data + mesh.first_time, mesh.keys, time);
+            const int next = at.key + 1 < mesh.keys ? at.key + 1 : at.key;
+            const float share = at.share;
+            const Tree later = {
+                tree.nodes + (size_t)next * mesh.node_stride, tree.leaves + (size_t)next * mesh.leaf_stride};
+            tree.nodes += (size_t)at.key * mesh.node_stride;
+            tree.leaves += (size_t)at.key * mesh.leaf_stride;
+            alignas(32) float mixed[LEAF_FLOATS];
+            const auto mix = [&](const float* from, const float* to, const int count) {
+                WRT_NO_CONTRACTION
+                for (int k = 0; k < count; ++k) mixed[k] = (1.0f - share) * from[k] + share * to[k];
+            };
+            const auto boxes = [&](int node) {
+                mix(tree.node(node), later.node(node), 6 * WIDTH);
+                return (const float*)mixed;
+            };
+            follow(tree, ray, 0, t_min, nearest.t, boxes, [&](int leaf) {
+                mix(tree.leaf(leaf), later.leaf(leaf), 9 * LEAF_SIZE);
+                memcpy(mixed + 9 * LEAF_SIZE, tree.leaf(leaf) + 9 * LEAF_SIZE, 4 * LEAF_SIZE);
+                test_leaf(mixed, ray, t_min, nearest, skipped);
+                return any_hit && nearest.id != NOTHING_HIT;
+            });
+            return;
+        }
+    }
+    find_hit(tree, ray, 0, t_min, any_hit, nearest, skipped);
+}
+
+// Trace a ray through the upper tree and the trees of the instances that it reaches. `skipped(number)` returns a
+// predicate for the hits to skip in an instance; see `test_leaf`.
+template<Instances KIND, class Placed, class Vector, class Skipped>
+WRT_INLINE wp::vec_t<5, float> trace_instances(
+    const Placed& placed, const Vector& world_origin, const Vector& world_direction, const float time,
+    const float t_min, const float t_max, const bool any_hit, Skipped skipped) {
+    Nearest best = {t_max, 0.0f, 0.0f, -1};
+    int best_instance = -1;
+    // Of equal t the lower instance number wins: triangles of a later instance do not replace a hit of an earlier one,
+    // and the other way round.
+    const auto visit = [&](const int child) {
+        const int number = -1 - child;
+        const auto& instance = placed.instances.data[number];
+        float linear[3][3], shift[3];
+        for (int k = 0; k < 3; ++k) {
+            shift[k] = instance.offset[k];
+            for (int j = 0; j < 3; ++j) linear[k][j] = instance.linear.data[k][j];
+        }
+        if constexpr (KIND != Instances::still) {
+            if (instance.motion >= 0) {
+                float to_world[3][3], position[3];
+                placement_at(
+                    placed.motion_keys.data, placed.motions.data[instance.motion], time, to_world, position);
+                invert(to_world, position, linear, shift);
+            }
+        }
+        float origin[3], direction[3];
+        for (int k = 0; k < 3; ++k) {
+            origin[k] = shift[k];
+            direction[k] = 0.0f;
+            for (int j = 0; j < 3; ++j) {
+                origin[k] += linear[k][j] * world_origin[j];
+                direction[k] += linear[k][j] * world_direction[j];
+            }
+        }
+        Ray ray;
+        if (!set_up(ray, origin, direction)) return any_hit && best_instance >= 0;
+        const int nothing_yet = best_instance >= 0 && best_instance < number ? -1 : NOTHING_HIT;
+        Nearest nearest = {best.t, 0.0f, 0.0f, nothing_yet};
+        const auto& mesh = placed.meshes.data[instance.mesh];
+        find_hit_in_mesh<KIND>(placed, mesh, ray, time, t_min, any_hit, nearest, skipped(number));
+        if (nearest.id != nothing_yet) {
+            best_instance = number;
+            best = nearest;
+        }
+        return any_hit && best_instance >= 0;
+    };
+    Tree tree = {(const float*)placed.nodes.data, nullptr};
+    if constexpr (KIND != Instances::still) {
+        const float slice = (time - placed.first_slice) * placed.slices_per_second;
+        const float last = placed.slice_nodes.shape[0] - 1;
+        tree.nodes = tree.node(placed.slice_nodes.data[(int)wp::max(0.0f, wp::min(slice, last))]);
+    }
+    Ray ray;
+    if (set_up(ray, world_origin, world_direction))
+        follow(tree, ray, 0, t_min, best.t, [&](int node) { return tree.node(node); }, visit);
+    wp::vec_t<5, float> found;
+    found[0] = float_of(best_instance);
+    found[1] = float_of(best.id);
+    found[2] = best.t;
+    found[3] = best.u;
+    found[4] = best.v;
+    return found;
+}
+// The nearest hit or any: its instance, the triangle by its number in the mesh, t, u and v.
+template<Instances KIND, class Placed, class Vector>
+WRT_INLINE wp::vec_t<5, float> closest_instance_hit(
+    const Placed& placed, const Vector& origin, const Vector& direction, float time, float t_min, float t_max,
+    bool any_hit) {
+    const auto skipped = [](int) { return NoneSkipped(); };
+    return trace_instances<KIND>(placed, origin, direction, time, t_min, t_max, any_hit, skipped);
+}
+// The hit that follows another one at t_min, ordered by distance, instance and triangle.
+template<Instances KIND, class Placed, class Vector>
+WRT_INLINE wp::vec_t<5, float> next_instance_hit(
+    const Placed& placed, const Vector& origin, const Vector& direction, float time, float t_min, float t_max,
+    int last_instance, int last_id) {
+    const auto skipped = [&](int number) {
+        const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_id : -1;
+        return [=](float t, int id) { return t == t_min && id <= id_min; };
+    };
+    return trace_instances<KIND>(placed, origin, direction, time, t_min, t_max, false, skipped);
+}
+} // namespace wrt

@@ -1,0 +1,5 @@
+#pragma once
+// The headers that the code of wide kernels begins with.
+#include "lanes/lights.h"
+#include "lanes/low_discrepancy.h"
+#include "lanes/ray_queries.h"

@@ -1,0 +1,65 @@
+#pragma once
+// Ray queries of paths, for all groups of a pool.
+//
+// The translator writes a type for each query (`wrt/spmd/ray_queries.py`): its rays, its scene, the greatest distance,
+// and the place for the answers. It derives from one of the types here, which trace the rays. In scenes with one tree,
+// `rays.h` traces the groups, and the rays that leave their groups are interleaved, whichever group they left. In scenes
+// with instances each group is traced by itself.
+#include "lanes/rays.h"
+
+namespace lanes {
+// Starts a group, and follows the rays that leave any group.
+template<class RayQuery, bool any_hit> struct AskedTogether {
+    typedef Journeys Traced;
+    template<class Steps, class Ray>
+    static void set_out(const Steps& steps, Traced& t, const Ray& ray, Floats reach, Mask exec) {
+        lanes::set_out(RayQuery::scene(steps).bvh, t, ray.origin, ray.direction, 0.0f, reach, any_hit, exec);
+    }
+    template<class Steps> static void follow(const Steps& steps, Traced* t, int count) {
+        follow_alone<any_hit>(RayQuery::scene(steps).bvh, t, count, 0.0f);
+    }
+};
+
+// The nearest hit. The data of the triangles that were hit are prefetched.
+template<class RayQuery> struct NearestTogether : AskedTogether<RayQuery, false> {
+    template<class Steps> static auto found(const Steps& steps, const Journeys& t, Floats reach, Mask exec) {
+        const auto hits = RayQuery::as_hit(lanes::found(t, reach), exec);
+        const auto& scene = RayQuery::scene(steps);
+        if (scene.points.shape[0] > wrt::POINTS_IN_CACHE) LANES_EACH(l, exec) {
+            const size_t triangle = hits.triangle.v[l] < 0 ? 0 : hits.triangle.v[l];
+            __builtin_prefetch((const int*)scene.corners.data + 3 * triangle);
+            __builtin_prefetch((const int*)scene.triangle_shape.data + triangle);
+        }
+        return hits;
+    }
+    template<class Steps> static void prepare(Steps& steps, const Mask exec) {
+        const auto& scene = RayQuery::scene(steps);
+        if (scene.points.shape[0] > wrt::POINTS_IN_CACHE) LANES_EACH(l, exec) {
+            const auto& hits = RayQuery::answer(steps);
+            const size_t triangle = hits.triangle.v[l] < 0 ? 0 : hits.triangle.v[l];
+            const int* const corners = (const int*)scene.corners.data + 3 * triangle;
+            for (int k = 0; k < 3; ++k) __builtin_prefetch((const float*)scene.points.data + 3 * (size_t)corners[k]);
+        }
+    }
+};
+
+// Whether there is any hit.
+template<class RayQuery> struct AnyTogether : AskedTogether<RayQuery, true> {
+    template<class Steps> static Ints found(const Steps&, const Journeys& t, Floats reach, Mask) {
+        return cast_int32(lanes::found(t, reach).c[0]);
+    }
+    template<class Steps> static void prepare(Steps&, Mask) {}
+};
+
+// Each group by itself.
+template<class RayQuery, class Answer> struct AskedEach {
+    typedef Answer Traced;
+    template<class Steps, class Ray>
+    static void set_out(const Steps& steps, Traced& t, const Ray& ray, Floats reach, Mask exec) {
+        t = RayQuery::ask(steps, ray, reach, exec);
+    }
+    template<class Steps> static void follow(const Steps&, Traced*, int) {}
+    template<class Steps> static Answer found(const Steps&, const Traced& t, Floats, Mask) { return t; }
+    template<class Steps> static void prepare(Steps&, Mask) {}
+};
+} // namespace lanes

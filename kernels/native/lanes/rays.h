@@ -1,0 +1,171 @@
+#pragma once
+// Groups of rays through the ray tree, as the paths of all lanes cast them.
+//
+// All rays of a group descend together first (`together.h`). When few are left, the node is put on a list with the bits
+// of these rays; they go on alone from there, several interleaved (`in_turn.h`), from many groups if these are traced
+// together. The hits are those of single rays, bit for bit.
+#include "in_turn.h"
+#include "lanes/memory.h"
+#include "together.h"
+
+namespace lanes {
+typedef wrt::Rays<WIDTH> Rays;
+// Nodes at which some rays leave their group, to go on alone. If there are more, the group's lone rays go on without
+// those of other groups, so fewer are interleaved.
+constexpr int MOST_PARTINGS = 64;  // as many as `Lone::left` has bits
+struct alignas(64) Partings {
+    float begins[MOST_PARTINGS][WIDTH];  // of all rays
+    unsigned rays[MOST_PARTINGS];        // bits of the rays that leave
+    int nodes[MOST_PARTINGS], count;
+    unsigned some;  // bits of the rays that leave anywhere
+};
+// A group of rays in flight.
+struct Journeys {
+    Rays rays;
+    Partings partings;
+};
+
+// The rays that leave some groups, for `follow_in_turn`.
+struct Lone : wrt::Traveller {
+    unsigned long long left;  // bits of the partings still to follow
+    Journeys* group;
+};
+struct LoneRays {
+    Journeys *next, *end;
+
+    WRT_MEMBER bool branch(Lone& r) {
+        const float limit = r.nearest.t * (float)wrt::BOX_PAD;
+        if (limit < 0.0f) return false;
+        const Partings& partings = r.group->partings;
+        for (; r.left; r.left &= r.left - 1) {
+            const int k = __builtin_ctzll(r.left);
+            if (partings.begins[k][r.number] > limit) continue;
+            r.current = partings.nodes[k];
+            r.left &= r.left - 1;
+            return true;
+        }
+        return false;
+    }
+    WRT_MEMBER void start(Lone& r) {
+        r.number = -1;
+        for (; next < end; ++next) {
+            Partings& partings = next->partings;
+            r.group = next;
+            for (; partings.some; partings.some &= partings.some - 1) {
+                const int n = r.number = __builtin_ctz(partings.some);
+                r.nearest = next->rays.nearest(n);
+                r.top = 0;
+                const ints own = (ints)(1 << n);
+                r.left = 0;
+                LANES_UNROLL for (int first = 0; first < MOST_PARTINGS; first += WIDTH) {
+                    const ints parts = (*(const ints*)(partings.rays + first) & own) != 0;
+                    r.left |= (unsigned long long)wrt::mask_of(parts) << first;
+                }
+                r.left &= ~0ull >> (64 - partings.count);
+                if (branch(r)) {
+                    partings.some &= partings.some - 1;
+                    return;
+                }
+                r.number = -1;
+            }
+        }
+    }
+    WRT_MEMBER void finish(Lone& r) { r.group->rays.set(r.number, r.nearest); }
+    WRT_MEMBER wrt::Ray ray(const Lone& r) { return r.group->rays.one(r.number); }
+};
+// Reading a large tree takes several hundred cycles, as it fits no cache.
+template<class Bvh> LANES_INLINE bool is_large(const Bvh& bvh) { return bvh.leaves.shape[0] > wrt::LARGE_TREE; }
+
+template<bool any_hit, class Bvh>
+LANES_CALLED void follow_alone(const Bvh& bvh, Journeys* groups, const int count, const float t_min) {
+    LoneRays rays = {groups, groups + count};
+    const bool large = is_large(bvh);
+    const int in_turn = large ? wrt::IN_TURN_IF_LARGE : wrt::IN_TURN;
+    wrt::follow_in_turn<any_hit, wrt::IN_TURN_IF_LARGE, Lone>(wrt::tree_of(bvh), t_min, in_turn, large ? 5 : 4, rays);
+}
+
+template<bool any_hit, bool octants, bool axes, class Bvh>
+LANES_CALLED void follow_together(const Bvh& bvh, Journeys& journeys, const float t_min) {
+    Partings& partings = journeys.partings;
+    wrt::follow_together<any_hit, octants, axes>(
+        wrt::tree_of(bvh), journeys.rays, t_min,
+        [&](const int node, const unsigned rays, const floats& begins) __attribute__((always_inline)) {
+            // Also without any rays left, which saves a branch that would be mispredicted.
+            const int k = partings.count;
+            *(floats*)partings.begins[k] = begins;
+            partings.nodes[k] = node;
+            partings.rays[k] = rays;
+            partings.some |= rays;
+            partings.count = k + (rays != 0);
+            if (partings.count == MOST_PARTINGS) {
+                follow_alone<any_hit>(bvh, &journeys, 1, t_min);
+                partings.count = 0;
+            }
+        });
+}
+template<bool any_hit, class Bvh>
+static void follow_any_together(
+    const Bvh& bvh, Journeys& journeys, const float t_min, const bool octants, const bool axes) {
+    if (octants) follow_together<any_hit, true, true>(bvh, journeys, t_min);
+    else if (axes) follow_together<any_hit, false, true>(bvh, journeys, t_min);
+    else follow_together<any_hit, false, false>(bvh, journeys, t_min);
+}
+
+// Trace the rays of `exec` as long as they stay together.
+template<class Bvh>
+LANES_CALLED void set_out(
+    const Bvh& bvh, Journeys& journeys, const Vector<3, Floats>& origin_, const Vector<3, Floats>& direction_,
+    const float t_min, const Floats t_max, const bool any_hit, const Mask exec) {
+    Rays& a = journeys.rays;
+    Partings& partings = journeys.partings;
+    const floats origin[3] = {origin_.c[0].v, origin_.c[1].v, origin_.c[2].v};
+    const floats direction[3] = {direction_.c[0].v, direction_.c[1].v, direction_.c[2].v};
+    const ints can_hit = wrt::set_up(a, origin, direction) & (t_max.v >= t_min);
+    const unsigned runs = wrt::mask_of(can_hit) & bits(exec);
+    wrt::row(a.reach) = choose(of_bits(runs), t_max.v, (floats)-1.0f);
+
+    const int few = is_large(bvh) ? wrt::FEW_RAYS_IF_LARGE : wrt::FEW_RAYS;
+    partings.some = partings.count = 0;
+    if (__builtin_popcount(runs) < few) {
+        partings.count = 1;
+        partings.some = partings.rays[0] = runs;
+        partings.nodes[0] = 0;
+        *(floats*)partings.begins[0] = (floats)t_min;
+    } else {
+        const int one = __builtin_ctz(runs);
+        const bool octants = wrt::mask_of(wrt::row(a.flips) != a.flips[one]) & runs;
+        const bool axes = wrt::mask_of(wrt::row(a.kzs) != a.kzs[one]) & runs;
+        if (any_hit) follow_any_together<true>(bvh, journeys, t_min, octants, axes);
+        else follow_any_together<false>(bvh, journeys, t_min, octants, axes);
+    }
+}
+
+// The hits of rays that are done: number, t, u and v.
+LANES_CALLED Vector<4, Floats> found(const Journeys& journeys, const Floats t_max) {
+    const Rays& a = journeys.rays;
+    const ints id = wrt::row(a.ids);
+    Vector<4, Floats> found;
+    found.c[0].v = __builtin_bit_cast(floats, id == wrt::NOTHING_HIT ? (ints)-1 : id);
+    found.c[1].v = id == wrt::NOTHING_HIT ? t_max.v : wrt::row(a.reach);
+    found.c[2].v = wrt::row(a.us);
+    found.c[3].v = wrt::row(a.vs);
+    return found;
+}
+
+// The lanes' `wrt::closest_hit`. All rays of `exec` have the same t_min and the same any_hit.
+template<class Bvh>
+LANES_CALLED Vector<4, Floats> closest_hit(
+    const Bvh& bvh, const Vector<3, Floats>& origin, const Vector<3, Floats>& direction, Floats t_min_, Floats t_max,
+    Mask any_hit_, Mask exec) {
+    const int some = __builtin_ctz(bits(exec) | 1u << (WIDTH - 1));
+    const float t_min = t_min_.v[some];
+    const bool any_hit = lane(any_hit_, some);
+    Journeys journeys;
+    set_out(bvh, journeys, origin, direction, t_min, t_max, any_hit, exec);
+    if (journeys.partings.some) {
+        if (any_hit) follow_alone<true>(bvh, &journeys, 1, t_min);
+        else follow_alone<false>(bvh, &journeys, 1, t_min);
+    }
+    return found(journeys, t_max);
+}
+} // namespace lanes

@@ -1,0 +1,129 @@
+#pragma once
+// The triangle test of Woop, Benthin and Wald (2013): a ray against the triangles of a leaf, or many rays against one.
+#include "boxes.h"
+
+namespace wrt {
+// The nearest hit so far; `id` is NOTHING_HIT before the first.
+struct Nearest {
+    float t, u, v;
+    int id;
+};
+
+// The triangle, translated and sheared so that the ray runs along z from the origin, and its edge functions u, v and w.
+// Each vertex is transformed independently, so triangles that share an edge compute the same numbers; and products are
+// rounded before they are subtracted, so an edge function may vanish but never has the wrong sign. Zero counts as inside
+// on both sides: no ray slips between two triangles.
+template<class V> struct Sheared {
+    V ax, ay, az, bx, by, bz, cx, cy, cz, u, v, w;
+};
+// corner(vertex, axis) is a coordinate of the triangle; origin and shear are in the order kx, ky, kz.
+template<class V, class Corner, class Number>
+WRT_INLINE Sheared<V> sheared(Corner corner, const Number* origin, const Number* shear, int kx, int ky, int kz) {
+    WRT_NO_CONTRACTION
+    Sheared<V> s;
+    s.az = corner(0, kz) - origin[2];
+    s.bz = corner(1, kz) - origin[2];
+    s.cz = corner(2, kz) - origin[2];
+    s.ax = less_product((V)(corner(0, kx) - origin[0]), shear[0], s.az);
+    s.ay = less_product((V)(corner(0, ky) - origin[1]), shear[1], s.az);
+    s.bx = less_product((V)(corner(1, kx) - origin[0]), shear[0], s.bz);
+    s.by = less_product((V)(corner(1, ky) - origin[1]), shear[1], s.bz);
+    s.cx = less_product((V)(corner(2, kx) - origin[0]), shear[0], s.cz);
+    s.cy = less_product((V)(corner(2, ky) - origin[1]), shear[1], s.cz);
+    s.u = product(s.cx, s.by) - product(s.cy, s.bx);
+    s.v = product(s.ax, s.cy) - product(s.ay, s.cx);
+    s.w = product(s.bx, s.ay) - product(s.by, s.ax);
+    return s;
+}
+// Whether the line through the ray meets the triangle, unless this is degenerate seen along the ray.
+template<class V> WRT_INLINE auto is_inside(const Sheared<V>& s) {
+    return (least(least(s.u, s.v), s.w) >= 0.0f) | (most(most(s.u, s.v), s.w) <= 0.0f);
+}
+template<class V> struct Distance {
+    V det, inverse_det, t;
+};
+template<class V, class Number> WRT_INLINE Distance<V> distance_of(const Sheared<V>& s, const Number* shear) {
+    WRT_NO_CONTRACTION
+    Distance<V> d;
+    d.det = (s.u + s.v) + s.w;
+    d.inverse_det = 1.0f / d.det;
+    d.t = product(
+        product((product(s.u, s.az) + product(s.v, s.bz)) + product(s.w, s.cz), (V)shear[2]), d.inverse_det);
+    return d;
+}
+// Edge-on triangles are missed.
+template<class V> WRT_INLINE auto has_area(const Distance<V>& d) { return size(d.det) > 1e-28f; }
+
+// Whether t is greater than a bound on its error: a nearer hit might be the surface that the ray leaves, and a ray that
+// leaves a needle would hit that needle. The bound on the error of the edge functions is that of Pharr, Jakob and
+// Humphreys ("Physically Based Rendering", 3rd edition, section 3.9.6; gamma(n) = n eps / (1 - n eps) with eps = 2^-24).
+// Their bound on t also grows with the distance from a thin triangle, and would hide needles far away. But t is a mean
+// of the corners' z: errors of its weights matter only as far as these differ, and not at all if the whole triangle is
+// in front of the ray. The first term is gamma(18) most_z, for all other roundings.
+template<class V, class Number>
+WRT_INLINE auto exceeds_error(const Sheared<V>& s, const Distance<V>& d, const Number* shear) {
+    WRT_NO_CONTRACTION
+    const V most_x = most(most(size(s.ax), size(s.bx)), size(s.cx));
+    const V most_y = most(most(size(s.ay), size(s.by)), size(s.cy));
+    const V most_z = most(most(size(s.az), size(s.bz)), size(s.cz));
+    const V error_x = 2.9802325e-7f * (most_x + most_z), error_y = 2.9802325e-7f * (most_y + most_z);
+    const V error_e = 2.0f * (1.1920930e-7f * most_x * most_y + error_y * most_x + error_x * most_y);
+    const V spread = most(most(s.az, s.bz), s.cz) - least(least(s.az, s.bz), s.cz), error_z = 1.0728836e-6f * most_z;
+    const V error_t = size((V)shear[2]) * (error_z + 3.0f * spread * (error_e * size(d.inverse_det)));
+    return (d.t > error_t) | ((most_z - spread > error_z) & (d.t > 0.0f));
+}
+
+// Skips no hit.
+struct NoneSkipped {
+    WRT_MEMBER bool operator()(float, int) const { return false; }
+};
+
+// Test the triangles of a leaf at once; of equal t the lowest id wins. `skipped(t, id)` returns which hits to skip.
+template<class Skipped = NoneSkipped>
+WRT_INLINE void
+test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest, Skipped skipped = {}) {
+    static_assert(LEAF_SIZE == 8, "as many as a vector has");
+    float ts[LEAF_SIZE], us[LEAF_SIZE], vs[LEAF_SIZE];
+    unsigned hits = 0;
+    const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
+#if WRT_VECTORS
+    {
+        WRT_NO_CONTRACTION
+        const auto corner = [&](int vertex, int axis) {
+            return *(const f8*)(leaf + 3 * LEAF_SIZE * vertex + LEAF_SIZE * axis);
+        };
+        const Sheared<f8> s = sheared<f8>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
+        const Distance<f8> d = distance_of(s, ray.shear);
+        hits = mask_of(is_inside(s) & has_area(d) & (d.t >= t_min) & (d.t <= nearest.t));
+        if (hits) {
+            hits &= mask_of(exceeds_error(s, d, ray.shear));
+            const f8 u = s.v * d.inverse_det, v = s.w * d.inverse_det;
+            __builtin_memcpy(ts, &d.t, sizeof ts);
+            __builtin_memcpy(us, &u, sizeof us);
+            __builtin_memcpy(vs, &v, sizeof vs);
+        }
+    }
+#else
+    for (int k = 0; k < LEAF_SIZE; ++k) {
+        const auto corner = [&](int vertex, int axis) { return leaf[3 * LEAF_SIZE * vertex + LEAF_SIZE * axis + k]; };
+        const Sheared<float> s = sheared<float>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
+        const Distance<float> d = distance_of(s, ray.shear);
+        if (!(is_inside(s) & has_area(d) & (d.t >= t_min) & (d.t <= nearest.t))) continue;
+        ts[k] = d.t;
+        us[k] = s.v * d.inverse_det;
+        vs[k] = s.w * d.inverse_det;
+        hits |= (unsigned)(exceeds_error(s, d, ray.shear) != 0) << k;
+    }
+#endif
+    for (; hits; hits &= hits - 1) {
+        const int k = lowest_bit(hits);
+        if (skipped(ts[k], ids[k])) continue;
+        if (ts[k] < nearest.t || (ts[k] == nearest.t && ids[k] < nearest.id)) {
+            nearest.t = ts[k];
+            nearest.u = us[k];
+            nearest.v = vs[k];
+            nearest.id = ids[k];
+        }
+    }
+}
+} // namespace wrt

@@ -1,0 +1,95 @@
+"""Registries of models by name: built-in ones, each a file of a folder, and those registered from outside the package.
+
+A model is a NamedTuple of device functions. Kernels dispatch by number among the models that a scene uses, through a
+chain of functions, one for each model, in which each calls the next. A static loop over the models would not do: Warp's
+hash of a function leaves out a `wp.static` that depends on a loop variable, so kernels of different scenes would be
+confused.
+"""
+
+import functools
+import importlib
+from collections.abc import Callable, Iterable
+from typing import Any, Generic, NamedTuple, TypeVar
+
+M = TypeVar("M")
+
+
+class _Registered(NamedTuple):
+    """A model from outside: its owner, and all its versions, the current one last."""
+
+    owner: str
+    revisions: list[Any]
+
+
+class Registry(Generic[M]):
+    """The models of one kind.
+
+    Attributes:
+        families: for each family, the function that makes a model from the parts of its name.
+    """
+
+    def __init__(self, package: str, built_in: Iterable[str], check: Callable[[str, M], None]) -> None:
+        """Take the package with a file for each built-in model; `check` raises ValueError for an invalid model."""
+        self.families: dict[str, Callable[..., M]] = {
+            name: functools.partial(_model_in, package, name) for name in built_in
+        }
+        self._built_in = frozenset(self.families)
+        self._check = check
+        self._registered: dict[str, _Registered] = {}
+        self._models: dict[str, M] = {}
+
+    def register(self, name: str, model: M, owner: str = "") -> None:
+        """Register a model for use in scenes. It replaces the model that its owner registered under the same name.
+
+        Args:
+            name: letters, digits and underscores.
+            model: its device functions.
+            owner: nobody but the owner can replace the model.
+
+        Raises:
+            ValueError: if another owner has the name, the name is not an identifier, or the model is invalid.
+        """
+        if not name.isidentifier():
+            raise ValueError(f"a model's name must be an identifier, not {name!r}")
+        known = self._registered.get(name, _Registered(owner, []))
+        if name in self._built_in or known.owner != owner:
+            raise ValueError(f"there is a model {name!r} already")
+        self._check(name, model)
+        if known.revisions[-1:] != [model]:
+            known.revisions.append(model)
+        self._registered[name] = known
+        self.families[name] = lambda revision="revision0": known.revisions[int(revision.removeprefix("revision"))]
+
+    def forget(self, name: str) -> None:
+        """Undo all registrations of a name."""
+        self._registered.pop(name, None)
+        del self.families[name]
+        self._models = {known: model for known, model in self._models.items() if known.split(":")[0] != name}
+
+    def current_name(self, name: str) -> str:
+        """Return the name that kernels use for the current version of a model.
+
+        A model that is registered again gets a new one, so that neither dispatch nor compiled kernels, which are cached
+        by name, keep the old functions.
+        """
+        revision = len(self._registered[name].revisions) - 1 if name in self._registered else 0
+        return f"{name}:revision{revision}" if revision else name
+
+    def model_of(self, name: str) -> M:
+        """Return the model with a name such as "diffuse" or "rough_conductor:ggx:smith"."""
+        if name not in self._models:
+            family, *parts = name.split(":")
+            self._models[name] = self.families[family](*parts)
+        return self._models[name]
+
+
+def _model_in(package: str, file: str, *parts: str) -> Any:
+    """Import a file's model when a scene first uses it: importing all takes a tenth of the start-up time."""
+    found = importlib.import_module(f"{package}.{file}")
+    make = getattr(found, f"make_{file}", None)
+    return found.MODEL if make is None else make(*parts)
+
+
+def model_number(name: str, names: tuple[str, ...]) -> int:
+    """Return the number of a model in kernels made for `names`."""
+    return len(names) - 1 - names.index(name)

@@ -1,0 +1,1 @@
+"""Random numbers, and maps from them to the domains of sampling."""

@@ -1,0 +1,1 @@
+"""Textures and normal maps."""

@@ -1,0 +1,168 @@
+"""Normal maps: the shading normal from a texture, and the variance of normals within a pixel."""
+
+import warp as wp
+
+from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.geometry.rays import Frame, to_local, to_world
+from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.scene.scene_data import (
+    NORMALS_AT_POINT,
+    NORMALS_FILTERED,
+    ImageRecord,
+    NormalMapRecord,
+    SceneData,
+)
+from wrt.kernels.textures.footprint import texels_across, texture_footprint
+from wrt.kernels.textures.textures import image_color
+
+LEAST_ELEVATION = wp.constant(0.02)
+"""Sine of the least elevation of the mirror direction over the surface, and of the viewer over the mapped surface."""
+
+
+@wp.struct
+class Slopes:
+    """Slopes nx / nz and ny / nz in a piece of a normal map: their means, and those of their products (xx, yy, xy)."""
+
+    mean: wp.vec2
+    products: wp.vec3
+
+
+@wp.func
+def slopes_at(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> Slopes:
+    """Return the slopes at one point."""
+    n = image_color(scene, image, uv)
+    slopes = Slopes()
+    slopes.mean = wp.vec2(n[0] / n[2], n[1] / n[2])
+    slopes.products = wp.vec3(
+        slopes.mean[0] * slopes.mean[0], slopes.mean[1] * slopes.mean[1], slopes.mean[0] * slopes.mean[1]
+    )
+    return slopes
+
+
+@wp.func
+def slopes_of_level(scene: SceneData, normals: NormalMapRecord, level: int, uv: wp.vec2) -> Slopes:
+    """Return the slopes around a point at a level of the pyramid; level -1 is the point itself."""
+    if level < 0:
+        return slopes_at(scene, scene.images[normals.image], uv)
+    first = normals.first_level + 2 * level
+    mean = image_color(scene, scene.images[first], uv)
+    slopes = Slopes()
+    slopes.mean = wp.vec2(mean[0], mean[1])
+    slopes.products = image_color(scene, scene.images[first + 1], uv)
+    return slopes
+
+
+@wp.func
+def filtered_slopes(scene: SceneData, normals: NormalMapRecord, uv: wp.vec2, texels: float) -> Slopes:
+    """Return the slopes of a piece `texels` wide, more than 1/2, interpolated between the two nearest levels."""
+    level = wp.min(wp.log2(texels), float(normals.levels - 1))
+    lower = int(wp.floor(level))
+    share = level - float(lower)
+    slopes = slopes_of_level(scene, normals, lower, uv)
+    if share > 0.0:
+        upper = slopes_of_level(scene, normals, lower + 1, uv)
+        slopes.mean = slopes.mean * (1.0 - share) + upper.mean * share
+        slopes.products = slopes.products * (1.0 - share) + upper.products * share
+    return slopes
+
+
+@wp.func
+def bent_normal(n: wp.vec3, normal: wp.vec3, wo: wp.vec3, matt: bool) -> wp.vec3:
+    """Return a shading normal n that faces wo and, if not matt, mirrors it to above the surface.
+
+    Mapped normals that do not would give black spots, which real bumps do not show, as other bumps hide those sides.
+    The normal is turned in the plane of n and the geometric normal, no further than necessary. (For other ways see
+    Schüssler, Heitz, Hanika and Dachsbacher 2017, section 2.)
+
+    With n at the angle θ from the geometric normal, and wo at φ and of length a in their plane, n·wo is a cos(θ − φ),
+    and the mirror direction is a cos(2θ − φ) above the surface. If that is too small, θ or 2θ becomes
+    φ + arccos(least / a), which lies nearer to the geometric normal.
+    """
+    wo_z = wp.dot(wo, normal)
+    n_z = wp.dot(n, normal)
+    least = wp.min(LEAST_ELEVATION, 0.5 * wo_z)
+    facing = wp.dot(n, wo)
+    if facing >= least and (matt or (2.0 * facing * n_z - wo_z >= least and n_z > 0.0)):
+        return n
+    across = n - normal * n_z
+    length = wp.length(across)
+    if length < 1.0e-6:
+        return normal
+    across = across / length
+    across = wp.normalize(across - normal * wp.dot(across, normal))  # short vectors are mostly rounding error
+    wo_x = wp.dot(wo, across)
+    phi = wp.atan2(wo_x, wo_z)
+    theta = phi + wp.acos(wp.clamp(least / wp.sqrt(wo_x * wo_x + wo_z * wo_z), 0.0, 1.0))
+    theta *= wp.where(matt, 1.0, 0.5)
+    return wp.normalize(across * wp.sin(theta) + normal * wp.cos(theta))
+
+
+@wp.func
+def _quadratic(a: wp.vec2, xx: float, yy: float, xy: float) -> float:
+    """Return the variance of a·slope."""
+    return a[0] * a[0] * xx + a[1] * a[1] * yy + 2.0 * a[0] * a[1] * xy
+
+
+@wp.func
+def apply_normal_map(
+    scene: SceneData, material: int, hit: Hit, surface: Surface, direction: wp.vec3, width: float
+) -> Surface:
+    """Return the surface with a material's normal map applied for a ray cone, `width` wide at the hit.
+
+    Its frame must follow the texture coordinates. A width of 0 stands for a single ray.
+    """
+    record = scene.materials[material]
+    if record.normal_map < 0:
+        return surface
+    normals = scene.normal_maps[record.normal_map]
+    image = scene.images[normals.image]
+    texels = float(0.0)
+    if record.normal_filter != NORMALS_AT_POINT:
+        texels = texels_across(texture_footprint(scene, hit, surface, direction, width), image)
+    filtered = texels > 0.5
+    slopes = Slopes()
+    if filtered:
+        slopes = filtered_slopes(scene, normals, surface.uv, texels)
+    else:
+        slopes = slopes_at(scene, image, surface.uv)
+    mean = slopes.mean
+    if mean[0] == 0.0 and mean[1] == 0.0 and not filtered:
+        return surface
+    if not surface.front:
+        mean = -mean  # a bump is a dent from behind
+    unbent = wp.normalize(wp.vec3(mean[0], mean[1], 1.0))
+    frame = surface.frame
+    n = bent_normal(to_world(frame, unbent), surface.normal, -direction, record.matt != 0)
+    if wp.dot(n, direction) >= 0.0:
+        return surface
+    # The new axes in those of the old frame.
+    z = to_local(frame, n)
+    x = wp.normalize(wp.vec3(1.0 - z[0] * z[0], -z[0] * z[1], -z[0] * z[2]))
+    y = wp.cross(z, x)
+    if filtered:
+        # From slopes of the map to slopes about the new normal, (m·x) / (m·n): ∂/∂slope is x / |(mean, 1)| at the mean.
+        k = unbent[2]
+        a = wp.vec2(x[0], x[1]) * k
+        b = wp.vec2(y[0], y[1]) * k
+        xx = wp.max(slopes.products[0] - mean[0] * mean[0], 0.0)
+        yy = wp.max(slopes.products[1] - mean[1] * mean[1], 0.0)
+        xy = slopes.products[2] - mean[0] * mean[1]
+        variance = wp.vec2(_quadratic(a, xx, yy, xy), _quadratic(b, xx, yy, xy))
+        if record.normal_filter == NORMALS_FILTERED:
+            # Rotate to the eigenvectors of the covariance.
+            covariance = a[0] * b[0] * xx + a[1] * b[1] * yy + (a[0] * b[1] + a[1] * b[0]) * xy
+            middle = 0.5 * (variance[0] + variance[1])
+            half = 0.5 * (variance[0] - variance[1])
+            radius = wp.sqrt(half * half + covariance * covariance)
+            turn = 0.5 * wp.atan2(covariance, half)
+            along = x * wp.cos(turn) + y * wp.sin(turn)
+            y = y * wp.cos(turn) - x * wp.sin(turn)
+            x = along
+            variance = wp.vec2(middle + radius, middle - radius)
+        surface.normal_variance = wp.vec2(wp.max(variance[0], 0.0), wp.max(variance[1], 0.0))
+    turned = Frame()
+    turned.s = to_world(frame, x)
+    turned.t = to_world(frame, y)
+    turned.n = n
+    surface.frame = turned
+    return surface

@@ -1,0 +1,201 @@
+"""Colours that vary over a surface."""
+
+import warp as wp
+
+from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.scene.scene_data import (
+    VERTEX_ALPHA,
+    WRAP_CLAMP,
+    WRAP_MIRROR,
+    WRAP_REPEAT,
+    ColorSlot,
+    ImageRecord,
+    SceneData,
+)
+from wrt.kernels.specialise import specialised
+from wrt.kernels.textures.footprint import texels_across
+
+
+@wp.func
+def wrap(i: int, n: int) -> int:
+    """Return i modulo n, in [0, n)."""
+    r = i % n
+    return wp.where(r < 0, r + n, r)
+
+
+@wp.func
+def mixed(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3, share: wp.vec2) -> wp.vec3:
+    """Return the mean of the corners of a square, where b and d have the weight share[0], c and d share[1]."""
+    upper = a * (1.0 - share[0]) + b * share[0]
+    lower = c * (1.0 - share[0]) + d * share[0]
+    return upper * (1.0 - share[1]) + lower * share[1]
+
+
+@wp.func
+def bilinear(
+    texels: wp.array(dtype=wp.vec3),
+    first: int,
+    width: int,
+    columns: wp.vec2i,
+    rows: wp.vec2i,
+    share: wp.vec2,
+) -> wp.vec3:
+    """Return the interpolation of the texels in two columns and two rows; `share` weights the second ones."""
+    top = first + rows[0] * width
+    bottom = first + rows[1] * width
+    return mixed(
+        texels[top + columns[0]],
+        texels[top + columns[1]],
+        texels[bottom + columns[0]],
+        texels[bottom + columns[1]],
+        share,
+    )
+
+
+@wp.func
+def decoded(code: wp.uint32, palettes: wp.array(dtype=float), palette: int) -> wp.vec3:
+    """Return the colour of a code.
+
+    Evaluating the sRGB curve instead takes ten times as long as reading four texels.
+    """
+    c = int(code)
+    return wp.vec3(
+        palettes[palette + (c & 255)],
+        palettes[palette + 256 + ((c >> 8) & 255)],
+        palettes[palette + 512 + ((c >> 16) & 255)],
+    )
+
+
+@wp.func
+def bilinear_of_codes(
+    scene: SceneData, image: ImageRecord, columns: wp.vec2i, rows: wp.vec2i, share: wp.vec2
+) -> wp.vec3:
+    """Return the same as `bilinear` for an image with a palette."""
+    top = image.first + rows[0] * image.width
+    bottom = image.first + rows[1] * image.width
+    a = decoded(scene.texel_codes[top + columns[0]], scene.palettes, image.palette)
+    b = decoded(scene.texel_codes[top + columns[1]], scene.palettes, image.palette)
+    c = decoded(scene.texel_codes[bottom + columns[0]], scene.palettes, image.palette)
+    d = decoded(scene.texel_codes[bottom + columns[1]], scene.palettes, image.palette)
+    return mixed(a, b, c, d, share)
+
+
+@wp.func
+def inside_image(t: float, mode: int) -> float:
+    """Return the place in [0, 1] of a texture coordinate after wrapping."""
+    if mode == WRAP_CLAMP:
+        return wp.clamp(t, 0.0, 1.0)
+    if mode == WRAP_MIRROR:
+        # The mirrored pattern has a period of 2.
+        return 1.0 - wp.abs(2.0 * (0.5 * t - wp.floor(0.5 * t)) - 1.0)
+    return t - wp.floor(t)
+
+
+@wp.func
+def neighbors(i: int, size: int, mode: int) -> wp.vec2i:
+    """Return texel i and the next one along an axis, wrapped at the image's edge."""
+    if mode == WRAP_REPEAT:
+        return wp.vec2i(wrap(i, size), wrap(i + 1, size))
+    # At the edge, mirrored and clamped images repeat the last texel.
+    return wp.vec2i(wp.clamp(i, 0, size - 1), wp.clamp(i + 1, 0, size - 1))
+
+
+@wp.func
+def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
+    """Return the filtered colour at texture coordinates; v points up, row 0 is the top."""
+    u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
+    v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
+    # Wrap first: large coordinates would overflow an int.
+    x = inside_image(u, image.wrap_u) * float(image.width) - 0.5
+    y = (1.0 - inside_image(v, image.wrap_v)) * float(image.height) - 0.5
+    if image.nearest != 0:
+        x = wp.floor(x + 0.5)
+        y = wp.floor(y + 0.5)
+    left = wp.floor(x)
+    top = wp.floor(y)
+    columns = neighbors(int(left), image.width, image.wrap_u)
+    rows = neighbors(int(top), image.height, image.wrap_v)
+    share = wp.vec2(x - left, y - top)
+    if image.palette >= 0:
+        return bilinear_of_codes(scene, image, columns, rows, share)
+    return bilinear(scene.texels, image.first, image.width, columns, rows, share)
+
+
+@wp.func
+def filtered_color(scene: SceneData, image: ImageRecord, uv: wp.vec2, footprint: wp.vec4) -> wp.vec3:
+    """Return the colour around texture coordinates, between the two mip levels nearest to the footprint.
+
+    Williams (1983), "Pyramidal parametrics". If a texel is wider than the footprint it is `image_color`.
+    """
+    level = int(0)
+    share = float(0.0)
+    if image.levels > 0:
+        texels = texels_across(footprint, image)
+        if texels > 1.0:
+            height = wp.min(wp.log2(texels), float(image.levels))
+            level = int(height)
+            share = height - float(level)
+    # A loop, so that the kernel contains the lookup once: two copies cost more, by code size, than the lookup.
+    color = wp.vec3(0.0)
+    weight = 1.0 - share
+    while weight > 0.0:
+        record = image
+        if level > 0:
+            record = scene.images[image.next_level + level - 1]
+        color += image_color(scene, record, uv) * weight
+        level += 1
+        weight = share
+        share = 0.0
+    return color
+
+
+@specialised()
+def make_slot_color(mipmapped: bool = False) -> wp.Function:
+    """Return the device function (scene, slot, uv, footprint, vertex_color) -> a material slot's value at a point."""
+
+    @wp.func
+    def slot_color(
+        scene: SceneData, slot: ColorSlot, uv: wp.vec2, footprint: wp.vec4, vertex_color: wp.vec3
+    ) -> wp.vec3:
+        value = slot.value
+        if slot.image >= 0:
+            texel = wp.vec3()
+            if wp.static(mipmapped):
+                texel = filtered_color(scene, scene.images[slot.image], uv, footprint)
+            else:
+                texel = image_color(scene, scene.images[slot.image], uv)
+            if slot.channel >= 0:
+                texel = wp.vec3(texel[slot.channel])
+            value = wp.cw_mul(value, texel)
+        if slot.vertex_color != 0:
+            value = wp.cw_mul(value, vertex_color)
+        if slot.cutoff >= 0.0:
+            value = wp.vec3(wp.where(value[0] >= slot.cutoff, 1.0, 0.0))
+        return value
+
+    return slot_color
+
+
+@specialised()
+def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
+    """Return the device function (scene, slot, surface) -> vec3: the value of a material's slot at a point."""
+    slot_color = make_slot_color(mipmapped)
+
+    @wp.func
+    def slot_value(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+        return slot_color(scene, scene.slots[slot], surface.uv, surface.footprint, surface.color)
+
+    @wp.func
+    def slot_value_uv2_alpha(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+        record = scene.slots[slot]
+        uv = surface.uv
+        footprint = surface.footprint
+        if record.second != 0:
+            uv = surface.second_uv
+            footprint = wp.vec4()  # it is that of the first
+        color = surface.color
+        if record.vertex_color == VERTEX_ALPHA:
+            color = wp.vec3(surface.alpha)
+        return slot_color(scene, record, uv, footprint, color)
+
+    return slot_value_uv2_alpha if uv2_alpha else slot_value

@@ -1,1 +1,0 @@
-"""Render kernels for sixteen lanes at once, on CPUs whose registers hold so many numbers."""

@@ -1,0 +1,132 @@
+"""Turntables and videos: frames are pictures of turned scenes, an interrupted animation goes on, mistakes are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+import wrt
+from wrt.animation.timeline import at_frame, moves
+from wrt.cli import main
+
+SMALL = ["--size", "24x18", "--spp", "1", "--quiet"]
+
+
+@pytest.fixture
+def mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A box in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "box.obj"
+    path.write_text(
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 3\nv 1 0 3\nv 1 1 3\nv 0 1 3\n"
+        "f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+    )
+    return path
+
+
+def test_a_mesh_turns_once_and_its_studio_stays(mesh: Path) -> None:
+    scene = wrt.load(mesh)
+    frames = list(wrt.turntable(scene, 4))
+    assert len(frames) == 4
+    assert len({frame.camera for frame in frames}) == 1
+    for frame in frames:
+        assert [shape.name for shape in frame.shapes] == [shape.name for shape in scene.shapes]
+        assert all(a is b for a, b in zip(frame.shapes[1:], frames[0].shapes[1:], strict=True))
+    extents = [np.ptp(frame.shapes[0].bounds, axis=0) for frame in frames]
+    np.testing.assert_allclose(extents[1], extents[0][[2, 1, 0]], atol=1e-5)  # a quarter swaps width and depth
+    np.testing.assert_allclose(extents[2], extents[0], atol=1e-5)
+
+
+def test_the_camera_turns_around_a_scene() -> None:
+    scene = wrt.load("cornell-box")
+    assert scene.camera is not None
+    frames = list(wrt.turntable(scene, 3))
+    assert frames[0].camera == scene.camera
+    target = np.asarray(frames[0].camera.target)
+    distances = [float(np.linalg.norm(np.subtract(frame.camera.origin, frame.camera.target))) for frame in frames]
+    np.testing.assert_allclose(distances, distances[0], rtol=1e-6)
+    heights = [frame.camera.origin[1] - target[1] for frame in frames]
+    np.testing.assert_allclose(heights, heights[0], atol=1e-6)
+
+
+def test_frames_are_the_pictures_of_their_scenes(mesh: Path, tmp_path: Path) -> None:
+    assert main(["render", "box.obj", "--turntable", "3", "-o", "box_%02d.exr", *SMALL]) == 0
+    scenes = list(wrt.turntable(wrt.load(mesh, aspect=24 / 18), 3))
+    for number, scene in enumerate(scenes):
+        expected = wrt.render(scene, width=24, height=18, spp=1)
+        np.testing.assert_array_equal(wrt.load_image(tmp_path / f"box_{number:02d}.exr"), expected)
+
+
+def test_missing_frames_are_rendered_on_resuming(
+    mesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["render", "box.obj", "--turntable", "3", "-o", "box_%d.png", *SMALL]
+    assert main(command) == 0
+    paths = [tmp_path / f"box_{number}.png" for number in range(3)]
+    with_pixels = [np.asarray(Image.open(path)) for path in paths]
+    paths[1].unlink()
+    kept = [paths[k].stat().st_mtime_ns for k in (0, 2)]
+    assert main([*command, "--resume"]) == 0
+    assert [paths[k].stat().st_mtime_ns for k in (0, 2)] == kept
+    assert all(
+        np.array_equal(np.asarray(Image.open(path)), whole) for path, whole in zip(paths, with_pixels, strict=True)
+    )
+    capsys.readouterr()
+    assert main(["render", "box.obj", "--turntable", "3", "-o", "box_%d.png", *SMALL, "--resume", "--seed", "7"]) == 2
+    assert "seed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_videos_have_all_frames(mesh: Path, tmp_path: Path, suffix: str) -> None:
+    assert main(["render", "box.obj", "--turntable", "3", "--fps", "10", "-o", f"box{suffix}", *SMALL]) == 0
+    with Image.open(tmp_path / f"box{suffix}") as video:
+        assert video.size == (24, 18)
+        frames = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(video)]
+        assert [frame.info.get("duration") for frame in [video]] == [100]
+    assert len(frames) == 3
+    assert not np.array_equal(frames[0], frames[1])
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["box.obj", f"box{suffix}"])
+
+
+def test_keyframes_move_from_frame_to_frame() -> None:
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0)))
+    scene.environment = wrt.ConstantEnvironment(1.0)
+    far = np.eye(4)
+    far[0, 3] = 2.0
+    scene.add(wrt.sphere(subdivisions=2), transform=wrt.Motion([0.0, 1.0], [np.eye(4), far]))
+    assert moves(scene)
+    renderer = wrt.Renderer(at_frame(scene, 12, 24.0), width=8, height=8)
+    assert renderer.scene.camera is not None
+    assert renderer.scene.camera.shutter_open == pytest.approx(0.5)
+    assert not moves(wrt.load("cornell-box"))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--turntable", "1"], "at least 2"),
+        (["--frames", "5-2"], "must not end before it begins"),
+        (["--frames", "0-2", "-o", "a.gif"], "nothing in it moves"),
+        (["--turntable", "3", "-o", "a.png"], "with a place for their numbers"),
+        (["--turntable", "3", "--frames", "0-2"], "cannot be combined"),
+        (["--turntable", "3", "--checkpoint", "c"], "--checkpoint is for a single picture"),
+    ],
+)
+def test_mistakes_are_named(
+    options: list[str], words: str, mesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["render", "box.obj", *options]) in (1, 2)
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
+    assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
+
+
+def test_no_other_file_is_replaced(mesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mine.gif").write_bytes(b"GIF89a of somebody else")
+    assert main(["render", "box.obj", "--turntable", "2", "-o", "mine.gif", *SMALL]) in (1, 2)
+    assert (tmp_path / "mine.gif").read_bytes() == b"GIF89a of somebody else"
+    assert "mine.gif" in capsys.readouterr().err

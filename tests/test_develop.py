@@ -1,0 +1,138 @@
+"""`wrt develop` and the options --tone and --exposure make the PNG that Python makes of the same radiance."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.outputs import SMALL, run
+
+import wrt
+
+
+def codes(path: object) -> np.ndarray:
+    with Image.open(str(path)) as image:
+        return np.asarray(image)
+
+
+def tone_of(path: object) -> str:
+    with Image.open(str(path)) as image:
+        return str(image.text["Tone"])
+
+
+@pytest.fixture
+def radiance(tmp_path, monkeypatch) -> np.ndarray:
+    monkeypatch.chdir(tmp_path)
+    image = np.random.default_rng(6).gamma(0.5, 1.0, (48, 64, 3)).astype(np.float32)
+    wrt.save_image("room.exr", image)
+    return image
+
+
+@pytest.mark.parametrize(
+    ("options", "settings"),
+    [
+        ((), {}),
+        (("--tone", "agx"), {"tone": "agx"}),
+        (("--tone", "none", "--exposure", "-1.5"), {"tone": "none", "exposure": -1.5}),
+        (("--tone", "aces", "--exposure", "auto"), {"tone": "aces", "exposure": "auto"}),
+        (("--tone", "ocio"), {"tone": "ocio"}),
+    ],
+)
+def test_a_picture_is_developed_as_from_python(radiance, options, settings, capsys):
+    assert run("develop", "room.exr", "-o", "room.png", *options) == 0
+    np.testing.assert_array_equal(codes("room.png"), wrt.develop_image(radiance, **settings))
+    assert f"tone {settings.get('tone', 'soft')}" in capsys.readouterr().err
+    assert tone_of("room.png") == settings.get("tone", "soft")
+
+
+def test_the_name_is_that_of_the_source_and_others_are_kept(radiance, capsys):
+    assert run("develop", "room.exr") == 0
+    assert sorted(os.listdir()) == ["room.exr", "room.png"]
+    with open("room.png", "wb") as file:
+        file.write(b"notes")
+    assert run("develop", "room.exr", "-o", "room.png") == 2
+    assert "already exists" in capsys.readouterr().err
+    assert run("develop", "room.exr") == 0
+    assert sorted(os.listdir()) == ["room-render.png", "room.exr", "room.png"]
+    assert run("develop", "room.exr", "-o", "room.png", "--force") == 0
+    assert codes("room.png").shape == (48, 64, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nothing.exr",), "nothing.exr: no such file"),
+        (("room.exr", "-o", "a.exr"), "a developed picture is a PNG"),
+        (("room.exr", "-o", "a.jpg"), "must end in one of"),
+        (("room.exr", "-o", "room.png", "--tone", "agxx"), "did you mean 'agx'"),
+        (("room.exr", "-o", "a.png", "--tone", "ocio:a.ocio"), "a.ocio: no such OpenColorIO configuration"),
+        (("room.exr", "--exposure", "bright"), "must be a number of stops or auto, not 'bright'"),
+        (("room.exr", "--exposure", "1e9"), "exposure must be at most"),
+        (("damaged.exr",), "damaged.exr: cannot be read as an image"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_writes_nothing(radiance, arguments, message, capsys):
+    with open("damaged.exr", "wb") as file:
+        file.write(b"v/1\x01damaged")
+    before = sorted(os.listdir())
+    assert run("develop", *arguments) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert sorted(os.listdir()) == before
+
+
+def test_clipping_is_warned_of(radiance, capsys):
+    assert run("develop", "room.exr", "--tone", "none", "--exposure", "4") == 0
+    assert "too bright and clipped; darken it by --exposure 3" in capsys.readouterr().err
+
+
+def test_a_render_is_developed_with_its_options(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("render", "cornell-box", "-o", "a.exr", *SMALL) == 0
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL, "--tone", "aces", "--exposure", "auto") == 0
+    expected = wrt.develop_image(wrt.load_image("a.exr"), tone="aces", exposure="auto")
+    np.testing.assert_array_equal(codes("a.png"), expected)
+    assert run("render", "cornell-box", "-o", "b.png", *SMALL, "--exposure", "9", "--tone", "none") == 0
+    assert "clipped; darken it by --exposure 8" in capsys.readouterr().err
+    assert run("render", "cornell-box", "-o", "c.png", *SMALL, "--tone", "ocio:none.ocio") == 2
+    assert "none.ocio: no such OpenColorIO configuration" in capsys.readouterr().err
+    assert not os.path.exists("c.png")
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "still-life", "teapot"])
+def test_built_in_scenes_do_not_nag(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("render", name, "-o", "a.png", "--size", "48x36", "--spp", "4") == 0
+    assert "warning" not in capsys.readouterr().err
+
+
+def test_a_checkpoint_does_not_depend_on_tone_and_exposure(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    state = ("--checkpoint", "a.ckpt", "--resume")
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL, *state, "--tone", "agx", "--exposure", "1") == 0
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL, *state, "--tone", "none", "--exposure", "auto") == 0
+    assert tone_of("a.png") == "none"
+
+
+def test_scene_files_have_tone_and_exposure(tmp_path):
+    scene = wrt.load("cornell-box")
+    scene.settings = wrt.RenderSettings(tone="agx", exposure="auto", width=16, height=16)
+    wrt.save_scene(tmp_path / "a.toml", scene)
+    found = wrt.load(tmp_path / "a.toml").settings
+    assert (found.tone, found.exposure) == ("agx", "auto")
+    (tmp_path / "b.toml").write_text((tmp_path / "a.toml").read_text().replace('"agx"', '"agxx"'))
+    with pytest.raises(wrt.InputError, match=r"b\.toml.*settings.*did you mean 'agx'"):
+        wrt.load(tmp_path / "b.toml")
+    renderer = wrt.Renderer(scene)
+    for _ in renderer.passes(spp=1):
+        pass
+    developed = renderer.save(tmp_path / "a.png")
+    assert developed is not None
+    assert developed.tone == "agx"
+    np.testing.assert_array_equal(codes(tmp_path / "a.png"), developed.codes)
+    developed = renderer.save(tmp_path / "a.png", tone="none", exposure=2.0)
+    assert developed is not None
+    assert (developed.tone, developed.stops) == ("none", 2.0)

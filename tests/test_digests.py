@@ -1,0 +1,62 @@
+"""Pictures keep their bits: films of many small scenes are those recorded in tests/data/digests.json.
+
+A change that is meant to alter pictures records them anew: `python scripts/digests.py record`. Processors and C
+libraries compute a few functions to other digits, so the file has a section for each kind of arithmetic that films were
+recorded with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+from conftest import ROOT
+from support.digests import Case, arithmetic, cases, film_digest, rendered, scalar_film
+from support.wide_scenes import SCENES
+
+from wrt.backend.warp_backend import initialize_warp
+
+RECORDED: dict[str, dict[str, str]] = json.loads((ROOT / "tests" / "data" / "digests.json").read_text(encoding="utf-8"))
+CASES = cases()
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict[str, str]:
+    """Films recorded with the arithmetic of this processor and C library; none if it is of another kind."""
+    initialize_warp()
+    return RECORDED.get(arithmetic(), {})
+
+
+def test_every_case_is_recorded() -> None:
+    assert set(CASES) == {name for films in RECORDED.values() for name in films}
+    assert len(CASES) >= 40
+
+
+@pytest.mark.parametrize(
+    "name", [name if name.startswith("plain") else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
+)
+def test_films_keep_their_bits(name: str, recorded: dict[str, str]) -> None:
+    """With another arithmetic each film still shows something: it is brighter here than there."""
+    renderer = rendered(CASES[name])
+    if renderer.renders_light and renderer.film.pixels > 1:
+        assert renderer.image().std() > 0.0
+    if name not in recorded:
+        pytest.skip("recorded on processors and with C libraries that compute other digits")
+    assert film_digest(renderer) == recorded[name]
+
+
+def test_a_fault_changes_a_digest() -> None:
+    """One vertex that is moved by a thousandth."""
+
+    def moved() -> Any:
+        scene = CASES["plain-perspective"].make()
+        vertices = scene.shapes[2].mesh.vertices.copy()
+        vertices[0] *= 1.001
+        mesh = dataclasses.replace(scene.shapes[2].mesh, vertices=vertices)
+        scene.shapes[2] = dataclasses.replace(scene.shapes[2], mesh=mesh)
+        return scene
+
+    case = Case(moved, SCENES["plain"][1])
+    assert scalar_film(case) != scalar_film(CASES["plain-perspective"])

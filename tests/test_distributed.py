@@ -1,0 +1,227 @@
+"""A Dask cluster renders the bits of one machine, whatever happens to its workers."""
+
+from __future__ import annotations
+
+import collections
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_checkpoint import scene
+
+import wrt
+import wrt.distributed
+from wrt.cli import main
+from wrt.distributed import head, worker
+from wrt.distributed.clients import client_of
+from wrt.distributed.windows import windows_of_pass
+from wrt.rendering.sharing import sharing
+
+distributed = pytest.importorskip("distributed")
+
+SIZE = {"width": 20, "height": 30, "max_depth": 3}
+LAYERS = {"layers": ("albedo", "depth", "object", "material")}
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask, at its end
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+def film_of(renderer: wrt.Renderer, *targets: int, **limits: Any) -> dict[str, Any]:
+    for target in targets:
+        for _ in renderer.passes(spp=target, **limits):
+            pass
+    return renderer.film.state()
+
+
+def assert_same(a: dict[str, Any], b: dict[str, Any]) -> None:
+    assert a.keys() == b.keys()
+    for name, array in a.items():
+        np.testing.assert_array_equal(array, b[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    """Two workers in threads of this process."""
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0", protocol="inproc://"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def one() -> wrt.Renderer:
+    return wrt.Renderer(scene(), **SIZE, **LAYERS)
+
+
+@pytest.mark.parametrize("workers", [0, 1, 3, 40, 1000])
+@pytest.mark.parametrize("seconds", [0.0, 1e-9, 1e-3, 10.0])
+def test_windows_cover_a_pass_once_and_shrink(workers: int, seconds: float) -> None:
+    crop = (3, 5, 67, 105)
+    seen = np.zeros((100, 64), int)
+    heights = []
+    for x0, y0, x1, y1 in windows_of_pass(crop, lambda: workers, lambda: seconds):
+        seen[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
+        heights.append(y1 - y0)
+    assert (seen == 1).all()
+    assert heights[-1] <= heights[0]
+    if workers == 3 and seconds == 0.0:
+        assert heights[0] == 100 // 6
+        assert heights[-1] == 1
+
+
+def test_the_film_is_that_of_one_machine(client: Any, one: wrt.Renderer) -> None:
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
+    assert_same(film_of(renderer, 3, 9), film_of(one, 9))
+    assert renderer.rays == one.rays
+    np.testing.assert_array_equal(renderer.image(), one.image())
+    assert renderer.noise() == one.noise()
+
+
+def test_render_and_a_target_of_noise(client: Any) -> None:
+    """Samples at which it ends, and tiles that stop before, follow from the film alone."""
+    options = {**SIZE, "noise": 0.08, "adaptive": True}
+    expected = wrt.render(scene(), **options)
+    np.testing.assert_array_equal(wrt.distributed.render(scene(), client=client, **options), expected)
+
+
+def test_checkpoints_go_to_and_from_a_cluster(client: Any, one: wrt.Renderer, tmp_path: Path) -> None:
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
+    film_of(renderer, 2)
+    renderer.save_checkpoint(tmp_path / "a.ckpt")
+    again = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
+    again.load_checkpoint(tmp_path / "a.ckpt")
+    single = wrt.Renderer.resume(tmp_path / "a.ckpt", scene())
+    assert_same(film_of(again, 5), film_of(single, 5))
+
+
+def test_a_worker_keeps_what_it_has_built_for_other_cameras(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    built = []
+    monkeypatch.setattr(worker, "_renderers", collections.OrderedDict())
+    make = wrt.Renderer.__init__
+    monkeypatch.setattr(wrt.Renderer, "__init__", lambda *a, **k: (built.append(k), make(*a, **k))[1])
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
+    film_of(renderer, 1)
+    before = len(built)
+    assert before == 2  # the head node's, which builds no scene, and one of this process, where both workers are
+    camera = wrt.PerspectiveCamera((2.0, 1.0, 3.0), (0.0, 0.0, 0.0))
+    renderer.set_camera(camera)
+    seen = film_of(renderer, 2)
+    assert len(built) == before
+    other = scene()
+    other.camera = camera
+    assert_same(seen, film_of(wrt.Renderer(other, **SIZE, **LAYERS), 2))
+
+
+def test_workers_do_not_prepare_to_denoise(client: Any, one: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is for the whole picture, at the end."""
+
+    def fail(renderer: wrt.Renderer) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("wrt.rendering.renderer.Guides", fail)
+    noisy = scene()
+    noisy.settings.denoise = True
+    renderer = wrt.distributed.DistributedRenderer(noisy, client=client, **SIZE, **LAYERS)
+    assert_same(film_of(renderer, 1), film_of(sharing(one), 1))
+
+
+def test_a_worker_of_another_kind_renders_nothing(
+    client: Any, one: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would make other bits; what it has made is rendered again."""
+    strange = sorted(client.scheduler_info()["workers"])[0]
+    arithmetic_of = worker_arithmetic()
+
+    def arithmetic(device: Any) -> dict[str, str]:
+        found = arithmetic_of(device)
+        if distributed.get_worker().address == strange:
+            found["processor"] = "z80"
+        return found
+
+    monkeypatch.setattr("wrt.backend.arithmetic.arithmetic_of", arithmetic)
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
+    renderer.spread.kind.update(arithmetic_of(one.device))
+    with pytest.warns(
+        wrt.errors.InputWarning, match=rf"^worker {strange} renders nothing, these differ: processor \(z80"
+    ):
+        found = film_of(renderer, 9)
+    assert_same(found, film_of(one, 9))
+    assert renderer.spread.refused == {strange}
+    monkeypatch.setattr("wrt._version.__version__", "0.0.1")  # of both workers, since they are here
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
+    with (
+        pytest.warns(wrt.errors.InputWarning, match=r"wrt \(0\.0\.1 there"),
+        pytest.raises(wrt.InputError, match=r"no worker can render this picture: .* wrt \(0\.0\.1 there"),
+    ):
+        film_of(renderer, 1)
+
+
+def worker_arithmetic() -> Callable[[Any], dict[str, str]]:
+    from wrt.backend.arithmetic import arithmetic_of
+
+    return arithmetic_of
+
+
+def test_errors_are_one_line(client: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("wrt.distributed.clients.CONNECT_SECONDS", 0.5)
+    assert main(["render", "cornell-box", "--dask", "tcp://127.0.0.1:9", "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("wrt: error: tcp://127.0.0.1:9: there is no scheduler of Dask")
+    assert error.count("\n") == 1
+    assert main(["render", "cornell-box", "--dask", "local", "--part", "1/2"]) == 2
+    assert "--dask renders whole pictures" in capsys.readouterr().err
+    assert client_of(client) is client
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, device="cuda:9", **SIZE)
+    with pytest.raises(wrt.InputError, match=r"device 'cuda:9': "):
+        film_of(renderer, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 3])
+def test_workers_die_come_late_and_stop(workers: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
+    size = {"width": 48, "height": 36, "max_depth": 3, **LAYERS}
+    expected = film_of(wrt.Renderer(scene(), **size), 96)
+    with (
+        distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        pids = list(client.run(os.getpid).values())
+        happened: list[str] = []
+        keep, kept = head._keep, []
+
+        def keep_and_hurt(*arguments: Any) -> None:
+            keep(*arguments)
+            kept.append(arguments[2])
+            if len(kept) == 4:
+                os.kill(pids[0], signal.SIGKILL)
+                happened.append("killed")
+            if len(kept) == 8:
+                cluster.scale(workers + 1)
+                happened.append("added")
+            if len(kept) == 12 and workers > 1:
+                os.kill(pids[1], signal.SIGSTOP)
+                happened.append("stopped")
+
+        monkeypatch.setattr(head, "_keep", keep_and_hurt)
+        monkeypatch.setattr("wrt.distributed.spread.GATHER_SECONDS", 1.0)
+        monkeypatch.setattr("wrt.distributed.spread.LATE_SECONDS", 1.0)
+        try:
+            renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **size)
+            found = film_of(renderer, 96, pass_seconds=1.0)
+        finally:
+            if workers > 1:
+                os.kill(pids[1], signal.SIGCONT)
+        assert happened == (["killed", "added", "stopped"] if workers > 1 else ["killed", "added"])
+        assert_same(found, expected)

@@ -1,0 +1,1 @@
+"""Turntables, animations and the videos of their frames."""

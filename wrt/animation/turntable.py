@@ -1,0 +1,162 @@
+"""Scenes of a turntable: what is shown turns once in front of the camera."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.scene.camera import Camera, PerspectiveCamera
+from wrt.scene.mesh import box_around
+from wrt.scene.motion import rotation_matrix
+from wrt.scene.scene import Scene, Shape
+from wrt.studio.framing import frame_camera
+from wrt.studio.views import VIEWS, view_direction
+from wrt.values import integer
+
+Matrix = NDArray[np.float64]
+
+MARGIN = 1.15
+"""Size of the picture over that of everything the subject passes through on its way round."""
+
+MOST_FRAMES = 100_000
+
+_SLICES = 64
+_ANGLES = 64
+_VERTICAL = 0.999
+"""Cosine to the vertical from which on a camera looks straight down or up and is not placed anew."""
+
+
+def turntable(scene: Scene, frames: int) -> Iterator[Scene]:
+    """Yield the scenes of a turntable, one per frame; the last is one step before the first.
+
+    A scene in wrt's studio, as `wrt.load` makes it of a mesh, keeps camera, light and backdrop: its shapes turn about
+    the vertical axis through their middle, and the camera moves back, in its own direction, until nothing is cut off
+    in any frame. In all other scenes the camera travels once around, at its own height and distance, about the
+    vertical axis through its target; if camera and target are 1 m apart, as in files that give only a direction, the
+    axis is at the depth of the scene's middle. A scene without a camera is framed for the whole turn. Such scenes
+    share all their shapes, so a Renderer can go from one to the next by `set_camera`.
+
+    The camera goes to the right, or the shapes turn clockwise seen from above, which looks the same.
+
+    Args:
+        scene: the scene; the size in its settings is that of the pictures. Vertical is the axis (x, y or z) nearest to
+            the camera's `up`.
+        frames: number of frames, at least 2.
+
+    Raises:
+        InputError: when the scene has no shapes, or its camera moves on its own.
+    """
+    count = integer(frames, "frames of a turntable", minimum=2, maximum=MOST_FRAMES)
+    if not scene.shapes:
+        raise InputError("the scene has no shapes to render")
+    if scene.camera is not None and scene.camera.motion is not None:
+        raise InputError("a turntable moves the camera, but the scene's camera has a motion of its own")
+    make = _turned_shapes if scene.studio_shapes else _turned_camera
+    return make(scene, count)
+
+
+def _turned_shapes(scene: Scene, count: int) -> Iterator[Scene]:
+    subjects, stage = scene.shapes[: scene.studio_shapes], scene.shapes[scene.studio_shapes :]
+    points, middle = _points(subjects)
+    camera = scene.camera
+    if isinstance(camera, PerspectiveCamera):
+        camera = _framed_anew(scene, camera, _swept(points, middle))
+    for number in range(count):
+        turn = _turn(middle, (0.0, 1.0, 0.0), -360.0 * number / count)
+        turned = [shape.moved(turn) for shape in subjects] if number else subjects
+        yield dataclasses.replace(scene, shapes=[*turned, *stage], camera=camera)
+
+
+def _turned_camera(scene: Scene, count: int) -> Iterator[Scene]:
+    points, middle = _points(scene.shapes)
+    camera, axis = scene.camera, (0.0, 1.0, 0.0)
+    if camera is None:
+        aspect = scene.settings.width / scene.settings.height
+        camera, pivot = frame_camera(_swept(points, middle), aspect), middle
+    else:
+        axis = _nearest_axis(camera.up)
+        pivot = _pivot(camera, scene)
+    for number in range(count):
+        turn = _turn(pivot, axis, 360.0 * number / count)
+        yield dataclasses.replace(scene, camera=_moved(camera, turn) if number else camera)
+
+
+def _points(shapes: list[Shape]) -> tuple[NDArray[Any], Matrix]:
+    """Return points whose hull holds the shapes, and the middle of their box."""
+    points = np.concatenate([shape.outline for shape in shapes])
+    low, high = box_around(points)
+    return points, 0.5 * (np.asarray(low, np.float64) + np.asarray(high, np.float64))
+
+
+def _swept(points: NDArray[Any], middle: Matrix) -> Matrix:
+    """Return points whose hull holds all that points pass through when they turn about the y axis through `middle`."""
+    x, y, z = (np.asarray(points, np.float64) - middle).T
+    radius = np.hypot(x, z)
+    low, high = float(y.min()), float(y.max())
+    slices = np.minimum(((y - low) / max(high - low, 1e-300) * _SLICES).astype(int), _SLICES - 1)
+    largest, bottom, top = np.full(_SLICES, -1.0), np.full(_SLICES, np.inf), np.full(_SLICES, -np.inf)
+    np.maximum.at(largest, slices, radius)
+    np.minimum.at(bottom, slices, y)
+    np.maximum.at(top, slices, y)
+    used = largest >= 0.0
+    rings = np.concatenate([np.stack([largest, ends], axis=1)[used] for ends in (bottom, top)])
+    angles = np.arange(_ANGLES) * (2.0 * math.pi / _ANGLES)
+    reach = rings[:, :1] / math.cos(math.pi / _ANGLES)  # the polygon's sides touch the circle
+    heights = np.broadcast_to(rings[:, 1:], (len(rings), _ANGLES))
+    rim = np.stack([reach * np.cos(angles), heights, reach * np.sin(angles)], axis=-1)
+    return np.asarray(middle + rim.reshape(-1, 3))
+
+
+def _framed_anew(scene: Scene, camera: PerspectiveCamera, points: Matrix) -> Camera:
+    """Return a camera that looks in the same direction and has all points in its picture."""
+    forward = camera.frame()[2]
+    if abs(float(forward[1])) > _VERTICAL:
+        return camera
+    aspect = scene.settings.width / scene.settings.height
+    view = (
+        (float(-forward[0]), float(-forward[1]), float(-forward[2]))
+        if forward.any()
+        else view_direction(VIEWS["three-quarter"])[0]
+    )
+    framed = frame_camera(points, aspect, view=view, fov_degrees=camera.fov_degrees, margin=MARGIN)
+    return dataclasses.replace(camera, origin=framed.origin, target=framed.target, up=framed.up)
+
+
+def _nearest_axis(up: tuple[float, float, float]) -> tuple[float, float, float]:
+    axis = np.zeros(3)
+    largest = int(np.argmax(np.abs(up)))
+    axis[largest] = math.copysign(1.0, up[largest])
+    return float(axis[0]), float(axis[1]), float(axis[2])
+
+
+def _pivot(camera: Camera, scene: Scene) -> Matrix:
+    """Return a point of the vertical axis about which a scene's own camera turns."""
+    origin, target = np.array(camera.origin), np.array(camera.target)
+    if abs(float(np.linalg.norm(target - origin)) - 1.0) > 1e-6:
+        return target
+    shown = [shape for shape in scene.shapes if not shape.emits] or scene.shapes
+    _, middle = _points(shown)
+    depth = float((middle - origin) @ (target - origin))
+    return np.asarray(origin + depth * (target - origin)) if depth > 0.0 else middle
+
+
+def _turn(pivot: Matrix, axis: tuple[float, float, float], degrees: float) -> Matrix:
+    turn = np.eye(4)
+    turn[:3, :3] = rotation_matrix(axis, degrees)
+    turn[:3, 3] = pivot - turn[:3, :3] @ pivot
+    return turn
+
+
+def _moved(camera: Camera, turn: Matrix) -> Camera:
+    def at(point: tuple[float, float, float], one: float) -> tuple[float, float, float]:
+        x, y, z = (turn @ np.array([*point, one]))[:3]
+        return float(x), float(y), float(z)
+
+    up = at(camera.up, 0.0)
+    return dataclasses.replace(camera, origin=at(camera.origin, 1.0), target=at(camera.target, 1.0), up=up)

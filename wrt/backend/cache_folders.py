@@ -1,0 +1,282 @@
+"""The folders of the kernel cache, and the temporary work folder of a process."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import errno
+import os
+import re
+import threading
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOM = 32 << 20
+"""Free bytes that a folder needs for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
+large kernel 4 MB. LLVM ends the process when the disk is full."""
+
+LOCK_SECONDS = 2.0
+"""Longest wait for a lock. Processes hold it for milliseconds, so a longer hold means that the process is stopped."""
+
+_OF_PROCESS = re.compile(r"_p(\d+)_t\d+$")
+"""End of the name of a folder or file that a thread is still writing: used by Warp, and by `put`."""
+
+_PREFIX = "wrt-work-"
+"""Start of the names of work folders."""
+
+_lock = threading.Lock()
+_work: tuple[int, Path] | None = None
+_held: list[int] = []
+_within: Path | None = None
+_said: set[Path] = set()
+
+
+def user_folder() -> Path:
+    """Return the user's cache folder.
+
+    An empty or relative XDG_CACHE_HOME counts as unset (XDG Base Directory Specification). So does such a HOME; the
+    home folder then comes from the password database.
+
+    Raises:
+        FileNotFoundError: when this user has no home folder.
+    """
+    if os.path.isabs(named := os.environ.get("XDG_CACHE_HOME", "")):
+        return Path(named)
+    home = os.environ.get("HOME", "")
+    if not os.path.isabs(home):
+        import pwd
+
+        with contextlib.suppress(KeyError):
+            home = pwd.getpwuid(os.getuid()).pw_dir
+    if not os.path.isabs(home):
+        raise FileNotFoundError(errno.ENOENT, "no home folder is known", "~")
+    return Path(home) / ".cache"
+
+
+def wrt_folder() -> Path:
+    """Return the folder of wrt's notes and precompiled headers, inside the work folder if the user has no home."""
+    try:
+        return user_folder() / "wrt"
+    except FileNotFoundError:
+        return work_folder() / "wrt"
+
+
+def warp_folder() -> Path:
+    """Return the folder of Warp's compiled kernels, which has a subfolder for each version of Warp.
+
+    Raises:
+        FileNotFoundError: see `user_folder`.
+    """
+    return Path(os.environ.get("WARP_CACHE_PATH") or user_folder() / "warp")
+
+
+def choose_warp_folder() -> None:
+    """Set Warp's kernel cache folder before Warp starts; use the work folder if the usual one cannot be created."""
+    import warp as wp
+    from warp._src import context
+
+    if context.runtime is not None:
+        return  # Warp has started and has its folder
+    folder = Path("~")
+    try:
+        folder = Path(wp.config.kernel_cache_dir or warp_folder())
+        (folder / wp.config.version).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        say_unwritable(folder, error)
+        folder = work_folder() / "warp"
+    wp.config.kernel_cache_dir = str(folder)
+
+
+def say_unwritable(folder: Path, error: OSError) -> None:
+    """Warn, once for each folder, that compiled kernels will not outlive this process."""
+    if folder not in _said:
+        _said.add(folder)
+        why = error.strerror or str(error)
+        now = f"compiled kernels are kept in {work_folder()} until this process ends"
+        warnings.warn(f"{folder}: cannot be written: {why}; {now}", stacklevel=3)
+
+
+def require_writable(folder: Path) -> None:
+    """Create a folder, and raise OSError unless it can be written to and has room for a kernel."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _require_room(folder, ROOM // 4)
+    put(probe := folder / ".probe", b"")
+    probe.unlink(missing_ok=True)
+
+
+def _require_room(folder: Path, size: int) -> None:
+    found = os.statvfs(folder)
+    if found.f_bavail * found.f_frsize < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+
+
+def put(path: Path, data: bytes) -> None:
+    """Write a file atomically: after an error it is unchanged.
+
+    Raises:
+        OSError: when it cannot be written.
+    """
+    temporary = path.with_name(f".{os.urandom(4).hex()}_p{os.getpid()}_t{threading.get_ident()}")
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def keep_latest(folder: Path, pattern: str, count: int) -> None:
+    """Remove files and folders that match a pattern, except the `count` most recent."""
+    found = sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)
+    for path in found[:-count]:
+        _remove_any(path)
+
+
+@contextlib.contextmanager
+def locked(folder: Path, *, seconds: float | None = None) -> Iterator[None]:
+    """Within the context, hold an exclusive lock on a folder, if its file system has locks."""
+    import fcntl
+    import time
+
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        yield
+        return
+    try:
+        until = time.monotonic() + (LOCK_SECONDS if seconds is None else seconds)
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > until:
+                    break
+                time.sleep(0.005)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        os.close(handle)
+
+
+def work_within(folder: Path) -> None:
+    """Make `work_folder` return a subfolder of another process's work folder; that process removes it."""
+    global _within
+    _within = folder
+
+
+def work_folder() -> Path:
+    """Return this process's temporary folder, readable by its user alone; it is removed when the process ends.
+
+    Raises:
+        OSError: when no folder has room for it.
+    """
+    global _work
+    with _lock:
+        if _work is None or _work[0] != os.getpid():
+            _work = os.getpid(), _make_work_folder()
+            atexit.register(_remove, *_work)
+        return _work[1]
+
+
+def _make_work_folder() -> Path:
+    import fcntl
+    import tempfile
+
+    if _within is not None:
+        return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_within))
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_place_with_room()))
+        try:
+            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except FileNotFoundError:  # another process removed it as a leftover before it was locked
+            continue
+        # The lock shows that this process is alive; process ids would not, as they differ between containers.
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if folder.is_dir():  # no other process removed it as a leftover before it was locked
+            _held.append(handle)
+            return folder
+        os.close(handle)
+
+
+def _places() -> list[str]:
+    """Return folders for temporary files, the best first."""
+    named = os.environ.get("TMPDIR", "")
+    return [*([named] if os.path.isabs(named) else []), "/tmp", "/var/tmp", "/dev/shm"]
+
+
+def _place_with_room() -> str:
+    for place in _places():
+        with contextlib.suppress(OSError):
+            _require_room(Path(place), ROOM)
+            if os.access(place, os.W_OK | os.X_OK):
+                return place
+    places = " or ".join(_places())
+    raise OSError(errno.ENOSPC, f"compiling kernels takes {ROOM >> 20} MB of disk space in {places}; none has room")
+
+
+def _remove(process: int, folder: Path) -> None:
+    if os.getpid() == process:  # not in a fork
+        _remove_any(folder)
+
+
+def remove_leftovers(*folders: Path) -> None:
+    """Remove unfinished files and work folders of processes that no longer run.
+
+    Args:
+        folders: the folders of kernels and notes; those for temporary files are always searched.
+    """
+    for folder in folders:
+        for name in _names(folder):
+            found = _OF_PROCESS.search(name)
+            if found and name.startswith(("wp_wrt.", ".")) and not _lives(int(found[1])):
+                _remove_any(folder / name)
+    for place in {*_places()}:
+        for name in _names(place):
+            if name.startswith(_PREFIX):
+                _remove_if_nobody_works_in(Path(place, name))
+
+
+def _names(folder: str | Path) -> list[str]:
+    try:
+        return os.listdir(folder)
+    except OSError:
+        return []
+
+
+def _remove_any(path: Path) -> None:
+    import shutil
+
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def _remove_if_nobody_works_in(folder: Path) -> None:
+    import fcntl
+    import shutil
+
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | os.O_NOFOLLOW)
+        try:
+            if os.fstat(handle).st_uid == os.getuid():
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(handle)

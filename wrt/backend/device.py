@@ -1,0 +1,180 @@
+"""Devices: the only place on the host that distinguishes CPU and CUDA."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from typing import Any
+
+from wrt.backend import current_backend
+from wrt.backend.memory import memory_left
+from wrt.backend.slices import Threads, available_threads, finish, run_slices
+from wrt.errors import InputError, did_you_mean
+from wrt.values import integer
+
+_LOADING: dict[str, threading.Lock] = {}
+"""Locks by kernel module, each held by the thread that loads the module."""
+
+os.register_at_fork(after_in_child=_LOADING.clear)  # a fork lacks the threads that hold these locks
+
+_COMPILER = Threads(1, "wrt-compile")
+"""The thread that compiles in the background. A single thread, because Warp precompiles its headers once per thread,
+which takes nearly half the time of compiling an ordinary render kernel."""
+
+_LOADER = Threads(1, "wrt-load")
+"""The thread that compiles while the caller waits, so that the caller can be interrupted; native code cannot."""
+
+
+class Device:
+    """A device, which compiles and launches kernels.
+
+    Attributes:
+        name: "cpu", or "cuda:N".
+        threads: CPU threads that share a launch; 1 on CUDA.
+        backend: the backend that runs the kernels.
+        seconds_compile: time that callers have waited for kernels to be compiled or loaded.
+        cancelled: set by another thread to leave out the rest of a cancellable launch.
+    """
+
+    def __init__(self, name: str = "cpu", *, threads: int | None = None) -> None:
+        """Open a device.
+
+        Args:
+            name: "cpu", "cuda" (the first GPU) or "cuda:N".
+            threads: CPU threads; by default every core this process may use.
+
+        Raises:
+            InputError: on an unknown device, a missing GPU, or a bad thread count.
+        """
+        if threads is not None:
+            threads = integer(threads, "threads", minimum=1, maximum=1024)
+        kind, colon, number = str(name).partition(":")
+        if kind not in ("cpu", "cuda") or (kind == "cpu" and colon) or (colon and not number.isdecimal()):
+            hint = did_you_mean(name, ("cpu", "cuda", "cuda:0"))
+            raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N{hint}")
+        self.backend = current_backend()
+        self.backend.start()
+        if kind == "cuda":
+            count = self.backend.gpus()
+            if count == 0:
+                raise InputError(f"device {name!r}: no CUDA GPU was found; use cpu")
+            index = int(number or 0)
+            if index >= count:
+                raise InputError(f"device {name!r}: there are only {count} CUDA GPUs, numbered from 0")
+            self.name = f"cuda:{index}"
+            self.threads = 1
+        else:
+            self.name = "cpu"
+            self.threads = threads or available_threads()
+        self.seconds_compile = 0.0
+        self.cancelled = threading.Event()
+        self._workers = Threads(self.threads, "wrt")
+
+    @property
+    def is_cpu(self) -> bool:
+        """True if kernels run on the CPU."""
+        return self.name == "cpu"
+
+    def require_memory(self, size: int, what: str, *, copies: int = 0) -> None:
+        """Raise InputError when `what` needs more memory than is available.
+
+        On the CPU such an allocation may succeed, but using it can get the process killed.
+
+        Args:
+            size: bytes on the device.
+            what: the object that needs them, for the message.
+            copies: additional bytes for temporary copies in host memory.
+        """
+        places = {"cpu": (size if self.is_cpu else 0) + copies}
+        if not self.is_cpu:
+            places[self.name] = size
+        for name, needed in places.items():
+            left = memory_left() if name == "cpu" else self.backend.memory_of(name)
+            if needed > left:
+                raise InputError(
+                    f"{what} needs {needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} has left"
+                )
+
+    def empty_large(self, count: int, dtype: Any = float) -> Any:
+        """Return an uninitialised array in huge pages, for large data such as a ray tree."""
+        return self.backend.empty_large(count, dtype, self.name)
+
+    def compile(self, kernel: Any) -> float:
+        """Load a kernel's module, compiling it if the cache has no intact build; return the seconds.
+
+        If another thread is loading it already, wait for that thread. After KeyboardInterrupt, a compile that has begun
+        continues in its own thread; a later call for the same kernel waits for it.
+
+        Raises:
+            OSError: when there is not enough disk space to compile it.
+        """
+        start = time.perf_counter()
+        if not self.backend.is_loaded(kernel, self.name):
+            loading = _LOADER.submit(self._load, kernel)
+            try:
+                finish({loading})
+            finally:
+                loading.cancel()
+        seconds = time.perf_counter() - start
+        self.seconds_compile += seconds
+        return seconds
+
+    def _load(self, kernel: Any) -> None:
+        """Load a kernel's module in this thread; see `compile`."""
+        with _LOADING.setdefault(kernel.module.name, threading.Lock()):
+            self.backend.load(kernel, self.name)
+
+    @contextmanager
+    def compiling(self) -> Iterator[Callable[[Any], None]]:
+        """Yield a function that compiles a kernel in the background; all are compiled when the context ends.
+
+        On the CPU another thread compiles, unless the device has a single thread. One is enough: Warp generates code
+        in one thread at a time, and the compiler then takes most of the time, without the interpreter lock. After an
+        exception no further compile begins, and the running one is not waited for.
+        """
+        if not self.is_cpu or self.threads == 1:
+            kernels: list[Any] = []
+            yield kernels.append
+            for kernel in kernels:
+                self.compile(kernel)
+            return
+        workers: set[Future[None]] = set()
+        try:
+            yield lambda kernel: workers.add(_COMPILER.submit(self._load, kernel))
+            start = time.perf_counter()
+            finish(workers)
+            self.seconds_compile += time.perf_counter() - start
+        finally:
+            for worker in workers:
+                worker.cancel()
+
+    def launch(
+        self,
+        kernel: Any,
+        count: int,
+        inputs: list[Any],
+        *,
+        spared: int = 0,
+        least: int = 1,
+        cancellable: bool = False,
+    ) -> None:
+        """Run `kernel` over indices 0 to count − 1 on all threads but `spared`, and wait for it.
+
+        The kernel's first argument is the index of its thread 0. On the CPU slices of the range run in parallel; for
+        interrupts and for `least` see `run_slices`. A cancellable launch on the CPU ends early when `cancelled` is set.
+        """
+        # Compile before the threads start: otherwise each would compile the kernel.
+        self.compile(kernel)
+        if not self.is_cpu:
+            self.backend.launch(kernel, 0, count, inputs, self.name)
+            return
+
+        def run(start: int, size: int) -> None:
+            self.backend.launch(kernel, start, size, inputs, "cpu")
+
+        cancelled = self.cancelled if cancellable else None
+        run_slices(run, count, self._workers, self.threads, spared=spared, least=least, cancelled=cancelled)

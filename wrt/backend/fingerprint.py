@@ -1,0 +1,56 @@
+"""Digests of everything that compiled kernels and their notes depend on, computed without importing Warp."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+TESTED = ("1.19.0",)
+"""Versions of Warp whose memory layout wrt was tested against; with others, Warp is always imported."""
+
+
+def _folder_of(package: str) -> Path:
+    """Return the folder of a package's sources, without importing it."""
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
+        raise FileNotFoundError(package)
+    return Path(spec.origin).parent
+
+
+def fingerprint(warp: Path) -> str:
+    """Return a digest of everything that builds and notes depend on: code, Warp, processor, Python, environment."""
+    things: list[object] = []
+    for package in ("wrt.kernels", "wrt.spmd", "wrt.backend"):
+        folder = _folder_of(package)
+        for root, folders, files in os.walk(folder):
+            folders.sort()
+            for name in sorted(files):
+                if name.endswith((".py", ".h")):
+                    with open(os.path.join(root, name), "rb") as file:
+                        things += [os.path.relpath(root, folder), name, file.read()]
+    things += [sys.version]
+    things += sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_"))
+    return _digest([*things, *_warp_and_processor(warp)])
+
+
+def digest_of_warp(warp: Path) -> str:
+    """Return a digest of Warp, its headers, and the processor."""
+    headers = [(path.name, path.stat()) for path in sorted((warp / "native").rglob("*.h"))]
+    return _digest([*_warp_and_processor(warp), *((name, at.st_size, at.st_mtime_ns) for name, at in headers)])
+
+
+def _warp_and_processor(warp: Path) -> list[object]:
+    things: list[object] = [str(warp), (warp / "config.py").read_bytes()]
+    for name in ("warp.so", "warp-clang.so"):
+        found = (warp / "bin" / name).stat()
+        things += [name, found.st_size, found.st_mtime_ns]
+    processor = Path("/proc/cpuinfo").read_bytes().partition(b"\n\n")[0]
+    kind = (b"vendor", b"cpu family", b"model", b"flags")
+    return things + [line for line in processor.splitlines() if line.startswith(kind)]
+
+
+def _digest(things: list[object]) -> str:
+    # The hash by which Python detects changed sources: importing hashlib takes longer than all of this.
+    return importlib.util.source_hash(repr(things).encode("utf-8", "surrogateescape")).hex()

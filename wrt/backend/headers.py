@@ -1,0 +1,99 @@
+"""Keep Warp's precompiled headers from one process to the next.
+
+Warp precompiles its headers in every thread that compiles, which takes nearly half the time of compiling an ordinary
+render kernel. They are kept for each version of Warp and each processor; file names encode the other settings. Headers
+precompiled before a change of their sources are not used: the compiler would reject them, and Warp would print a
+message and do without.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import sys
+import threading
+import warnings
+import zlib
+from pathlib import Path
+from typing import Any
+
+from wrt.backend.cache_folders import keep_latest, put, work_folder, wrt_folder
+from wrt.backend.fingerprint import TESTED, digest_of_warp
+
+WRITTEN = "builtin_*.pch"
+"""Pattern of the CPU files, which share a folder with those of the CUDA compiler."""
+
+KEPT = 4
+"""Folders that are kept, for different versions of Warp and different processors."""
+
+_THREAD = threading.local()
+"""`lent`: names of this thread's headers that were copied from or to the cache."""
+
+
+def lend_headers() -> None:
+    """Give Warp's compiler in this thread the headers that another process precompiled."""
+    if hasattr(_THREAD, "lent"):
+        return
+    _THREAD.lent = set()
+    with contextlib.suppress(OSError):
+        if (folder := _of_thread()) is not None:
+            for kept in _kept().glob(f"{WRITTEN}-*"):
+                name, _, digest = kept.name.rpartition("-")
+                data = kept.read_bytes()
+                if digest == _digest(data):
+                    # Copy it: another process may remove the cached file, and Warp here would write into it.
+                    (folder / name).write_bytes(data)
+                    _THREAD.lent.add(name)
+                else:
+                    warnings.warn(f"{kept}: precompiled headers were damaged; they are compiled again", stacklevel=2)
+                    kept.unlink()
+
+
+def keep_headers() -> None:
+    """Keep the headers that Warp has precompiled in this thread, for other processes."""
+    with contextlib.suppress(OSError):
+        if (folder := _of_thread()) is None:
+            return
+        for written in folder.glob(WRITTEN):
+            if written.name not in _THREAD.lent:
+                data = written.read_bytes()
+                _keep(data, _kept() / f"{written.name}-{_digest(data)}")
+                _THREAD.lent.add(written.name)
+
+
+def _keep(data: bytes, kept: Path) -> None:
+    """Put headers into the cache in place of others with that name, and remove all but the KEPT latest folders."""
+    folder = kept.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    for before in folder.glob(f"{kept.name.rpartition('-')[0]}-*"):
+        if before != kept:
+            before.unlink(missing_ok=True)
+    put(kept, data)
+    keep_latest(folder.parent, "headers-*", KEPT)
+
+
+def _digest(data: bytes) -> str:
+    """Return a checksum of headers: damaged ones could crash the compiler, and this process with it."""
+    return f"{zlib.crc32(data):08x}"
+
+
+def _of_thread() -> Path | None:
+    """Return the folder in which Warp looks in this thread; None if Warp is not loaded or not a tested version."""
+    import tempfile
+
+    context: Any = sys.modules.get("warp._src.context")
+    if context is None or sys.modules["warp"].config.version not in TESTED:
+        return None
+    runtime = context.runtime
+    with runtime._pch_dirs_lock:
+        if (thread := threading.get_ident()) not in runtime._pch_dirs:
+            # The work folder is removed with this process, except for files that a thread is still writing.
+            runtime._pch_dirs[thread] = tempfile.TemporaryDirectory(dir=work_folder(), ignore_cleanup_errors=True)
+    folder = runtime.get_clang_pch_dir()
+    return None if folder is None else Path(folder)
+
+
+@functools.cache
+def _kept() -> Path:
+    """Return the folder of the headers for this version of Warp, its sources, and this processor."""
+    return wrt_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"

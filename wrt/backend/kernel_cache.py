@@ -1,0 +1,193 @@
+"""The cache of compiled kernels: each build is checked against its digests before it is loaded.
+
+Warp compiles kernels to machine code and loads it unchecked: one flipped bit may crash the process or change the
+picture. Each build therefore has a file of digests, which are compared before either backend loads the build; a build
+that does not match is compiled again.
+
+Kernels are compiled in this process's work folder, which is checked for free space first, because LLVM ends the process
+when the disk is full. The files are then copied into the cache under a lock, the digests last. A reader checks without
+the lock first. If the digests are missing or do not match, it checks again with the lock, so that it never mistakes a
+build that another process is writing for a damaged one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib.util
+import os
+import sys
+import warnings
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from wrt.backend.cache_folders import ROOM, locked, put, say_unwritable, work_folder
+
+DIGEST = ".digest"
+"""Suffix of the file with two digests: that of a binary, and that of Warp's `.meta` file."""
+
+
+class State(Enum):
+    """The state of a build in the cache."""
+
+    WHOLE = "as it was made"
+    UNKNOWN = "missing, or without a digest"
+    DAMAGED = "changed"
+
+
+def digest(data: bytes) -> bytes:
+    """Return a checksum of 16 characters."""
+    # The hash by which Python detects changed sources: importing hashlib takes longer than reading the cache.
+    return importlib.util.source_hash(data).hex().encode("ascii")
+
+
+def state(binary: Path, meta: Path | None = None) -> State:
+    """Check a build and return its state.
+
+    Args:
+        binary: the compiled file.
+        meta: Warp's `.meta` file, if it is to be checked too.
+    """
+    found = _state(binary, meta)
+    if found is State.WHOLE or not binary.parent.is_dir():
+        return found
+    with locked(binary.parent.parent):
+        return _state(binary, meta)
+
+
+def _state(binary: Path, meta: Path | None) -> State:
+    try:
+        said = Path(f"{binary}{DIGEST}").read_bytes().split(b" ")
+        found = [digest(path.read_bytes()) for path in (binary, meta) if path is not None]
+    except FileNotFoundError:
+        return State.UNKNOWN
+    except OSError:
+        return State.DAMAGED
+    return State.WHOLE if len(said) == 2 and said[: len(found)] == found else State.DAMAGED
+
+
+def seal(binary: Path, meta: Path) -> None:
+    """Write the digests of a new build."""
+    put(Path(f"{binary}{DIGEST}"), b" ".join(digest(path.read_bytes()) for path in (binary, meta)))
+
+
+def provide(module: Any, device: str) -> None:
+    """Make sure that Warp finds an intact build of a module; compile it if it is damaged or missing.
+
+    Raises:
+        OSError: when there is not enough disk space to compile it.
+    """
+    build = Build.of(module, device)
+    if build is None or build.is_loaded:
+        return
+    kept = Path(sys.modules["warp"].config.kernel_cache_dir, build.identifier)
+    found = state(kept / build.binary, kept / build.meta)
+    if found is State.WHOLE:
+        return
+    import shutil
+
+    if found is State.DAMAGED:
+        warnings.warn(f"{kept / build.binary}: the compiled kernel was damaged, and is compiled again", stacklevel=2)
+    own = work_folder() / "kernels" / build.identifier
+    if state(own / build.binary, own / build.meta) is not State.WHOLE:
+        build.compile(own)
+    try:
+        _publish(own, kept, build.binary)
+    except OSError as error:
+        say_unwritable(kept.parent, error)
+        build.load(own)
+    else:
+        shutil.rmtree(own, ignore_errors=True)
+
+
+class Build:
+    """A module of kernels as Warp compiles it for a device."""
+
+    def __init__(self, context: Any, module: Any, device: str) -> None:
+        self._module, self._device = module, context.runtime.get_device(device)
+        self._block = context._resolve_launch_block_dim(
+            self._device, None if self._device.is_cpu else module.options["block_dim"]
+        )
+
+    @classmethod
+    def of(cls, module: Any, device: str) -> Build | None:
+        """Return the build of a module, or None if it is not a Warp module."""
+        context: Any = sys.modules.get("warp._src.context")
+        return cls(context, module, device) if context and isinstance(module, context.Module) else None
+
+    @property
+    def is_loaded(self) -> bool:
+        """True if Warp has loaded the current version."""
+        found = self._module.execs.get((self._device.context, self._block))
+        return found is not None and bool(found.module_hash == self._module.get_module_hash(self._block))
+
+    def symbols(self) -> list[tuple[Any, str]]:
+        """Return the kernels of a loaded module, without duplicates of the same code, and their names in the binary."""
+        loaded = self._module.execs[self._device.context, self._block]
+        kernels = self._module.hashers[self._block].get_unique_kernels()
+        return [(kernel, f"{loaded.get_kernel_mangled_name(kernel)}_cpu_forward") for kernel in kernels]
+
+    @property
+    def path(self) -> Path:
+        """The compiled file in the cache."""
+        return Path(sys.modules["warp"].config.kernel_cache_dir, self.identifier, self.binary)
+
+    @property
+    def identifier(self) -> str:
+        """The name of its folder in the cache."""
+        return str(self._module.get_module_identifier(self._block))
+
+    @property
+    def binary(self) -> str:
+        """The name of the compiled file."""
+        return str(self._module._get_compile_output_name(self._device, block_dim=self._block))
+
+    @property
+    def meta(self) -> str:
+        """The name of Warp's `.meta` file."""
+        return str(self._module._get_meta_name(self._block))
+
+    def compile(self, folder: Path) -> None:
+        """Compile it into a folder."""
+        import shutil
+
+        from wrt.backend.headers import keep_headers, lend_headers
+
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # Warp does not repeat a build that failed before, for instance because the disk was full.
+        self._module.failed_builds.pop((self._device.context, self._block), None)
+        lend_headers()
+        self._module.get_module_hash(self._block)  # it resolves the options as a side effect
+        options = self._module.resolved_options[self._block]
+        arch = self._module._get_compile_arch(self._device)
+        try:
+            self._module._compile(self._device, folder, self.binary, arch, options=options)
+            seal(folder / self.binary, folder / self.meta)
+        except Exception as error:
+            room = os.statvfs(folder.parent)
+            if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder.parent)) from error
+            raise
+        keep_headers()
+
+    def load(self, folder: Path) -> None:
+        """Load it from a folder with Warp."""
+        arch = self._module._get_compile_arch(self._device)
+        files = {"binary_path": folder / self.binary, "meta_path": folder / self.meta}
+        self._module.load(self._device, self._block, output_arch=arch, **files)
+
+
+def _publish(own: Path, kept: Path, binary: str) -> None:
+    """Copy a complete build into the cache, where other processes find it."""
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with locked(kept.parent):
+        kept.mkdir(exist_ok=True)
+        for left in kept.glob(".*"):  # left by a process that was killed here
+            with contextlib.suppress(OSError):
+                left.unlink()
+        seals = f"{binary}{DIGEST}"
+        (kept / seals).unlink(missing_ok=True)
+        for file in sorted(own.iterdir(), key=lambda file: file.name == seals):
+            put(kept / file.name, file.read_bytes())

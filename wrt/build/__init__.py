@@ -1,1 +1,0 @@
-"""From a scene's description to the arrays that kernels read."""

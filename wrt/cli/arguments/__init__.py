@@ -1,0 +1,1 @@
+"""The arguments of the command line: options, their types, and their completion."""

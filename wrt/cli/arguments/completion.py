@@ -1,0 +1,98 @@
+"""Shell completion by argcomplete: commands, options, choices, built-in scenes, and files by suffix."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import os
+from collections.abc import Callable, Iterable
+
+from wrt.cli.arguments.parser import commands_of
+
+PICTURES = (".png", ".exr", ".npy")
+
+
+def shell_code(shell: str) -> str:
+    """Return the shell code that sets up completion of wrt's arguments."""
+    import argcomplete
+
+    return str(argcomplete.shellcode(["wrt"], use_defaults=False, shell=shell)).strip("\n")
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Print the completions that the shell asks for, and end the process."""
+    import argcomplete
+
+    render, convert = (commands_of(parser)[name] for name in ("render", "convert"))
+    for command in (render, convert, commands_of(parser)["info"]):
+        for action in command._actions:
+            if action.dest in ("inputs", "source"):
+                action.completer = _inputs  # type: ignore[attr-defined]
+    for action in (*render._actions, *convert._actions, *commands_of(parser)["materials"]._actions):
+        find = _FINDERS.get(action.metavar if action.dest == "output" else action.dest)  # type: ignore[arg-type]
+        if find is not None:
+            action.completer = _finding(find)  # type: ignore[attr-defined]
+    argcomplete.autocomplete(parser, always_complete_options=False, default_completer=_finding(lambda prefix: ()))
+
+
+Finder = Callable[[str], Iterable[str]]
+
+
+def _finding(find: Finder) -> Callable[..., list[str]]:
+    """Wrap a finder in the signature that argcomplete calls."""
+
+    def completer(prefix: str, **_: object) -> list[str]:
+        return [word for word in find(prefix) if word.startswith(prefix)]
+
+    return completer
+
+
+def _files(prefix: str, suffixes: Iterable[str] | None = None) -> list[str]:
+    """Return the folders and files that start with `prefix`, files only with one of the suffixes, if given."""
+    folder, begin = os.path.split(prefix)
+    found = []
+    with contextlib.suppress(OSError), os.scandir(os.path.expanduser(folder) or ".") as entries:
+        for entry in entries:
+            if not entry.name.startswith(begin) or (entry.name.startswith(".") and not begin):
+                continue
+            path = os.path.join(folder, entry.name)
+            if entry.is_dir():
+                found.append(f"{path}/")
+            elif suffixes is None or os.path.splitext(entry.name)[1].lower() in suffixes:
+                found.append(path)
+    return sorted(found)
+
+
+def _inputs(prefix: str, **_: object) -> list[str]:
+    from wrt.io.load_mesh import MESH_SUFFIXES
+    from wrt.meshes import scene_names
+
+    builtin = [name for name in scene_names() if name.startswith(prefix)]
+    return builtin + _files(prefix, (*MESH_SUFFIXES, ".toml", ".xml"))
+
+
+def _names(module: str, table: str) -> Finder:
+    """Return a finder of the names in a table, whose module is imported only when needed."""
+    return lambda prefix: getattr(importlib.import_module(module), table)
+
+
+def _layers(prefix: str) -> Iterable[str]:
+    """Return the completions of a comma-separated list of layers."""
+    from wrt.scene.layers import LAYERS
+
+    given, comma, _ = prefix.rpartition(",")
+    return [f"{given}{comma}{name}" for name in LAYERS if name not in given.split(",")]
+
+
+_FINDERS: dict[str | None, Finder] = {
+    "OUT": lambda prefix: _files(prefix, PICTURES),
+    "OUT.toml": lambda prefix: _files(prefix, (".toml",)),
+    "checkpoint": _files,
+    "device": lambda prefix: ("cpu", "cuda", "cuda:0"),
+    "sampler": _names("wrt.scene.scene", "SAMPLERS"),
+    "integrator": _names("wrt.scene.scene", "INTEGRATORS"),
+    "layers": _layers,
+    "size": _names("wrt.cli.arguments.types", "PICTURES"),
+    "name": _names("wrt.scene.materials", "MATERIALS"),
+}

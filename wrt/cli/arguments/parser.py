@@ -1,0 +1,102 @@
+"""argparse with one-line errors and spelling hints, and with inputs anywhere among the options."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from wrt.errors import InputError, did_you_mean
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse that raises InputError instead of exiting."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise InputError."""
+        raise InputError(message if message.endswith("?)") else f"{message} (see '{self.prog} --help')")
+
+
+class Once(argparse.Action):
+    """Stores an option's value and refuses a second one, where argparse would silently drop the first."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        """Store the value."""
+        if (first := getattr(namespace, self.dest)) is not None:
+            raise argparse.ArgumentError(self, f"given twice, as {first!r} and as {values!r}")
+        setattr(namespace, self.dest, values)
+
+
+def parse_with(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
+    """Parse arguments with a parser that has commands.
+
+    Raises:
+        InputError: if the arguments are wrong.
+        SystemExit: after --help and --version.
+    """
+    commands = commands_of(parser)
+    word = arguments[0] if arguments else None
+    if word is None or word in parser._option_string_actions:
+        return parser.parse_args(arguments)
+    if word not in commands:
+        raise InputError(_no_command(word, arguments[1:], commands))
+    command = commands[word]
+    options, rest = command.parse_known_args(arguments[1:])
+    _take_rest(command, options, rest)
+    return options
+
+
+def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of the commands by name."""
+    (action,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
+    return dict(action.choices)
+
+
+def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, rest: list[str]) -> None:
+    """Add the arguments that argparse left over to the inputs, or raise InputError."""
+    names, dashes, literal = _split(rest)
+    for word in dashes:
+        known = list(command._option_string_actions)
+        option = word.partition("=")[0]
+        hint = did_you_mean(option.lower(), known) or f" (see '{command.prog} --help')"
+        raise InputError(f"there is no option {option}{hint}")
+    more = names + literal
+    if not more:
+        return
+    if not hasattr(options, "inputs"):
+        raise InputError(f"unexpected argument {more[0]!r} (see '{command.prog} --help')")
+    options.inputs += more
+
+
+def _split(rest: list[str]) -> tuple[list[str], list[str], list[str]]:
+    """Split arguments into names, words that look like options, and everything after "--"."""
+    end = rest.index("--") if "--" in rest else len(rest)
+    dashes = [word for word in rest[:end] if word.startswith("-") and word != "-"]
+    return [word for word in rest[:end] if word not in dashes], dashes, rest[end + 1 :]
+
+
+def _no_command(word: str, others: list[str], commands: dict[str, argparse.ArgumentParser]) -> str:
+    """Return the error message for a first word that is not a command."""
+    from wrt.meshes import scene_names
+
+    if word.startswith("-"):
+        option = word.partition("=")[0]
+        having = [name for name, command in commands.items() if option in command._option_string_actions]
+        if having:
+            return f"{option} goes after a command, such as: wrt {having[-1]} ... {shlex.join([word, *others][:2])}"
+        return f"there is no option {option} (see 'wrt --help')"
+    if word in scene_names() or os.path.lexists(word) or os.path.splitext(word)[1]:
+        return f"{word!r} is not a command; to render it, type: wrt {shlex.join(['render', word, *others])}"
+    scenes = {name: f"render {name}" for name in scene_names()}
+    hint = did_you_mean(word.lower(), [*commands, *scenes])
+    for name, typed in scenes.items():
+        hint = hint.replace(repr(name), repr(typed))
+    return f"there is no command {word!r}{hint or '; there are ' + ', '.join(commands)}"

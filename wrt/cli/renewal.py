@@ -1,0 +1,83 @@
+"""When the picture and the checkpoint are written during a render."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from wrt.rendering.passes import Progress
+
+CHECKPOINT_SECONDS = 60.0
+"""Default interval between checkpoints."""
+
+FIRST_SECONDS = 2.0
+"""Least interval between two renewals of the picture, and before the first: shorter renders write it once."""
+
+SHARE_OF_RENDER = 0.1
+"""Least interval, as a share of the time since the start: later, a picture changes more slowly."""
+
+MOST_SECONDS = 60.0
+"""Longest interval, unless writing is slow."""
+
+MOST_TIME = 0.02
+"""Most of the time that renewals take. Their duration is measured, so large pictures and slow disks are renewed less
+often."""
+
+NEARLY_DONE = 1.0
+"""A picture that will be finished in fewer seconds is not renewed before."""
+
+
+class Renewal:
+    """Decides after each pass what to write.
+
+    By default the picture is renewed at growing intervals, and the checkpoint every minute. An interval given by
+    `--save-every` applies to both, as it is.
+    """
+
+    def __init__(self, save_every: float | None, *, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start the clock.
+
+        Args:
+            save_every: seconds between saves, infinite for none before the end, or None for the default.
+            clock: returns seconds.
+        """
+        self._save_every = save_every
+        self._clock = clock
+        self._started = self._picture_at = self._checkpoint_at = clock()
+        self._cost = 0.0
+
+    @property
+    def pass_seconds(self) -> float | None:
+        """Seconds of a pass, if the interval was given and is shorter than passes would be."""
+        from wrt.rendering.passes import LONGEST_PASS
+
+        given = self._save_every
+        return given if given is not None and given < LONGEST_PASS else None
+
+    def due(self, progress: Progress) -> tuple[bool, bool]:
+        """Return whether to write the picture and whether to write the checkpoint."""
+        now = self._clock()
+        if self._save_every is not None:
+            return (now - self._picture_at >= self._save_every,) * 2
+        checkpoint = now - self._checkpoint_at >= CHECKPOINT_SECONDS
+        left = math.inf if progress.seconds_left is None else progress.seconds_left
+        interval = min(max(FIRST_SECONDS, SHARE_OF_RENDER * (now - self._started)), MOST_SECONDS)
+        interval = max(interval, self._cost / MOST_TIME)
+        return now - self._picture_at >= interval and left >= NEARLY_DONE, checkpoint
+
+    def run(self, write: Callable[[], object], *, picture: bool, checkpoint: bool) -> None:
+        """Call `write`, which writes picture or checkpoint or both, and measure its duration."""
+        begun = self._clock()
+        try:
+            write()
+        finally:
+            now = self._clock()
+            if picture:
+                self._picture_at = now
+                # A fast renewal after a slow one lowers the estimate by half at most.
+                self._cost = max(now - begun, 0.5 * self._cost)
+            if checkpoint:
+                self._checkpoint_at = now

@@ -1,0 +1,121 @@
+"""Handling of Ctrl-C, SIGTERM and SIGHUP during a render."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+GRACE_SECONDS = 3.0
+"""Time after a signal until the process is ended, unless the main thread has reacted or has samples to save."""
+
+_POLL_SECONDS = 0.1
+
+
+class Interrupts:
+    """Turns the first of `SIGNALS` into KeyboardInterrupt, but never while a file is written.
+
+    Later signals are ignored, because the picture is being saved. As a context manager it restores the previous
+    handlers; outside the main thread, which gets no signals, it does nothing.
+
+    Python runs handlers between two instructions of the main thread, so a signal could wait for seconds while a library
+    reads a large file or a kernel is compiled. In that case a thread, woken by the C-level handler, ends the process.
+
+    Attributes:
+        worth_saving: whether there are samples to save after a signal.
+    """
+
+    def __init__(self, give_up: Callable[[int], object] | None = None) -> None:
+        """Start armed; signals are handled from when the context is entered.
+
+        Args:
+            give_up: ends the process with an exit status if the main thread does not react; None if the process does
+                not belong to the command line.
+        """
+        self.worth_saving = False
+        self._give_up = give_up
+        self._signal_number = 0
+        self._armed = True
+        self._writing = False
+        self._done = False
+        self._previous: dict[int, Any] = {}
+        self._previous_wakeup = -1
+        self._pipe: tuple[int, int] | None = None
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is threading.main_thread():
+            for number in SIGNALS:
+                # A signal ignored from the start, as by nohup, stays ignored.
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._previous[number] = signal.signal(number, self._handle)
+            if self._give_up is not None:
+                self._pipe = os.pipe()
+                os.set_blocking(self._pipe[1], False)
+                self._previous_wakeup = signal.set_wakeup_fd(self._pipe[1], warn_on_full_buffer=False)
+                threading.Thread(target=self._watch, args=(self._pipe[0],), name="wrt-signals", daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._done = True
+        if self._pipe is not None:
+            signal.set_wakeup_fd(self._previous_wakeup)
+            os.close(self._pipe[1])  # ends the thread
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._signal_number = self._signal_number or number
+        self._raise_if_armed()
+
+    def _raise_if_armed(self) -> None:
+        if self._signal_number and self._armed:
+            self._armed = False
+            raise KeyboardInterrupt
+
+    def _watch(self, pipe: int) -> None:
+        """Wait for signals; end the process if the main thread does not react in time and has nothing to save."""
+        with contextlib.closing(os.fdopen(pipe, "rb", buffering=0)) as file:
+            while numbers := file.read(1):
+                if numbers[0] in self._previous:
+                    self._wait(numbers[0])
+
+    def _wait(self, number: int) -> None:
+        """End the process GRACE_SECONDS after a signal, unless the main thread reacts or has something to save."""
+        waited_since = time.monotonic()
+        while not self._done and not self.worth_saving:
+            if self._writing:
+                waited_since = time.monotonic()
+            if time.monotonic() - waited_since > GRACE_SECONDS and self._give_up is not None:
+                self._give_up(128 + number)
+            time.sleep(_POLL_SECONDS)
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt again after a signal, since some libraries swallow it."""
+        if self._signal_number and not self._done:
+            raise KeyboardInterrupt
+
+    def disarm(self) -> None:
+        """Ignore signals from now on, while the picture is saved."""
+        self._armed = False
+        self._done = True
+
+    def hold(self, action: Callable[[], object]) -> None:
+        """Run `action` without interruption; raise a pending interrupt afterwards."""
+        self._armed, self._writing = False, True
+        try:
+            action()
+        finally:
+            self._armed, self._writing = True, False
+        self._raise_if_armed()
+
+    @property
+    def exit_status(self) -> int:
+        """The exit status that shells expect from a process ended by a signal."""
+        return 128 + self._signal_number

@@ -1,0 +1,1 @@
+"""Descriptions of scenes and materials, for the command line and the schema."""

@@ -1,0 +1,143 @@
+"""Descriptions of the materials for `wrt materials`, from the docstrings of their classes."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import textwrap
+import typing
+from typing import Any
+
+from wrt.describe.docstrings import meanings_of, plain, summary_of
+from wrt.errors import InputError, did_you_mean
+from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.textures import ImageTexture
+
+WIDTH = 100
+"""Maximum number of characters in a line."""
+
+_VARIES = "*"
+_FOOTNOTE = (
+    f'{_VARIES} may vary over the surface. In scene files, write {{ texture = "FILE" }} or "vertex-colors"; for '
+    'images of numbers, add linear = true, and channel = "r", "g" or "b" to choose a channel.'
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One parameter of a material.
+
+    Attributes:
+        name: name in Python and in scene files.
+        default: default value as in scene files, or "required" or "none".
+        meaning: description, in one line.
+        varies: whether it may be an image or the mesh's vertex colours.
+    """
+
+    name: str
+    default: str
+    meaning: str
+    varies: bool
+
+    @property
+    def label(self) -> str:
+        """The name, marked if the value may vary."""
+        return self.name + _VARIES * self.varies
+
+
+def parameters_of(cls: type[Material], *, inherited: bool = True) -> list[Parameter]:
+    """Return a material's parameters, its own before those of every material.
+
+    Args:
+        cls: the material's class.
+        inherited: whether to include those of every material.
+    """
+    meanings = meanings_of(cls)
+    hints = typing.get_type_hints(cls)
+    common = {field.name for field in dataclasses.fields(Material)}
+    fields = sorted(dataclasses.fields(cls), key=lambda field: field.name in common)
+    return [
+        Parameter(
+            field.name,
+            _default(field),
+            meanings.get(field.name, ""),
+            ImageTexture in typing.get_args(hints[field.name]),
+        )
+        for field in fields
+        if inherited or field.name not in common
+    ]
+
+
+def list_materials() -> str:
+    """Return all materials and their parameters, one line each."""
+    shown = {name: parameters_of(cls, inherited=False) for name, cls in MATERIALS.items()}
+    shown["every material"] = parameters_of(Material)
+    everything = [parameter for parameters in shown.values() for parameter in parameters]
+    widths = (max(len(p.label) for p in everything), max(len(p.default) for p in everything))
+    paragraphs = []
+    for name, parameters in shown.items():
+        head = textwrap.shorten(f"{name}: {_first_clause(summary_of(MATERIALS.get(name)))}", WIDTH, placeholder=" …")
+        rows = [_row(p, _first_clause(p.meaning), widths, shorten=True) for p in parameters]
+        paragraphs.append("\n".join([head.removesuffix(":"), *rows]))
+    ending = f"{_fill(_FOOTNOTE)}\n'wrt materials NAME' describes one in full."
+    return "\n\n".join([*paragraphs, ending])
+
+
+def explain_material(name: str) -> str:
+    """Return the full description of one material.
+
+    Raises:
+        InputError: if there is no material of that name.
+    """
+    if name not in MATERIALS:
+        hint = did_you_mean(name, MATERIALS) or "; 'wrt materials' lists them"
+        raise InputError(f"there is no material {name!r}{hint}")
+    cls = MATERIALS[name]
+    import wrt
+
+    python = f"wrt.{cls.__name__}" if getattr(wrt, cls.__name__, None) is cls else f"{cls.__module__}.{cls.__name__}"
+    text = inspect.getdoc(cls) or ""
+    paragraphs = [plain(part) for part in text.partition("\nAttributes:")[0].split("\n\n")]
+    parameters = parameters_of(cls)
+    widths = (max(len(p.label) for p in parameters), max(len(p.default) for p in parameters))
+    rows = [_row(p, p.meaning, widths, shorten=False) for p in parameters]
+    head = [f"{name} (in Python {python})", *(_fill(part) for part in paragraphs if part)]
+    return "\n\n".join([*head, "\n".join(rows), _fill(_FOOTNOTE)])
+
+
+def _row(parameter: Parameter, meaning: str, widths: tuple[int, int], *, shorten: bool) -> str:
+    start = f"  {parameter.label:<{widths[0]}}  {parameter.default:<{widths[1]}}  "
+    if shorten:
+        return (start + textwrap.shorten(meaning, WIDTH - len(start), placeholder=" …")).rstrip()
+    return _fill(meaning, start) or start.rstrip()
+
+
+def _fill(text: str, start: str = "") -> str:
+    """Return text wrapped after `start`, without breaks in names with hyphens."""
+    return textwrap.fill(text, WIDTH, break_on_hyphens=False, initial_indent=start, subsequent_indent=" " * len(start))
+
+
+def _first_clause(text: str) -> str:
+    """Return text up to its first full stop or semicolon."""
+    return re.split(r"[.;](?:\s|$)", text, maxsplit=1)[0]
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    """Return a default value as in scene files."""
+    value = field.default
+    if field.default_factory is not dataclasses.MISSING:
+        value = field.default_factory()
+    if value is dataclasses.MISSING:
+        return "required"
+    if value is None:
+        return "none"
+    if isinstance(value, Material):
+        return value.type_name
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(map(str, value))}]"
+    return str(value)

@@ -1,0 +1,37 @@
+"""This machine in words: its processor, its devices, and which kernel renders on it."""
+
+from __future__ import annotations
+
+import os
+import platform
+
+from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.backend.slices import available_threads
+
+
+def system_text() -> str:
+    """Return lines that tell what wrt finds on this machine."""
+    import wrt
+    from wrt.backend import current_backend
+
+    rows = {
+        "wrt": f"{wrt.__version__}, Warp {current_backend().version}, Python {platform.python_version()}",
+        "system": f"{platform.system()}, {platform.machine()}",
+        "threads": str(available_threads()),
+        "CPU kernel": kernel_text(),
+    }
+    width = max(map(len, rows))
+    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows.items())
+
+
+def kernel_text() -> str:
+    """Return which kernel renders on the CPU, and why."""
+    lanes, fitting = lanes_here(), lanes_of(processor_flags())
+    if lanes != fitting:
+        why = f"as {SWITCH}={os.environ[SWITCH]} says"
+    elif lanes:
+        why = f"the processor has {', '.join(sorted(NEEDED[lanes]))}"
+    else:
+        why = f"the processor lacks {', '.join(sorted(NEEDED[min(NEEDED)] - processor_flags()))}"
+    return f"wide, {lanes} paths at a time ({why})" if lanes else f"scalar ({why})"

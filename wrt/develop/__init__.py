@@ -1,0 +1,1 @@
+"""Developing: from radiance to a picture for people, by exposure and tone curve."""

@@ -1,0 +1,1 @@
+"""Tone curves, a file each."""

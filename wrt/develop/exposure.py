@@ -1,0 +1,100 @@
+"""Exposure: how many stops brighten a picture so that it shows well."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.developing import AUTO, LIMIT, Exposure
+
+BRIGHT, BRIGHT_PERCENTILE = 0.7, 90.0
+"""A tenth of a well exposed picture is brighter than this share of white: lamps, windows, sun and gloss."""
+
+LEAST_MEAN = 0.05
+"""Least geometric mean of a picture, for rooms whose windows are more than a tenth of it."""
+
+_BLOCK = 4
+"""Side of the blocks of pixels that are averaged first, so that noise and fireflies count little."""
+
+_BACKGROUND, _SUBJECT_PERCENTILE = 1e-4, 97.0
+"""Blocks darker than the first, relative to this percentile, are background. Lamps are brighter than it as a rule."""
+
+_TOO_BRIGHT = 0.15, 0.35
+"""By default a picture is exposed at 0 stops if less than the first share of it would be white, and automatically from
+the second share on; between both the exposure goes over continuously. Lamps and windows alone change nothing."""
+
+_TOO_DARK = 1.5, 2.5
+"""Likewise, stops of automatic exposure, for dark pictures."""
+
+_WHITE_STOPS = 0.5
+"""A block counts as white from this many stops above 1 on, and as a part of it from 1 on."""
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def stops(image: NDArray[Any], exposure: Exposure = None, *, brighten: bool = True) -> float:
+    """Return the exposure of a picture in stops (factors of two).
+
+    - A number is returned as it is.
+    - "auto" makes a tenth of the picture brighter than 0.7 of white, or more if its geometric mean were below 0.05. The
+      picture is measured in blocks of 4x4 pixels; those of the background, black or nearly so, do not count.
+    - None is 0 for every picture that shows well at 0 stops, so that radiance keeps its meaning: a surface of radiance
+      0.5 has the sRGB code of 0.5. Pictures of which a third would be white, or that need more than 2.5 stops, are
+      exposed automatically; from a sixth, or 1.5 stops, the exposure goes over continuously.
+
+    The result depends on the picture alone.
+
+    Args:
+        image: (H, W, 3) linear radiance.
+        exposure: stops, "auto" or None.
+        brighten: whether None may brighten dark pictures, as is right for renders, but not for textures and other data.
+    """
+    if exposure is not None and not isinstance(exposure, str):
+        return float(exposure)
+    luminance = _in_blocks(image)
+    automatic = _automatic(luminance)
+    if exposure == AUTO:
+        return automatic
+    if automatic < 0.0:
+        (begin, end), measured = _TOO_BRIGHT, _white_share(luminance)
+    elif not brighten:
+        return 0.0
+    else:
+        (begin, end), measured = _TOO_DARK, automatic
+    share = min(max((measured - begin) / (end - begin), 0.0), 1.0)
+    return share * automatic if share else 0.0
+
+
+def peak(image: NDArray[Any]) -> float:
+    """Return the radiance of the brightest parts of a picture: all but a thousandth of its pixels are darker."""
+    largest = np.nan_to_num(image.max(axis=-1), nan=0.0, posinf=np.inf, neginf=0.0)
+    return float(np.partition(largest, rank := int(0.999 * (largest.size - 1)), axis=None)[rank])
+
+
+def _white_share(luminance: NDArray[Any]) -> float:
+    """Return the share of a picture that would be white at 0 stops."""
+    over = np.log2(np.maximum(np.nan_to_num(luminance, nan=0.0), 1.0)) / _WHITE_STOPS
+    return float(np.minimum(over, 1.0).mean())
+
+
+def _automatic(luminance: NDArray[Any]) -> float:
+    luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
+    if luminance.size == 0:
+        return 0.0
+    subject = luminance[luminance > _BACKGROUND * np.percentile(luminance, _SUBJECT_PERCENTILE)]
+    bright = math.log2(BRIGHT / float(np.percentile(subject, BRIGHT_PERCENTILE)))
+    mean = math.log2(LEAST_MEAN) - float(np.log2(subject).mean())
+    return min(max(bright, mean, -LIMIT), LIMIT)
+
+
+def _in_blocks(image: NDArray[Any]) -> NDArray[Any]:
+    """Return the mean luminance of each whole block; of small pictures, of each pixel."""
+    side = _BLOCK if min(image.shape[:2]) >= 8 * _BLOCK else 1
+    height, width = (size // side * side for size in image.shape[:2])
+    with np.errstate(invalid="ignore", over="ignore"):
+        luminance = image[:height, :width] @ _LUMINANCE.astype(image.dtype)
+        blocks = luminance.reshape(height // side, side, width // side, side)
+        return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64).reshape(-1))

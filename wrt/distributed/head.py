@@ -1,0 +1,190 @@
+"""The renderer of the head node: its film is here, and workers of a Dask cluster render."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.distributed.spread import Spread
+from wrt.distributed.worker import Job, Rendered
+from wrt.errors import InputError
+from wrt.parts.cut import put, take
+from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
+from wrt.rendering.film import Film
+from wrt.rendering.passes import LONGEST_PASS
+from wrt.rendering.renderer import Renderer
+from wrt.scene.camera import Camera, require_camera
+from wrt.scene.scene import Scene
+from wrt.upload.camera import CropWindow
+
+
+class DistributedRenderer(Renderer):
+    """A `wrt.Renderer` whose passes are rendered by the workers of a Dask cluster, with the same bits.
+
+    Passes, limits, noise, checkpoints and pictures are those of a Renderer. The scene goes to each worker once; windows
+    of the film go to and fro. Nothing is built on the head node, which needs memory for the film.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        client: Any,
+        device: str = "cpu",
+        threads: int | None = None,
+        **options: Any,
+    ) -> None:
+        """Prepare to render a scene.
+
+        Args:
+            scene: the scene; later changes to it have no effect.
+            client: a `distributed.Client`.
+            device: of the workers: "cpu", or "cuda".
+            threads: CPU threads of a worker process, by default as many as Dask gives it; it renders one window at a
+                time.
+            options: as for `wrt.Renderer`.
+
+        Raises:
+            InputError: on unusable values, an empty scene, or without workers.
+        """
+        self._client, self._device_of_workers, self._threads_of_workers = client, device, threads
+        self._local: Renderer | None = None
+        super().__init__(scene, **options)
+
+    def _build(self) -> None:
+        film = current_backend().kernels("wrt.kernels.film.film")
+        with self.device.compiling() as compile:
+            compile(film.film_noise)
+        self._spread = Spread(self._client, self.scene)
+        self._kernel = _Remote(self)  # type: ignore[assignment]
+        options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
+        self._options = {**options, "seed": self.seed, "strategy": self.strategy, "light_choice": self.light_choice}
+        identity = identity_of(self)
+        identity["scene"].pop("camera")
+        text = json.dumps([identity, self._device_of_workers, self._threads_of_workers])
+        self._digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def _prepare(self) -> list[Any]:
+        return []
+
+    def _guides_at_start(self) -> None:
+        return None
+
+    @property
+    def job(self) -> Job:
+        """What workers need to know besides the scene."""
+        assert self.scene.camera is not None
+        options = {**self._options, "device": self._device_of_workers}
+        return Job(self._digest, options, self.scene.camera, self._threads_of_workers)
+
+    @property
+    def spread(self) -> Spread:
+        """What renders on the workers."""
+        return self._spread
+
+    def set_camera(self, camera: Camera) -> None:
+        """Look at the scene through another camera and restart the picture; see `wrt.Renderer.set_camera`."""
+        require_camera(camera)
+        self.scene.camera = camera
+        self._clear()
+
+    def update_vertices(self, *_: Any, **__: Any) -> None:
+        """Raise InputError: each frame of a simulation is a scene of its own here."""
+        raise InputError("vertices cannot be updated on a cluster; make a renderer of the next frame's scene")
+
+    def part(self, *_: Any, **__: Any) -> Any:
+        """Raise InputError: the cluster renders the whole picture."""
+        raise InputError("a part is rendered by one process; use wrt.Renderer")
+
+    def compile(self) -> float:
+        """Do nothing: workers compile what they need."""
+        return 0.0
+
+    def denoised(self) -> NDArray[np.float32]:
+        """Return `image` without most of its noise, see `wrt.Renderer.denoised`; the scene is built here for it."""
+        if self._local is None:
+            self._local = Renderer(self.scene, **self._options)
+        if self._local.scene.camera != self.scene.camera:
+            assert self.scene.camera is not None
+            self._local.set_camera(self.scene.camera)
+        self._local.film.restore(self.film.state())
+        return self._local.denoised()
+
+
+class _Remote:
+    """Takes the place of a RenderKernel."""
+
+    is_being_compiled, seconds_beside = False, 0.0
+
+    def __init__(self, renderer: DistributedRenderer) -> None:
+        self._renderer = renderer
+
+    def launch(self, inputs: list[Any], seconds_left: float) -> None:
+        """Bring every pixel to the number of samples that is the first of the inputs."""
+        renderer, (spp,) = self._renderer, inputs
+        film, crop = renderer.film, renderer.crop
+        samples = spp - int(film.counts.min())
+        renderer.spread.run(
+            renderer.job,
+            crop,
+            samples,
+            spp,
+            lambda window: _state(film, crop, window),
+            lambda window, rendered: _keep(film, crop, window, rendered),
+        )
+
+
+def _state(film: Film, crop: CropWindow, window: CropWindow) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays of a film for a window, None if it has no samples there."""
+    arrays = film.arrays()
+    if not take(arrays["count"], crop, (window,)).any():
+        return None
+    return {name: take(array, crop, (window,)) for name, array in arrays.items()}
+
+
+def _keep(film: Film, crop: CropWindow, window: CropWindow, rendered: Rendered) -> None:
+    for name, array in film.arrays().items():
+        put(array, crop, (window,), rendered.arrays[name])
+    first = (window[1] - crop[1]) * film.width + window[0] - crop[0]
+    film.data.rays.numpy()[first] += rendered.rays  # a statistic of the whole picture
+
+
+def render(
+    source: Any,
+    *,
+    client: Any,
+    spp: int | None = None,
+    time: float | None = None,
+    noise: float | None = None,
+    adaptive: bool | None = None,
+    **options: Any,
+) -> NDArray[np.float32]:
+    """Render `source` on the workers of a Dask cluster; return what `wrt.render` does, with the same bits.
+
+    Args:
+        source: as for `wrt.load`.
+        client: a `distributed.Client`, or the address of a scheduler, such as "tcp://head:8786".
+        spp: samples per pixel, as for `wrt.Renderer.passes`; so are `time`, `noise` and `adaptive`.
+        time: seconds of rendering.
+        noise: relative noise of the picture.
+        adaptive: whether parts of the picture that are good enough stop before the others.
+        options: as for `DistributedRenderer`.
+
+    Raises:
+        InputError: if an argument cannot be used, or no worker can render the scene.
+    """
+    from wrt.api import load
+    from wrt.distributed.clients import client_of
+
+    width, height = options.get("width"), options.get("height")
+    scene = load(source, aspect=width / height if width and height else None)
+    renderer = DistributedRenderer(scene, client=client_of(client), **options)
+    for _ in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=LONGEST_PASS):
+        pass
+    image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
+    return image if alpha is None else np.dstack([image, alpha])

@@ -1,0 +1,44 @@
+"""Read meshes and other arrays from NumPy archives (.npz), unchanged to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.npy import read_archive
+from wrt.io.safe_read import naming_file, read_file
+from wrt.scene.mesh import Mesh
+
+
+def read_arrays(file: Path, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, NDArray[Any]]:
+    """Return arrays of an archive by name.
+
+    Raises:
+        InputError: when the file does not exist, is damaged, or lacks a required array.
+    """
+    data = read_file(file)
+    try:
+        found = read_archive(data, (*required, *optional))
+    except InputError as error:
+        raise InputError(f"{file}: not a NumPy archive, or damaged ({error})") from None
+    memory_limits.take(memory_limits.MESHES, sum(array.nbytes for array in found.values()))
+    for name in required:
+        if name not in found:
+            raise InputError(f"{file}: there is no array {name!r} in it")
+    return found
+
+
+def read_mesh_arrays(file: Path) -> Mesh:
+    """Return the mesh of the arrays `vertices` and `faces`, with `normals`, `uvs` and `colors` if present.
+
+    Raises:
+        InputError: when the arrays do not form a mesh.
+    """
+    arrays = read_arrays(file, required=("vertices", "faces"), optional=("normals", "uvs", "colors"))
+    with naming_file(file):
+        return Mesh.taking(**arrays, name=file.name)

@@ -1,0 +1,105 @@
+"""The type of a file by its first bytes, for messages about files whose suffix is wrong.
+
+The signatures are those of the formats' specifications, as in the command `file`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from wrt.errors import InputError
+from wrt.io.safe_read import read_file
+
+HEAD = 4096
+"""Bytes that are examined."""
+
+# Pattern of the first bytes, type, suffixes of such files.
+_KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
+    (rb"\x89PNG\r\n", "a PNG image", (".png",)),
+    (rb"\xff\xd8\xff", "a JPEG image", (".jpg", ".jpeg")),
+    (rb"GIF8[79]a", "a GIF image", (".gif",)),
+    (rb"II\*\0|MM\0\*", "a TIFF image", (".tif", ".tiff")),
+    (rb"RIFF....WEBP", "a WebP image", (".webp",)),
+    (rb"v/1\x01", "an OpenEXR image", (".exr",)),
+    (rb"#\?(RADIANCE|RGBE)", "a Radiance HDR image", (".hdr", ".pic")),
+    (rb"\x93NUMPY", "a NumPy array", (".npy",)),
+    (rb"PK\x03\x04.{26}[^/]+\.npy", "a NumPy archive", (".npz",)),
+    (rb"PK\x03\x04.{26}(3D|_rels|\[Content_Types)", "a 3MF file", (".3mf",)),
+    (rb"PK\x03\x04.{26}[^/]+\.usd", "a USD archive", (".usdz",)),
+    (rb"#usda 1\.", "a USD file", (".usda", ".usd")),
+    (rb"PXR-USDC", "a USD file", (".usdc", ".usd")),
+    (rb"ISO-10303-21;", "a STEP file, whose surfaces are no triangles; export it as STL or glTF", ()),
+    (rb"PK\x03\x04", "a ZIP archive; unpack it", ()),
+    (rb"\x1f\x8b|BZh|\xfd7zXZ\0|7z\xbc\xaf|\x28\xb5\x2f\xfd", "a compressed file; unpack it", ()),
+    (rb"%PDF", "a PDF document", (".pdf",)),
+    (rb"Kaydara FBX Binary", "an FBX file; export it as glTF", ()),
+    (rb"; FBX ", "an FBX file; export it as glTF", ()),
+    (rb"BLENDER", "a Blender file; export it as glTF", ()),
+    (rb"version https://git-lfs", "a Git LFS pointer to a file that has not been fetched", ()),
+    (rb"glTF", "a GLB file", (".glb", ".gltf")),
+    (rb"ply\r?\n", "a PLY file", (".ply",)),
+    (rb"(ST)?C?N?4?n?OFF\s", "an OFF file", (".off",)),
+    (rb"solid\b.*?\bfacet\s+normal\b", "an STL file", (".stl",)),
+    (rb"<(!DOCTYPE )?html", "a web page", (".html", ".htm")),
+    (rb"<(\?xml.*?<|!--.*?<)?scene\b", "a scene file of Mitsuba", (".xml",)),
+    (rb"<\?xml.*?<COLLADA\b", "a COLLADA file", (".dae",)),
+    (rb"<\?xml", "an XML file", (".xml",)),
+    (rb"\{.*?\"(asset|scenes|meshes|accessors|bufferViews|buffers)\"\s*:", "a glTF file", (".gltf", ".glb")),
+    (rb"(v|vn|vt)[ \t]+[-+.\d]|(mtllib|usemtl|o|g)[ \t]", "an OBJ file", (".obj",)),
+    (rb"newmtl\s", "the materials of an OBJ file", (".mtl",)),
+    (rb"\[+(settings|camera|environment|lights|media|materials|shapes)\b", "a scene file", (".toml",)),
+)
+
+_OF_SCENES = ".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz"
+_RENDERED = ".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", *_OF_SCENES
+
+
+def looks_like(data: bytes) -> tuple[str, tuple[str, ...]] | None:
+    """Return the type of a file that begins with `data`, and the suffixes of such files; None if unknown."""
+    text = data[:HEAD].removeprefix(b"\xef\xbb\xbf").lstrip()
+    while text.startswith(b"#"):
+        text = text.partition(b"\n")[2].lstrip()
+    for pattern, what, suffixes in _KINDS:
+        if re.match(pattern, data, re.DOTALL) or re.match(pattern, text, re.DOTALL):
+            return what, suffixes
+    return None
+
+
+def hint(path: Path) -> str | None:
+    """Return a hint at the type of a file and what to do; None if the type fits the suffix, or is unknown.
+
+    Raises:
+        InputError: where it cannot be read.
+    """
+    head = read_file(path, HEAD)
+    found = looks_like(head)
+    if found is None and path.stat().st_size == 84 + 50 * int.from_bytes(head[80:84], "little"):
+        found = "a binary STL file", (".stl",)  # its header may begin with anything
+    if found is None:
+        return None
+    what, suffixes = found
+    if path.suffix.lower() in suffixes:
+        return (
+            "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
+        )
+    return f"it looks to be {what}" + (
+        f"; rename it to end in {suffixes[0]}" if suffixes and suffixes[0] in _RENDERED else ""
+    )
+
+
+@contextmanager
+def hinting(path: Path) -> Iterator[None]:
+    """Within the context, replace an InputError about a file with a wrong suffix by a hint at its type."""
+    try:
+        yield
+    except InputError:
+        try:
+            found = hint(path)
+        except InputError:
+            found = None
+        if found is None:
+            raise
+        raise InputError(f"{path}: {found}") from None

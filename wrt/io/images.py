@@ -1,0 +1,402 @@
+"""Read and write images: PNG and other Pillow formats, OpenEXR, Radiance HDR, NumPy arrays."""
+
+from __future__ import annotations
+
+import functools
+import io
+import math
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt._version import __version__
+from wrt.develop.picture import Developed, develop
+from wrt.developing import DEFAULT_TONE, Exposure
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.npy import read_array
+from wrt.io.safe_read import PathLike, first_line, forget_input, is_input, naming_file, read_file, require_file
+from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.scene.environment import ImageEnvironment
+from wrt.scene.layers import channel_names
+from wrt.scene.srgb import linear_from_srgb, of_codes
+from wrt.values import Vec3, sealed
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
+"""Formats that `save_image` writes."""
+
+_BEGINNING = 1 << 16
+"""Bytes at the start of a picture file that hold its metadata."""
+
+_NPY_VERSION = (2, 0)
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether `save_image` wrote a file, judging by the metadata."""
+    with path.open("rb") as file:
+        beginning = file.read(_BEGINNING)
+    if beginning.startswith(b"\x89PNG"):
+        return b"iTXtSoftware\0\0\0\0\0wrt " in beginning
+    if beginning.startswith(b"v/1\x01"):
+        _, found, value = beginning.partition(b"Software\0string\0")
+        return bool(found) and value[4:8] == b"wrt "
+    version = bytes(_NPY_VERSION)
+    return beginning.startswith(b"\x93NUMPY" + version) and re.search(rb"'<f4'.*, 3\)", beginning[:256]) is not None
+
+
+PICTURE = Kind("a picture that wrt has made", _is_own)
+
+
+MAX_PIXELS = 2**27
+"""Limit for images that are read, such as 16384x8192. A pixel takes 12 bytes of memory."""
+
+FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")
+"""Floating-point formats that OpenImageIO reads."""
+
+_PIXELS_PER_BYTE = 2**16
+"""More than OpenEXR, Radiance and most other formats can compress: a header that claims more is wrong."""
+
+_BOUNDED = ("JPEG", "BMP", "GIF")
+_DEFLATED = 1032
+"""Most bytes that deflate can make of one byte of a PNG file. Pillow fills a truncated file with black pixels."""
+
+
+def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
+    """Read an image as (H, W, 3) float32, linear Rec. 709; row 0 is the top.
+
+    Reads OpenEXR, Radiance HDR, NumPy (.npy) and every format that Pillow knows. Alpha is dropped; grey becomes three
+    equal channels. `save_image` may replace the file, unlike the images of a scene.
+
+    Args:
+        path: the file.
+        linear: whether integer formats hold linear values; by default they hold sRGB.
+            Floating-point formats are always linear.
+
+    Raises:
+        InputError: when the file does not exist or cannot be decoded.
+    """
+    file = Path(path)
+    was_input = is_input(file)
+    pixels = read_image(file, linear=linear)
+    if not was_input:
+        forget_input(file)
+    return pixels
+
+
+@memory_limits.one_load()
+def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]:
+    """Read an image as `load_image` does, and mark it as an input that no output may replace."""
+    require_file(file)
+    suffix = file.suffix.lower()
+    try:
+        with naming_file(file):
+            if suffix in FLOAT_SUFFIXES:
+                pixels = read_float(file)
+            else:
+                pixels = _read_npy(file) if suffix == ".npy" else _read_pillow(file, linear)
+    except InputError:
+        raise
+    except Exception as error:  # noqa: BLE001 - decoders raise undocumented exceptions on damaged files
+        raise InputError(f"{file}: cannot be read as an image: {first_line(error)}") from None
+    if pixels.size == 0:
+        raise InputError(f"{file}: the image has no pixels")
+    return pixels
+
+
+def load_environment(
+    path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0, rotation_axis: Vec3 = (0.0, 1.0, 0.0)
+) -> ImageEnvironment:
+    """Read a latitude-longitude image as an environment.
+
+    Args:
+        path: the file; see `load_image`.
+        scale: multiplies the pixels.
+        rotation_degrees: see `ImageEnvironment`.
+        rotation_axis: see `ImageEnvironment`.
+
+    Raises:
+        InputError: when the file cannot be read, or holds negative or non-finite values.
+    """
+    pixels = sealed(read_image(Path(path)))
+    with naming_file(Path(path)):
+        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
+
+
+def require_pixels(width: int, height: int) -> None:
+    """Raise InputError if an image is too large to decode: a few bytes can expand to very many pixels."""
+    if width * height > MAX_PIXELS:
+        raise InputError(f"the image is too large: {width}x{height}; it may have {MAX_PIXELS} pixels at most")
+
+
+def open_image(file: Path | io.BytesIO) -> Image:
+    """Return a Pillow image, not decoded yet, after checking its size.
+
+    Raises:
+        InputError: when it is too large, or not an image.
+        Exception: of any type when the file is damaged.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # large pictures are normal here
+            image = Image.open(file)
+    except Image.DecompressionBombError:
+        raise InputError(f"the image is too large; it may have {MAX_PIXELS} pixels at most") from None
+    except UnidentifiedImageError:
+        raise InputError("not an image of a known format") from None
+    size = file.stat().st_size if isinstance(file, Path) else len(file.getbuffer())
+    try:
+        require_pixels(*image.size)
+        if image.width * image.height > _most_pixels(image, size):
+            raise InputError(f"the file is too short for {image.width}x{image.height} pixels; it is truncated")
+        memory_limits.require(memory_limits.IMAGES, image.width * image.height * memory_limits.BYTES_PER_PIXEL)
+    except InputError:
+        image.close()
+        raise
+    return image
+
+
+def _most_pixels(image: Image, size: int) -> float:
+    """Return the most pixels that a file of `size` bytes can hold in the image's format."""
+    from PIL.ImageFile import ImageFile
+
+    if image.format == "PNG" and isinstance(image, ImageFile) and image.tile:
+        # The raw mode of the pixels in the file, such as "RGB", "L;4" or "I;16B".
+        kind, _, depth = str(image.tile[0][3]).partition(";")
+        bits = int("".join(c for c in depth if c.isdecimal()) or (1 if kind == "1" else 8)) * len(image.getbands())
+        return 8 * _DEFLATED * size / bits
+    return _PIXELS_PER_BYTE * size if image.format in _BOUNDED else math.inf
+
+
+def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32]:
+    """Return a Pillow image as (H, W, 3) float32, linear Rec. 709; see `load_image`."""
+    require_pixels(*image.size)
+    memory_limits.take(memory_limits.IMAGES, image.width * image.height * memory_limits.BYTES_PER_PIXEL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # decoders warn of details that users cannot change
+        return _pixels_of(image, linear=linear)
+
+
+def _pixels_of(image: Image, *, linear: bool | None) -> NDArray[np.float32]:
+    if image.mode == "F":
+        values = np.asarray(image, np.float32)
+        return np.ascontiguousarray(np.repeat(values[:, :, None], 3, axis=2))
+    if image.mode.startswith("I"):  # 16-bit grey, held in 16 or in 32 bits
+        grey = np.clip(np.asarray(image).astype(np.float64) / 65535.0, 0.0, 1.0)
+        grey = grey if linear else linear_from_srgb(grey)
+        return np.repeat(grey.astype(np.float32)[:, :, None], 3, axis=2)
+    if image.mode == "P" and "transparency" in image.info:
+        image = image.convert("RGBA")
+    codes = np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+    pixels: NDArray[np.float32] = of_codes(linear=bool(linear))[codes]
+    return pixels
+
+
+def _read_pillow(path: Path, linear: bool | None) -> NDArray[np.float32]:
+    with open_image(path) as image:
+        return pixels_of(image, linear=linear)
+
+
+def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
+    """Read OpenEXR or Radiance HDR as (H, W, 3) float32 with OpenImageIO, whose error messages are readable.
+
+    Args:
+        path: the file.
+        alpha: whether to return the alpha channel three times, if there is one, instead of the colours.
+
+    Raises:
+        InputError: when it cannot be decoded, is too large or has no channels R, G, B or Y.
+    """
+    import OpenImageIO
+
+    source = OpenImageIO.ImageInput.open(str(path))
+    if source is None:
+        raise InputError(f"{path}: cannot be read as an image: {_complaint(path, OpenImageIO.geterror())}")
+    try:
+        spec = source.spec()
+        names = list(spec.channelnames)
+        require_pixels(spec.width, spec.height * spec.depth)
+        if spec.width * spec.height * len(names) > _PIXELS_PER_BYTE * path.stat().st_size:
+            raise InputError(f"{path}: the file is too short for {spec.width}x{spec.height} pixels; it is truncated")
+        require_pixels(spec.width, spec.height * -(-len(names) // 16))
+        per_pixel = max(memory_limits.BYTES_PER_PIXEL, 4 * len(names))
+        memory_limits.take(memory_limits.IMAGES, spec.width * spec.height * spec.depth * per_pixel)
+        pixels = source.read_image("float")
+        if pixels is None:
+            raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")
+    finally:
+        source.close()
+    for wanted in ([("A", "A", "A")] * alpha) + [("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")]:
+        if all(name in names for name in wanted):
+            return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in wanted]], np.float32)
+    raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(names)}")
+
+
+def _complaint(path: Path, text: str) -> str:
+    """Return OpenImageIO's message without the path, which ours names already."""
+    return " ".join(text.replace(f" ({path})", "").split()) or "damaged"
+
+
+def _read_npy(path: Path) -> NDArray[np.float32]:
+    pixels = read_array(read_file(path))
+    if pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
+        raise InputError(f"the array must be (H, W, 3), or (H, W, 4) with alpha, not {pixels.shape}")
+    require_pixels(pixels.shape[1], pixels.shape[0])
+    with np.errstate(all="ignore"):
+        return np.ascontiguousarray(pixels[:, :, :3], np.float32)
+
+
+def check_output(path: PathLike, *, force: bool = False) -> Path:
+    """Check before a long render that a picture can be written to a path, and return the path.
+
+    Raises:
+        InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or is not
+            writable, or a file that may not be replaced (see `wrt.io.safe_write`).
+    """
+    file = _picture_name(path)
+    require_writable(file, PICTURE, force=force)
+    return file
+
+
+def _picture_name(path: PathLike) -> Path:
+    file = Path(path)
+    if file.suffix.lower() not in OUTPUT_SUFFIXES:
+        known = ", ".join(OUTPUT_SUFFIXES)
+        raise InputError(f"{file}: the name of a picture must end in one of {known}")
+    return file
+
+
+def save_image(
+    path: PathLike,
+    image: ArrayLike | None,
+    *,
+    tone: str = DEFAULT_TONE,
+    exposure: Exposure = None,
+    alpha: ArrayLike | None = None,
+    metadata: Mapping[str, object] | None = None,
+    layers: Mapping[str, NDArray[Any]] | None = None,
+    force: bool = False,
+) -> Developed | None:
+    """Write a linear Rec. 709 image as PNG, OpenEXR or NumPy array, by its suffix.
+
+    The file appears whole or not at all: it is written under a temporary name in the same folder and then renamed.
+    It replaces pictures that wrt wrote; with `force` also other files, but never one that this process has read.
+
+    Args:
+        path: ends in .png (8 bits, developed as by `develop_image`), .exr (float32 R, G, B) or .npy
+            (float32 (H, W, 3)).
+        image: (H, W, 3), row 0 at the top; None to write layers only. A fourth channel is the same as `alpha`.
+        tone: tone curve of a PNG, see `develop_image`; the other formats keep the radiance unchanged.
+        exposure: stops (factors of two) by which a PNG is brightened, "auto", or None; see `develop_image`.
+        alpha: (H, W) coverage, 0 to 1, by which the radiance is multiplied already (associated alpha). OpenEXR and
+            NumPy files keep both, with a channel A. A PNG, whose alpha is not associated, holds the quotient.
+        metadata: names and values, stored as text in PNG and as attributes in OpenEXR.
+        layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
+        force: whether to replace a file that wrt did not write.
+
+    Returns:
+        How a PNG was developed, otherwise None.
+
+    Raises:
+        InputError: see `check_output` and `develop_image`; also when the shape of the image is wrong or writing fails.
+    """
+    file = check_output(path, force=force)
+    image, cover = _with_coverage(file, image, alpha)
+    notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
+
+    save = functools.partial(write_atomically, file, kind=PICTURE, force=force)
+    if layers:
+        if file.suffix.lower() != ".exr":
+            raise InputError(f"{file}: layers go into OpenEXR files; give it a name that ends in .exr")
+        save(lambda temporary: _write_exr(temporary, _channels(image, {**layers, **cover}), notes))
+        return None
+    pixels = np.ascontiguousarray(image, np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
+    if file.suffix.lower() == ".exr":
+        save(lambda temporary: _write_exr(temporary, _channels(pixels, cover), notes))
+    elif file.suffix.lower() == ".npy":
+        whole = np.dstack([pixels, *cover.values()])
+        save(lambda temporary: _write_npy(temporary, whole))
+    else:
+        alpha = cover.get("alpha")
+        developed = develop(pixels if alpha is None else _straight(pixels, alpha), tone=tone, exposure=exposure)
+        save(lambda temporary: _write_png(temporary, developed, notes, alpha))
+        return developed
+    return None
+
+
+def _with_coverage(
+    file: Path, image: ArrayLike | None, alpha: ArrayLike | None
+) -> tuple[ArrayLike | None, dict[str, NDArray[np.float32]]]:
+    """Return the colours of an image, and its coverage as a layer if there is any."""
+    if image is None:
+        return None, {}
+    pixels = np.asarray(image, np.float32)
+    if alpha is None and pixels.ndim == 3 and pixels.shape[2] == 4:
+        pixels, alpha = pixels[:, :, :3], pixels[:, :, 3]
+    if alpha is None:
+        return pixels, {}
+    cover = np.asarray(alpha, np.float32)
+    if cover.shape != pixels.shape[:2]:
+        raise InputError(f"{file}: alpha must be (H, W) as the image is, {pixels.shape[:2]}, not {cover.shape}")
+    return pixels, {"alpha": cover}
+
+
+def _straight(pixels: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return colours without the factor alpha; black where nothing is seen."""
+    cover = alpha[:, :, None]
+    return np.divide(pixels, cover, out=np.zeros_like(pixels), where=cover > 0.0)
+
+
+def _write_png(
+    path: Path, developed: Developed, notes: Mapping[str, str], alpha: NDArray[np.float32] | None = None
+) -> None:
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    info = PngInfo()
+    developing = {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
+    for key, value in {**notes, **developing}.items():
+        info.add_itxt(key, value)  # UTF-8, unlike the older text chunk
+    codes = developed.codes
+    if alpha is not None:
+        cover = np.clip(np.nan_to_num(alpha), 0.0, 1.0)
+        codes = np.dstack([codes, np.rint(255.0 * cover).astype(np.uint8)])
+    Image.fromarray(codes).save(path, format="PNG", pnginfo=info)
+
+
+def _channels(image: ArrayLike | None, layers: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the channels of an OpenEXR file by name.
+
+    Object numbers are 32-bit floats too, exact up to 2²⁴: many programs scale integer channels by 2⁻³².
+    """
+    parts = [(["R", "G", "B"], np.asarray(image, np.float32))] if image is not None else []
+    parts += [(channel_names(name), values) for name, values in layers.items()]
+    return {
+        name: np.ascontiguousarray(values.reshape(*values.shape[:2], len(names))[:, :, k], np.float32)
+        for names, values in parts
+        for k, name in enumerate(names)
+    }
+
+
+def _write_exr(path: Path, channels: dict[str, NDArray[Any]], notes: Mapping[str, str]) -> None:
+    import OpenEXR
+
+    header = {**notes, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, channels).write(str(path))
+
+
+def _write_npy(path: Path, pixels: NDArray[np.float32]) -> None:
+    # Version 2 of the format marks the picture as written by wrt: NumPy uses it only for headers over 64 KB.
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, pixels, version=_NPY_VERSION)

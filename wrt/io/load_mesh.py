@@ -1,0 +1,167 @@
+"""Load mesh files and trimesh objects as scenes.
+
+trimesh loads OBJ, PLY, STL, OFF, glTF and GLB, and by an extra 3MF and COLLADA; Pixar's library loads USD; NumPy
+archives hold plain arrays. Axes and units are kept, but those of USD, because formats disagree about them and most do
+not state them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.arrays import read_mesh_arrays
+from wrt.io.by_trimesh import read_by_trimesh
+from wrt.io.file_type import hint, hinting
+from wrt.io.gltf.reader import NO_ANIMATION, animation_ends, read_gltf
+from wrt.io.mesh.obj import read_obj
+from wrt.io.mesh.off import read_off
+from wrt.io.mesh.parts import Contents, Part
+from wrt.io.mesh.ply import read_ply
+from wrt.io.mesh.repair import to_shapes
+from wrt.io.mesh.stl import read_stl
+from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
+from wrt.scene.mesh import Mesh, merge
+from wrt.scene.normals import CREASE_DEGREES
+from wrt.scene.scene import Scene, Shape, bake_transforms
+
+
+def _of_parts(read: Callable[[Path, bytes], list[Part]]) -> Callable[[Path, bytes], Contents]:
+    """Return a reader of meshes as a reader of whole contents."""
+    return lambda path, data: Contents(read(path, data))
+
+
+_READERS: dict[str, Callable[[Path, bytes], Contents]] = {
+    ".obj": _of_parts(read_obj),
+    ".ply": _of_parts(read_ply),
+    ".stl": _of_parts(read_stl),
+    ".off": _of_parts(read_off),
+    ".gltf": read_gltf,
+    ".glb": read_gltf,
+    ".3mf": read_by_trimesh,
+    ".dae": read_by_trimesh,
+}
+
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+"""Suffixes of USD files, which Pixar's library reads."""
+
+ARRAYS_SUFFIX = ".npz"
+"""Suffix of NumPy archives, whose meshes are not repaired."""
+
+MESH_SUFFIXES = (*_READERS, ARRAYS_SUFFIX, *USD_SUFFIXES)
+"""Suffixes of mesh files, in lower or upper case."""
+
+
+def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Mesh:
+    """Read all triangles of a file as one mesh in world space, without its materials.
+
+    Args:
+        path: the file; its suffix is one of MESH_SUFFIXES.
+        smooth_degrees: if the file has no normals, edges folded by up to this angle are smoothed (see
+            `wrt.scene.normals.with_normals`); None leaves the mesh flat.
+
+    Raises:
+        InputError: when the file cannot be read, is damaged, or has no triangles.
+    """
+    shapes = load_shapes(path, smooth_degrees=smooth_degrees)
+    return merge([shape.mesh for shape in shapes], Path(path).name)
+
+
+def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+    """Read a file as one shape for each of its parts, in world space; see `load_file`."""
+    return bake_transforms(load_file(path, smooth_degrees=smooth_degrees).shapes)
+
+
+@memory_limits.one_load()
+def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, time: float | None = None) -> Scene:
+    """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
+
+    Instances are shapes that share a mesh, each with a transform.
+
+    The reflectance is the first of these that the file has: a texture, vertex or face colours, a constant,
+    DEFAULT_REFLECTANCE. A missing texture or material file causes an InputWarning, and the next of these is used.
+
+    Args:
+        path: see `load_mesh`.
+        smooth_degrees: see `load_mesh`.
+        time: the time of the file's first animation, seconds; None for the scene at rest.
+
+    Raises:
+        InputError: see `load_mesh`; also when a time is given and the file has no animation.
+    """
+    file = Path(path)
+    reader = _READERS.get(file.suffix.lower())
+    require_file(file)
+    if time is not None and not _may_be_animated(file):
+        raise InputError(f"{file}: {NO_ANIMATION}")
+    if file.suffix.lower() == ARRAYS_SUFFIX:
+        with hinting(file):
+            return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
+    if file.suffix.lower() in USD_SUFFIXES:
+        from wrt.io.usd.reader import read_usd
+
+        with naming_file(file):
+            contents, environment = read_usd(file)
+            scene = _scene(str(file), contents, smooth_degrees)
+            scene.environment = environment
+            return scene
+    if reader is None:
+        kind = hint(file)
+        known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
+        raise InputError(f"{file}: not a known mesh format; {known}" + (f"; {kind}" if kind else ""))
+    with naming_file(file), hinting(file):
+        data = read_file(file)
+        return _scene(str(file), reader(file, data) if time is None else read_gltf(file, data, time), smooth_degrees)
+
+
+@memory_limits.one_load()
+def animation_of(path: PathLike) -> tuple[float, float] | None:
+    """Return the times of the first and last keyframe of a file's first animation, seconds; None if there is none.
+
+    Raises:
+        InputError: when the file cannot be read or is damaged.
+    """
+    file = Path(path)
+    if not _may_be_animated(file):
+        return None
+    require_file(file)
+    with naming_file(file), hinting(file):
+        return animation_ends(file, read_file(file))
+
+
+def _may_be_animated(file: Path) -> bool:
+    return _READERS.get(file.suffix.lower()) is read_gltf
+
+
+def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
+    """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file.
+
+    Materials, textures, colours with alpha, cameras and lights are those of the file, as far as trimesh keeps them:
+    see `wrt.io.trimesh_objects`. Instances become shapes that share a mesh, each with a transform; all others are in
+    world space. Vertex and face colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial.
+    Given normals are kept; normals that trimesh computes are not, because they smooth every edge. Points and paths are
+    left out with a warning.
+
+    Args:
+        source: the object.
+        smooth_degrees: see `load_mesh`.
+
+    Raises:
+        InputError: when it is another type, or has no triangles.
+    """
+    from wrt.io.trimesh_objects import read_object
+
+    return _scene("trimesh", read_object(source), smooth_degrees)
+
+
+def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+    """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`; see `load_object`."""
+    return load_object(source, smooth_degrees=smooth_degrees).shapes
+
+
+def _scene(path: str, contents: Contents, smooth_degrees: float | None) -> Scene:
+    shapes = to_shapes(path, contents.parts, smooth_degrees)
+    return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)

@@ -1,0 +1,138 @@
+"""What mesh readers return: parts of one material each, unchecked. `repair.py` makes shapes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.scene.camera import Camera
+from wrt.scene.lights import Light
+from wrt.scene.materials import Material
+from wrt.scene.textures import ColorSource
+from wrt.values import array
+
+DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
+"""Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
+
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
+
+
+@dataclass
+class Part:
+    """Triangles of one material as a reader found them: unchecked.
+
+    Attributes:
+        name: for messages.
+        vertices: (N, 3) positions.
+        faces: (M, 3) vertex indices.
+        normals: (N, 3) or None; need not be unit or finite.
+        uvs: (N, 2), (N, 4) for two sets, or None; v up.
+        colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
+        face_colors: (M, 3), (M, 4) or None, like `colors`.
+        reflectance: a constant, or an image laid over `uvs`; None where the file names none.
+        material: the full material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
+        two_sided: whether emission is two-sided.
+        counted: format of a vertex number in messages; loaders of some formats renumber vertices.
+        places: (4, 4) transforms of its instances, if there are several; otherwise it lies in world space.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: IntArray
+    normals: FloatArray | None = None
+    uvs: FloatArray | None = None
+    colors: FloatArray | None = None
+    face_colors: FloatArray | None = None
+    reflectance: ColorSource | None = None
+    material: Material | None = None
+    places: list[NDArray[np.float64]] = field(default_factory=list)
+    two_sided: bool = False
+    counted: str = "vertex {} (counted from 0)"
+
+
+@dataclass
+class Contents:
+    """The content of a file.
+
+    Attributes:
+        parts: the triangles.
+        lights: lights without a mesh.
+        cameras: cameras in file order.
+    """
+
+    parts: list[Part]
+    lights: list[Light] = field(default_factory=list)
+    cameras: list[Camera] = field(default_factory=list)
+
+
+def only_points(count: int) -> str:
+    """Return what to tell of a file of so many points and no faces."""
+    return f"it has {count} points and no faces; only triangles are rendered: reconstruct a surface of them first"
+
+
+def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:
+    """Return a part moved to its one place, or with the transforms of its several instances, which share its memory."""
+    return moved(part, places[0]) if len(places) == 1 else replace(part, places=places)
+
+
+def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
+    """Return a part transformed by a (4, 4) matrix; a reflection also flips the winding, so that fronts stay fronts."""
+    linear = matrix[:3, :3]
+    mirrored = np.linalg.det(linear) < 0.0
+    normals = part.normals
+    if normals is not None:
+        # The cofactor matrix: the inverse transpose up to scale, which exists for singular transforms too.
+        a, b, c = linear
+        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+        normals = (np.asarray(normals, np.float64) @ cofactors.T) * (-1.0 if mirrored else 1.0)
+    vertices = np.asarray(part.vertices, np.float64) @ linear.T + matrix[:3, 3]
+    return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
+
+
+def rows_of(path: str | Path, value: Any, what: str, width: int) -> NDArray[Any]:
+    """Return `value` as (N, width) numbers, or raise InputError; loaders may return ragged lists."""
+    rows = array(value, f"{path}: {what}")
+    if rows.ndim != 2 or rows.shape[1] != width or rows.dtype.kind not in "fiu":
+        raise InputError(f"{path}: its {what} are not {width} numbers each")
+    return rows
+
+
+def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
+    """Raise an InputError where a face names a vertex beyond the `count` that there are."""
+    if faces.min() < 0 or faces.max() >= count:
+        bad = faces.min() if faces.min() < 0 else faces.max()
+        raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
+
+
+def positions_of(
+    path: str | Path, vertices: FloatArray, faces: IntArray, who: str = "vertex {}", per: int = 1
+) -> NDArray[np.float32]:
+    """Return positions as float32.
+
+    Args:
+        path: the file, for messages.
+        vertices: (N, 3) positions.
+        faces: the faces that use them; unused vertices are not checked.
+        who: format of a vertex in messages, with a place for its number.
+        per: vertices per number.
+
+    Raises:
+        InputError: where a used vertex is not finite.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        result = np.ascontiguousarray(vertices, np.float32)
+    if np.isfinite(result).all():
+        return result
+    bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
+    if len(bad):
+        for index in bad[np.isin(bad, faces)][:1]:
+            values = " ".join(f"{x:g}" for x in np.asarray(vertices)[index])
+            name = who.format(index // per)
+            raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
+    return result

@@ -1,0 +1,268 @@
+"""trimesh's loaders of mesh files, and their output as parts.
+
+The loaders are called directly, which return the arguments of Trimesh's constructor. Trimesh objects would round
+colours to 8 bits, and do not tell normals of the file from normals that trimesh computes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError, warn
+from wrt.io import memory_limits
+from wrt.io.encodings import as_text
+from wrt.io.images import open_image
+from wrt.io.mesh.parts import FloatArray, Part, checked_faces, rows_of
+from wrt.io.mesh.polygons import triangulate
+from wrt.io.safe_read import first_line, read_file, reason_alone, require_file
+from wrt.io.texture_images import TextureImages
+from wrt.scene.srgb import linear_from_srgb
+from wrt.scene.textures import ColorSource, ImageTexture
+from wrt.values import array
+
+Fields = dict[str, Any]
+"""Output of a trimesh loader for one mesh: arguments of trimesh.Trimesh."""
+
+COLOR_MAP = "map_color"
+"""Replaces map_Kd in material files: trimesh would open the image itself, and knows fewer formats."""
+
+_COLOR_MAP = re.compile(r"^(\s*)map_kd(?=\s)", re.IGNORECASE | re.MULTILINE)
+
+
+class Beside:
+    """Gives trimesh the files that a file refers to, and remembers the missing ones."""
+
+    def __init__(self, path: Path, *, images: bool = True) -> None:
+        """Take the path of the file, and whether all that it refers to are images."""
+        self.path = path
+        self.file_name = path.name
+        self.missing: list[str] = []
+        self._images = images
+
+    def find(self, name: str) -> Path:
+        """Return the path of a file that may be read.
+
+        Raises:
+            InputError: where there is none.
+        """
+        # Exporters on Windows write backslashes and quotes; glTF writes spaces as %20.
+        plain = name.strip().strip('"').replace("\\", "/")
+        files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
+        for file in files:
+            with contextlib.suppress(InputError):
+                require_file(file)
+                return file
+        try:
+            require_file(files[-1])
+        except InputError as error:
+            self.missing.append(
+                f"{self.path}: {str(files[-1])!r}, which it refers to: {reason_alone(files[-1], error)}"
+            )
+            raise InputError(self.missing[-1]) from None
+        return files[-1]
+
+    def get(self, name: str) -> bytes | str:
+        """Return a file's bytes, or the text of a material file.
+
+        Raises:
+            InputError: where it cannot be read, or is an image that is too large.
+        """
+        file = self.find(name)
+        data = read_file(file)
+        if file.suffix.lower() == ".mtl":
+            try:
+                text = as_text(data)
+            except InputError as error:  # trimesh would swallow it
+                self.missing.append(f"{file}: {error}")
+                raise
+            return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", text)
+        return self._not_too_large(file, data)
+
+    def _not_too_large(self, file: Path, data: bytes) -> bytes:
+        """Return the data unless it is an image that is too large; trimesh decodes images of any size."""
+        if not self._images:
+            return data
+        try:
+            open_image(io.BytesIO(data)).close()
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        except Exception:  # noqa: BLE001 - a damaged image, which is reported when it is decoded
+            pass
+        return data
+
+    __getitem__ = get
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Silence trimesh's log and NumPy's warnings, but raise on text that is not a number."""
+    from trimesh.constants import log
+
+    disabled, log.disabled = log.disabled, True
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            # np.fromstring only warns when it stops at such text.
+            warnings.filterwarnings("error", message="string or file could not be read")
+            yield
+    finally:
+        log.disabled = disabled
+
+
+class _Views(io.BytesIO):
+    """A file whose reads return views of its bytes instead of copies."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._view = memoryview(data)
+
+    def read(self, size: int | None = -1, /) -> Any:
+        """Return up to `size` bytes, or all the rest."""
+        start = self.tell()
+        stop = self.seek(0, io.SEEK_END) if size is None or size < 0 else min(start + size, len(self._view))
+        self.seek(stop)
+        return self._view[start:stop]
+
+
+def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **options: Any) -> Fields:
+    """Return the output of a trimesh loader.
+
+    Args:
+        path: the file.
+        data: its content.
+        kind: the type of the file, such as "obj".
+        views: whether reads may return memoryviews, which not all loaders accept.
+        options: further arguments of the loader.
+
+    Raises:
+        InputError: where the loader fails for any reason.
+    """
+    from trimesh.exchange.load import mesh_loaders
+
+    beside = Beside(path, images=kind != "gltf")
+    file = io.StringIO(data) if isinstance(data, str) else (_Views if views else io.BytesIO)(data)
+    with quiet():
+        try:
+            loaded: Fields = mesh_loaders[kind](file_obj=file, resolver=beside, **options)
+        except InputError:
+            raise
+        except Exception as error:  # noqa: BLE001 - loaders raise undocumented exceptions on damaged files
+            reason = first_line(error)
+            if "could not be read" in reason:
+                reason = "there is something else where a number should be"
+            elif isinstance(error, IndexError) and "out of bounds" in reason:
+                reason = f"a face names something that is not there ({reason})"
+            raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {reason}") from None
+    for line in beside.missing:
+        warn(f"{line}; it is left out")
+    return loaded
+
+
+def part_of(path: Path, name: str, fields: Fields, *, linear: bool = False) -> Part | None:
+    """Return a loader's mesh as a part without a material, or None if it has no triangles.
+
+    Args:
+        path: the file, for messages.
+        name: of the part.
+        fields: output of the loader; polygons of more than three corners are triangulated here.
+        linear: whether colours are linear; otherwise they are sRGB.
+
+    Raises:
+        InputError: where faces name missing vertices.
+    """
+    faces = array(() if fields.get("faces") is None else fields["faces"], f"{path}: faces")
+    if faces.dtype.kind not in "iu":
+        faces = array(faces, f"{path}: faces", np.int64)
+    if faces.ndim != 2 or faces.shape[1] < 3 or not len(faces):
+        return None
+    vertices = rows_of(path, fields.get("vertices", ()), "vertices", 3)
+    count, size = faces.shape
+    owner: Any = slice(None)
+    if size > 3:
+        checked_faces(path, faces, len(vertices))
+        corners = faces.reshape(-1)
+        triangles, owner = triangulate(vertices, corners, np.full(count, size))
+        if memory_limits.patience() <= 0:
+            warn(f"{path}: its concave polygons take too long to cut into triangles; some of them come out as fans")
+        faces = corners[triangles]
+    part = Part(name, vertices, faces)
+    visual = fields.get("visual")
+    colors = fields.get("vertex_colors")
+    if colors is None and visual is not None:
+        colors = visual.vertex_attributes.get("color")
+    part.normals = matching(fields.get("vertex_normals"), len(vertices))
+    part.uvs = matching(getattr(visual, "uv", None), len(vertices))
+    colors, face_colors = matching(colors, len(vertices)), matching(fields.get("face_colors"), count)
+    if colors is not None:
+        part.colors = decoded(colors, linear=linear)
+    elif face_colors is not None:
+        part.face_colors = decoded(face_colors, linear=linear)[owner]
+    return part
+
+
+def matching(array: Any, count: int) -> NDArray[Any] | None:
+    """Return an array if it has a row for each vertex or face, which trimesh does not ensure; otherwise None."""
+    try:
+        rows = np.asarray(array)
+    except ValueError:  # rows of different lengths
+        return None
+    return rows if rows.ndim == 2 and len(rows) == count and rows.dtype.kind in "fiu" else None
+
+
+def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
+    """Return (N, 3) linear colours, or (N, 4) if any is not opaque. Integers span the range of their type.
+
+    Args:
+        colors: (N, 3) or (N, 4).
+        linear: whether they are linear, as in glTF. Otherwise they are sRGB, except for alpha, and an alpha of 0
+            everywhere counts as none, since some programs leave it unset.
+    """
+    values = colors[:, :4].astype(np.float64)
+    if colors.dtype.kind in "iu":
+        values /= np.iinfo(colors.dtype).max
+    elif (values[np.isfinite(values)] > 1.0).any():
+        values /= 255.0
+    with np.errstate(all="ignore"):  # invalid colours are left out later, with a warning
+        rgb, alpha = values[:, :3], np.clip(values[:, 3:], 0.0, 1.0)
+        rgb = rgb if linear else linear_from_srgb(rgb)
+        return np.column_stack([rgb, alpha]) if (alpha < 1.0).any() and (linear or alpha.any()) else rgb
+
+
+def reflectance(path: str | Path, name: str, image: Any, factor: Any) -> ColorSource | None:
+    """Return a linear factor times an sRGB image, or whichever of the two there is.
+
+    Args:
+        path: the file, for messages.
+        name: of the texture.
+        image: a PIL image or None; one that cannot be decoded is left out with a warning.
+        factor: one or three numbers, or None.
+    """
+    constant = None
+    values = np.ravel(np.asarray(() if factor is None else factor, np.float64))[:3]
+    if len(values) in (1, 3) and np.isfinite(values).all():
+        r, g, b = (float(x) for x in np.clip(np.broadcast_to(values, 3), 0.0, 1.0))
+        constant = (r, g, b)
+    if image is None:
+        return constant
+    pixels = TextureImages(path).pixels(0, "color", f"texture {name}", lambda: image)
+    if pixels is None:
+        return constant
+    # Many exporters write Kd 0 0 0 beside an image, which would make it black.
+    return ImageTexture(pixels, name, factor=constant if constant is not None and any(constant) else 1.0)
+
+
+def is_stand_in(image: Any) -> bool:
+    """Whether an image is the grey patch that trimesh creates for coordinates without an image."""
+    from trimesh.visual.material import color_image
+
+    return image is not None and image.format is None and np.array_equal(np.asarray(image), np.asarray(color_image()))

@@ -1,0 +1,258 @@
+"""Read Mitsuba's sensors with their films, filters and samplers, and its integrators."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from wrt.errors import InputError
+from wrt.io.mitsuba.plugin import Plugin, positive
+from wrt.io.mitsuba.transforms import rotation_part
+from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.scene import RenderSettings, Scene
+
+UNLIMITED = 65536
+"""Path depth where Mitsuba sets no limit."""
+
+_MOST_SCATTERINGS = 65535
+"""Highest limit of scattering events that settings may have."""
+
+_SAMPLERS = {
+    "independent": "independent",
+    "stratified": "stratified",
+    "multijitter": "stratified",
+    "orthogonal": "stratified",
+    "ldsampler": "sobol",
+}
+_FILTERS = {
+    "box": "box",
+    "tent": "tent",
+    "gaussian": "gaussian",
+    "mitchell": "blackman-harris",
+    "catmullrom": "blackman-harris",
+    "lanczos": "blackman-harris",
+}
+_PATHS = ("path", "volpath", "volpathmis")
+_LAYERS = {
+    "albedo": "albedo",
+    "depth": "depth",
+    "position": "position",
+    "uv": "uv",
+    "geo_normal": "geometric_normal",
+    "sh_normal": "normal",
+    "shape_index": "object",
+}
+"""wrt's layers by their names in the integrator `aov`."""
+
+
+def settings_of(sensor: Plugin | None, integrator: Plugin | None) -> RenderSettings:
+    """Return the render settings that a sensor and an integrator ask for."""
+    values: dict[str, Any] = {"max_depth": UNLIMITED}
+    film = None if sensor is None else sensor.only("film")
+    values |= _film(film)
+    values |= _sampler(None if sensor is None else sensor.only("sampler"))
+    if integrator is not None:
+        values |= _integrator(integrator)
+    return RenderSettings(**values)
+
+
+def _film(film: Plugin | None) -> dict[str, Any]:
+    if film is None:
+        return {"width": 768, "height": 576, "filter": "gaussian"}
+    width, height = film.whole("width", 768), film.whole("height", 576)
+    values: dict[str, Any] = {"width": width, "height": height, "filter": _filter(film.only("rfilter"))}
+    names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
+    if any(film.has(name) for name in names):
+        x, y, across, down = (film.whole(n, d) for n, d in zip(names, (0, 0, width, height), strict=True))
+        values["crop"] = (x, y, x + across, y + down)
+    film.ignore("file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner")
+    film.ignore("high_quality_edges", "gamma", "tonemap_method", "exposure", "key", "burn", "filename")
+    film.finish()
+    try:
+        RenderSettings(**values)
+    except InputError as error:
+        raise film.error(str(error)) from None
+    return values
+
+
+def _filter(plugin: Plugin | None) -> str:
+    if plugin is None:
+        return "gaussian"
+    name = _FILTERS.get(plugin.type)
+    if name is None or name != plugin.type:
+        name = name or "gaussian"
+        plugin.warn(f"{name!r} stands in for this filter")
+        plugin.ignore("radius", "lobes", "A", "B", "a", "b")
+    elif (plugin.type == "gaussian" and plugin.number("stddev", 0.5) != 0.5) or (
+        plugin.type == "tent" and plugin.number("radius", 1.0) != 1.0
+    ):
+        plugin.warn("the width of a filter is left out: 'gaussian' has a stddev of 0.5, 'tent' a radius of 1")
+    elif plugin.type == "box":
+        plugin.ignore("radius")
+    plugin.finish()
+    return name
+
+
+def _sampler(plugin: Plugin | None) -> dict[str, Any]:
+    if plugin is None:
+        return {"spp": 4, "sampler": "independent"}
+    name = _SAMPLERS.get(plugin.type)
+    if name is None:
+        plugin.warn("'independent' stands in for this sampler")
+    plugin.ignore("seed", "jitter", "scramble", "strength", "dimension")
+    spp = plugin.whole("sample_count", 4)
+    plugin.finish()
+    if spp < 1:
+        raise plugin.error(f"'sample_count' must be at least 1, not {spp}")
+    return {"spp": spp, "sampler": name or "independent"}
+
+
+def _integrator(plugin: Plugin) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    if plugin.type == "depth":
+        values |= {"integrator": "aov", "layers": ("depth",)}
+    elif plugin.type == "direct":
+        plugin.ignore("shading_samples", "emitter_samples", "bsdf_samples")
+        values["integrator"] = "direct"
+    elif plugin.type in ("aov", "moment", "stokes"):
+        if plugin.type == "stokes":
+            plugin.warn("polarisation is not simulated: without Stokes vectors")
+        inner = list(plugin.of_kind("integrator"))
+        values |= _integrator(inner[0]) if inner else {"integrator": "aov"}
+        if plugin.type == "aov":
+            values["layers"] = _layers(plugin)
+    else:
+        if plugin.type not in _PATHS:
+            plugin.warn("'path' stands in for this integrator")
+            plugin.ignore_all()
+        depth = plugin.whole("max_depth", -1)
+        if depth == 0:
+            plugin.warn("a 'max_depth' of 0, a black picture, is taken as 1")
+        values["max_depth"] = UNLIMITED if depth < 0 else max(depth, 1)
+        if plugin.type in ("volpath", "volpathmis") and depth > 0:
+            # Mitsuba counts scattering too: a path of so many segments scatters once less, or at surfaces as well.
+            values["max_scatterings"] = min(depth - 1, _MOST_SCATTERINGS)
+    if plugin.boolean("hide_emitters", False):
+        values["transparent"] = True
+    # Russian roulette changes no expected value, so its depth does not matter.
+    plugin.ignore("rr_depth", "samples_per_pass", "block_size", "timeout", "use_spectral_mis")
+    plugin.finish()
+    return values
+
+
+def _layers(plugin: Plugin) -> tuple[str, ...]:
+    found = []
+    for word in plugin.text("aovs", "").replace(",", " ").split():
+        kind = word.rpartition(":")[2]
+        if kind in _LAYERS:
+            found.append(_LAYERS[kind])
+        else:
+            plugin.warn(f"the layer {kind!r} is not known; left out")
+    return tuple(dict.fromkeys(found))
+
+
+def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
+    """Return a sensor as a camera, or None if its type is not supported.
+
+    Raises:
+        InputError: naming file and line, when a value in it cannot be used.
+    """
+    if plugin.type not in ("perspective", "thinlens", "orthographic"):
+        plugin.warn("this kind of sensor is not known; the camera is placed to show the whole scene")
+        plugin.ignore_all()
+        return None
+    matrix = plugin.transform()
+    axes, stretch, plain = rotation_part(matrix)
+    if not plain or not math.isclose(abs(stretch[0]), stretch[1], rel_tol=1e-4):
+        plugin.warn("'to_world' has shear, or scales x and y differently; left out")
+    if stretch[0] < 0.0:
+        plugin.warn("'to_world' mirrors; the picture is not mirrored here")
+    origin, forward, up = matrix[:3, 3], axes[:, 2], axes[:, 1]
+    place: dict[str, Any] = {
+        "origin": tuple(origin.tolist()),
+        "target": tuple((origin + forward).tolist()),
+        "up": tuple(up.tolist()),
+        "shutter_open": plugin.number("shutter_open", 0.0),
+        "shutter_close": plugin.number("shutter_close", 0.0),
+    }
+    try:
+        camera = _camera(plugin, place, stretch, settings)
+    except InputError as error:
+        raise plugin.placed(error) from None
+    plugin.ignore("near_clip", "far_clip", "srf")
+    plugin.finish()
+    return camera
+
+
+def _camera(plugin: Plugin, place: dict[str, Any], stretch: np.ndarray, settings: RenderSettings) -> Camera:
+    aspect = settings.width / settings.height
+    if plugin.type == "orthographic":
+        # Before `to_world`, the picture is 2 wide.
+        return OrthographicCamera(**place, view_height=2.0 * float(stretch[1]) / aspect)
+    slope = math.tan(0.5 * math.radians(_vertical_degrees(plugin, aspect))) * float(stretch[1] / stretch[2])
+    lens: dict[str, Any] = {"fov_degrees": 2.0 * math.degrees(math.atan(slope))}
+    if plugin.type == "thinlens":
+        lens["aperture_radius"] = positive(plugin, "aperture_radius", 0.1) * float(stretch[1])
+        far = plugin.number("far_clip", 1e4)
+        lens["focus_distance"] = positive(plugin, "focus_distance", far) * float(stretch[2])
+    else:
+        plugin.ignore("focus_distance", "aperture_radius")
+        lens["shift_x"] = plugin.number("principal_point_offset_x", 0.0) * aspect
+        lens["shift_y"] = -plugin.number("principal_point_offset_y", 0.0)
+    return PerspectiveCamera(**place, **lens)
+
+
+def _vertical_degrees(plugin: Plugin, aspect: float) -> float:
+    """Return the vertical field of view of the whole film, converted from the axis that `fov_axis` names."""
+    if plugin.has("focal_length") and not plugin.has("fov"):
+        text = plugin.text("focal_length", "50mm").lower().removesuffix("mm")
+        try:
+            length = float(text)
+        except ValueError:
+            length = 0.0
+        if length <= 0.0:
+            raise plugin.error(f"'focal_length' must be millimetres such as 50mm, not {text!r}")
+        # The focal length is for 35 mm film, 36 mm by 24 mm.
+        degrees, axis = 2.0 * math.degrees(math.atan(0.5 * math.hypot(36.0, 24.0) / length)), "diagonal"
+    else:
+        degrees = plugin.number("fov", 2.0 * math.degrees(math.atan(0.5 * math.hypot(36.0, 24.0) / 50.0)))
+        axis = plugin.choice("fov_axis", "x", "x", "y", "diagonal", "smaller", "larger")
+    plugin.ignore("fov_axis")
+    if not 0.0 < degrees < 180.0:
+        raise plugin.error(f"'fov' must be above 0 and below 180 degrees, not {degrees:g}")
+    slope = math.tan(0.5 * math.radians(degrees))
+    if axis == "diagonal":
+        slope /= math.hypot(aspect, 1.0)
+    elif axis == "x" or (axis == "smaller" and aspect < 1.0) or (axis == "larger" and aspect > 1.0):
+        slope /= aspect
+    return 2.0 * math.degrees(math.atan(slope))
+
+
+def warn_of_clipping(plugin: Plugin, scene: Scene) -> None:
+    """Warn if Mitsuba's near or far plane would clip something that is visible in the picture."""
+    camera = scene.camera
+    if not isinstance(camera, (PerspectiveCamera, OrthographicCamera)):
+        return
+    _, stretch, _ = rotation_part(plugin.transform())
+    near, far = (plugin.number(n, d) * float(stretch[2]) for n, d in (("near_clip", 1e-2), ("far_clip", 1e4)))
+    right, up, forward = camera.frame()
+    aspect = scene.settings.width / scene.settings.height
+    for shape in scene.shapes:
+        place = np.eye(4) if shape.transform is None else shape.transform_at(0.0)
+        points = shape.mesh.vertices @ place[:3, :3].T + place[:3, 3] - np.array(camera.origin)
+        depth, x, y = points @ forward, points @ right, points @ up
+        if isinstance(camera, OrthographicCamera):
+            half = np.full(len(depth), 0.5 * camera.view_height)
+        else:
+            slope = math.tan(0.5 * math.radians(camera.fov_degrees))
+            half = slope * depth
+            x, y = x - 2.0 * slope * camera.shift_x * depth, y - 2.0 * slope * camera.shift_y * depth
+        seen = (depth > 0.0) & (np.abs(x) <= aspect * half) & (np.abs(y) <= half)
+        if (seen & ((depth < near) | (depth > far))).any():
+            plugin.warn("'near_clip' and 'far_clip' are left out; they would clip something in the picture")
+            return
+
+
+__all__ = ["camera_of", "settings_of", "warn_of_clipping"]

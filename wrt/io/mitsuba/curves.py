@@ -1,0 +1,239 @@
+"""Tessellate Mitsuba's curves, `bsplinecurve` and `linearcurve`, as tubes.
+
+Texture coordinates are Mitsuba's: u is the fraction of a turn about the curve, v the fraction of all segments of the
+file.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.mitsuba.surfaces import Detail, sphere
+from wrt.io.safe_read import read_file
+from wrt.scene.mesh import Mesh, merge
+
+Array = NDArray[np.float64]
+
+CURVES = ("bsplinecurve", "linearcurve")
+
+LEAST_AROUND, MOST_AROUND = 8, 96
+"""Sides of a tube."""
+
+MOST_ALONG = 64
+"""Rings of one segment of a spline."""
+
+_BYTES_PER_VERTEX = 80
+"""Of a tube: a position, a normal, texture coordinates, and two triangles."""
+
+
+def read_curves(plugin: Plugin, detail: Detail) -> tuple[Mesh, bool]:
+    """Return the tubes of a plugin in world space, and whether any has an open end, through which its inside is seen.
+
+    Raises:
+        InputError: when the file cannot be read.
+    """
+    path = plugin.file()
+    matrix = plugin.transform()
+    try:
+        curves = _control_points(path, 4 if plugin.type == "bsplinecurve" else 2)
+        for each in curves:  # radii stay as they are
+            each[:, :3] = each[:, :3] @ matrix[:3, :3].T + matrix[:3, 3]
+        step = 3 if plugin.type == "bsplinecurve" else 1
+        total = sum(len(each) - step for each in curves)
+        pieces, first = [], 0
+        for each in curves:
+            if plugin.type == "bsplinecurve":
+                pieces.append(_spline(each, first, total, detail))
+            else:
+                pieces += _chain(each, first, total, detail)
+            first += len(each) - step
+    except InputError as error:
+        raise plugin.error(str(error)) from None
+    ends = np.array([_ends(each) for each in curves]) if plugin.type == "bsplinecurve" else np.zeros(1)
+    return merge(pieces, path.name), bool((ends > 0.0).any())
+
+
+def _control_points(path: Path, least: int) -> list[Array]:
+    """Return the (N, 4) places and radii of each curve; empty lines part them."""
+    curves: list[list[list[float]]] = [[]]
+    for number, line in enumerate(read_file(path).decode("utf-8", "replace").splitlines(), 1):
+        words = line.split()
+        if not words:
+            if curves[-1]:
+                curves.append([])
+            continue
+        try:
+            values = [float(word) for word in words[:4]]
+        except ValueError:
+            values = []
+        if len(values) != 4 or not all(map(math.isfinite, values)) or values[3] < 0.0:
+            raise InputError(f"{path}: line {number}: a point of a curve is three coordinates and a radius from 0")
+        curves[-1].append(values)
+    found = [np.array(curve) for curve in curves if curve]
+    if not found:
+        raise InputError(f"{path}: it has no points of curves")
+    for curve in found:
+        if len(curve) < least:
+            raise InputError(f"{path}: a curve has {len(curve)} points; it needs {least} at least")
+    return found
+
+
+def _ends(points: Array) -> tuple[float, float]:
+    """Return the radii of the two ends of a spline."""
+    weights = np.array([1.0, 4.0, 1.0]) / 6.0
+    return float(weights @ points[:3, 3]), float(weights @ points[-3:, 3])
+
+
+def _around(points: Array, detail: Detail) -> tuple[int, float]:
+    """Return how many sides a tube needs, and by how much it may be off, in metres."""
+    radius = max(float(points[:, 3].max()), 1e-12)
+    tolerance = min(detail.tolerance(point, radius) for point in points[:: max(1, len(points) // 8), :3])
+    share = min(max(0.5 * tolerance / radius, 1e-9), 1.0)
+    wanted = math.ceil(math.pi / math.acos(1.0 - share)) if share < 1.0 else LEAST_AROUND
+    return min(max(wanted, LEAST_AROUND), MOST_AROUND), tolerance
+
+
+def _spline(points: Array, first: int, total: int, detail: Detail) -> Mesh:
+    """Return a uniform cubic B-spline as an open tube (de Boor 1978)."""
+    sides, tolerance = _around(points, detail)
+    segments = len(points) - 3
+    bend = np.linalg.norm(points[2:, :3] - 2.0 * points[1:-1, :3] + points[:-2, :3], axis=1).max()
+    size = max(float(points[:, 3].max()), 1e-12)
+    # A chord of a parabola with second derivative b is off by b h² / 8; the outside of a bend by more.
+    along = math.ceil(math.sqrt(bend / (4.0 * tolerance) * (1.0 + size / max(tolerance * sides, 1e-12) * 0.1)))
+    along = min(max(along, 4), MOST_ALONG)
+    _take(segments * along * sides)
+    place = np.arange(segments * along + 1) / along
+    index = np.minimum(place.astype(np.int64), segments - 1)
+    t = (place - index)[:, None]
+    a, b, c, d = (points[index + k] for k in range(4))
+    value = ((1 - t) ** 3 * a + (3 * t**3 - 6 * t**2 + 4) * b + (-3 * t**3 + 3 * t**2 + 3 * t + 1) * c + t**3 * d) / 6.0
+    slope = (-((1 - t) ** 2) * a + (3 * t**2 - 4 * t) * b + (-3 * t**2 + 2 * t + 1) * c + t**2 * d) / 2.0
+    second = (1 - t) * a + (3 * t - 2) * b + (1 - 3 * t) * c + t * d
+    return _tube(value, slope, second, (first + place) / total, sides)
+
+
+def _tube(value: Array, slope: Array, second: Array, v: Array, sides: int) -> Mesh:
+    """Return a tube around points with radii, given their first and second derivatives."""
+    length = np.linalg.norm(slope[:, :3], axis=1)
+    tangent = slope[:, :3] / np.maximum(length, 1e-30)[:, None]
+    still = length < 1e-20  # repeated control points
+    if still.any():
+        good = np.flatnonzero(~still)
+        fill = (
+            np.array([0.0, 0.0, 1.0])
+            if not len(good)
+            else tangent[good[np.abs(np.arange(len(v))[:, None] - good).argmin(1)]]
+        )
+        tangent = np.where(still[:, None], fill, tangent)
+    x, y = _frames(tangent)
+    theirs_x, theirs_y = _mitsuba_frames(tangent)
+    # The geometry follows frames that do not twist; u is measured in Mitsuba's, which can.
+    shift = np.unwrap(np.arctan2((x * theirs_y).sum(1), (x * theirs_x).sum(1)))
+    turn = np.arange(sides + 1) / sides
+    angle = 2.0 * math.pi * (np.arange(sides + 1) % sides) / sides
+    out = np.cos(angle)[None, :, None] * x[:, None] + np.sin(angle)[None, :, None] * y[:, None]
+    radius = value[:, None, 3:]
+    points = value[:, None, :3] + radius * out
+    stretch = (length**2)[:, None, None] - radius * (out * second[:, None, :3]).sum(2, keepdims=True)
+    normals = np.maximum(stretch, 1e-30) * out - slope[:, None, 3:] * slope[:, None, :3]
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
+    u = turn[None, :] + (shift / (2.0 * math.pi))[:, None]
+    uvs = np.stack([u, np.broadcast_to(v[:, None], u.shape)], axis=-1)
+    return Mesh(points.reshape(-1, 3), _faces(len(v), sides), normals.reshape(-1, 3), uvs.reshape(-1, 2), name="curve")
+
+
+def _faces(rings: int, sides: int) -> NDArray[np.int64]:
+    """Return the triangles of a tube, outwards where the rings turn counter-clockwise about the direction they go."""
+    row, column = np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij")
+    a = (row * (sides + 1) + column).reshape(-1)
+    b, c, d = a + 1, a + sides + 1, a + sides + 2
+    return np.concatenate([np.stack([a, b, d], -1), np.stack([a, d, c], -1)])
+
+
+def _mitsuba_frames(tangent: Array) -> tuple[Array, Array]:
+    """Return Mitsuba's directions of u = 0 and u = 1/4: perpendicular to the curve and nearest to z."""
+    up = np.array([0.0, 0.0, 1.0]) - tangent * tangent[:, 2:]
+    size = np.linalg.norm(up, axis=1, keepdims=True)
+    up = np.where(size < 1e-9, np.array([0.0, 1.0, 0.0]), up / np.maximum(size, 1e-30))
+    return np.cross(up, tangent), up
+
+
+def _frames(tangent: Array) -> tuple[Array, Array]:
+    """Return directions perpendicular to the curve that do not twist about it (Wang et al. 2008, double reflection)."""
+    x = np.empty_like(tangent)
+    start, up = _mitsuba_frames(tangent[:1])
+    x[0] = start[0]
+    # Right-handed about the tangent, in the sense of _faces.
+    side = 1.0 if np.cross(start[0], up[0]) @ tangent[0] > 0.0 else -1.0
+    for i in range(len(tangent) - 1):
+        between = tangent[i + 1] - tangent[i]
+        weight = between @ between
+        moved = x[i]
+        if weight > 1e-24:
+            # A rotation from one tangent to the next about their common normal.
+            cosine = float(np.clip(tangent[i] @ tangent[i + 1], -1.0, 1.0))
+            axis = np.cross(tangent[i], tangent[i + 1])
+            if 1.0 + cosine > 1e-9:
+                moved = x[i] * cosine + np.cross(axis, x[i]) + axis * (axis @ x[i]) / (1.0 + cosine)
+        moved = moved - tangent[i + 1] * (tangent[i + 1] @ moved)
+        x[i + 1] = moved / max(float(np.linalg.norm(moved)), 1e-30)
+    return x, side * np.cross(tangent, x)
+
+
+def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
+    """Return straight segments: cones that touch a ball at each of their points, and those balls."""
+    sides, _ = _around(points, detail)
+    _take(len(points) * sides * (sides // 2 + 3))
+    balls = 4 * math.ceil(sides / 4)
+    pieces = []
+    for i, (x, y, z, radius) in enumerate(points):
+        if radius > 0.0:
+            matrix = np.diag([radius, radius, radius, 1.0])
+            matrix[:3, 3] = x, y, z
+            ball = sphere(balls).transformed(matrix)
+            v = np.full((len(ball.vertices), 1), (first + i) / total, np.float32)
+            assert ball.uvs is not None
+            pieces.append(Mesh(ball.vertices, ball.faces, ball.normals, np.hstack([ball.uvs[:, :1], v]), name="curve"))
+        if i + 1 < len(points):
+            pieces += _cone(points[i], points[i + 1], np.array([first + i, first + i + 1]) / total, sides)
+    return pieces
+
+
+def _cone(start: Array, end: Array, v: Array, sides: int) -> list[Mesh]:
+    """Return the cone that touches two balls, or nothing where one ball holds the other."""
+    along = end[:3] - start[:3]
+    length = float(np.linalg.norm(along))
+    if length <= abs(start[3] - end[3]) or max(start[3], end[3]) == 0.0:
+        return []
+    axis = along / length
+    lean = (start[3] - end[3]) / length
+    x, y = (each[0] for each in _mitsuba_frames(axis[None]))
+    if np.cross(x, y) @ axis < 0.0:
+        raise AssertionError("frames of curves are right-handed")
+    angle = 2.0 * math.pi * (np.arange(sides + 1) % sides) / sides
+    out = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y
+    normals = math.sqrt(1.0 - lean * lean) * out + lean * axis
+    points = np.concatenate([start[:3] + start[3] * normals, end[:3] + end[3] * normals])
+    u = np.arange(sides + 1) / sides
+    uvs = np.stack([np.tile(u, 2), np.repeat(v, sides + 1)], axis=-1)
+    faces = _faces(2, sides)
+    # A point has no ring: its triangles have no area.
+    solid = np.ones(len(faces), bool)
+    if start[3] == 0.0:
+        solid[:sides] = False
+    if end[3] == 0.0:
+        solid[sides:] = False
+    return [Mesh(points, faces[solid], np.tile(normals, (2, 1)), uvs, name="curve")]
+
+
+def _take(vertices: int) -> None:
+    """Raise InputError where so many vertices would take too much memory."""
+    memory_limits.require(memory_limits.MADE, vertices * _BYTES_PER_VERTEX)

@@ -1,0 +1,299 @@
+"""Parse Mitsuba's XML: elements with their lines, parameters, included files, and objects by id.
+
+expat reads it without a document type, so that no entity can be declared or fetched.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from wrt.errors import InputError, did_you_mean, warn
+from wrt.io import memory_limits
+from wrt.io.safe_read import first_line, read_file, require_file, require_inside
+
+MOST_INCLUDES = 1000
+"""Files that a scene may include; each inclusion counts."""
+
+BYTES_PER_ELEMENT = 300
+"""Memory of an element with one or two attributes."""
+
+_COUNTED = 1000
+"""Elements are counted in batches of this many."""
+
+LONGEST_VALUE = 2**16
+"""Most characters of an attribute value after substitution of parameters; enough for a long list."""
+
+MOST_LEVELS = 64
+"""Deepest nesting of elements."""
+
+_PARAMETER = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
+_CAPITAL = re.compile(r"(?<=[a-z0-9])([A-Z])")
+
+
+@dataclass(eq=False)
+class Element:
+    """An XML element, its children, and its position."""
+
+    tag: str
+    attributes: dict[str, str]
+    file: Path
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The name of the property that it sets, or an empty string."""
+        return self.attributes.get("name", "")
+
+    @property
+    def label(self) -> str:
+        """The name of the element in messages."""
+        words = [self.tag, *(repr(self.attributes[key]) for key in ("type", "name") if self.attributes.get(key))]
+        return " ".join(words)
+
+    def error(self, text: str) -> InputError:
+        """Return an error that names the file and the line."""
+        return InputError(f"{self.file}: line {self.line}: {text}")
+
+    def get(self, key: str) -> str:
+        """Return an attribute.
+
+        Raises:
+            InputError: when it is missing.
+        """
+        if key not in self.attributes:
+            raise self.error(f"{self.label} has no attribute {key!r}")
+        return self.attributes[key]
+
+
+class Document:
+    """A scene file and the files that it includes, with parameters substituted.
+
+    Attributes:
+        path: the scene file.
+        root: its `scene` element, with each `include` replaced by the content of the file.
+        ids: elements by id or alias.
+        referenced: elements that a `ref` refers to.
+        plugins: elements already parsed (wrt.io.mitsuba.plugin), by the elements' identity.
+    """
+
+    def __init__(self, path: Path, parameters: Mapping[str, Any]) -> None:
+        """Read a scene file.
+
+        Args:
+            path: the file.
+            parameters: values of `$name`, which override the defaults in the file.
+
+        Raises:
+            InputError: naming file and line, when it is not XML or not a Mitsuba scene.
+        """
+        self.path = path
+        self.ids: dict[str, Element] = {}
+        self.plugins: dict[int, Any] = {}
+        self.referenced: set[Element] = set()
+        self._parameters = {str(name): str(value) for name, value in parameters.items()}
+        self._given = set(self._parameters)
+        self._used: set[str] = set()
+        self._folders = [path.parent]
+        self._included = 0
+        self._warned: set[str] = set()
+        self.root = self._read(path, ())
+        if self.root.tag != "scene":
+            raise self.root.error(f"not a Mitsuba scene: its outermost element is {self.root.tag!r}, not 'scene'")
+        for name in sorted(self._given - self._used):
+            hint = did_you_mean(name, self._parameters.keys() - self._given)
+            raise InputError(f"{path}: the parameter {name!r} is not in the scene{hint}")
+
+    def warn(self, where: Element, text: str) -> None:
+        """Warn once of something that is left out."""
+        message = f"{where.file}: line {where.line}: {text}"
+        if message not in self._warned:
+            self._warned.add(message)
+            warn(message)
+
+    def find(self, element: Element) -> Element:
+        """Return the element that a `ref` refers to.
+
+        Raises:
+            InputError: when no element has that id.
+        """
+        name = element.get("id")
+        if name not in self.ids:
+            raise element.error(f"no object has the id {name!r}{did_you_mean(name, self.ids)}")
+        self.referenced.add(self.ids[name])
+        return self.ids[name]
+
+    def file(self, where: Element, name: str) -> Path:
+        """Return the path of a file that the scene names.
+
+        The folders searched are that of the scene, those of its `path` elements, and that of the file naming it.
+
+        Raises:
+            InputError: when it does not exist or may not be read.
+        """
+        plain = name.strip().replace("\\", "/")
+        candidates = [folder / plain for folder in (*self._folders, where.file.parent)]
+        found = next((each for each in candidates if each.is_file()), candidates[0])
+        try:
+            require_file(found)
+        except InputError as error:
+            raise where.error(str(error)) from None
+        return found
+
+    def _read(self, path: Path, opened: tuple[Path, ...]) -> Element:
+        """Return the root element of a file; `opened` are the files that include it, directly or not."""
+        root = parse(path)
+        old = _major_version(root) < 2
+        self._expand(root, (*opened, _real(path)), old, 0)
+        return root
+
+    def _expand(self, element: Element, opened: tuple[Path, ...], old: bool, level: int) -> None:
+        """Substitute parameters, insert included files and record ids, outermost first and in the order of the file."""
+        if level > MOST_LEVELS:
+            raise element.error(f"elements are nested more than {MOST_LEVELS} deep")
+        for key, value in element.attributes.items():
+            element.attributes[key] = self._substituted(element, value)
+        if old:
+            element.tag = element.tag.lower()
+            if "name" in element.attributes:
+                element.attributes["name"] = _CAPITAL.sub(lambda match: f"_{match[1]}", element.name).lower()
+        if "id" in element.attributes and element.tag not in ("ref", "alias"):
+            self._note(element, element.attributes["id"], element)
+        kept: list[Element] = []
+        for child in element.children:
+            if child.tag == "default":
+                self._set_default(child)
+                continue
+            self._expand(child, opened, old, level + 1)
+            if child.tag == "include":
+                kept += self._include(child, opened)
+            elif child.tag == "alias":
+                self._note(child, child.get("as"), self.find(child))
+            elif child.tag == "path":
+                self._add_folder(child)
+            else:
+                kept.append(child)
+        element.children = kept
+
+    def _substituted(self, element: Element, text: str) -> str:
+        def value(match: re.Match[str]) -> str:
+            name = match[1] or match[2]
+            if name not in self._parameters:
+                hint = did_you_mean(name, self._parameters)
+                raise element.error(f"the parameter ${name} has no value{hint}; give one by -D {name}=VALUE")
+            self._used.add(name)
+            found = self._parameters[name]
+            length[0] += len(found)
+            if length[0] > LONGEST_VALUE:
+                raise element.error(f"with its parameters, a value is longer than {LONGEST_VALUE} characters")
+            return found
+
+        length = [0]
+        result = _PARAMETER.sub(value, text)
+        if length[0]:
+            _grow(element, len(result))
+        return result
+
+    def _set_default(self, element: Element) -> None:
+        name = element.get("name")
+        self._parameters.setdefault(name, self._substituted(element, element.get("value")))
+        self._used.add(name)
+
+    def _note(self, where: Element, name: str, element: Element) -> None:
+        other = self.ids.setdefault(name, element)
+        if other is not element:
+            raise where.error(f"the id {name!r} is used twice, first at line {other.line} of {other.file}")
+
+    def _include(self, element: Element, opened: tuple[Path, ...]) -> list[Element]:
+        """Return the elements of an included file."""
+        path = self.file(element, element.get("filename"))
+        if _real(path) in opened:
+            raise element.error(f"{element.get('filename')!r} includes itself")
+        self._included += 1
+        if self._included > MOST_INCLUDES:
+            raise element.error(f"more than {MOST_INCLUDES} files are included")
+        root = self._read(path, opened)
+        return root.children if root.tag == "scene" else [root]
+
+    def _add_folder(self, element: Element) -> None:
+        folder = self._folders[0] / element.get("value")
+        require_inside(folder)
+        if not folder.is_dir():
+            raise element.error(f"{element.get('value')!r} is not a folder")
+        self._folders.append(folder)
+
+
+def parse(path: Path) -> Element:
+    """Return the root element of an XML file.
+
+    Raises:
+        InputError: when it is not well-formed XML, or has a document type.
+    """
+    data = read_file(path)
+    parser = expat.ParserCreate()
+    open_elements: list[Element] = []
+    roots: list[Element] = []
+    made = [0]
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, path, parser.CurrentLineNumber)
+        made[0] += 1
+        if made[0] % _COUNTED == 0:
+            _grow(element, _COUNTED * BYTES_PER_ELEMENT)
+        (open_elements[-1].children if open_elements else roots).append(element)
+        open_elements.append(element)
+
+    def end(_: str) -> None:
+        open_elements.pop()
+
+    def text(data: str) -> None:
+        if data.strip():
+            shown = " ".join(data.split())[:40]
+            raise InputError(f"{path}: line {parser.CurrentLineNumber}: text outside of elements: {shown!r}")
+
+    def refuse(*_: Any) -> None:
+        raise InputError(
+            f"{path}: line {parser.CurrentLineNumber}: document types and entities are not supported; remove <!DOCTYPE"
+        )
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.ExternalEntityRefHandler = refuse  # type: ignore[assignment]
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise InputError(f"{path}: line {error.lineno}: not well-formed XML: {reason}") from None
+    except (OSError, ValueError, LookupError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    _grow(roots[0], made[0] % _COUNTED * BYTES_PER_ELEMENT)
+    return roots[0]
+
+
+def _grow(where: Element, size: int) -> None:
+    """Count the memory of elements and their texts, or raise InputError when it exceeds the limit."""
+    try:
+        memory_limits.take(memory_limits.TEXT, size)
+    except InputError as error:
+        raise where.error(str(error)) from None
+
+
+def _real(path: Path) -> Path:
+    """Return a path with links resolved as far as possible (`Path.resolve` would fail on circular links)."""
+    return Path(os.path.realpath(path))
+
+
+def _major_version(root: Element) -> int:
+    """Return the major version of a scene, by default 3."""
+    text = root.attributes.get("version", "3").split(".")[0]
+    if not text.isdigit():
+        raise root.error(f"version must be a number such as 3.0.0, not {root.attributes['version']!r}")
+    return int(text)

@@ -1,0 +1,1 @@
+"""Read Mitsuba's BSDFs and textures as wrt's materials."""

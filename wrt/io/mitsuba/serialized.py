@@ -1,0 +1,209 @@
+"""Read Mitsuba's binary meshes, `.serialized`.
+
+Several meshes stand in one file, each a header of four bytes and a zlib stream; a table of their offsets ends the file.
+Format: Jakob 2014, "Mitsuba documentation", version 0.5, section 8.1.6, for versions 3 and 4; the documentation of the
+plugin `serialized` of Mitsuba 3.9 (`src/shapes/serialized.cpp`) for version 5.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.mesh.parts import Part, checked_faces
+
+MAGIC = 0x041C
+VERSIONS = (3, 4, 5)
+
+_NORMALS, _UVS, _COLORS, _FACE_NORMALS, _DOUBLE = 0x1, 0x2, 0x8, 0x10, 0x2000
+"""Flags of versions 3 and 4; _FACE_NORMALS also of version 5."""
+
+_PACKED_NORMALS, _PACKED_TANGENTS, _PACKED_UVS = 0x1, 0x2, 0x4
+"""Flags of version 5, which has eight numbers for each vertex whatever they mean."""
+
+_LONGEST_NAME = 4096
+_MOST_ATTRIBUTES = 256
+_AT_ONCE = 2**16
+_DEFLATED = 1032
+"""Most bytes that deflate can make of one byte."""
+
+
+@dataclass
+class SerializedMesh:
+    """A mesh of a file.
+
+    Attributes:
+        part: its triangles; colours are linear.
+        face_normals: whether it is flat, though it may have normals.
+        attributes: arrays of "vertex_NAME" and "face_NAME", with a row for each vertex or face.
+    """
+
+    part: Part
+    face_normals: bool = False
+    attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+def read_serialized(path: Path, data: bytes, index: int = 0) -> SerializedMesh:
+    """Return one mesh of a file.
+
+    Args:
+        path: the file, for messages.
+        data: its content.
+        index: which mesh, from 0.
+
+    Raises:
+        InputError: when there is no such mesh, or it is damaged or truncated.
+    """
+    if len(data) < 8 or struct.unpack_from("<H", data)[0] != MAGIC:
+        raise InputError(f"{path}: not a serialized mesh of Mitsuba: it does not begin with 1C 04")
+    start = _offset(path, data, index)
+    if start < 0 or start + 4 > len(data) or struct.unpack_from("<H", data, start)[0] != MAGIC:
+        raise InputError(f"{path}: its table says that mesh {index} begins at byte {start}, where there is none")
+    version = struct.unpack_from("<H", data, start + 2)[0]
+    if version not in VERSIONS:
+        raise InputError(f"{path}: version {version} of serialized meshes is not known; {_known()} are")
+    stream = _Stream(path, data, start + 4)
+    mesh = _packed(path, stream) if version == 5 else _plain(path, stream, version)
+    checked_faces(path, mesh.part.faces, len(mesh.part.vertices))
+    return mesh
+
+
+def _known() -> str:
+    return f"{', '.join(map(str, VERSIONS[:-1]))} and {VERSIONS[-1]}"
+
+
+def _offset(path: Path, data: bytes, index: int) -> int:
+    """Return where a mesh begins. The first needs no table, so that it can be read from a file without one."""
+    if index == 0:
+        return 0
+    version = struct.unpack_from("<H", data, 2)[0]
+    count = struct.unpack_from("<I", data, len(data) - 4)[0]
+    size, kind = (4, "<I") if version == 3 else (8, "<Q")
+    table = len(data) - 4 - size * count
+    if table < 4:
+        raise InputError(f"{path}: the table at its end has {count} meshes, more than the file can hold; it is damaged")
+    if not 0 <= index < count:
+        raise InputError(f"{path}: 'shape_index' is {index}, but its meshes are numbered from 0 to {count - 1}")
+    return int(struct.unpack_from(kind, data, table + size * index)[0])
+
+
+class _Stream:
+    """A zlib stream within a file, decompressed only as far as it is read."""
+
+    def __init__(self, path: Path, data: bytes, start: int) -> None:
+        self._path, self._inflate = path, zlib.decompressobj()
+        self._data, self._place = memoryview(data), start
+        self._held = b""
+
+    def require(self, size: int) -> None:
+        """Raise InputError if a mesh of `size` bytes cannot be in the rest of the file, or would take too much."""
+        if size > _DEFLATED * (len(self._data) - self._place + len(self._held) + len(self._inflate.unconsumed_tail)):
+            raise InputError(f"{self._path}: the file is too short for the mesh that it names; it is truncated")
+        memory_limits.require(memory_limits.MESHES, size)
+
+    def read(self, size: int) -> bytes:
+        """Return the next `size` bytes."""
+        pieces, missing = [self._held[:size]], size - len(self._held[:size])
+        self._held = self._held[size:]
+        while missing > 0:
+            found = self._more(missing)
+            pieces.append(found[:missing])
+            self._held = found[missing:]
+            missing -= len(pieces[-1])
+        return b"".join(pieces)
+
+    def _more(self, wanted: int) -> bytes:
+        source: Any = self._inflate.unconsumed_tail
+        if not source and not self._inflate.eof:
+            source = self._data[self._place : self._place + _AT_ONCE]
+            self._place += len(source)
+        if self._inflate.eof or not len(source):
+            raise InputError(f"{self._path}: a mesh ends too soon; the file is truncated")
+        try:
+            return self._inflate.decompress(source, max(wanted, _AT_ONCE))
+        except zlib.error as error:
+            raise InputError(f"{self._path}: a mesh cannot be decompressed: {error}") from None
+
+    def number(self, kind: str) -> int:
+        """Return an integer."""
+        return int(struct.unpack(f"<{kind}", self.read(struct.calcsize(kind)))[0])
+
+    def text(self, length: int | None = None) -> str:
+        """Return a text of so many bytes, or up to a zero byte."""
+        if length is None:
+            found = bytearray()
+            while (byte := self.read(1)) != b"\0":
+                found += byte
+                if len(found) > _LONGEST_NAME:
+                    raise InputError(f"{self._path}: the name of a mesh does not end; it is damaged")
+            return found.decode("utf-8", "replace")
+        if length > _LONGEST_NAME:
+            raise InputError(f"{self._path}: a name of {length} bytes; it is damaged")
+        return self.read(length).decode("utf-8", "replace")
+
+    def rows(self, kind: str, count: int, width: int) -> NDArray[Any]:
+        """Return (count, width) numbers."""
+        dtype = np.dtype(kind)
+        return np.frombuffer(self.read(count * width * dtype.itemsize), dtype).reshape(count, width)
+
+
+def _plain(path: Path, stream: _Stream, version: int) -> SerializedMesh:
+    """Read versions 3 and 4: an array for each quantity."""
+    flags = stream.number("I")
+    name = stream.text() if version == 4 else ""
+    count, triangles = stream.number("Q"), stream.number("Q")
+    kind = "<f8" if flags & _DOUBLE else "<f4"
+    width = 3 + 3 * bool(flags & _NORMALS) + 2 * bool(flags & _UVS) + 3 * bool(flags & _COLORS)
+    index = "<u4" if count <= 0xFFFFFFFF else "<u8"
+    stream.require(count * width * np.dtype(kind).itemsize + 3 * triangles * np.dtype(index).itemsize)
+    vertices = stream.rows(kind, count, 3)
+    normals = stream.rows(kind, count, 3) if flags & _NORMALS else None
+    uvs = stream.rows(kind, count, 2) if flags & _UVS else None
+    colors = stream.rows(kind, count, 3) if flags & _COLORS else None
+    faces = stream.rows(index, triangles, 3).astype(np.int64)
+    part = Part(name or path.stem, vertices, faces, normals, uvs)
+    attributes = {} if colors is None else {"vertex_color": colors}
+    return SerializedMesh(part, bool(flags & _FACE_NORMALS), attributes)
+
+
+def _packed(path: Path, stream: _Stream) -> SerializedMesh:
+    """Read version 5: records of eight numbers for each vertex and of four for each face."""
+    flags = stream.number("I")
+    name = stream.text(stream.number("I"))
+    count, triangles, positions, groups = (stream.number("Q") for _ in range(4))
+    if positions > count or groups > count:
+        raise InputError(f"{path}: mesh {name!r} has more points than vertices; it is damaged")
+    stream.require(32 * count + 16 * triangles + 4 * count * (bool(positions) + bool(groups)))
+    records = stream.rows("<f4", count, 8)
+    faces = stream.rows("<u4", triangles, 4)[:, :3].astype(np.int64)
+    for used in (positions, groups):  # which vertices share a place or a normal: of use for editing only
+        if used:
+            stream.read(4 * count)
+    attributes = {}
+    number = stream.number("I")
+    if number > _MOST_ATTRIBUTES:
+        raise InputError(f"{path}: mesh {name!r} has {number} attributes; it is damaged")
+    for _ in range(number):
+        title = stream.text(stream.number("I"))
+        coefficients, width = stream.number("B") & 1, stream.number("I")
+        rows = triangles if title.startswith("face_") else count
+        if not 1 <= width <= 4:
+            raise InputError(f"{path}: the attribute {title!r} has {width} numbers; it may have 1 to 4")
+        stream.require(4 * rows * width)
+        values = stream.rows("<f4", rows, width)
+        if not coefficients:  # of a spectral variant: not colours
+            attributes[title] = values
+    # With tangents, the lanes of normals hold an encoded frame.
+    own_normals = flags & _PACKED_NORMALS and not flags & _PACKED_TANGENTS
+    part = Part(name or path.stem, records[:, :3], faces)
+    part.normals = records[:, 3:6] if own_normals else None
+    part.uvs = records[:, 6:8] if flags & _PACKED_UVS else None
+    return SerializedMesh(part, bool(flags & _FACE_NORMALS), attributes)

@@ -1,0 +1,277 @@
+"""Read Mitsuba's shapes: mesh files, analytic shapes as triangles, and instances of groups."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.mitsuba import surfaces
+from wrt.io.mitsuba.curves import CURVES, read_curves
+from wrt.io.mitsuba.materials.bumps import UvLayout, uv_layout
+from wrt.io.mitsuba.materials.readers import BLACK, UNKNOWN, Materials, Surface, clear, is_black
+from wrt.io.mitsuba.materials.textures import Textures
+from wrt.io.mitsuba.media import boundary_of_nothing, filled, medium_of
+from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
+from wrt.io.mitsuba.plugin import Plugin, positive
+from wrt.io.mitsuba.surfaces import Detail, is_closed
+from wrt.scene.camera import PerspectiveCamera
+from wrt.scene.lights import DiskLight, Light, RectangleLight, SphereLight
+from wrt.scene.materials import Material
+from wrt.scene.medium import Medium
+from wrt.scene.mesh import Mesh
+from wrt.scene.scene import Shape
+from wrt.scene.textures import ColorSource, shines
+from wrt.values import Vec3, vec3
+
+Matrix = NDArray[np.float64]
+
+MOST_EXACT_LIGHTS = 64
+"""Rays are tested against each of them in turn."""
+
+
+class Shapes:
+    """Turns `shape` plugins into wrt's shapes, or into lights if they only emit.
+
+    Attributes:
+        lights: the shapes that became lights.
+        exteriors: the `exterior` media of shapes, each with its shape.
+        interiors: the `interior` media of shapes.
+    """
+
+    def __init__(self, materials: Materials, textures: Textures, detail: Detail, *, exact_lights: bool = True) -> None:
+        """Start without shapes.
+
+        Args:
+            materials: the materials of the scene.
+            textures: the textures of the scene.
+            detail: the tessellation of curved shapes.
+            exact_lights: whether black shapes that emit become analytic lights.
+        """
+        self.materials, self.textures, self.detail = materials, textures, detail
+        self.lights: list[Light] = []
+        self.exteriors: list[tuple[Plugin, Medium]] = []
+        self.interiors: set[Medium] = set()
+        self._exact_lights = exact_lights
+        self._groups: dict[int, list[Shape]] = {}
+
+    def shapes(self, plugin: Plugin) -> list[Shape]:
+        """Return the shapes of a plugin; none for a shape group, or for a shape that became a light.
+
+        Raises:
+            InputError: naming file and line, when a value in it cannot be used.
+        """
+        if plugin.type == "shapegroup":
+            return []  # only its instances are visible
+        if plugin.type == "instance":
+            return list(self._instance(plugin))
+        if plugin.type == "merge":
+            if any(inner.type == "merge" for inner in plugin.of_kind("shape")):
+                raise plugin.error("a merged shape must not hold merged shapes")
+            found = [shape for inner in plugin.of_kind("shape") for shape in self.shapes(inner)]
+            plugin.finish()
+            return found
+        if plugin.type not in (*_MESHES, *MESH_FILES, *CURVES):
+            plugin.warn("this kind of shape is not known; left out")
+            return []
+        try:
+            made = self._shape(plugin)
+        except InputError as error:
+            raise plugin.placed(error) from None
+        plugin.finish()
+        return [] if made is None else [made]
+
+    def _instance(self, plugin: Plugin) -> Iterator[Shape]:
+        group = next((each for each in plugin.of_kind("shape") if each.type == "shapegroup"), None)
+        if group is None:
+            raise plugin.error("names no shapegroup")
+        if any(inner.type in ("instance", "shapegroup", "merge") for inner in group.of_kind("shape")):
+            raise group.error("a group must not hold groups or instances")
+        key = id(group.element)
+        if key not in self._groups:
+            # The distance of the instances to the camera is not known yet.
+            detail, self.detail = self.detail, Detail(None, self.detail.height)
+            self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self.shapes(inner)]
+            self.detail = detail
+            group.finish()
+        matrix = plugin.transform()
+        plugin.finish()
+        for shape in self._groups[key]:
+            memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE)
+            yield dataclasses.replace(shape, transform=matrix)
+
+    def _shape(self, plugin: Plugin) -> Shape | None:
+        emitter = plugin.only("emitter")
+        emission = self._emission(emitter)
+        bsdf = plugin.only("bsdf")
+        flat = BLACK if shines(emission) else UNKNOWN
+        if bsdf is not None:
+            flat = self.materials.surface(bsdf, UvLayout())
+        inside, outside = (self._medium(plugin.named(name)) for name in ("interior", "exterior"))
+        if inside is not None:
+            self.interiors.add(inside)
+        if outside is not None:
+            self.exteriors.append((plugin, outside))
+        flip = plugin.boolean("flip_normals", False)
+        plugin.ignore("silhouette_sampling_weight")
+        if self._exact_lights and shines(emission) and isinstance(emission, tuple) and is_black(flat):
+            light = self._exact_light(plugin, emission, flip)
+            if light is not None:
+                self.lights.append(light)
+                return None
+        if flat.nothing and not shines(emission) and inside is None:
+            plugin.transform()
+            plugin.ignore("filename", "shape_index", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
+            return None
+        culled = False
+        if plugin.type in CURVES:
+            mesh, culled = read_curves(plugin, self.detail)
+        else:
+            mesh = self._mesh(plugin, shines(emission))
+        memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_ELEMENT)
+        memory_limits.take(
+            memory_limits.MESHES if plugin.type in MESH_FILES else memory_limits.MADE, memory_limits.size_of(mesh)
+        )
+        if flip:
+            normals = None if mesh.normals is None else -mesh.normals
+            mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
+        surface = flat
+        if flat.nothing:
+            surface = Surface(clear() if shines(emission) or inside is None else boundary_of_nothing(inside))
+        elif inside is not None:
+            surface = dataclasses.replace(flat, material=filled(plugin, flat.material, inside))
+        if bsdf is not None and bsdf.bends_normals:
+            surface = self.materials.surface(bsdf, uv_layout(mesh))
+        if culled:
+            surface = surface.without_back()
+        name = plugin.element.attributes.get("id") or plugin.type
+        return Shape(mesh, self._seen(surface, mesh), emission, name=name)
+
+    def _seen(self, surface: Surface, mesh: Mesh) -> Material:
+        """Return the material, with Mitsuba's black back unless no path can reach the back."""
+        if not surface.one_sided or (self._outside(mesh) and is_closed(mesh)):
+            return surface.material
+        return surface.both_sides
+
+    def _outside(self, mesh: Mesh) -> bool:
+        """Return whether the camera is certainly outside the bounds of a mesh."""
+        camera = self.detail.camera
+        if not isinstance(camera, PerspectiveCamera):
+            return False
+        low, high = mesh.bounds
+        reach = camera.aperture_radius
+        origin = np.array(camera.origin)
+        return bool(((origin < low - reach) | (origin > high + reach)).any())
+
+    def _medium(self, plugin: Plugin | None) -> Medium | None:
+        return None if plugin is None or plugin.kind != "medium" else medium_of(plugin, self.textures)
+
+    def _emission(self, emitter: Plugin | None) -> ColorSource:
+        if emitter is None:
+            return (0.0, 0.0, 0.0)
+        if emitter.type != "area":
+            emitter.warn("only area lights can be on a shape; left out")
+            return (0.0, 0.0, 0.0)
+        radiance = self.textures.color(emitter, "radiance", 1.0, shines=True, most=math.inf)
+        emitter.ignore("sampling_weight")
+        emitter.finish()
+        return (radiance,) * 3 if isinstance(radiance, float) else radiance
+
+    def _mesh(self, plugin: Plugin, shining: bool) -> Mesh:
+        if plugin.type in MESH_FILES:
+            return read_mesh(plugin, self._attribute(plugin))
+        matrix = plugin.transform()
+        if plugin.type in ("sphere", "cylinder"):
+            matrix = matrix @ _own_transform(plugin)
+        if plugin.type in ("rectangle", "cube"):
+            mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
+            return mesh.transformed(matrix)
+        center, radius = _ball_around(plugin.type, matrix)
+        segments, coarse = self.detail.segments(center, radius, shines=shining)
+        if coarse:
+            plugin.warn(f"is limited to {segments} segments around, which may show this close to the camera")
+        return _MESHES[plugin.type](segments).transformed(matrix)
+
+    def _attribute(self, plugin: Plugin) -> str | None:
+        """Return the attribute of the mesh that the material or the emission reads, or None; there can be only one."""
+        first: str | None = None
+        waiting = list(plugin.of_kind("bsdf", "emitter"))
+        seen = set()
+        while waiting:
+            each = waiting.pop()
+            if each in seen:
+                continue
+            seen.add(each)
+            if each.kind == "texture" and each.type == "mesh_attribute":
+                name = each.text("name", "")
+                if first not in (None, name):
+                    each.warn(f"a shape can have one attribute only; {first!r} stands in for {name!r}")
+                first = first or name
+            waiting += [inner for _, inner in reversed(each.objects)]
+        return first
+
+    def _exact_light(self, plugin: Plugin, radiance: Vec3, flip: bool) -> Light | None:
+        """Return the analytic light of this shape, or None if there is none."""
+        if len(self.lights) >= MOST_EXACT_LIGHTS or plugin.type not in ("sphere", "disk", "rectangle"):
+            return None
+        matrix = plugin.transform()
+        if plugin.type == "sphere":
+            matrix = matrix @ _own_transform(plugin)
+        x, y, _, center = matrix[:3].T
+        sizes = np.linalg.norm(matrix[:3, :3], axis=0)
+        straight = abs(x @ y) < 1e-5 * sizes[0] * sizes[1]
+        normal = np.cross(x, y) * np.sign(np.linalg.det(matrix[:3, :3])) * (-1.0 if flip else 1.0)
+        round_ = straight and math.isclose(sizes[0], sizes[1], rel_tol=1e-5)
+        if plugin.type == "rectangle" and straight:
+            u, v = (x, y) if np.cross(x, y) @ normal > 0.0 else (y, x)
+            return RectangleLight(vec3(center - x - y), vec3(2.0 * u), vec3(2.0 * v), radiance)
+        if plugin.type == "disk" and round_:
+            return DiskLight(vec3(center), vec3(normal), float(sizes[0]), radiance)
+        ball = round_ and np.allclose(matrix[:3, :3].T @ matrix[:3, :3], sizes[0] ** 2 * np.eye(3), rtol=1e-4)
+        if plugin.type == "sphere" and ball and not flip:
+            return SphereLight(vec3(center), float(sizes[0]), radiance)
+        return None
+
+
+_MESHES: dict[str, Callable[..., Mesh]] = {
+    "rectangle": surfaces.rectangle,
+    "cube": surfaces.cube,
+    "sphere": surfaces.sphere,
+    "disk": surfaces.disk,
+    "cylinder": surfaces.cylinder,
+}
+
+
+def _own_transform(plugin: Plugin) -> Matrix:
+    """Return the transform of a unit shape to the one that `radius` and `center`, or `p0` and `p1`, describe."""
+    radius = positive(plugin, "radius", 1.0)
+    result = np.diag([radius, radius, radius, 1.0])
+    if plugin.type == "sphere":
+        result[:3, 3] = plugin.point("center", (0.0, 0.0, 0.0))
+        return result
+    start, end = (np.array(plugin.point(name, value)) for name, value in (("p0", (0, 0, 0)), ("p1", (0, 0, 1))))
+    along = end - start
+    length = float(np.linalg.norm(along))
+    if length == 0.0:
+        raise plugin.error("'p0' and 'p1' must differ")
+    # The direction in which u begins (Duff et al. 2017, "Building an Orthonormal Basis, Revisited").
+    x, y, z = along / length
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    result[:3, 0] = radius * np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
+    result[:3, 1] = radius * np.array([b, sign + y * y * a, -y])
+    result[:3, 2], result[:3, 3] = along, start
+    return result
+
+
+def _ball_around(kind: str, matrix: Matrix) -> tuple[NDArray[np.float64], float]:
+    """Return the centre of a transformed unit shape, and the largest radius of its circles."""
+    middle = (0.0, 0.0, 0.5, 1.0) if kind == "cylinder" else (0.0, 0.0, 0.0, 1.0)
+    axes = matrix[:3, :2] if kind != "sphere" else matrix[:3, :3]
+    return matrix[:3] @ np.array(middle), float(np.linalg.svd(axes, compute_uv=False)[0])

@@ -1,0 +1,179 @@
+"""Tessellate Mitsuba's analytic shapes, finely enough that the picture does not show it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.mesh import Mesh, box_around
+
+Matrix = NDArray[np.float64]
+
+LEAST_SEGMENTS, MOST_SEGMENTS = 64, 768
+"""Segments of a circle: fewer would show in the shading, more would take half a gigabyte for a few spheres."""
+
+MOST_SHINING = 192
+"""Most segments of a circle on an emitting shape, where each triangle is a light."""
+
+
+@dataclass(frozen=True)
+class Detail:
+    """The resolution of the picture, which sets the tessellation.
+
+    Attributes:
+        camera: the camera, or None if the scene has none.
+        height: rows of the whole picture.
+    """
+
+    camera: Camera | None
+    height: int
+
+    def tolerance(self, center: NDArray[np.float64], radius: float) -> float:
+        """Return half a pixel in metres at the nearest point of a sphere, at least a twentieth of its radius away."""
+        if isinstance(self.camera, OrthographicCamera):
+            return 0.5 * self.camera.view_height / self.height
+        if not isinstance(self.camera, PerspectiveCamera):
+            return 5e-4 * radius
+        distance = float(np.linalg.norm(center - np.array(self.camera.origin))) - radius
+        height = 2.0 * math.tan(0.5 * math.radians(self.camera.fov_degrees))
+        return 0.5 * height * max(distance, 0.05 * radius) / self.height
+
+    def segments(self, center: NDArray[np.float64], radius: float, *, shines: bool) -> tuple[int, bool]:
+        """Return the number of segments of a circle, and whether the limit is less than the tolerance needs.
+
+        The middle of a chord of n segments lies r (1 − cos(π/n)) inside the circle, and the middle of a face of a
+        sphere up to twice that, so half of the tolerance is allowed.
+        """
+        inside = 0.5 * self.tolerance(center, radius) / radius
+        wanted = math.pi / math.acos(1.0 - min(inside, 1.0)) if inside > 1e-12 else math.inf
+        most = MOST_SHINING if shines else MOST_SEGMENTS
+        return (most, True) if wanted > most else (max(LEAST_SEGMENTS, 4 * math.ceil(0.25 * wanted)), False)
+
+
+def rectangle() -> Mesh:
+    """Return the square from −1 to 1 in x and y that faces z, with u and v from 0 to 1."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), uvs=0.5 * (corners[:, :2] + 1.0), name="rectangle")
+
+
+def cube() -> Mesh:
+    """Return the cube from −1 to 1; each side has the whole unit square of texture coordinates, as in Mitsuba."""
+    x, y, z = np.eye(3)
+    corners, uvs = [], []
+    # The normal of each side, and the directions of growing u and v.
+    for normal, u, v in ((-y, z, x), (y, -x, -z), (x, y, -z), (z, y, x), (-x, y, z), (-z, -y, x)):
+        for s, t in ((-1, 1), (1, 1), (1, -1), (-1, -1)):
+            corners.append(normal + s * u + t * v)
+            uvs.append([0.5 * (s + 1), 0.5 * (t + 1)])
+    first = 4 * np.arange(6)[:, None]
+    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    mesh = Mesh(np.array(corners), faces, uvs=np.array(uvs), name="cube")
+    return _outwards(mesh)
+
+
+def _outwards(mesh: Mesh) -> Mesh:
+    """Return a convex mesh around the origin with all faces turned outwards."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) for k in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) < 0.0
+    faces = np.where(inwards[:, None], mesh.faces[:, ::-1], mesh.faces)
+    return Mesh(mesh.vertices, faces, uvs=mesh.uvs, name=mesh.name)
+
+
+def disk(segments: int) -> Mesh:
+    """Return the unit disk that faces z: u is the distance from the centre, v the fraction of a turn from x."""
+    around = _circle(segments)
+    rim = np.concatenate([around, np.zeros((segments + 1, 1))], axis=1)
+    turns = np.arange(segments + 1) / segments
+    middle = np.stack([np.zeros(segments), turns[:-1] + 0.5 / segments], axis=-1)
+    index = np.arange(segments)
+    return Mesh(
+        np.concatenate([rim, np.zeros((segments, 3))]),
+        np.stack([index, index + 1, segments + 1 + index], axis=-1),
+        uvs=np.concatenate([np.stack([np.ones_like(turns), turns], axis=-1), middle]),
+        name="disk",
+    )
+
+
+def sphere(segments: int) -> Mesh:
+    """Return the unit sphere: u is the fraction of a turn about z from x, v the angle from +z over π."""
+    rows = (segments + 1) // 2
+    u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(rows + 1) / rows)
+    sine = np.sin(math.pi * v)
+    sine[0] = sine[-1] = 0.0
+    points = np.concatenate([sine[..., None] * _circle(segments), np.cos(math.pi * v)[..., None]], axis=-1)
+    # At a pole, each triangle has the u of its own middle.
+    u[0] += 0.5 / segments
+    u[-1] += 0.5 / segments
+    faces = _grid(rows, segments, downwards=True)
+    solid = np.ones(len(faces), bool)
+    solid[:segments] = False  # in the top row, the first triangle of each cell has two corners at the pole
+    solid[-segments:] = False
+    return _curved(points.reshape(-1, 3), points.reshape(-1, 3), faces[solid], u, v, "sphere")
+
+
+def cylinder(segments: int) -> Mesh:
+    """Return the open unit cylinder along z from 0 to 1, facing outwards: u is the fraction of a turn, v is z."""
+    u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(2.0))
+    normals = np.concatenate([np.stack([_circle(segments)] * 2), np.zeros((2, segments + 1, 1))], axis=-1)
+    points = normals.copy()
+    points[..., 2] = v
+    faces = _grid(1, segments, downwards=False)
+    return _curved(points.reshape(-1, 3), normals.reshape(-1, 3), faces, u, v, "cylinder")
+
+
+def _circle(segments: int) -> Matrix:
+    """Return (segments + 1, 2) points of the unit circle from x on; the last equals the first, to the bit."""
+    angles = 2.0 * math.pi * (np.arange(segments + 1) % segments) / segments
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _grid(rows: int, columns: int, *, downwards: bool) -> NDArray[np.int64]:
+    """Return the triangles of a grid: for every cell the one with two corners in its row, then the others.
+
+    Columns go counter-clockwise about the axis seen from above, rows down or up.
+    """
+    row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+    a = (row * (columns + 1) + column).reshape(-1)
+    b, c, d = a + 1, a + columns + 1, a + columns + 2
+    triangles = ([a, d, b], [a, c, d]) if downwards else ([a, b, d], [a, d, c])
+    return np.concatenate([np.stack(corners, -1) for corners in triangles])
+
+
+def _curved(points: Matrix, normals: Matrix, faces: NDArray[np.int64], u: Matrix, v: Matrix, name: str) -> Mesh:
+    uvs = np.stack([u.reshape(-1), v.reshape(-1)], axis=-1)
+    return Mesh(points, faces, normals, uvs, name=name)
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Return whether a mesh is closed, with all faces turned outwards."""
+    from wrt.scene.normals import CHUNK, same_positions
+
+    positions = same_positions(mesh.vertices)
+    count = len(mesh.vertices)
+    center = box_around(mesh.vertices).mean(axis=0)
+    edges = np.empty((len(mesh.faces), 3), np.int64)
+    difference, volume = np.uint64(0), 0.0
+    for begin in range(0, len(edges), CHUNK):
+        faces = mesh.faces[begin : begin + CHUNK]
+        start = positions.take(faces)
+        end = np.roll(start, -1, axis=1)
+        edges[begin : begin + CHUNK] = start * count + end
+        with np.errstate(over="ignore"):
+            difference += _hash(start * count + end).sum() - _hash(end * count + start).sum()
+        a, b, c = (mesh.vertices.take(faces, axis=0) - center).transpose(1, 0, 2)
+        volume += float(np.einsum("ij,ij->", a, np.cross(b, c)))
+    # Each edge must occur once in either direction. Sums of hashes compare the directions almost surely.
+    if difference != 0 or volume <= 0.0:
+        return False
+    ordered = np.sort(edges, axis=None)
+    return not bool((ordered[1:] == ordered[:-1]).any())
+
+
+def _hash(numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
+    mixed = numbers.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    mixed ^= mixed >> np.uint64(32)
+    return mixed * np.uint64(0xD6E8FEB86659FD93)

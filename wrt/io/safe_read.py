@@ -1,0 +1,187 @@
+"""Reading files: refuses missing files, devices and pipes, and files outside a confinement.
+
+All input goes through `read_file` and `require_file`. They record what was read, so that no output replaces it
+(`wrt/io/safe_write.py`), and refuse files outside the folder that `confined_to` names.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TypeAlias
+
+from wrt.errors import InputError, one_line
+
+PathLike: TypeAlias = str | os.PathLike[str]
+
+Identity: TypeAlias = tuple[int, int, int, int]
+"""Identifies one version of a file: device, inode, time of change in ns, size."""
+
+
+class _Confinement:
+    """The folder that reading is confined to, and the first path that was refused."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(os.path.realpath(folder))
+        self.refused: Path | None = None
+
+
+class _OutsideError(Exception):
+    """A path leads out of the folder. Not an InputError, which readers may turn into a warning."""
+
+
+_confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
+_sizes: ContextVar[dict[str, int] | None] = ContextVar("sizes", default=None)
+_inputs: dict[str, Identity] = {}  # the files that this process has read, by real path
+
+
+def identity_of(found: os.stat_result) -> Identity:
+    """Return the identity of a file."""
+    return found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size
+
+
+def is_input(path: Path) -> bool:
+    """Return whether this process has read the file at `path`, under this name or another."""
+    real = os.path.realpath(path)
+    try:
+        return real in _inputs or identity_of(os.stat(real)) in _inputs.values()
+    except OSError:
+        return False
+
+
+def forget_input(path: Path) -> None:
+    """Stop counting the file at `path` as read, so that it may be replaced."""
+    _inputs.pop(os.path.realpath(path), None)
+
+
+@contextmanager
+def counting_sizes() -> Iterator[dict[str, int]]:
+    """Record the sizes of the files that are read within the context, by real path."""
+    sizes: dict[str, int] = {}
+    token = _sizes.set(sizes)
+    try:
+        yield sizes
+    finally:
+        _sizes.reset(token)
+
+
+@contextmanager
+def confined_to(folder: Path | None) -> Iterator[None]:
+    """Within the context, refuse files outside a folder, also through links; None refuses nothing.
+
+    Raises:
+        InputError: where a file was refused, even if its reader continued without it.
+    """
+    confinement = None if folder is None else _Confinement(folder)
+    token = _confinement.set(confinement)
+    try:
+        yield
+    except (_OutsideError, InputError):
+        if confinement is None or confinement.refused is None:
+            raise
+    finally:
+        _confinement.reset(token)
+    if confinement is not None and confinement.refused is not None:
+        raise InputError(f"{confinement.refused}: is outside the scene's folder, and reading is confined to that")
+
+
+def require_inside(path: Path) -> None:
+    """Raise unless `path` is inside the folder of `confined_to`, whether or not the file exists."""
+    _require_inside(path, os.path.realpath(path))
+
+
+def _require_inside(path: Path, real: str) -> None:
+    confinement = _confinement.get()
+    if confinement is not None and not Path(real).is_relative_to(confinement.folder):
+        confinement.refused = confinement.refused or path
+        raise _OutsideError
+
+
+def require_file(path: Path) -> None:
+    """Raise InputError unless `path` is a file that may be read and holds something."""
+    _read(path, 1)
+
+
+def read_file(path: Path, most: int = -1) -> bytes:
+    """Return the content of a file, or its beginning.
+
+    Pipes and devices are refused: reading them may never end.
+
+    Args:
+        path: the file.
+        most: bytes to read at most; all if negative.
+
+    Raises:
+        InputError: where it is not a regular file, is empty, or may not be read.
+    """
+    return _read(path, most)
+
+
+def _read(path: Path, count: int) -> bytes:
+    try:
+        require_inside(path)
+        # Without O_NONBLOCK, opening a pipe waits for a writer.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            found = os.fstat(handle)
+            if stat.S_ISDIR(found.st_mode):
+                raise InputError(f"{path}: is a directory, not a file")
+            if not stat.S_ISREG(found.st_mode):
+                raise InputError(f"{path}: is a pipe or a device, not a file")
+            real = _path_of(handle, path)
+            _require_inside(path, real)  # again: a link may have changed in between
+            # Files of /proc have size 0, and reading them may block.
+            size = found.st_size if count < 0 else min(count, found.st_size)
+            with open(handle, "rb", closefd=False) as file:
+                data = file.read(size)
+        finally:
+            os.close(handle)
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    if not data:
+        raise InputError(f"{path}: the file is empty")
+    _inputs[real] = identity_of(found)
+    sizes = _sizes.get()
+    if sizes is not None:
+        sizes[real] = found.st_size
+    return data
+
+
+def _path_of(handle: int, path: Path) -> str:
+    """Return the real path of an open file."""
+    with contextlib.suppress(OSError):
+        return os.readlink(f"/proc/self/fd/{handle}")
+    return os.path.realpath(path)
+
+
+@contextmanager
+def naming_file(path: Path) -> Iterator[None]:
+    """Within the context, make every InputError name the file."""
+    try:
+        yield
+    except InputError as error:
+        if one_line(str(path)) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from None
+
+
+def reason_alone(path: Path, error: InputError) -> str:
+    """Return the message of `read_file` without the path."""
+    return str(error).removeprefix(f"{one_line(str(path))}: ")
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of an exception's message, or its type if it has none."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    lines = str(error).strip().splitlines()
+    return lines[0].strip() if lines else type(error).__name__

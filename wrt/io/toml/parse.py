@@ -1,0 +1,51 @@
+"""Parsing of TOML files."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from wrt.errors import InputError
+from wrt.io.encodings import as_utf8
+from wrt.io.safe_read import read_file
+
+MOST_LEVELS = 64
+"""Most parts of a dotted key. The parser takes time and memory quadratic in their number."""
+
+_PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_TOO_LONG = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{MOST_LEVELS}}}", re.ASCII)
+
+
+def _require_short_keys(text: str) -> None:
+    """Raise InputError where a dotted key in a TOML file has more than MOST_LEVELS parts."""
+    if found := _TOO_LONG.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(f"line {line}: a dotted key has more than {MOST_LEVELS} parts")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        InputError: where it cannot be read or is not valid TOML; the message does not name the file.
+    """
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    try:
+        text = as_utf8(read_file(path)).decode("utf-8")
+        _require_short_keys(text)
+        return dict(tomllib.loads(text))
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not TOML: {error}") from None
+    except InputError:
+        raise
+    except RecursionError:
+        raise InputError("not TOML: arrays or tables are nested too deeply") from None
+    except (OverflowError, ValueError) as error:
+        raise InputError(f"not TOML: {type(error).__name__}") from None

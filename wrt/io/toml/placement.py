@@ -1,0 +1,183 @@
+"""Instances, motions and deformations of shapes in scene files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io import memory_limits
+from wrt.io.arrays import read_arrays
+from wrt.io.npy import read_array
+from wrt.io.safe_read import naming_file, read_file
+from wrt.io.toml.scene_keys import (
+    DEFORMATION_ARCHIVE,
+    DEFORMATION_FILES,
+    EVEN_MOTION,
+    INSTANCE,
+    KEYFRAME,
+    KEYFRAMES,
+    MATRIX_KEYFRAME,
+    TURN,
+)
+from wrt.io.toml.tables import TableReader
+from wrt.io.toml.values import Table, numbers_of, table_of
+from wrt.scene.deformation import Deformation
+from wrt.scene.mesh import Mesh, merge
+from wrt.scene.motion import Motion
+from wrt.scene.scene import Shape
+from wrt.values import Vec3, array, number, vector
+
+Transform = NDArray[np.float64] | Motion | None
+
+
+def read_places(reader: TableReader, table: dict[str, Any]) -> list[Transform]:
+    """Return the transforms of a shape: one, or one for each of its `instances`."""
+    if "instances" not in table:
+        return [_motion(reader, table)]
+    if "motion" in table:
+        raise InputError("has both motion and instances; give each instance a motion of its own")
+    if isinstance(table["instances"], str):
+        with reader.at("instances"):
+            return list(_matrices(reader.beside(table["instances"])))
+    found: list[Transform] = []
+
+    def add(place: dict[str, Any]) -> None:
+        reader.check_table(place, INSTANCE)
+        matrix = reader.transform(place)
+        motion = _motion(reader, place)
+        here = np.eye(4) if matrix is None else matrix
+        found.append(motion.after(here) if isinstance(motion, Motion) else here)
+
+    reader.each(table, "instances", add)
+    if not found:
+        raise InputError("instances must not be empty")
+    return found
+
+
+def _motion(reader: TableReader, table: dict[str, Any]) -> Motion | None:
+    if "motion" not in table:
+        return None
+    with reader.at("motion"):
+        motion: object = table["motion"]
+        if not isinstance(motion, dict):
+            raise InputError(f"must be a table, not {motion!r}")
+        return read_motion(reader, motion, (0.0, 0.0, 0.0))
+
+
+def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
+    """Return the motion of a table: keyframes, or one rotation and translation at constant speed.
+
+    Keyframes have a time and a transform as shapes do, which scales and rotates about `center`.
+    """
+    pivot = np.array(vector(table.get("center", center), "center"))
+    if "times" in table:
+        reader.check_table(table, EVEN_MOTION)
+        turn = table_of(table.get("rotate", {"axis": [0.0, 1.0, 0.0], "degrees": 0.0}))
+        with reader.at("rotate"):
+            reader.check_table(turn, TURN)
+        offset = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
+        return Motion.rotation(turn["axis"], turn["degrees"], pivot, numbers_of(table["times"], "times"), offset)
+    reader.check_table(table, KEYFRAMES)
+    times: list[float] = []
+    matrices: list[NDArray[np.float64]] = []
+
+    def add(key: Table) -> None:
+        reader.check_table(key, KEYFRAME, others=MATRIX_KEYFRAME)
+        times.append(number(key["time"], "time"))
+        if "matrix" in key:
+            reader.check_table(key, MATRIX_KEYFRAME)
+            matrices.append(_affine(key["matrix"]))
+            return
+        matrix = reader.transform(key)
+        matrices.append(np.eye(4) if matrix is None else matrix)
+        matrices[-1][:3, 3] += pivot - matrices[-1][:3, :3] @ pivot
+
+    reader.each(table, "keys", add)
+    return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
+
+
+def _affine(rows: Any) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix whose first three rows are given."""
+    matrix = np.eye(4)
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise InputError("matrix must be three rows of four numbers")
+    for i, row in enumerate(rows):
+        values = numbers_of(row, f"matrix[{i}]")
+        if len(values) != 4:
+            raise InputError("matrix must be three rows of four numbers")
+        matrix[i] = values
+    return matrix
+
+
+def _matrices(file: Path) -> NDArray[np.float64]:
+    with naming_file(file):
+        matrices = array(read_array(read_file(file)), "matrices", np.float64)
+        memory_limits.take(memory_limits.SHAPES, len(matrices) * memory_limits.BYTES_PER_SHAPE)
+    if matrices.ndim != 3 or matrices.shape[1:] != (4, 4) or len(matrices) == 0:
+        raise InputError(f"{file}: must be (N, 4, 4) matrices, not an array of {matrices.shape}")
+    return matrices
+
+
+def after(place: Transform, first: Transform) -> Transform:
+    """Return the composition of two transforms, `first` applied first. As a motion, `place` must be rigid."""
+    if place is None or first is None:
+        return place if first is None else first
+    assert not isinstance(first, Motion)
+    return place.after(first) if isinstance(place, Motion) else place @ first
+
+
+def joined(shapes: list[Shape]) -> list[Shape]:
+    """Merge the shapes that will share one material; instances stay as they are."""
+    loose = [shape.mesh for shape in shapes if shape.transform is None]
+    placed = [shape for shape in shapes if shape.transform is not None]
+    return [Shape(merge(loose, "mesh")), *placed] if len(loose) > 1 else shapes
+
+
+def read_deformation(
+    reader: TableReader, table: dict[str, Any], mesh: Mesh, place: Callable[[Mesh], Mesh]
+) -> Deformation | None:
+    """Return the deformation of a mesh, from an archive or from mesh files, which `place` transforms like the shape."""
+    if "deformation" not in table:
+        return None
+    with reader.at("deformation"):
+        given = table["deformation"]
+        if not isinstance(given, dict):
+            raise InputError(f"must be a table, not {given!r}")
+        if "file" in given:
+            reader.check_table(given, DEFORMATION_ARCHIVE)
+            with reader.at("file"):
+                return _deformation(reader.beside(given["file"]))
+        reader.check_table(given, DEFORMATION_FILES)
+        files, times = given["files"], given["times"]
+        if not isinstance(files, list) or not isinstance(times, list) or len(files) != len(times):
+            raise InputError("files and times must be two arrays of one length")
+        keys = []
+        for i, file in enumerate(files):
+            with reader.at(f"files[{i}]"):
+                from wrt.io.load_mesh import load_shapes
+
+                key = merge([shape.mesh for shape in load_shapes(reader.beside(file), smooth_degrees=None)], "mesh")
+                if len(key.vertices) != len(mesh.vertices):
+                    raise InputError(
+                        f"{file} has {len(key.vertices)} vertices, the shape {len(mesh.vertices)}; "
+                        "without normals in its file the shape needs smooth = false"
+                    )
+                memory_limits.take(memory_limits.MESHES, memory_limits.size_of(key))
+                keys.append(place(key))
+        normals = None
+        if mesh.normals is not None and all(key.normals is not None for key in keys):
+            normals = np.stack([key.normals for key in keys if key.normals is not None])
+        return Deformation(times, np.stack([key.vertices for key in keys]), normals)  # type: ignore[arg-type]
+
+
+def _deformation(file: Path) -> Deformation:
+    arrays = read_arrays(file, required=("times", "vertices"), optional=("normals",))
+    try:
+        return Deformation(**arrays)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None

@@ -1,0 +1,294 @@
+"""Writing scene files: reading one back gives the same scene, bit for bit.
+
+Tables mirror the dataclasses, without default values. Arrays (meshes, images, instances, deformations) are NumPy files
+beside the scene file, since no other format keeps their bits; images that came from 8 bits become PNG files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io.codes import codes_of, save_codes
+from wrt.io.safe_read import PathLike, is_input
+from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
+from wrt.scene.camera import CAMERAS
+from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.lights import LIGHTS
+from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.medium import Medium
+from wrt.scene.mesh import Mesh
+from wrt.scene.motion import Motion
+from wrt.scene.scene import Scene, Shape
+from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+
+Table = dict[str, Any]
+
+_ARRAYS = re.compile(r"(mesh|image|normals|environment|places|deformation)-\d+\.(np[yz]|png)")
+"""Names of array and image files."""
+
+_MOST_FOLDERS = 100
+
+SCENE = Kind("", lambda _: False)
+"""A scene file; a person may have written or edited it."""
+
+
+def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
+    """Write a scene file, and beside it a folder with its arrays.
+
+    The folder is named like the file, with `_files` in place of the suffix, or `_files-2` if that exists. The scene
+    file is written last, so that an old one stays whole until then. It is not replaced without `force`, and never if
+    this process has read it.
+
+    Args:
+        path: ends in .toml.
+        scene: the scene.
+        force: whether to replace a scene file and its arrays.
+
+    Raises:
+        InputError: where it cannot be written, or has user-defined materials, which scene files cannot hold.
+    """
+    import tomli_w
+
+    file = Path(path)
+    if file.suffix.lower() != ".toml":
+        raise InputError(f"{file}: the name of a scene file must end in .toml")
+    require_writable(file, SCENE, force=force)
+    replaces = force and file.exists()
+    arrays = _free_folder(file)
+    with new_folder(arrays) as folder:
+        text = tomli_w.dumps(_Writer(folder, arrays.name).scene(scene))
+    try:
+        write_atomically(file, lambda temporary: _write_text(temporary, text), SCENE, force=force)
+    except InputError:
+        _remove_arrays(arrays)
+        raise
+    if replaces:
+        for other in _folders(file):
+            if other != arrays:
+                _remove_arrays(other)
+
+
+def _folders(file: Path) -> Iterator[Path]:
+    """Yield the folders that may hold the arrays of a scene file."""
+    first = file.with_name(f"{file.stem}_files")
+    yield first
+    yield from (first.with_name(f"{first.name}-{number}") for number in range(2, _MOST_FOLDERS))
+
+
+def _free_folder(file: Path) -> Path:
+    for folder in _folders(file):
+        if not os.path.lexists(folder):
+            return folder
+    raise InputError(f"{file}: there are {_MOST_FOLDERS} folders for its arrays already; name another file")
+
+
+def _remove_arrays(folder: Path) -> None:
+    """Remove the files of `save_scene` from a folder, except those that this process has read."""
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if _ARRAYS.fullmatch(path.name) and not path.is_symlink() and not is_input(path):
+                path.unlink()
+        folder.rmdir()
+
+
+class _Writer:
+    """Turns objects into tables; shared objects are written once."""
+
+    def __init__(self, folder: Path, called: str) -> None:
+        """Write arrays into a folder that the scene file will refer to as `called`."""
+        self.folder, self.called = folder, called
+        self.counts: Counter[str] = Counter()
+        self.names: dict[int, str] = {}
+        self.kept: list[Any] = []  # named objects, kept so that their ids stay unique
+        self.materials: Table = {}
+        self.media: Table = {}
+
+    def scene(self, scene: Scene) -> Table:
+        tree: Table = {"settings": self.fields(scene.settings)}
+        if scene.camera is not None:
+            tree["camera"] = {"type": _type_of(scene.camera, CAMERAS), **self.fields(scene.camera)}
+        if scene.environment is not None:
+            tree["environment"] = self.environment(scene.environment)
+        if scene.lights:
+            tree["lights"] = [{"type": _type_of(light, LIGHTS), **self.fields(light)} for light in scene.lights]
+        shapes = [self.shapes(list(group)) for _, group in itertools.groupby(scene.shapes, _Alike)]
+        if scene.medium is not None:
+            tree["medium"] = self.medium(scene.medium)
+        if self.media:
+            tree["media"] = self.media
+        if self.materials:
+            tree["materials"] = self.materials
+        tree["shapes"] = shapes
+        return tree
+
+    def fields(self, thing: Any, *, without: tuple[str, ...] = ()) -> Table:
+        """Return the fields of a dataclass that differ from their defaults."""
+        table = {}
+        for field in dataclasses.fields(thing):
+            value = getattr(thing, field.name)
+            if value is None or field.name in without or _is_default(value, field):
+                continue
+            table[field.name] = self.value(value)
+        return table
+
+    def value(self, value: Any) -> Any:
+        """Return a value as TOML has it."""
+        if isinstance(value, ImageTexture):
+            laid = self.fields(value, without=("pixels", "name"))
+            return {**self.image("image", value.pixels, linear=False), **laid}
+        if isinstance(value, NormalMap):
+            pixels: Any = value.pixels  # of an ImageTexture, if it was one
+            laid = self.fields(value, without=("pixels", "name"))
+            return {**self.image("normals", pixels, linear=True), **laid}
+        if isinstance(value, VertexColor):
+            return {"vertex_colors": True, **self.fields(value)}
+        if isinstance(value, Medium):
+            return self.medium(value)
+        if isinstance(value, Motion):
+            return self.motion(value)
+        if isinstance(value, Material):
+            return self.material(value)
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        if isinstance(value, (list, tuple)):
+            return [self.value(item) for item in value]
+        if isinstance(value, np.generic):
+            return value.item()
+        return value
+
+    def environment(self, environment: Any) -> Table:
+        if isinstance(environment, ImageEnvironment):
+            file = self.array("environment", environment.pixels, environment.pixels)
+            return {"type": "image", "file": file, **self.fields(environment, without=("pixels", "name"))}
+        return {"type": _type_of(environment, ENVIRONMENTS), **self.fields(environment)}
+
+    def medium(self, medium: Medium) -> str:
+        return self.named(medium, "medium", self.media, lambda: self.fields(medium))
+
+    def material(self, material: Material) -> str:
+        if type(material) not in MATERIALS.values() or type(material).__module__.split(".")[0] != "wrt":
+            raise InputError(f"{type(material).__name__}: a scene file cannot hold materials of one's own")
+        return self.named(
+            material, "material", self.materials, lambda: {"type": material.type_name, **self.fields(material)}
+        )
+
+    def named(self, thing: Any, kind: str, tables: Table, make: Any) -> str:
+        """Return the name of an object's table, which is made the first time."""
+        if id(thing) not in self.names:
+            self.kept.append(thing)
+            table = make()  # parts first, so that a file defines names before it uses them
+            self.names[id(thing)] = f"{kind}-{len(tables)}"
+            tables[self.names[id(thing)]] = table
+        return self.names[id(thing)]
+
+    def motion(self, motion: Motion) -> Table:
+        keys = [
+            {"time": time, "matrix": matrix[:3].tolist()}
+            for time, matrix in zip(motion.times.tolist(), motion.transforms, strict=True)
+        ]
+        return {"center": list(motion.center), "keys": keys}
+
+    def shapes(self, shapes: list[Shape]) -> Table:
+        """Return one table for shapes that differ only in their transform."""
+        shape = shapes[0]
+        table: Table = {"type": "mesh", "name": shape.name, "file": self.mesh(shape.mesh)}
+        table["material"] = self.material(shape.material)
+        if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
+            table["emission"] = self.value(shape.emission)
+        if shape.two_sided_emission:
+            table["two_sided_emission"] = True
+        if isinstance(shape.transform, Motion):
+            table["motion"] = self.motion(shape.transform)
+        elif shape.transform is not None:
+            places = np.stack([np.asarray(each.transform) for each in shapes])
+            table["instances"] = self.array("places", shape, places)
+        if shape.deformation is not None:
+            arrays: dict[str, NDArray[Any]] = {
+                "times": shape.deformation.times,
+                "vertices": shape.deformation.vertices,
+            }
+            if shape.deformation.normals is not None:
+                arrays["normals"] = shape.deformation.normals
+            table["deformation"] = {"file": self.arrays("deformation", shape.deformation, arrays)}
+        return table
+
+    def mesh(self, mesh: Mesh) -> str:
+        names = ("vertices", "faces", "normals", "uvs", "colors")
+        arrays = {name: getattr(mesh, name) for name in names if getattr(mesh, name) is not None}
+        return self.arrays("mesh", mesh, arrays)
+
+    def image(self, kind: str, pixels: NDArray[np.float32], *, linear: bool) -> Table:
+        """Return the keys of a texture, an image of 8 bits if its values are those of one; `linear` is the default."""
+        for is_linear in (linear, not linear):
+            codes = codes_of(pixels, linear=is_linear)
+            if codes is not None:
+                file = self.written(kind, pixels, ".png", lambda handle, codes=codes: save_codes(handle, codes))
+                return {"texture": file} | ({} if is_linear == linear else {"linear": is_linear})
+        return {"texture": self.array(kind, pixels, pixels)}
+
+    def array(self, kind: str, owner: Any, array: NDArray[Any]) -> str:
+        """Write an array once per owner; return its file name relative to the scene file."""
+        return self.written(kind, owner, ".npy", lambda handle: np.save(handle, array))
+
+    def arrays(self, kind: str, owner: Any, arrays: dict[str, NDArray[Any]]) -> str:
+        return self.written(kind, owner, ".npz", lambda handle: np.savez(handle, **arrays))  # type: ignore[arg-type]
+
+    def written(self, kind: str, owner: Any, suffix: str, save: Any) -> str:
+        if id(owner) not in self.names:
+            self.kept.append(owner)
+            name = f"{kind}-{self.counts[kind]}{suffix}"
+            self.counts[kind] += 1
+            self.names[id(owner)] = name
+
+            def write(temporary: Path) -> None:
+                with temporary.open("wb") as handle:
+                    save(handle)
+
+            write_atomically(self.folder / name, write, SCENE)
+        return f"{self.called}/{self.names[id(owner)]}"
+
+
+def _write_text(file: Path, text: str) -> None:
+    file.write_text(text, encoding="utf-8")
+
+
+class _Alike:
+    """Compares equal for shapes that stand still in some place and differ in nothing else."""
+
+    def __init__(self, shape: Shape) -> None:
+        self.shape = shape
+
+    def __eq__(self, other: object) -> bool:
+        a, b = self.shape, other.shape if isinstance(other, _Alike) else None
+        if b is None or a.transform is None or b.transform is None:
+            return False
+        if isinstance(a.transform, Motion) or isinstance(b.transform, Motion):
+            return False
+        same = all(getattr(a, name) is getattr(b, name) for name in ("mesh", "material", "deformation"))
+        return same and a.name == b.name and (a.two_sided_emission, a.emission) == (b.two_sided_emission, b.emission)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _is_default(value: Any, field: dataclasses.Field[Any]) -> bool:
+    if field.default is dataclasses.MISSING or not isinstance(value, (bool, int, float, str, tuple)):
+        return False
+    return bool(value == field.default or (isinstance(value, tuple) and value == (field.default,) * len(value) != ()))
+
+
+def _type_of(thing: Any, kinds: dict[str, Any]) -> str:
+    """Return the name in scene files of a thing's class."""
+    (name,) = [name for name, kind in kinds.items() if kind is type(thing)]
+    return name

@@ -1,0 +1,340 @@
+"""Reads trimesh objects like their files: as parts with materials, cameras and lights.
+
+A PBRMaterial is converted to a glTF material, a SimpleMaterial to the statements of an MTL file, and the cameras and
+lights of a scene to those of glTF. The readers of these formats do the rest. What trimesh drops when it loads a file,
+such as samplers, texture transforms and extensions of glTF, is missing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError, warn
+from wrt.io.gltf.buffers import Buffers, Tree
+from wrt.io.gltf.images import GltfImages
+from wrt.io.gltf.materials import GltfMaterials
+from wrt.io.gltf.scene import cameras_of, lights_of
+from wrt.io.mesh.mtl import MtlMaterials
+from wrt.io.mesh.parts import Contents, Part, placed
+from wrt.io.mesh.ply import strips_of
+from wrt.io.mesh.trimesh_loaders import COLOR_MAP, Beside, decoded, is_stand_in, matching
+from wrt.io.texture_images import Source
+from wrt.scene.normals import corner_weighted_normals
+
+_LINEAR_FILES = ("glb", "gltf")
+"""File types whose vertex colours are linear."""
+
+_COMPUTED, _MOSTLY = 1e-9, 0.99
+"""Normals count as computed by trimesh if at least a share of _MOSTLY is within _COMPUTED of those that wrt computes.
+Normals from files differ by 1e-8 or more, as they are rounded to single precision or to decimal digits."""
+
+_IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
+_BESIDE_PBR = ("normalTexture", "occlusionTexture", "emissiveTexture", "alphaMode", "alphaCutoff", "doubleSided")
+
+
+def file_type(source: Any) -> str:
+    """Return the type of the file that an object was loaded from, such as "stl"; empty if unknown, as for copies."""
+    return str(source.source.file_type or "").lower()
+
+
+def read_object(source: Any) -> Contents:
+    """Return a part for each mesh and material of a `trimesh.Trimesh` or a `trimesh.Scene`, its camera and its lights.
+
+    Raises:
+        InputError: where it is another type.
+    """
+    import trimesh
+
+    if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
+        return Contents(_Reader(source).parts("trimesh", source))
+    if not isinstance(source, trimesh.Scene):
+        raise InputError(f"expected a trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}")
+    reader = _Reader(source)
+    places: dict[str, list[NDArray[np.float64]]] = {}
+    for node in source.graph.nodes_geometry:
+        matrix = _place_of(source, node)
+        if matrix is not None:
+            places.setdefault(source.graph[node][1], []).append(matrix)
+    parts = [
+        placed(part, found) for name, found in places.items() for part in reader.parts(str(name), source.geometry[name])
+    ]
+    return Contents(parts, lights_of(_lights(source)), cameras_of(_camera(source)))
+
+
+def _place_of(scene: Any, node: Any) -> NDArray[np.float64] | None:
+    """Return the (4, 4) transform of a node; None where trimesh has dropped its parents, such as glTF camera nodes."""
+    try:
+        return np.asarray(scene.graph.get(node)[0], np.float64)
+    except ValueError:
+        warn(f"trimesh: node {node!r} is left out: nothing leads to it; trimesh drops nodes with cameras when it loads")
+        return None
+
+
+class _HeldImages(GltfImages):
+    """Images of trimesh materials, which are in memory already; one object counts as one image."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, {"images": [], "textures": [], "samplers": []}, Buffers(path, {}, b""))
+        self._held: list[Any] = []
+
+    def reference(self, image: Any) -> Tree:
+        """Return a texture reference to an image."""
+        numbers = [number for number, held in enumerate(self._held) if held is image]
+        if not numbers:
+            numbers = [len(self._held)]
+            self._held.append(image)
+            self._tree["images"].append({"uri": str(numbers[0])})
+            self._tree["textures"].append({"source": numbers[0]})
+        return {"index": numbers[0]}
+
+    def _bytes(self, number: int) -> Source:
+        image: Source = self._held[number]
+        return image
+
+
+class _Reader:
+    """Reads the meshes of one object, each material and image once."""
+
+    def __init__(self, source: Any) -> None:
+        self._linear = file_type(source) in _LINEAR_FILES
+        self._path = Path(source.source.file_path or "trimesh")
+        self._resolver = source.source.resolver
+        self._beside = Beside(self._path) if source.source.file_path else None
+        self._images = _HeldImages(Path("trimesh"))
+        self._descriptions: list[Tree] = []
+        self._physical = GltfMaterials(Path("trimesh"), self._descriptions, self._images)
+        self._numbers: dict[int, int] = {}
+        self._simple = MtlMaterials(Path("trimesh"), self._find)
+        self._maps: dict[str, Any] = {}
+
+    def parts(self, name: str, mesh: Any) -> list[Part]:
+        """Return the parts of a `trimesh.Trimesh`, one for each of its materials; none if it has no triangles."""
+        import trimesh
+        from trimesh.visual.material import MultiMaterial, PBRMaterial
+
+        if not isinstance(mesh, trimesh.Trimesh):
+            # trimesh does not expand the triangle strips of PLY files: it returns their vertices as a point cloud.
+            strips = strips_of(mesh.metadata.get("_ply_raw") or {})
+            if not len(strips):
+                warn(f"trimesh: {name!r} is left out: a {type(mesh).__name__} has no triangles")
+                return []
+            colors = matching(getattr(mesh, "colors", None), len(mesh.vertices))
+            colors = None if colors is None else self._colors(colors)
+            return [Part(name, np.asarray(mesh.vertices), strips, colors=colors)]
+        part, visual = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh)), mesh.visual
+        if visual.kind == "vertex":
+            part.colors = self._colors(visual.vertex_colors)
+        elif visual.kind == "face":
+            part.face_colors = self._colors(visual.face_colors)
+        if visual.kind != "texture":
+            return [part]
+        part.uvs = matching(visual.uv, len(mesh.vertices))
+        material = visual.material
+        colors = matching(visual.vertex_attributes.get("color"), len(mesh.vertices))
+        if colors is not None:
+            part.colors = decoded(np.array(colors), linear=self._linear or isinstance(material, PBRMaterial))
+        if not isinstance(material, MultiMaterial):
+            return [self._with_material(part, material)]
+        numbers = np.asarray(() if visual.face_materials is None else visual.face_materials)
+        if numbers.shape != (len(mesh.faces),) or not len(material) or not set(numbers) <= set(range(len(material))):
+            warn(f"trimesh: {name!r} does not say which of its {len(material)} materials each face has; left out")
+            return [part]
+        return [
+            self._with_material(replace(part, faces=part.faces[numbers == number]), material.get(number))
+            for number in np.unique(numbers).tolist()
+        ]
+
+    def _colors(self, given: Any) -> NDArray[Any]:
+        """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
+        colors = decoded(np.asarray(given), linear=self._linear)
+        return colors[:, :3] if self._linear else colors
+
+    def _with_material(self, part: Part, material: Any) -> Part:
+        """Return a part with its material, and with the texture coordinates and colours that the material needs."""
+        from trimesh.visual.material import PBRMaterial, SimpleMaterial
+
+        if isinstance(material, PBRMaterial):
+            if id(material) not in self._numbers:
+                self._numbers[id(material)] = len(self._descriptions)
+                self._descriptions.append(self._described(material))
+            return self._physical.dressed(part, self._numbers[id(material)])
+        if isinstance(material, SimpleMaterial):
+            statements = self._statements(material)
+            if statements:
+                laid, colored = part.uvs is not None, part.colors is not None
+                # Several materials may have the same name.
+                key = f"{material.name} {id(material)}"
+                part.material = self._simple.material(key, statements, laid=laid, colored=colored)
+        elif material is not None:
+            warn(f"trimesh: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
+        return part
+
+    def _described(self, material: Any) -> Tree:
+        """Return a PBRMaterial as glTF describes it (section 3.9)."""
+
+        def told(names: tuple[str, ...]) -> Tree:
+            values = {name: getattr(material, name) for name in names}
+            return {
+                name: self._images.reference(value) if name.endswith("Texture") else value
+                for name, value in values.items()
+                if value is not None
+            }
+
+        described = {"pbrMetallicRoughness": told(_IN_PBR), **told(_BESIDE_PBR)}
+        if material.baseColorFactor is not None:
+            described["pbrMetallicRoughness"]["baseColorFactor"] = (np.asarray(material.baseColorFactor) / 255).tolist()
+        if material.emissiveFactor is not None:
+            described["emissiveFactor"] = np.asarray(material.emissiveFactor).tolist()
+        return described
+
+    def _statements(self, material: Any) -> dict[str, Any]:
+        """Return a SimpleMaterial as the statements of an MTL file.
+
+        trimesh keeps the file's own statements in `kwargs`, and colours rounded to 8 bits in the attributes. The file's
+        colours are used where they round to the attributes.
+        """
+        from trimesh.visual.color import DEFAULT_COLOR
+
+        said = dict(material.kwargs)
+        for key, rounded in (("kd", material.diffuse), ("ks", material.specular)):
+            if key in said and _rounds_to(said[key], rounded):
+                continue
+            said.pop(key, None)
+            if not np.array_equal(rounded, DEFAULT_COLOR):  # the default stands for no colour
+                said[key] = (rounded[:3] / 255.0).tolist()
+                if key == "kd" and 0 < rounded[3] < 255:
+                    said.setdefault("d", [str(rounded[3] / 255.0)])
+        if "ns" in said or material.glossiness != 1.0:  # 1 is the default
+            said["ns"] = material.glossiness
+        if material.image is not None and not is_stand_in(material.image):
+            said[COLOR_MAP] = [self._label(material.image)]
+        return said
+
+    def _label(self, image: Any) -> str:
+        """Return a name by which `_find` knows an image."""
+        for label, known in self._maps.items():
+            if known is image:
+                return label
+        first = label = str(image.info.get("file_path") or "image")
+        for number in itertools.count(2):
+            if label not in self._maps:
+                break
+            label = f"{first} {number}"
+        self._maps[label] = image
+        return label
+
+    def _find(self, name: str) -> Source:
+        """Return the image with a label from `_label`, or an image file beside the object's file.
+
+        Raises:
+            InputError: where there is no such image.
+        """
+        if name in self._maps:
+            image: Source = self._maps[name]
+            return image
+        if self._beside is not None:
+            return self._beside.find(name)
+        try:
+            data: bytes = self._resolver.get(name)
+        except Exception:  # noqa: BLE001 - resolvers of archives and of the network fail in ways of their own
+            raise InputError(f"trimesh: image {name!r}, which a material names, cannot be looked up") from None
+        return data
+
+
+def _rounds_to(value: Any, rounded: NDArray[np.uint8]) -> bool:
+    """Return whether a colour rounds to one of 8 bits, as a SimpleMaterial rounds it."""
+    from trimesh.visual.color import to_rgba
+
+    try:
+        return np.array_equal(to_rgba(np.array(value, np.float64)), rounded)
+    except (TypeError, ValueError):  # it is not a colour
+        return False
+
+
+def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
+    """Return the vertex normals, or None if they are those that trimesh computes from the faces.
+
+    trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
+    them computes them, which without scipy takes a time that is quadratic in the vertices.
+    """
+    if "vertex_normals" not in mesh._cache.cache:
+        return None
+    given, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
+    if given.shape != vertices.shape or not len(mesh.faces):
+        return None
+    with np.errstate(all="ignore"):
+        computed = corner_weighted_normals(vertices, np.asarray(mesh.faces))
+        near = (np.abs(given - computed) < _COMPUTED).all(axis=1)
+    return None if near.mean() >= _MOSTLY else given
+
+
+def _camera(scene: Any) -> Tree:
+    """Return a scene's camera, if it has one, as glTF describes it; `scene.camera` would create one."""
+    if not scene.has_camera:
+        return {}
+    if file_type(scene) in _LINEAR_FILES:
+        # trimesh keeps only the innermost transform of a camera: the camera is misplaced if a parent node has one too.
+        edges = scene.graph.transforms.edge_data
+        parents = {above for above, _ in edges}
+        for (_, frame), edge in edges.items():
+            # trimesh names its own lights like this.
+            ends = "geometry" in edge or _extension(edge) or str(frame).startswith(("light_", scene.camera.name))
+            if (frame in parents or not ends) and not np.array_equal(edge.get("matrix", np.eye(4)), np.eye(4)):
+                warn("trimesh: its camera is left out: trimesh drops the transforms of its parent nodes in a glTF file")
+                return {}
+    lens = {"type": "perspective", "perspective": {"yfov": float(np.radians(scene.camera.fov[1]))}}
+    node = {"camera": 0, "matrix": np.asarray(scene.camera_transform).T.reshape(-1).tolist()}
+    return {"cameras": [lens], "nodes": [node], "scenes": [{"nodes": [0]}]}
+
+
+def _lights(scene: Any) -> Tree:
+    """Return a scene's lights as glTF describes them: those given to it, and those that trimesh keeps from a glTF file.
+
+    trimesh adds two lights to a scene without any when it shows it; these are left out.
+    """
+    lights: list[Tree] = []
+    nodes: list[Tree] = []
+
+    def add(light: Tree, frame: Any) -> None:
+        matrix = _place_of(scene, frame)
+        if matrix is not None:
+            extensions = {"KHR_lights_punctual": {"light": len(lights)}}
+            nodes.append({"matrix": matrix.T.reshape(-1).tolist(), "extensions": extensions})
+            lights.append(light)
+
+    given = getattr(scene, "_lights", None) or []
+    for light in given if any(not _is_automatic(light) for light in given) else []:
+        kind = type(light).__name__.removesuffix("Light").lower()
+        color = (np.asarray(light.color)[:3] / 255.0).tolist()
+        cone = {name: getattr(light, name) for name in ("innerConeAngle", "outerConeAngle") if hasattr(light, name)}
+        add({"type": kind, "color": color, "intensity": light.intensity, "spot": cone}, light.name)
+    carried = _extension({"metadata": scene.metadata}).get("lights", [])
+    for (_, frame), edge in scene.graph.transforms.edge_data.items():
+        number = _extension(edge).get("light")
+        if number is not None and 0 <= number < len(carried):
+            add(carried[number], frame)
+    return {
+        "extensions": {"KHR_lights_punctual": {"lights": lights}},
+        "nodes": nodes,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+    }
+
+
+def _extension(holder: Tree) -> Tree:
+    """Return a glTF file's lights extension, which trimesh keeps in the metadata of a scene or of an edge to a node."""
+    metadata = holder.get("metadata") or {}
+    found: Tree = metadata.get("gltf_extensions", {}).get("KHR_lights_punctual", {})
+    return found
+
+
+def _is_automatic(light: Any) -> bool:
+    """Return whether a light looks like one that trimesh adds by itself."""
+    from trimesh.scene.lighting import _DEFAULT_RGBA, PointLight
+
+    return isinstance(light, PointLight) and light.intensity == 1.0 and np.array_equal(light.color, _DEFAULT_RGBA)

@@ -1,0 +1,205 @@
+"""Materials and images of USD files.
+
+Format: OpenUSD, "UsdPreviewSurface Specification" 2.6: a metallic-roughness or specular material with UsdUVTexture,
+UsdTransform2d and UsdPrimvarReader.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrt.errors import InputError, warn
+from wrt.io.images import read_image
+from wrt.io.texture_images import TextureImages
+from wrt.io.usd.lights import Matrix, radiance_of
+from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
+from wrt.scene.materials import Material, Principled
+from wrt.scene.textures import ColorSource, ImageTexture, NormalMap
+from wrt.values import vec3
+
+_WRAPS = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "clamp"}
+_CHANNELS = ("r", "g", "b", "a")
+
+
+class UsdMaterials:
+    """The materials of one file; each is made once for meshes with texture coordinates, and once for others."""
+
+    def __init__(self, path: Path) -> None:
+        """Take the file, for messages and the images beside it."""
+        self._path = path
+        self._images = TextureImages(path)
+        self._made: dict[tuple[str, bool], Material | None] = {}
+
+    def bound_to(self, prim: Any, *, laid: bool) -> Material | None:
+        """Return the material that is bound to a prim, or None; `laid` says whether it has texture coordinates."""
+        from pxr import UsdShade
+
+        bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        if not bound:
+            return None
+        key = (str(bound.GetPath()), laid)
+        if key not in self._made:
+            self._made[key] = self._make(bound, laid)
+        return self._made[key]
+
+    def dome(self, prim: Any, matrix: Matrix) -> Environment:
+        """Return the environment of a dome of light, whose pole is +y and whose middle is +z of its own axes."""
+        from pxr import UsdLux
+
+        from wrt.io.mitsuba.transforms import axis_and_degrees
+
+        radiance = np.array(radiance_of(prim))
+        asset = UsdLux.DomeLight(prim).GetTextureFileAttr().Get()
+        if not asset or not asset.path:
+            return ConstantEnvironment(vec3(radiance))
+        file = self._file(asset)
+        if not file.is_file():
+            warn(f"{self._path}: {str(file)!r}, which it refers to: no such file; the dome has one colour")
+            return ConstantEnvironment(vec3(radiance))
+        pixels = read_image(file) * radiance.astype(np.float32)
+        axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+        axis, degrees = axis_and_degrees(axes @ np.diag([-1.0, 1.0, -1.0]))
+        return ImageEnvironment(pixels, 1.0, degrees, file.name, axis)
+
+    def _file(self, asset: Any) -> Path:
+        """Return the file of an asset, which must not be a part of an archive."""
+        name = str(asset.resolvedPath or asset.path).replace("\\", "/")
+        if "[" in name:
+            raise InputError(f"{self._path}: {name}: images within a USDZ archive are not supported; unpack it")
+        return self._path.parent / name
+
+    def _make(self, bound: Any, laid: bool) -> Material | None:
+        shader, _, _ = bound.ComputeSurfaceSource()
+        if not shader or str(shader.GetIdAttr().Get()) != "UsdPreviewSurface":
+            warn(f"{self._path}: {bound.GetPath()}: only UsdPreviewSurface is supported; left out")
+            return None
+        read = _Inputs(self, shader, laid)
+        values: dict[str, Any] = {
+            "base_color": read.color("diffuseColor", (0.18,) * 3),
+            "roughness": read.number("roughness", 0.5),
+            "opacity": read.number("opacity", 1.0),
+            "coat": read.number("clearcoat", 0.0),
+            "coat_roughness": read.number("clearcoatRoughness", 0.01),
+            "emission": read.color("emissiveColor", (0.0,) * 3),
+            "ior": max(1.0, float(read.constant("ior", 1.5))),
+        }
+        if read.constant("useSpecularWorkflow", 0):
+            # As its reflectance straight on, with an infinite index.
+            values |= {"ior": 0.0, "specular_color": read.color("specularColor", (0.0,) * 3)}
+        else:
+            values["metallic"] = read.number("metallic", 0.0)
+        cutoff = float(read.constant("opacityThreshold", 0.0))
+        if cutoff > 0.0:
+            opacity = values["opacity"]
+            if isinstance(opacity, ImageTexture):
+                values["opacity"] = read.number("opacity", 1.0, cutoff=cutoff)
+            else:
+                values["opacity"] = 1.0 if opacity >= cutoff else 0.0
+        normal = read.texture("normal", "data")
+        if normal is not None:
+            values["normal_map"] = NormalMap(normal, name=normal.name)
+        return Principled(**values)
+
+    def pixels(self, asset: Any, kind: str) -> Any:
+        """Return the pixels of an image, or None with a warning."""
+        file = self._file(asset)
+        return self._images.pixels(str(file), kind, f"image {file.name}", lambda: file)
+
+
+class _Inputs:
+    """The inputs of one shader: constants, and textures that are connected."""
+
+    def __init__(self, owner: UsdMaterials, shader: Any, laid: bool) -> None:
+        self._owner, self._shader, self._laid = owner, shader, laid
+
+    def constant(self, name: str, default: Any) -> Any:
+        """Return the value of an input that does not vary."""
+        return _constant(self._shader, name, default)
+
+    def color(self, name: str, default: tuple[float, ...]) -> ColorSource:
+        """Return a colour."""
+        texture = self.texture(name, "color")
+        if texture is not None:
+            return texture
+        return vec3(np.maximum(np.array(self.constant(name, default), np.float64), 0.0))
+
+    def number(self, name: str, default: float, **options: Any) -> ColorSource:
+        """Return a number from 0 to 1."""
+        texture = self.texture(name, "data", **options)
+        return float(np.clip(self.constant(name, default), 0.0, 1.0)) if texture is None else texture
+
+    def texture(self, name: str, kind: str, **options: Any) -> ImageTexture | None:
+        """Return the texture that is connected to an input, or None."""
+        from pxr import UsdShade
+
+        given = self._shader.GetInput(name)
+        sources = given.GetConnectedSources()[0] if given else []
+        if not sources or not self._laid:
+            return None
+        image = UsdShade.Shader(sources[0].source.GetPrim())
+        if str(image.GetIdAttr().Get()) != "UsdUVTexture":
+            return None
+        asset = _constant(image, "file", None)
+        if asset is None:
+            return None
+        channel = str(sources[0].sourceName)
+        space = str(_constant(image, "sourceColorSpace", "auto"))
+        if kind == "data" and channel == "a":
+            kind, channel = "alpha", "r"
+        elif space in ("raw", "sRGB"):
+            kind = "data" if space == "raw" else "color"
+        pixels = self._owner.pixels(asset, kind)
+        if pixels is None:
+            return None
+        scale, bias = (
+            np.array(_constant(image, key, value), np.float64)[:3]
+            for key, value in (("scale", (1.0,) * 4), ("bias", (0.0,) * 4))
+        )
+        if name == "normal":
+            # To −1 to 1 in the file, from 0 to 1 here.
+            scale, bias = 0.5 * scale, 0.5 * bias + 0.5
+        if bias.any():
+            pixels, scale = np.clip(pixels * scale + bias, 0.0, 1.0).astype(np.float32), np.ones(3)
+        elif name == "normal":
+            pixels, scale = np.clip(pixels * scale, 0.0, 1.0).astype(np.float32), np.ones(3)
+        wraps = tuple(_WRAPS.get(str(_constant(image, key, "repeat")), "repeat") for key in ("wrapS", "wrapT"))
+        if channel in _CHANNELS[:3]:
+            options["channel"] = channel
+            scale = scale[_CHANNELS.index(channel)] * np.ones(3)
+        file = Path(asset.path).name
+        return ImageTexture(pixels, file, factor=vec3(scale), wrap=wraps, **_placement(image), **options)
+
+
+def _constant(shader: Any, name: str, default: Any) -> Any:
+    """Return an input's value, that of the material where it is connected to one, or the default."""
+    from pxr import UsdShade
+
+    given = shader.GetInput(name)
+    if not given:
+        return default
+    for attribute in UsdShade.Utils.GetValueProducingAttributes(given):
+        value = attribute.Get()
+        if value is not None and UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Input:
+            return value
+    return default
+
+
+def _placement(image: Any) -> dict[str, Any]:
+    """Return how an image lies by its UsdTransform2d: scaled, turned, then moved."""
+    from pxr import UsdShade
+
+    given = image.GetInput("st")
+    sources = given.GetConnectedSources()[0] if given else []
+    if not sources:
+        return {}
+    node = UsdShade.Shader(sources[0].source.GetPrim())
+    if not node or str(node.GetIdAttr().Get()) != "UsdTransform2d":
+        return {}
+    return {
+        "scale": tuple(_constant(node, "scale", (1.0, 1.0))),
+        "rotation_degrees": float(_constant(node, "rotation", 0.0)),
+        "offset": tuple(_constant(node, "translation", (0.0, 0.0))),
+    }

@@ -1,0 +1,166 @@
+"""Merge the parts of a render into its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend.device import Device
+from wrt.develop.picture import Developed
+from wrt.developing import Exposure
+from wrt.errors import InputError
+from wrt.io.safe_read import PathLike
+from wrt.parts.cut import put
+from wrt.parts.part import Part
+from wrt.rendering.checkpoint import write_checkpoint
+from wrt.rendering.film import Film
+from wrt.rendering.picture_file import write_picture
+
+NAMED = 3
+"""Missing parts that a message names."""
+
+
+class Merged:
+    """The picture of a render whose parts were merged: that of one machine, bit for bit.
+
+    Attributes:
+        settings: the settings of the picture.
+        film: its film.
+        integrator: the integrator.
+        seed: the seed.
+        seconds_render: the sum of the seconds of all parts.
+    """
+
+    def __init__(self, first: Part, device: Device) -> None:
+        """Start the picture of which `first` is a part, without pixels."""
+        self.settings, self._identity = first.settings, first.header["identity"]
+        self.integrator, self.seed = str(self._identity["integrator"]), int(self._identity["seed"])
+        x0, y0, x1, y1 = first.crop
+        self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers)
+        self.seconds_render = 0.0
+        self._materials: list[int] = first.materials.tolist()
+
+    @property
+    def width(self) -> int:
+        """Width of the rendered part of the picture, pixels."""
+        return self.film.width
+
+    @property
+    def height(self) -> int:
+        """Height of the rendered part of the picture, pixels."""
+        return self.film.height
+
+    @property
+    def spp(self) -> int:
+        """Samples in each pixel."""
+        return int(self.film.counts.min())
+
+    @property
+    def renders_light(self) -> bool:
+        """False if there are only layers; see `wrt.Renderer.renders_light`."""
+        return self.integrator != "aov"
+
+    def image(self) -> NDArray[np.float32]:
+        """Return (H, W, 3) float32 linear radiance."""
+        return self.film.mean()
+
+    def denoised(self) -> NDArray[np.float32]:
+        """Raise InputError, since denoising needs the scene."""
+        raise InputError("merged parts are not denoised, which needs the scene; resume from a checkpoint of them")
+
+    def alpha(self) -> NDArray[np.float32] | None:
+        """Return (H, W) float32 coverage of a transparent picture, None for others; see `wrt.Renderer.alpha`."""
+        return self._film_layers()["alpha"] if self.settings.transparent else None
+
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Return the layers by name; see `wrt.Renderer.layers`."""
+        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
+
+    def _film_layers(self) -> dict[str, NDArray[Any]]:
+        return self.film.aovs.arrays(self.film.counts, self._materials)
+
+    def save(
+        self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
+    ) -> Developed | None:
+        """Write the picture; see `wrt.Renderer.save`."""
+        return write_picture(self, Path(path), tone, exposure, force=force)
+
+    def save_checkpoint(self, path: PathLike) -> None:
+        """Write a checkpoint, from which `wrt.Renderer.resume` goes on with the scene.
+
+        Raises:
+            InputError: when it cannot be written.
+        """
+        write_checkpoint(path, self._identity, self.film.state())
+
+    def __repr__(self) -> str:
+        return f"<wrt.Merged {self.width}x{self.height} {self.integrator}, {self.spp} spp>"
+
+    def check(self, part: Part) -> None:
+        """Raise InputError if no render can have produced the arrays of a part."""
+        arrays = self.film.arrays()
+        for name, array in arrays.items():
+            found = part.arrays.get(name)
+            shape = (len(part.arrays["count"]), *array.shape[1:])
+            if found is None or found.shape != shape or found.dtype != array.dtype:
+                raise InputError(f"{part.name}: damaged, its array {name!r} is missing or of another shape")
+        try:
+            self.film.check_values(part.arrays, len(part.materials))
+        except InputError as error:
+            raise InputError(f"{part.name}: damaged, {error}") from None
+
+
+def merge(parts: Iterable[PathLike | Part]) -> Merged:
+    """Return the picture of all parts of a render, from `wrt.Renderer.part` or `wrt render --part`.
+
+    Args:
+        parts: the parts, or the paths of their files, in any order.
+
+    Raises:
+        InputError: naming a part that is damaged, that is missing or there twice, or that is of another picture,
+            version of wrt, number of samples, device or kind of processor.
+    """
+    merged: Merged | None = None
+    names: dict[int, str] = {}
+    state: dict[str, NDArray[Any]] = {}
+    for each in parts:
+        part = each if isinstance(each, Part) else Part.load(each)
+        if merged is None:
+            first, merged = part, Merged(part, Device("cpu", threads=1))
+            state = merged.film.state()
+        _require_fit(part, first)
+        if part.number in names:
+            both = f"{names[part.number]} and {part.name}"
+            raise InputError(f"{both} are the same part, {part.number} of {part.of}; leave one out")
+        merged.check(part)
+        names[part.number] = part.name
+        for name, array in state.items():
+            put(array, first.crop, part.windows, part.arrays[name])
+        merged.seconds_render += float(part.header["seconds"])
+    if merged is None:
+        raise InputError("there are no parts to merge")
+    _require_all(names, first.of)
+    merged.film.restore(state)
+    return merged
+
+
+def _require_fit(part: Part, first: Part) -> None:
+    """Raise InputError unless two parts are of one picture."""
+    what = f"does not fit {first.name}, these differ"
+    part.require_fit(first.header, what=what, pair="{}, not {}")
+    for name, own, other in (("samples per pixel", part.spp, first.spp), ("number of parts", part.of, first.of)):
+        if own != other:
+            raise InputError(f"{part.name}: {what}: {name} ({own}, not {other})")
+
+
+def _require_all(names: dict[int, str], of: int) -> None:
+    missing = [number for number in range(1, of + 1) if number not in names]
+    if missing:
+        listed = ", ".join(map(str, missing[:NAMED]))
+        more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
+        parts = "part" if len(missing) == 1 else "parts"
+        raise InputError(f"{parts} {listed}{more} of {of} {'is' if len(missing) == 1 else 'are'} missing")

@@ -1,0 +1,1 @@
+"""Progress of a render on the terminal."""

@@ -1,0 +1,45 @@
+"""Progress for log files and pipes: plain lines, at growing intervals."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+GETTING_READY = "getting ready; kernels are compiled the first time"
+
+FIRST_SECONDS = 2.0
+"""Time before the first line; shorter renders print no line."""
+
+MOST_SECONDS = 15.0
+"""Longest interval between lines, which come after 2, 4, 8, 16, 31, 46 ... seconds."""
+
+
+class ProgressLines:
+    """A thread that prints the status of a render from time to time.
+
+    Attributes:
+        text: the status to print next.
+    """
+
+    def __init__(self, label: str) -> None:
+        """Prepare lines that begin with `label`, the name of the picture."""
+        self.text = GETTING_READY
+        self._label = label
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="wrt-progress", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread and its clock."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the thread; nothing is printed after this."""
+        self._ended.set()
+        self._thread.join(timeout=1.0)  # it may be writing to a pipe that nobody reads
+
+    def _run(self) -> None:
+        started, due = time.monotonic(), FIRST_SECONDS
+        while not self._ended.wait(max(0.0, started + due - time.monotonic())):
+            print(f"wrt: {self._label}: {self.text}", file=sys.stderr, flush=True)
+            due += min(due, MOST_SECONDS)

@@ -1,0 +1,123 @@
+"""Fits text into a line of a terminal, the most important parts first."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import unicodedata
+from collections.abc import Sequence
+from typing import TextIO
+
+USUAL_COLUMNS = 80
+"""Assumed width of terminals that do not report one."""
+
+LEAST_BAR = 10
+"""Smallest useful width of a bar, in columns."""
+
+LABEL_SHARE = 3
+"""If not everything fits, a label takes at most 1/LABEL_SHARE of the line."""
+
+
+def bar_stream() -> TextIO | None:
+    """Return the stream that shows a bar: standard error on a terminal, standard output in a notebook; else None.
+
+    Notebooks put a red background behind standard error, which would stay when the bar has gone.
+    """
+    if sys.stderr is not None and sys.stderr.isatty():
+        return sys.stderr
+    return sys.stdout if type(sys.stdout).__module__.startswith("ipykernel.") else None
+
+
+def terminal_columns() -> int:
+    """Return the usable columns of the terminal at standard error; the last one stays free for the cursor."""
+    columns = 0
+    with contextlib.suppress(OSError, ValueError):  # no terminal, closed, or not a file
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns
+    if columns <= 0:
+        given = os.environ.get("COLUMNS", "")
+        columns = int(given) if given.isdecimal() and 0 < int(given) < 10_000 else USUAL_COLUMNS
+    return max(columns - 1, 1)
+
+
+def columns_of(text: str) -> int:
+    """Return the width of text in columns: wide East Asian characters take two, combining marks none."""
+    if text.isascii():
+        return len(text)
+    return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
+
+
+def shortened(text: str, columns: int) -> str:
+    """Return text cut to a number of columns, with dots for its middle if it is longer."""
+    if columns_of(text) <= columns:
+        return text
+    dots = "..."[: max(columns, 0)]
+    room = columns - len(dots)
+    end = _beginning(text[::-1], room // 2)[::-1]
+    return _beginning(text, room - columns_of(end)) + dots + end
+
+
+def _beginning(text: str, columns: int) -> str:
+    """Return the longest prefix of text that fits into a number of columns."""
+    taken = 0
+    for number, character in enumerate(text):
+        taken += columns_of(character)
+        if taken > columns:
+            return text[:number]
+    return text
+
+
+def fitted(label: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
+    """Return label and pieces in one line that fits into a number of columns.
+
+    Args:
+        label: start of the line; it is shortened before pieces are left out.
+        pieces: rank and text of each piece; those of the highest rank are left out first.
+        columns: width of the line.
+    """
+    label = shown(label)
+    kept = [*pieces]
+    least = min(columns_of(label), max(columns // LABEL_SHARE, 1))
+    while kept and least + sum(2 + columns_of(text) for _, text in kept) > columns:
+        kept.remove(max(kept))
+    if pieces and not kept and columns_of(alone := min(pieces)[1]) <= columns:
+        return alone
+    rest = "".join(f"  {text}" for _, text in kept)
+    return shortened(label, columns - columns_of(rest)) + rest
+
+
+def fitted_bar(label: str, share: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
+    """Return the tqdm format of a line with a bar, or without one if it does not fit.
+
+    Args:
+        label: start of the line.
+        share: finished part of the work as text, such as " 25%".
+        pieces: see `fitted`; those up to rank 3 are more important than the bar.
+        columns: width of the line.
+    """
+    room = columns - len(f" {share}||  ") - LEAST_BAR
+    label = shown(label)
+    kept = sorted(pieces)
+    least = min(columns_of(label), max(columns // LABEL_SHARE, 1))
+
+    def width() -> int:
+        return least + sum(2 + columns_of(text) for _, text in kept)
+
+    while kept and kept[-1][0] > 3 and width() > room:
+        kept.pop()
+    if width() > room:
+        return literal(fitted(label, [(0, share), *pieces], columns))
+    rest = "  ".join(text for piece, text in pieces if (piece, text) in kept)
+    name = shortened(label, room - columns_of(rest))
+    return f"{literal(f'{name} {share}')}|{{bar}}| {literal(rest)}"
+
+
+def shown(text: str) -> str:
+    """Return text as standard error shows it, with characters that its encoding lacks escaped."""
+    encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
+    return text.encode(encoding, "backslashreplace").decode(encoding)
+
+
+def literal(text: str) -> str:
+    """Escape text for use in a format string."""
+    return text.replace("{", "{{").replace("}", "}}")

@@ -1,0 +1,177 @@
+"""`render_views`: many pictures of one scene, which is built once."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend.slices import INTERRUPT_SECONDS
+from wrt.errors import InputError
+from wrt.scene.camera import Camera, require_camera
+
+if TYPE_CHECKING:
+    from wrt.rendering.renderer import Renderer
+
+TOGETHER = 2
+"""Views that are rendered at once: while threads run out of work at the end of one, they take that of the other."""
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """A picture of `render_views`.
+
+    Attributes:
+        index: number of the camera, from 0.
+        camera: the camera.
+        image: (H, W, 3) float32 linear radiance, or (H, W, 4) with coverage for a transparent picture.
+        layers: the layers by name, see `wrt.Renderer.layers`.
+        spp: samples per pixel.
+    """
+
+    index: int
+    camera: Camera
+    image: NDArray[np.float32]
+    layers: dict[str, NDArray[Any]]
+    spp: int
+
+
+def render_views(
+    source: Any,
+    cameras: Iterable[Camera],
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    spp: int | None = None,
+    noise: float | None = None,
+    denoise: bool | None = None,
+    layers: Sequence[str] | None = None,
+    device: str = "cpu",
+    seed: int = 0,
+    threads: int | None = None,
+    max_depth: int | None = None,
+    sampler: str | None = None,
+    integrator: str | None = None,
+    transparent: bool = False,
+) -> Iterator[View]:
+    """Render a scene through many cameras, as for a dataset, and yield the pictures in their order.
+
+    The scene is built once, and two pictures are rendered at once, so that small ones keep all threads busy. Each has
+    the bits of `wrt.render` with that camera. Leaving the loop ends rendering.
+
+    Args:
+        source: as for `wrt.load`.
+        cameras: the cameras, of any of wrt's types, all with the same shutter times; they may come from a generator.
+        width: pixels, as for `wrt.Renderer`; so are the arguments that are not named here.
+        height: pixels.
+        spp: samples per pixel; by default those of the scene's settings.
+        noise: relative noise at which a picture is done, see `wrt.Renderer.passes`.
+        denoise: whether to remove noise, see `wrt.Renderer.denoised`.
+        layers: names of layers to render besides radiance, such as depth, normal and object.
+        device: "cpu", "cuda" or "cuda:N".
+        seed: of all pictures.
+        threads: CPU threads; by default all cores.
+        max_depth: most segments in a path.
+        sampler: source of random numbers.
+        integrator: see `wrt.scene.scene.INTEGRATORS`.
+        transparent: whether pictures have coverage, see `wrt.load`.
+
+    Raises:
+        InputError: if an argument cannot be used.
+    """
+    from wrt.api import load
+    from wrt.rendering.renderer import Renderer
+
+    coming = iter(cameras)
+    first = next(coming, None)
+    if first is None:
+        return
+    require_camera(first)
+    aspect = width / height if width and height else None
+    scene = dataclasses.replace(load(source, transparent=transparent, aspect=aspect), camera=first)
+    renderer = Renderer(
+        scene,
+        width=width,
+        height=height,
+        device=device,
+        seed=seed,
+        threads=threads,
+        max_depth=max_depth,
+        sampler=sampler,
+        integrator=integrator,
+        layers=layers,
+    )
+    views = _Views(renderer, {"spp": spp, "noise": noise}, renderer.settings.denoise if denoise is None else denoise)
+    yield from views.all(_joined(first, coming))
+
+
+def _joined(first: Camera, rest: Iterator[Camera]) -> Iterator[Camera]:
+    yield first
+    yield from rest
+
+
+class _Views:
+    """Renders views by a few renderers of one scene on one device, each in a thread of its own."""
+
+    def __init__(self, renderer: Renderer, limits: dict[str, Any], denoise: bool) -> None:
+        from wrt.rendering.sharing import sharing
+
+        self._device, self._limits, self._denoise = renderer.device, limits, denoise
+        # Bodies around the camera belong to the built scene, which all share; a GPU has no threads that could idle.
+        alone = renderer.built_features.bodies or not renderer.device.is_cpu
+        self._idle = [renderer, *(sharing(renderer) for _ in range(0 if alone else TOGETHER - 1))]
+        self._setting = threading.Lock()
+        self._ended = threading.Event()
+
+    def all(self, cameras: Iterator[Camera]) -> Iterator[View]:
+        """Yield the views of cameras in order."""
+        begun: collections.deque[Future[View]] = collections.deque()
+        together = len(self._idle)
+        with ThreadPoolExecutor(together, thread_name_prefix="wrt-view") as pool:
+            try:
+                for index, camera in enumerate(cameras):
+                    if len(begun) > together:  # one waits, so that no thread does
+                        yield self._wait(begun.popleft())
+                    begun.append(pool.submit(self._render, index, camera))
+                while begun:
+                    yield self._wait(begun.popleft())
+            finally:
+                self._ended.set()
+                if begun:
+                    self._device.cancelled.set()
+                pool.shutdown(wait=True, cancel_futures=True)
+                self._device.cancelled.clear()
+
+    def _wait(self, view: Future[View]) -> View:
+        while True:  # an unlimited wait cannot be interrupted on every system
+            try:
+                return view.result(timeout=INTERRUPT_SECONDS)
+            except TimeoutError:
+                if view.done():
+                    raise
+
+    def _render(self, index: int, camera: Camera) -> View:
+        from wrt.rendering.passes import LONGEST_PASS
+
+        renderer = self._idle.pop()
+        try:
+            with self._setting:  # renderers that share a scene share its camera
+                try:
+                    renderer.set_camera(camera)
+                except InputError as error:
+                    raise InputError(f"camera {index}: {error}") from None
+            for _ in renderer.passes(**self._limits, pass_seconds=LONGEST_PASS):
+                if self._ended.is_set():
+                    break
+            image = renderer.denoised() if self._denoise else renderer.image()
+            alpha = renderer.alpha()
+            whole = image if alpha is None else np.dstack([image, alpha])
+            return View(index, camera, whole, renderer.layers(), renderer.spp)
+        finally:
+            self._idle.append(renderer)

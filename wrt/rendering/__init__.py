@@ -1,0 +1,1 @@
+"""Render a scene to a film, pass after pass, and write it to files."""

@@ -1,0 +1,186 @@
+"""The film on the host: the sums of samples in each pixel."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.backend.device import Device
+from wrt.errors import InputError
+from wrt.rendering.film_aovs import FilmAovs, bytes_per_pixel
+
+STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
+"""The arrays of a film's state, without the count of rays, which is only a statistic of this run."""
+
+BYTES_PER_PIXEL = 64
+"""Memory of a film: two sums of three doubles, two counts and a tally."""
+
+COPIED_PER_PIXEL = 56
+"""Memory of temporary copies: a checkpoint copies all but the tally; an 8-bit picture takes less."""
+
+NOISE_PIXELS = 1 << 14
+"""Fewest pixels in a slice of the noise kernel: their work is several times that of starting the slice."""
+
+
+class Film:
+    """Sums of samples and of their squares, and sample counts, for each pixel of a picture."""
+
+    def __init__(self, width: int, height: int, device: Device, layers: tuple[str, ...] = ()) -> None:
+        """Start an empty film of width x height pixels on a device, with `layers` besides radiance."""
+        backend = current_backend()
+        film = backend.kernels("wrt.kernels.film.film")
+
+        self.width, self.height, self.device = width, height, device
+        self.pixels = pixels = width * height
+        self._per_pixel = bytes_per_pixel(layers)
+        self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
+        self.aovs = FilmAovs(layers, width, height, device)
+        self.data = film.FilmData()
+        self.data.total = backend.zeros(pixels, "vec3d", device.name)
+        self.data.total_of_squares = backend.zeros(pixels, "vec3d", device.name)
+        self.data.count = backend.zeros(pixels, "int32", device.name)
+        self.data.rejected = backend.zeros(pixels, "int32", device.name)
+        self.data.rays = backend.zeros(pixels, "int64", device.name)
+
+    def require_memory(self, new: int = 0) -> None:
+        """Raise InputError unless memory suffices for `new` bytes a pixel and for the copies that saving makes."""
+        what = f"a picture of {self.width}x{self.height}"
+        copies = self.pixels * (COPIED_PER_PIXEL + self._per_pixel)
+        self.device.require_memory(self.pixels * new, what, copies=copies)
+
+    @contextlib.contextmanager
+    def leaving_out(self, pixels: NDArray[np.bool_] | None, spp: int) -> Iterator[None]:
+        """Within the context, let some pixels seem to have `spp` samples already, so that kernels add none."""
+        if pixels is None:
+            yield
+            return
+        backend = current_backend()
+        target = self.data.count
+        before = target.numpy()[pixels]  # a copy
+        counts = target.numpy().copy()
+        counts[pixels] = spp
+        try:
+            backend.copy(target, backend.array(counts, target.dtype, self.device.name))
+            yield
+        finally:
+            counts = target.numpy().copy()
+            counts[pixels] = before
+            backend.copy(target, backend.array(counts, target.dtype, self.device.name))
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return copies of all arrays needed to resume, by name."""
+        return {name: array.copy() for name, array in self.arrays().items()}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that `state` copies; on the CPU these are the film's own arrays."""
+        own = {name: getattr(self.data, name).numpy() for name in STATE_ARRAYS}
+        return {**own, **self.aovs.state()}
+
+    def clear(self) -> None:
+        """Remove all samples."""
+        for name in (*STATE_ARRAYS, "rays"):
+            getattr(self.data, name).zero_()
+        self.aovs.clear()
+
+    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+        """Raise InputError if no render can have produced a state.
+
+        Args:
+            state: arrays by name, as `state` returns them.
+            shapes: number of shapes in the scene.
+        """
+        for name, array in self.arrays().items():
+            found = state.get(name)
+            if found is None or found.shape != array.shape or found.dtype != array.dtype:
+                raise InputError(f"its array {name!r} is missing or of another shape")
+        self.check_values(state, shapes)
+
+    def check_values(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+        """Raise InputError if no render can have produced these values of some of the pixels; see `check`."""
+        total, squares, count, rejected = (state[name] for name in STATE_ARRAYS)
+        if (count < 0).any():
+            raise InputError(f"'count' is {count.min()} samples in a pixel")
+        if ((rejected < 0) | (rejected > count)).any():
+            raise InputError("'rejected' is below 0 or above 'count'")
+        if not (np.isfinite(total).all() and np.isfinite(squares).all()):
+            raise InputError("sums of samples are not finite")
+        if (squares < 0.0).any():
+            raise InputError("a sum of squares is negative")
+        # The Cauchy-Schwarz inequality, with a margin for rounding; without samples the sums must be 0.
+        with np.errstate(over="ignore"):
+            possible = np.abs(total) <= np.sqrt(squares * count[:, None]) * (1.0 + 1e-6)
+        if not possible.all():
+            raise InputError("sums of samples do not match their squares and count")
+        self.aovs.check(state, shapes)
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Continue from a state, whose arrays must have the shapes and types of `state`."""
+        backend = current_backend()
+
+        for name in STATE_ARRAYS:
+            target = getattr(self.data, name)
+            backend.copy(target, backend.array(state[name], target.dtype, self.device.name))
+        self.aovs.restore(state)
+
+    @property
+    def counts(self) -> NDArray[np.int32]:
+        """(H, W) int32 samples in each pixel."""
+        counts: NDArray[np.int32] = self.data.count.numpy().reshape(self.height, self.width)
+        return counts
+
+    @property
+    def rays(self) -> int:
+        """Rays traced since this film was created."""
+        return int(self.data.rays.numpy().sum())
+
+    @property
+    def rejected(self) -> int:
+        """Samples that were not finite and counted as black."""
+        return int(self.data.rejected.numpy().sum())
+
+    def mean(self) -> NDArray[np.float32]:
+        """Return (H, W, 3) float32 linear radiance; pixels without samples are black."""
+        n = np.maximum(self.data.count.numpy(), 1)[:, None]
+        mean: NDArray[np.float32] = (self.data.total.numpy() / n).astype(np.float32)
+        return mean.reshape(self.height, self.width, 3)
+
+    def device_mean(self) -> Any:
+        """Return `mean` as (H, W) wp.array of vec3 on the device."""
+        backend = current_backend()
+        film = backend.kernels("wrt.kernels.film.film")
+
+        mean = backend.empty(self.pixels, "vec3", self.device.name)
+        self.device.launch(film.film_mean, self.pixels, [self.data.total, self.data.count, mean])
+        return mean.reshape((self.height, self.width))
+
+    def variance(self) -> NDArray[np.float64]:
+        """Return (H, W, 3) float64 variance of the mean; NaN below two samples."""
+        n = self.data.count.numpy().astype(np.float64)[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = self.data.total.numpy() / n
+            spread = np.maximum(self.data.total_of_squares.numpy() / n - mean * mean, 0.0)
+            variance = np.where(n > 1.0, spread / (n - 1.0), np.nan)
+        return variance.reshape(self.height, self.width, 3)
+
+    def noise(self) -> float | None:
+        """Return the relative noise of the picture: the mean standard error of its pixels over their mean radiance.
+
+        The root mean square would depend on a handful of pixels across the edge of a lamp. None before any pixel has
+        two samples, or if the picture is black.
+        """
+        backend = current_backend()
+        film = backend.kernels("wrt.kernels.film.film")
+
+        mean = backend.zeros(self.height, "float64", self.device.name)
+        error = backend.zeros(self.height, "float64", self.device.name)
+        rows = -(-NOISE_PIXELS // self.width)
+        self.device.launch(film.film_noise, self.height, [self.width, self.data, mean, error], least=rows)
+        total = float(mean.numpy().sum())
+        if total <= 0.0:
+            return None
+        return float(error.numpy().sum()) / total

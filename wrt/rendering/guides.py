@@ -1,0 +1,54 @@
+"""Guides for a denoiser: albedo and normals of what is seen, in mirrors and through glass as well."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.rendering.film import Film
+from wrt.rendering.render_kernel import RenderKernel
+from wrt.upload.camera import outside_cameras
+from wrt.upload.integrators import integrator_features
+
+if TYPE_CHECKING:
+    from wrt.rendering.renderer import Renderer
+
+LAYERS = ("albedo", "normal")
+
+MOST_SAMPLES = 64
+"""Samples per pixel of the guides: they have little noise of their own, and are filtered before use."""
+
+
+class Guides:
+    """The guides of one picture; their samples are those of the picture.
+
+    They have a kernel and a film of their own, so that rendering is as fast as without them.
+    """
+
+    def __init__(self, renderer: Renderer) -> None:
+        """Prepare the guides of a renderer's picture, and compile their kernel."""
+        settings = dataclasses.replace(renderer.settings, layers=LAYERS)
+        own = {"sampler": settings.sampler, "cameras": outside_cameras(renderer.scene.camera), "guides": True}
+        features = dataclasses.replace(renderer.built_features, **own)
+        features = integrator_features(features, "aov", settings)
+        width, height = renderer.film.width, renderer.film.height
+        self._renderer = renderer
+        self._film = Film(width, height, renderer.device, LAYERS)
+        self._kernel = RenderKernel(renderer.device, features, width, height)
+        with renderer.device.compiling() as compile:
+            self._kernel.compile(compile)
+
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Return albedo and normals by name, (H, W, 3) float32, after as many samples as the picture has by now."""
+        target = min(max(self._renderer.spp, 1), MOST_SAMPLES)
+        if int(self._film.counts.min()) < target:
+            self._kernel.launch([target, *self._renderer.arguments_for(self._film, self._kernel)], 0.0)
+        arrays = self._film.aovs.arrays(self._film.counts, [])
+        return {name: np.ascontiguousarray(arrays[name]) for name in LAYERS}
+
+    def clear(self) -> None:
+        """Restart, for another camera or other vertices."""
+        self._film.clear()

@@ -1,0 +1,432 @@
+"""The progressive renderer."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.backend.device import Device
+from wrt.develop.denoise import denoise, require_denoiser
+from wrt.develop.picture import Developed
+from wrt.developing import Exposure
+from wrt.errors import InputError
+from wrt.io.safe_read import PathLike
+from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
+from wrt.rendering.film import Film
+from wrt.rendering.film_aovs import material_numbers
+from wrt.rendering.guides import Guides
+from wrt.rendering.noise_target import NoiseEstimate
+from wrt.rendering.passes import Limits, Progress, run_passes
+from wrt.rendering.picture_file import write_picture
+from wrt.rendering.render_kernel import RenderKernel
+from wrt.scene.camera import Camera, require_camera
+from wrt.scene.scene import RenderSettings, Scene, Shape
+from wrt.studio.framing import with_camera
+from wrt.upload.camera import CropWindow, build_camera, outside_cameras
+from wrt.upload.filters import filter_table
+from wrt.upload.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
+from wrt.upload.lights.choice import LIGHT_CHOICES
+from wrt.upload.lights.table import has_light
+from wrt.upload.scene_data import build_scene
+from wrt.upload.vertex_updates import shape_number
+from wrt.values import integer, one_of
+
+if TYPE_CHECKING:
+    from wrt.parts.part import Part
+
+STRATEGIES = ("mis", "light", "bsdf")
+"""How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
+
+
+class Renderer(Resumable):
+    """Renders a scene pass after pass; the picture improves with each and is available at any time.
+
+    The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
+    number of threads, any split into passes, and after any stop and resume.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        width: int | None = None,
+        height: int | None = None,
+        device: str = "cpu",
+        seed: int = 0,
+        threads: int | None = None,
+        max_depth: int | None = None,
+        filter: str | None = None,
+        sampler: str | None = None,
+        strategy: str = "mis",
+        crop: CropWindow | None = None,
+        integrator: str | None = None,
+        light_choice: str = "auto",
+        min_attenuation: float | None = None,
+        jittered_rays: int | None = None,
+        ao_distance: float | None = None,
+        layers: Sequence[str] | None = None,
+        clamp_indirect: float | None = None,
+        regularization: float | None = None,
+        max_scatterings: int | None = None,
+        transparent: bool | None = None,
+    ) -> None:
+        """Build a scene for a device and compile its kernel.
+
+        Args:
+            scene: the scene; later changes to it have no effect.
+            width: pixels; by default the scene's own setting, as for height, max_depth, filter and sampler.
+            height: pixels.
+            device: "cpu", "cuda" or "cuda:N".
+            seed: 0 to 2³² − 1; other seeds give statistically independent pictures.
+            threads: CPU threads; by default all cores.
+            max_depth: most segments in a path.
+            filter: reconstruction filter, see `wrt.scene.scene.FILTERS`.
+            sampler: source of random numbers, see `wrt.scene.scene.SAMPLERS`.
+            strategy: "mis", or "light" or "bsdf" to sample surface and image lights with only one technique.
+            crop: the part of the picture to render, see `wrt.RenderSettings`; by default the scene's own setting.
+            integrator: one of `wrt.scene.scene.INTEGRATORS`; like the options below it defaults to the scene's setting.
+            light_choice: how next-event estimation selects a light: "auto", or "power" or "tree" to compare the two.
+            min_attenuation: for integrator "whitted".
+            jittered_rays: for integrator "whitted".
+            ao_distance: for integrator "ao", metres.
+            layers: names of `wrt.scene.layers.LAYERS` to render besides radiance, see `layers`.
+            clamp_indirect: for integrator "path", biased: upper limit of the indirect radiance of a path.
+            regularization: for integrator "path", biased: roughness that surfaces gain along a path.
+            max_scatterings: for integrator "volpath".
+            transparent: whether the camera sees no environment, and pictures have an alpha channel.
+
+        Raises:
+            InputError: on unusable values, an empty scene, or a device that does not exist.
+        """
+        arguments = locals()
+        self.settings: RenderSettings = dataclasses.replace(
+            scene.settings, **{name: arguments[name] for name in SETTINGS_OF_PICTURE if arguments[name] is not None}
+        )
+        self.integrator = choose_integrator(scene, self.settings)
+        if self.width * self.height >= 2**31:
+            raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
+        self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
+        self.strategy = one_of(strategy, STRATEGIES, "strategy")
+        self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")
+        self.scene = with_camera(scene, self.width / self.height)
+        if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
+            warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
+        self.device = Device(device, threads=threads)
+        x0, y0, x1, y1 = self.crop
+        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        self._build()
+        self._noise_estimate = NoiseEstimate(self.film)
+        self.film.require_memory()  # check again, now that the scene has taken its memory
+        self._inputs = self._prepare()
+        self.seconds_render, self.paths, self._updated = 0.0, 0, False
+        self._guides = self._guides_at_start()
+
+    def _guides_at_start(self) -> Guides | None:
+        """Return the guides of a picture that will be denoised, whose kernel is compiled with the others."""
+        return Guides(self) if self.settings.denoise and self.renders_light else None
+
+    def _build(self) -> None:
+        """Build the scene on the device, and compile its kernel meanwhile."""
+        with self.device.compiling() as compile:
+            uv, choose = "uv" in self.settings.layers, partial(self._choose_kernel, compile=compile)
+            self._built = build_scene(
+                self.scene, self.device, texture_coordinates=uv, light_choice=self.light_choice, on_features=choose
+            )
+
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
+        """Choose the kernel for a scene with these features, and compile all kernels that are still needed."""
+        own = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
+        features = integrator_features(dataclasses.replace(features, **own), self.integrator, self.settings)
+        self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height)
+        self._kernel.compile(compile)
+
+    def _prepare(self) -> list[Any]:
+        """Return the arguments of the kernel after the number of samples."""
+        path = path_settings(self.scene, self.settings, self.integrator)
+        path.strategy = STRATEGIES.index(self.strategy)
+        assert self.scene.camera is not None
+        camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
+        table = current_backend().array(filter_table(self.settings.filter), float, self.device.name)
+        self._shared_inputs = [self.seed, camera, table, self._built.data, path]
+        return self.arguments_for(self.film, self._kernel)
+
+    def arguments_for(self, film: Film, kernel: RenderKernel) -> list[Any]:
+        """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
+        kernel.records = (self._built.data, film.data, film.aovs.data)
+        return [*self._shared_inputs, film.data, film.aovs.data]
+
+    @property
+    def built_features(self) -> Any:
+        """The features of the scene."""
+        return self._built.features
+
+    @property
+    def width(self) -> int:
+        """Width of the whole picture, pixels."""
+        return self.settings.width
+
+    @property
+    def height(self) -> int:
+        """Height of the whole picture, pixels."""
+        return self.settings.height
+
+    @property
+    def crop(self) -> CropWindow:
+        """The rendered part of the picture: first column and row, and those after the last."""
+        return self.settings.crop or (0, 0, self.width, self.height)
+
+    @property
+    def renders_light(self) -> bool:
+        """True if there is a picture of radiance; integrator "aov" renders only layers."""
+        return self.integrator != "aov"
+
+    @property
+    def threads(self) -> int:
+        """CPU threads in use; 1 on CUDA."""
+        return self.device.threads
+
+    @property
+    def seconds_compile(self) -> float:
+        """Seconds that this renderer has waited for kernels to be compiled or loaded."""
+        return self.device.seconds_compile
+
+    @property
+    def seconds_compile_beside(self) -> float:
+        """Seconds that another process has spent compiling the wide kernel during rendering."""
+        return self._kernel.seconds_beside
+
+    @property
+    def spp(self) -> int:
+        """Smallest number of samples of a pixel."""
+        return int(self.film.counts.min())
+
+    @property
+    def rays(self) -> int:
+        """Rays of every kind traced by this renderer."""
+        return self.film.rays
+
+    def passes(
+        self,
+        *,
+        spp: int | None = None,
+        time: float | None = None,
+        noise: float | None = None,
+        adaptive: bool | None = None,
+        pass_seconds: float | None = None,
+    ) -> Iterator[Progress]:
+        """Render until `spp` samples, `time` or `noise` is reached, whichever is first.
+
+        Yields after each pass; the first takes one sample a pixel. After an early stop, by leaving the loop or by
+        KeyboardInterrupt, the film can be viewed, saved and continued. Long passes are faster on the CPU, because many
+        samples of a pixel in a row read the same memory.
+
+        Args:
+            spp: total samples per pixel, including those already taken. Without spp, time and noise, the scene's
+                settings decide.
+            time: seconds of rendering; the pass that runs then is finished.
+            noise: relative noise of the whole picture, such as 0.01; see `noise`. The number of samples at which
+                rendering ends does not depend on passes, threads or interruptions.
+            adaptive: whether tiles of the picture that are good enough for this noise stop before the others. Slightly
+                biased, see docs/noise.md.
+            pass_seconds: approximate duration of a pass after the first, at most 10 s; by default a quarter of the
+                time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
+                pass there.
+        """
+        limits = Limits.of(self.settings, spp, time, noise, adaptive, pass_seconds, renders_light=self.renders_light)
+        return run_passes(self.film, self._noise_estimate, self._trace, self._needs_short_passes, limits)
+
+    def noise(self) -> float | None:
+        """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
+
+        While rendering towards a target of noise it is estimated from how the picture converges, see
+        `wrt.rendering.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
+        except with the sampler "independent"; see `variance`. None while pixels have too few samples.
+        """
+        known = self._noise_estimate.noise_now()
+        return self.film.noise() if known is None else known
+
+    def _trace(self, target: int, seconds_left: float) -> tuple[float, int]:
+        """Bring every pixel to `target` samples; return the seconds and camera paths that it took."""
+        before = int(self.film.counts.sum(dtype=np.int64))
+        started = time.perf_counter()
+        try:
+            with self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
+                self._kernel.launch([target, *self._inputs], seconds_left)
+        finally:  # an interrupted pass counts, too
+            seconds = time.perf_counter() - started
+            paths = int(self.film.counts.sum(dtype=np.int64)) - before
+            self.seconds_render += seconds
+            self.paths += paths
+        return seconds, paths
+
+    def _needs_short_passes(self) -> bool:
+        return not self.device.is_cpu or self._kernel.is_being_compiled
+
+    def compile(self) -> float:
+        """Compile the wide kernel now, which makes passes faster, and return the seconds that it took.
+
+        Otherwise another process compiles it during a render that is long enough, and passes switch to it when it is
+        ready. The picture is the same, bit for bit.
+        """
+        started = time.perf_counter()
+        self._kernel.wait_for_wide()
+        return time.perf_counter() - started
+
+    def image(self) -> NDArray[np.float32]:
+        """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture."""
+        return self.film.mean()
+
+    def denoised(self) -> NDArray[np.float32]:
+        """Return `image` without most of its noise, by Open Image Denoise; the film keeps its samples.
+
+        Guided by albedo and normals of what is seen, in mirrors and through glass too, for which more rays are traced.
+
+        Raises:
+            InputError: when the extra wrt[denoise] is not installed, or there is no picture of radiance.
+        """
+        require_denoiser()
+        threads = self.threads if self.device.is_cpu else None
+        return denoise(self.image(), **self.denoising_guides(), threads=threads)
+
+    def denoising_guides(self) -> dict[str, NDArray[np.float32]]:
+        """Return what `denoised` is guided by: "albedo" and "normal", (H, W, 3) each; see `wrt.develop.denoise`.
+
+        Raises:
+            InputError: when there is no picture of radiance.
+        """
+        if not self.renders_light:
+            raise InputError(f"integrator {self.integrator} renders only layers, which are not denoised")
+        if self._guides is None:
+            self._guides = Guides(self)
+        return self._guides.layers()
+
+    def alpha(self) -> NDArray[np.float32] | None:
+        """Return (H, W) float32 coverage of a transparent picture, 0 to 1; None for others.
+
+        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
+        """
+        return self._film_layers()["alpha"] if self.settings.transparent else None
+
+    def device_image(self) -> Any:
+        """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
+
+        Other frameworks share it without a copy by DLPack: `torch.from_dlpack(image)`, `jax.dlpack.from_dlpack(image)`.
+        """
+        return self.film.device_mean()
+
+    def set_camera(self, camera: Camera) -> None:
+        """Look at the scene through another camera and restart the picture; nothing else is built again.
+
+        Args:
+            camera: one with the same shutter times, since trees of moving shapes depend on them; a camera class of
+                your own cannot replace another class.
+
+        Raises:
+            InputError: if the kernel or the trees do not fit this camera.
+        """
+        old = self.scene.camera
+        require_camera(camera)
+        assert old is not None
+        if outside_cameras(camera) != outside_cameras(old):
+            names = f"from {type(old).__name__} to {type(camera).__name__}"
+            raise InputError(f"the camera cannot change {names}, which need different kernels; make a new Renderer")
+        if (camera.shutter_open, camera.shutter_close) != (old.shutter_open, old.shutter_close):
+            raise InputError("the camera must have the same shutter times as before; make a new Renderer")
+        self.scene.camera = camera
+        self._built.look_from(camera)
+        self._inputs = self._prepare()
+        self._clear()
+
+    def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
+        """Move a shape's vertices and restart the picture, for the next frame of a simulation.
+
+        The ray tree is refitted, which takes a fraction of the time of a build; tracing is fastest near the positions
+        of the build. Nothing else in the scene changes.
+
+        Args:
+            shape: one of the scene's shapes, or its number; it must not emit, and the scene must not have instances or
+                shapes that move during the exposure.
+            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device, which stays there; metres, in world
+                space, as many as the shape's mesh has.
+            normals: shading normals, likewise; by default they are recomputed if the mesh has any.
+
+        Raises:
+            InputError: when the shape cannot be updated, on arrays of other sizes, or on non-finite values.
+        """
+        number = shape_number(self.scene, shape)
+        self._built.world.update(number, self.scene.shapes[number], vertices, normals)
+        self._updated = True
+        self._clear()
+
+    def _clear(self) -> None:
+        self.film.clear()
+        self._noise_estimate.restore({})
+        if self._guides is not None:
+            self._guides.clear()
+
+    def variance(self) -> NDArray[np.float64]:
+        """Return (H, W, 3) float64 variance of the estimate; NaN below two samples.
+
+        The estimate assumes independent samples. Other samplers distribute a pixel's samples more evenly, so that it is
+        an upper bound on average. For an unbiased one, choose "independent".
+        """
+        return self.film.variance()
+
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
+
+        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+        """
+        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
+
+    def _film_layers(self) -> dict[str, NDArray[Any]]:
+        numbers = material_numbers([shape.material for shape in self.scene.shapes])
+        return self.film.aovs.arrays(self.film.counts, numbers)
+
+    def save(
+        self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
+    ) -> Developed | None:
+        """Write the picture as `wrt render` does, with its layers, and the settings as metadata.
+
+        A PNG is developed with `tone` and `exposure` (see `wrt.develop_image`), by default those of the settings; the
+        result says how.
+
+        Raises:
+            InputError: see `wrt.save_image`, also for `force`; and when there are layers and the file is not .exr.
+        """
+        return write_picture(self, Path(path), tone, exposure, force=force)
+
+    def view(self, *, spp: int | None = None) -> Any:
+        """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
+        return import_module("wrt.view.notebook").view_renderer(self, spp=spp)
+
+    def __repr__(self) -> str:
+        return f"<wrt.Renderer {self.width}x{self.height} {self.integrator} on {self.device.name}, {self.spp} spp>"
+
+    def _repr_png_(self) -> bytes | None:
+        picture: bytes | None = import_module("wrt.view.notebook").picture_of_renderer(self)
+        return picture
+
+    def part(self, number: int, of: int, *, spp: int | None = None) -> Part:
+        """Render part `number` of `of`, counted from 1, for `wrt.merge`; this renderer's own picture stays as it is.
+
+        Args:
+            number: which part.
+            of: how many parts the picture has: bands of rows, a few from all over the picture in each part.
+            spp: samples per pixel; by default those of the scene's settings.
+
+        Raises:
+            InputError: if there is no such part, or vertices were updated.
+        """
+        result: Part = import_module("wrt.parts.render").render_part(self, number, of, spp=spp)
+        return result

@@ -1,0 +1,1 @@
+"""What a person describes: shapes, materials, lights, camera, settings. Plain data, NumPy only."""

@@ -1,0 +1,271 @@
+"""Cameras: position, projection, lens and shutter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from wrt.errors import InputError
+from wrt.scene.motion import Motion
+from wrt.scene.registration import register_class
+from wrt.values import Vec3, integer, number, one_of, vector
+
+if TYPE_CHECKING:
+    from wrt.kernels.camera.camera import CameraModel
+
+APERTURES = ("disk", "square", "polygon")
+"""Shapes of the aperture."""
+
+_RIGID = 1e-4
+"""Tolerance for stretch in a camera's motion, due to rounding."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Base of all cameras.
+
+    Attributes:
+        origin: position of the camera, metres; the centre of the lens if it has one.
+        target: point the camera looks at, in the centre of the picture unless the lens is shifted.
+        up: a direction that points up in the picture; not parallel to the view.
+        shutter_open: time when the shutter begins to open, seconds.
+        shutter_close: time when the shutter is closed again, seconds; equal to `shutter_open` for an instant.
+        shutter_ramp: fraction of that time that opening and closing take, half each, with linear exposure ramps:
+            0 is a box, 1 a triangle.
+        motion: motion of the camera, applied to `origin`, `target` and `up`.
+    """
+
+    type_name: ClassVar[str] = ""
+    """The camera's `type` in scene files."""
+
+    origin: Vec3 = (0.0, 0.0, 3.0)
+    target: Vec3 = (0.0, 0.0, 0.0)
+    up: Vec3 = (0.0, 1.0, 0.0)
+    shutter_open: float = field(default=0.0, kw_only=True)
+    shutter_close: float = field(default=0.0, kw_only=True)
+    shutter_ramp: float = field(default=0.0, kw_only=True)
+    motion: Motion | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("origin", "target", "up"):
+            object.__setattr__(self, name, vector(getattr(self, name), f"camera {name}"))
+        for name in ("shutter_open", "shutter_close"):
+            self._check(name)
+        if self.shutter_close < self.shutter_open:
+            raise InputError(
+                f"camera shutter_close must not be before shutter_open: {self.shutter_close:g} is before "
+                f"{self.shutter_open:g}"
+            )
+        self._check("shutter_ramp", minimum=0.0, maximum=1.0)
+        if self.motion is not None:
+            if not isinstance(self.motion, Motion):
+                raise InputError(f"camera motion must be a wrt.Motion, not {type(self.motion).__name__}")
+            if np.abs(self.motion.parts.stretches - np.eye(3)).max() > _RIGID:
+                raise InputError("camera motion must be rigid: one of its keys stretches or mirrors")
+        self.frame()
+
+    def _check(self, name: str, **limits: float) -> None:
+        """Make an attribute a float within its limits."""
+        object.__setattr__(self, name, number(getattr(self, name), f"camera {name}", **limits))
+
+    def frame(self) -> np.ndarray:
+        """Return the orthonormal rows right, up and forward, (3, 3) float64."""
+        forward = np.subtract(self.target, self.origin)
+        distance = float(np.linalg.norm(forward))
+        if distance == 0.0:
+            raise InputError("camera origin and target must differ")
+        forward = forward / distance
+        right = np.cross(forward, self.up)
+        length = float(np.linalg.norm(right))
+        if length <= 1e-9 * float(np.linalg.norm(self.up)) or not np.any(self.up):
+            raise InputError("camera up must not be zero or parallel to the view")
+        right = right / length
+        return np.stack([right, np.cross(right, forward), forward])
+
+    @property
+    def model(self) -> str:
+        """Name of the model in kernels, by default the camera's own."""
+        return self.type_name.replace("-", "_")
+
+    def film(self, width: int, height: int) -> dict[str, Any]:
+        """Return fields of the kernels' Camera for a picture of this size in pixels.
+
+        `pixel` is the width and the height of a pixel on the film, in the model's unit. `shift` (the centre of the
+        picture on the film), `limit` and `parameters` are given if the model needs them.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class LensCamera(Camera):
+    """A camera with a thin lens, whose aperture shapes out-of-focus highlights.
+
+    Attributes:
+        aperture_radius: radius of the aperture, or of the circle around it if it is not a disk, metres. At 0
+            everything is in focus.
+        focus_distance: distance from the lens to the focal plane, along the view; by default the distance to
+            `target`.
+        aperture: shape of the aperture, "disk", "square" or "polygon". A square has upright sides, a polygon a corner
+            at the top.
+        aperture_blades: number of corners of the polygon.
+        aperture_rotation_degrees: turns the aperture counter-clockwise, as lights beyond the focal plane show it;
+            lights in front of it show it upside down.
+    """
+
+    aperture_radius: float = field(default=0.0, kw_only=True)
+    focus_distance: float | None = field(default=None, kw_only=True)
+    aperture: str = field(default="disk", kw_only=True)
+    aperture_blades: int = field(default=6, kw_only=True)
+    aperture_rotation_degrees: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("aperture_radius", minimum=0.0)
+        if self.focus_distance is not None:
+            self._check("focus_distance", above=0.0)
+        one_of(self.aperture, APERTURES, "camera aperture")
+        blades = integer(self.aperture_blades, "camera aperture_blades", minimum=3, maximum=1000)
+        object.__setattr__(self, "aperture_blades", blades)
+        self._check("aperture_rotation_degrees")
+
+    @property
+    def distance_in_focus(self) -> float:
+        """The focus distance in use, metres."""
+        if self.focus_distance is not None:
+            return self.focus_distance
+        return float(np.linalg.norm(np.subtract(self.target, self.origin)))
+
+
+@dataclass(frozen=True)
+class PerspectiveCamera(LensCamera):
+    """A thin-lens perspective camera; with aperture radius 0 a pinhole.
+
+    Attributes:
+        fov_degrees: full vertical field of view before any shift, between 0 and 180.
+        shift_x: lens shift to the right, in picture heights, as of a view camera. Vertical lines stay parallel while
+            the camera is level.
+        shift_y: lens shift upwards, in picture heights.
+    """
+
+    type_name: ClassVar[str] = "perspective"
+
+    fov_degrees: float = 40.0
+    shift_x: float = field(default=0.0, kw_only=True)
+    shift_y: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("fov_degrees", above=0.0)
+        if self.fov_degrees >= 180.0:
+            raise InputError(f"camera fov_degrees must be less than 180, not {self.fov_degrees:g}")
+        self._check("shift_x")
+        self._check("shift_y")
+
+    def film(self, width: int, height: int) -> dict[str, Any]:
+        """Return fields of the kernels' Camera."""
+        pixel = 2.0 * math.tan(math.radians(self.fov_degrees) / 2.0) / height
+        return {"pixel": (pixel, pixel), "shift": (self.shift_x * height * pixel, self.shift_y * height * pixel)}
+
+
+@dataclass(frozen=True)
+class OrthographicCamera(LensCamera):
+    """A camera with parallel rays: objects do not shrink with distance.
+
+    It sees everything in front of the plane through `origin`.
+
+    Attributes:
+        view_height: height of the view, metres.
+    """
+
+    type_name: ClassVar[str] = "orthographic"
+
+    view_height: float = 2.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("view_height", above=0.0)
+
+    def film(self, width: int, height: int) -> dict[str, Any]:
+        """Return fields of the kernels' Camera."""
+        return {"pixel": (self.view_height / height, self.view_height / height)}
+
+
+@dataclass(frozen=True)
+class PanoramaCamera(Camera):
+    """A spherical camera whose picture is in latitude-longitude layout, like an environment image.
+
+    Attributes:
+        horizontal_degrees: range of longitude, at most 360, centred on the target.
+        vertical_degrees: range of latitude, at most 180, centred on the target.
+    """
+
+    type_name: ClassVar[str] = "panorama"
+
+    horizontal_degrees: float = 360.0
+    vertical_degrees: float = 180.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("horizontal_degrees", above=0.0, maximum=360.0)
+        self._check("vertical_degrees", above=0.0, maximum=180.0)
+
+    def film(self, width: int, height: int) -> dict[str, Any]:
+        """Return fields of the kernels' Camera."""
+        degrees = (self.horizontal_degrees / width, self.vertical_degrees / height)
+        return {"pixel": (math.radians(degrees[0]), math.radians(degrees[1]))}
+
+
+@dataclass(frozen=True)
+class FisheyeCamera(Camera):
+    """An equidistant fisheye: distance from the picture's centre is proportional to the angle from the view.
+
+    The picture is a circle as wide as its shorter side, black outside.
+
+    Attributes:
+        fov_degrees: full field of view across the circle, at most 360.
+    """
+
+    type_name: ClassVar[str] = "fisheye"
+
+    fov_degrees: float = 180.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("fov_degrees", above=0.0, maximum=360.0)
+
+    def film(self, width: int, height: int) -> dict[str, Any]:
+        """Return fields of the kernels' Camera."""
+        pixel = math.radians(self.fov_degrees) / min(width, height)
+        return {"pixel": (pixel, pixel), "limit": math.radians(self.fov_degrees) / 2.0}
+
+
+CAMERAS: dict[str, type[Camera]] = {
+    cls.type_name: cls for cls in (PerspectiveCamera, OrthographicCamera, PanoramaCamera, FisheyeCamera)
+}
+"""Cameras by their `type` in scene files."""
+
+
+def require_camera(value: object) -> None:
+    """Raise InputError unless a value is a camera."""
+    if not isinstance(value, tuple(CAMERAS.values())):
+        raise InputError(f"the scene's camera must be one of wrt's cameras, not {type(value).__name__}")
+
+
+def register_camera(cls: type[Camera], model: CameraModel) -> None:
+    """Make a custom camera known to scenes and scene files.
+
+    A class of the same name from the same module replaces the one registered before.
+
+    Args:
+        cls: the description, with a `type_name` and a `film`.
+        model: its device functions.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another camera.
+    """
+    from wrt.kernels.camera.models import CAMERA_MODELS
+
+    register_class(CAMERAS, cls, lambda name, owner: CAMERA_MODELS.register(name, model, owner))

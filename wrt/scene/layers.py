@@ -1,0 +1,67 @@
+"""The layers (AOVs) that can be rendered besides radiance, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wrt.errors import InputError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One layer.
+
+    Attributes:
+        channels: channel names in OpenEXR files, after the name of the layer and a dot.
+        averaged: whether it is the mean of all samples, not the sample nearest to the pixel's centre.
+    """
+
+    channels: str
+    averaged: bool = False
+
+
+LAYERS: dict[str, Layer] = {
+    "albedo": Layer("RGB", averaged=True),
+    "normal": Layer("XYZ", averaged=True),
+    "geometric_normal": Layer("XYZ", averaged=True),
+    "alpha": Layer("A", averaged=True),
+    "depth": Layer("Z"),
+    "position": Layer("XYZ"),
+    "uv": Layer("UV"),
+    "motion": Layer("XY"),
+    "object": Layer("N"),
+    "material": Layer("N"),
+}
+"""Layers by name; docs/integrators.md describes them."""
+
+NUMBERS = ("object", "material")
+"""Layers of integers, uint32."""
+
+
+def layer_names(value: object) -> tuple[str, ...]:
+    """Return names of layers, each once, in the order of LAYERS.
+
+    Args:
+        value: a list or tuple of names, or comma-separated text.
+
+    Raises:
+        InputError: if a name is unknown.
+    """
+    if isinstance(value, str):
+        value = [name.strip() for name in value.split(",") if name.strip()]
+    if not isinstance(value, (list, tuple)):
+        raise InputError(f"layers must be a list of names, not {value!r}")
+    for name in value:
+        if not isinstance(name, str) or name not in LAYERS:
+            raise InputError(f"there is no layer {name!r}{did_you_mean(name, LAYERS)}; there are {', '.join(LAYERS)}")
+    return tuple(name for name in LAYERS if name in value)
+
+
+NOISY = "noisy"
+"""Name in OpenEXR files of the picture before it was denoised."""
+
+
+def channel_names(layer: str) -> list[str]:
+    """Return the channel names of a layer in OpenEXR files; coverage is A, as in every RGBA picture."""
+    channels = "RGB" if layer == NOISY else LAYERS[layer].channels
+    return ["A"] if layer == "alpha" else [f"{layer}.{channel}" for channel in channels]

@@ -1,0 +1,63 @@
+"""Surfaces that bound a body which light enters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from wrt.errors import InputError
+from wrt.scene.materials.material import Material
+from wrt.scene.medium import Medium
+from wrt.values import integer
+
+
+@dataclass(frozen=True)
+class Body(Material):
+    """Base of the materials of bodies that light enters; not used by itself.
+
+    Attributes:
+        interior: medium inside the body; None is clear.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
+
+    interior: Medium | None = field(default=None, kw_only=True)
+    priority: int = field(default=0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.interior is not None and not isinstance(self.interior, Medium):
+            raise InputError(f"interior must be a wrt.Medium, not {type(self.interior).__name__}")
+        self._set(priority=integer(self.priority, "priority", minimum=-1_000_000, maximum=1_000_000))
+
+    @property
+    def is_body(self) -> bool:
+        """Whether it bounds a body, and is neither a sheet nor opaque."""
+        return True
+
+    @property
+    def interior_ior(self) -> float | None:
+        """Refractive index inside; None where light enters and leaves without refraction."""
+        return None
+
+
+@dataclass(frozen=True)
+class Null(Body):
+    """A boundary that does not affect light; it only marks where the medium inside begins.
+
+    For clouds, smoke, fog in a room, or wax without a surface. Triangles wind counter-clockwise seen from outside.
+
+    Attributes:
+        interior: medium inside the body; in scene files its name.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
+
+    type_name: ClassVar[str] = "null"
+
+
+def bodies_of(material: Material) -> Iterator[Body]:
+    """Yield the material and its parts, as far as they bound bodies."""
+    if isinstance(material, Body) and material.is_body:
+        yield material
+    for part in material.parts:
+        yield from bodies_of(part)

@@ -1,0 +1,117 @@
+"""Materials made of others, and emissive surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from wrt.errors import InputError
+from wrt.scene.materials.diffuse import Diffuse
+from wrt.scene.materials.material import Material, color_source
+from wrt.scene.textures import ColorSource, shines
+from wrt.values import FLOAT32_MAX
+
+MAX_NESTING = 7
+"""Nesting limit of composite materials, which kernels/scene/materials.py shares."""
+
+
+def _nesting(material: Material) -> int:
+    return 1 + max((_nesting(part) for part in material.parts), default=-1)
+
+
+def _check_parts(material: Material, names: tuple[str, ...]) -> None:
+    for name in names:
+        part = getattr(material, name)
+        if not isinstance(part, Material):
+            raise InputError(f"{name} must be a wrt.Material, not {type(part).__name__}")
+        if shines(part.emission):
+            raise InputError(f"{name} must not emit light; give the shape an emission instead")
+    if _nesting(material) > MAX_NESTING:
+        raise InputError(f"materials are nested more than {MAX_NESTING} deep")
+
+
+@dataclass(frozen=True)
+class Mix(Material):
+    """A blend of two materials: f = (1 − weight) f_first + weight f_second.
+
+    Each hit picks one of them at random in that proportion.
+
+    Attributes:
+        first, second: the two materials; in scene files their names.
+        weight: share of the second material, 0 to 1.
+    """
+
+    first: Material = field(default_factory=Diffuse)
+    second: Material = field(default_factory=Diffuse)
+    weight: ColorSource = 0.5
+
+    type_name: ClassVar[str] = "mix"
+    slot_names: ClassVar[tuple[str, ...]] = ("weight",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_values("weight", maximum=1.0)
+        _check_parts(self, ("first", "second"))
+
+    @property
+    def parts(self) -> tuple[Material, ...]:
+        """The two materials."""
+        return (self.first, self.second)
+
+
+@dataclass(frozen=True)
+class TwoSided(Material):
+    """One material on the front, where triangles wind counter-clockwise, and another on the back.
+
+    Reflecting materials without this wrapper look the same on both sides.
+
+    Attributes:
+        front: the material of the front; in scene files its name.
+        back: the material of the back; in scene files its name. Black by default.
+    """
+
+    front: Material = field(default_factory=Diffuse)
+    back: Material = field(default_factory=lambda: Diffuse(0.0))
+
+    type_name: ClassVar[str] = "two-sided"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_parts(self, ("front", "back"))
+
+    @property
+    def parts(self) -> tuple[Material, ...]:
+        """The two materials."""
+        return (self.front, self.back)
+
+
+@dataclass(frozen=True)
+class Emissive(Material):
+    """A surface that emits the same radiance in every direction and reflects nothing.
+
+    Attributes:
+        radiance: radiance emitted from its front, per channel, W·sr⁻¹·m⁻².
+    """
+
+    radiance: ColorSource = 1.0
+
+    type_name: ClassVar[str] = "emissive"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(radiance=color_source(self.radiance, "radiance", maximum=FLOAT32_MAX))
+
+    @property
+    def model(self) -> str:
+        """The model of a black Lambertian surface."""
+        return Diffuse.type_name
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """Its reflectance."""
+        return (0.0,)
+
+    @property
+    def emission(self) -> ColorSource:
+        """The radiance."""
+        return self.radiance

@@ -1,0 +1,198 @@
+"""Transparent bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.scene.materials.body import Body
+from wrt.scene.materials.material import Material
+from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
+from wrt.scene.materials.presets import dielectric_ior
+from wrt.scene.textures import ColorSource
+from wrt.values import boolean, number, one_of
+
+
+def refractive_index(value: float | str, name: str) -> float:
+    """Return a refractive index, given as a number above 0 or the name of a medium."""
+    if not isinstance(value, str):
+        return number(value, name, above=0.0)
+    try:
+        return dielectric_ior(value)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def mean_transmittance(eta: float) -> float:
+    """Return the diffuse transmittance of a smooth boundary, 2 ∫ (1 − F) μ dμ, for eta = n_t / n_i.
+
+    The integrand is smooth for light from the side of the lower index. From the other side the integral is eta² times
+    that, because radiance over index squared is conserved.
+    """
+    denser = max(eta, 1.0 / eta)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    # cosθ = t⁴ places more nodes near grazing angles, where F bends sharply if the indices are almost equal.
+    t = 0.5 * (nodes + 1.0)
+    into = float(np.sum(weights * 4.0 * t**7 * _transmittance(t**4, denser)))
+    return into * min(eta, 1.0) ** 2
+
+
+def _transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64]:
+    """Return 1 − F of a smooth boundary for cosθi > 0 and eta = n_t / n_i, by Fresnel's equations."""
+    cos_t = np.sqrt(np.maximum((eta - 1.0) * (eta + 1.0) + cos_i * cos_i, 0.0)) / eta
+    s, p = cos_i + eta * cos_t, eta * cos_i + cos_t
+    return np.asarray(2.0 * eta * ((cos_i / s) * (cos_t / s) + (cos_i / p) * (cos_t / p)))
+
+
+@dataclass(frozen=True)
+class _Boundary(Material):
+    """Base of the boundaries of transparent media.
+
+    Attributes:
+        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
+        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
+        specular_reflectance: multiplies reflected light; 1 in nature.
+        specular_transmittance: multiplies refracted light; 1 in nature.
+    """
+
+    ior: float | str = 1.5
+    exterior_ior: float | str = 1.0
+    specular_reflectance: ColorSource = field(default=1.0, kw_only=True)
+    specular_transmittance: ColorSource = field(default=1.0, kw_only=True)
+
+    slot_names: ClassVar[tuple[str, ...]] = ("relative_ior", "specular_reflectance", "specular_transmittance")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(
+            ior=refractive_index(self.ior, "ior"),
+            exterior_ior=refractive_index(self.exterior_ior, "exterior_ior"),
+        )
+        self._check_colors("specular_reflectance", "specular_transmittance")
+
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index inside over outside."""
+        return float(self.ior) / float(self.exterior_ior)
+
+
+@dataclass(frozen=True)
+class _BodyBoundary(_Boundary, Body):
+    """The boundary of a body, not of a pane."""
+
+    @property
+    def interior_ior(self) -> float:
+        """Refractive index inside."""
+        return float(self.ior)
+
+
+@dataclass(frozen=True)
+class Dielectric(_BodyBoundary):
+    """A perfectly smooth boundary of a transparent body: Fresnel reflection and refraction.
+
+    Triangles wind counter-clockwise seen from outside the body, where the index is `exterior_ior`.
+
+    Attributes:
+        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
+        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
+        specular_reflectance: multiplies reflected light; 1 in nature.
+        specular_transmittance: multiplies refracted light; 1 in nature.
+        fresnel: "exact" for Fresnel's equations, or "schlick" for Schlick's approximation (1994) by the angle in the
+            medium of lower index.
+        interior: medium inside the body, in scene files its name; by default the body is clear.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
+
+    fresnel: str = field(default="exact", kw_only=True)
+
+    type_name: ClassVar[str] = "dielectric"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of(self.fresnel, ("exact", "schlick"), "fresnel")
+
+    @property
+    def model(self) -> str:
+        """The exact model, or that of Schlick's approximation."""
+        return "dielectric" if self.fresnel == "exact" else "dielectric:schlick"
+
+
+@dataclass(frozen=True)
+class ThinDielectric(_Boundary):
+    """A thin pane with two smooth faces, such as a window, which reflects light or lets it straight through.
+
+    One surface stands for both faces and all reflections between them. Both sides look the same.
+
+    Attributes:
+        ior: refractive index of the pane, or a name such as "water" (`wrt materials --presets`).
+        exterior_ior: the same for the medium on both sides of it.
+        specular_reflectance: multiplies reflected light; 1 in nature.
+        specular_transmittance: multiplies transmitted light; 1 is clear.
+    """
+
+    type_name: ClassVar[str] = "thin-dielectric"
+
+
+@dataclass(frozen=True)
+class RoughDielectric(_BodyBoundary):
+    """A rough boundary of a transparent body, such as ground glass, whose microfacets reflect and refract.
+
+    The model of Walter, Marschner, Li and Torrance (2007). Triangles wind counter-clockwise seen from outside the
+    body, where the index is `exterior_ior`. If both indices agree to a thousandth, light passes straight through.
+
+    Attributes:
+        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
+        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
+        alpha: roughness, as for `RoughConductor`.
+        distribution: of normals, as for `RoughConductor`.
+        masking: shadowing and masking of facets, as for `RoughConductor`.
+        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which conserves
+            energy. Otherwise that light is lost, as in most renderers, and rough glass is too dark.
+        specular_reflectance: multiplies reflected light; 1 in nature.
+        specular_transmittance: multiplies refracted light; 1 in nature.
+        interior: medium inside the body, in scene files its name; by default the body is clear.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
+
+    alpha: ColorSource = 0.1
+    distribution: str = "ggx"
+    masking: str | None = None
+    multiple_bounces: bool = False
+
+    type_name: ClassVar[str] = "rough-dielectric"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
+        self._set(alpha=roughness(self.alpha, self.distribution))
+        if boolean(self.multiple_bounces, "multiple_bounces"):
+            albedo_table_key(self.alpha, self.distribution, self.masking)
+
+    @property
+    def model(self) -> str:
+        """The combination of distribution, masking and number of bounces."""
+        name = f"rough_dielectric:{self.distribution}:{self.masking}"
+        return f"{name}:multiple" if self.multiple_bounces else name
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The shape of the distribution, then the values of a smooth boundary."""
+        return (shape_of(self.alpha, self.distribution), *super().slots)
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...] | None:
+        """For multiple bounces, the table of the energy that a single bounce loses on each side."""
+        if not self.multiple_bounces:
+            return None
+        _, *surface = albedo_table_key(self.alpha, self.distribution, self.masking)
+        return ("dielectric", *surface, self.relative_ior)
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it is anisotropic."""
+        return is_anisotropic(self.alpha, self.distribution)

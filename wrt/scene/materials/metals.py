@@ -1,0 +1,257 @@
+"""Mirrors and metals."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from wrt.errors import InputError
+from wrt.scene.materials.material import Material, color_source, positive_color
+from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
+from wrt.scene.materials.presets import ALIASES, METAL_F0, SEMICONDUCTOR_F0, metal_f0, metal_ior, reflectance_f0
+from wrt.scene.textures import ColorSource
+from wrt.values import ColorLike, Vec3, boolean, color
+
+COPPER_ETA: Vec3 = (0.200, 0.924, 1.102)
+COPPER_K: Vec3 = (3.912, 2.452, 2.142)
+"""η and k at 630, 532 and 465 nm."""
+
+_DEFAULT_SIDE = 0.1
+
+
+def _optics(
+    eta: ColorLike | None, k: ColorLike | None, f0: ColorSource | str | None, metal: str | None
+) -> tuple[Vec3 | None, Vec3 | None, ColorSource | None]:
+    """Return η and k, or F0, of a metal that is given in at most one of three ways; the default is copper.
+
+    Raises:
+        InputError: if it is given in two ways, or a value is out of range.
+    """
+    by_index = eta is not None or k is not None
+    if by_index + (f0 is not None) + (metal is not None) > 1:
+        raise InputError("a metal is given by eta and k, by f0 or by metal: choose one of them")
+    if isinstance(f0, str):
+        try:
+            return None, None, reflectance_f0(f0)
+        except InputError as error:
+            raise InputError(f"f0: {error}") from None
+    if f0 is not None:
+        return None, None, color_source(f0, "f0")
+    if metal is not None:
+        try:
+            return *metal_ior(metal), None
+        except InputError as error:
+            # Of some metals, and of semiconductors, only the reflectance is known.
+            word = str(metal).strip().lower()
+            if ALIASES.get(word, word) in METAL_F0 | SEMICONDUCTOR_F0:
+                return None, None, metal_f0(metal)
+            raise InputError(f"metal: {error}") from None
+    return (
+        positive_color(COPPER_ETA if eta is None else eta, "eta"),
+        color(COPPER_K if k is None else k, "k"),
+        None,
+    )
+
+
+def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
+    """Return the hemispherical mean of a metal's Fresnel reflectance, 2 ∫ F(μ) μ dμ, per channel.
+
+    Args:
+        eta: real part of the refractive index.
+        k: extinction coefficient.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    mu = 0.5 * (nodes[:, None] + 1.0)
+    index = np.asarray(eta, np.float64) + 1j * np.asarray(k, np.float64)
+    # Snell's law and Fresnel's amplitudes for a complex index (Born and Wolf, 1.5 and 14.2).
+    cos_t = np.sqrt(1.0 - (1.0 - mu**2) / index**2 + 0j)
+    r_s = (mu - index * cos_t) / (mu + index * cos_t)
+    r_p = (index * mu - cos_t) / (index * mu + cos_t)
+    reflectance = 0.5 * (np.abs(r_s) ** 2 + np.abs(r_p) ** 2)
+    red, green, blue = (weights[:, None] * mu * reflectance).sum(axis=0).tolist()
+    return red, green, blue
+
+
+@dataclass(frozen=True)
+class Mirror(Material):
+    """An ideal mirror with the same reflectance at every angle, on both sides.
+
+    Attributes:
+        reflectance: fraction of light reflected per channel, 0 to 1.
+    """
+
+    reflectance: ColorSource = 1.0
+
+    type_name: ClassVar[str] = "mirror"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_colors("reflectance")
+
+
+@dataclass(frozen=True)
+class Glossy(Material):
+    """A mirror whose direction is jittered, as in distribution ray tracing: in a square, or by the lobe of Phong.
+
+    The simplest approximation of gloss (Cook, Porter and Carpenter 1984), not a physical BRDF: it is not reciprocal,
+    and its reflectance is the same at every angle. For metals, use RoughConductor.
+
+    Attributes:
+        reflectance: fraction of light reflected per channel, 0 to 1. Near grazing angles, light in the part of the
+            lobe below the surface is lost.
+        side: side of a square at distance 1 that is perpendicular to the mirrored direction, above 0 and at most 100;
+            the blur's full width is 2 atan(side / 2). The default is 0.1.
+        exponent: instead of the square, n of Phong's lobe (n + 1) / 2π cosⁿα around the mirrored direction (1975), 0
+            to 100000.
+    """
+
+    reflectance: ColorSource = 1.0
+    side: ColorSource | None = None
+    exponent: ColorSource | None = None
+
+    type_name: ClassVar[str] = "glossy"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_colors("reflectance")
+        if self.exponent is None:
+            self._set(side=_DEFAULT_SIDE if self.side is None else self.side)
+            self._check_values("side", maximum=100.0, above=0.0)
+        elif self.side is not None:
+            raise InputError("gloss is given by side or by exponent: choose one of them")
+        else:
+            self._check_values("exponent", maximum=100_000.0)
+
+    @property
+    def model(self) -> str:
+        """The model of the square, or that of Phong's lobe."""
+        return "glossy" if self.exponent is None else "glossy:phong"
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """`reflectance`, then `side` or `exponent`."""
+        width = self.side if self.exponent is None else self.exponent
+        assert width is not None
+        return self.reflectance, width
+
+
+@dataclass(frozen=True)
+class Conductor(Material):
+    """A perfectly smooth metal: mirror reflection weighted by Fresnel's equations.
+
+    Give its complex refractive index, for the exact equations; its reflectance at normal incidence, for Schlick's
+    approximation (1994); or its name. The default is copper.
+
+    Attributes:
+        eta: real part of the refractive index per channel, relative to the air around it; copper's by default.
+        k: extinction coefficient per channel; copper's by default.
+        f0: reflectance at normal incidence per channel, 0 to 1, instead of eta and k; or a name in the tables of
+            `materials.presets`, such as "gold", "silicon" or "gems".
+        metal: a name in `materials.presets.METAL_IOR`, "silicon" or a chemical symbol, instead of the others. It is
+            replaced by its eta and k, or by its f0 if only that is known.
+    """
+
+    eta: ColorLike | None = None
+    k: ColorLike | None = None
+    f0: ColorSource | str | None = None
+    metal: str | None = None
+
+    type_name: ClassVar[str] = "conductor"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        eta, k, f0 = _optics(self.eta, self.k, self.f0, self.metal)
+        self._set(eta=eta, k=k, f0=f0, metal=None)
+
+    @property
+    def model(self) -> str:
+        """The exact model, or that of Schlick's approximation."""
+        return "conductor" if self.f0 is None else "conductor:schlick"
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """η and k, or F0."""
+        return _index_or_f0(self)
+
+
+def _index_or_f0(metal: Conductor | RoughConductor) -> tuple[ColorSource, ...]:
+    if metal.f0 is not None:
+        assert not isinstance(metal.f0, str)
+        return (metal.f0,)
+    assert metal.eta is not None
+    assert metal.k is not None
+    return metal.eta, metal.k
+
+
+@dataclass(frozen=True)
+class RoughConductor(Material):
+    """A rough metal: microfacets that are perfect mirrors.
+
+    f = F D G / (4 cosθi cosθo) (Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007). The metal is
+    given as for `Conductor`.
+
+    Attributes:
+        alpha: roughness, 1e-4 to 1: about √2 times the root-mean-square slope of the facets. A number; two numbers,
+            for brushed surfaces, along u and along v; or an image with the first in red and the second in green. Two
+            distributions have their own parameters instead, always two numbers: "abc" has B, from 0.1, and C, from 0
+            to 100 (Löw et al. 2012); "sgd" has α, from 1e-5 to 10, and p, from 0 to 10 (Bagher et al. 2012).
+        eta, k, f0, metal: as for `Conductor`.
+        distribution: of normals: "ggx" (Trowbridge and Reitz 1975), "beckmann", "blinn-phong", "abc" or "sgd".
+        masking: shadowing and masking of facets: "smith" (height-correlated) for "ggx" and "beckmann",
+            "smith-separable" for these and "blinn-phong", "walter" (the rational fit of 2007) for the last two,
+            "cook-torrance", "kelemen" or "implicit" for all. The default is "smith" where available, else
+            "cook-torrance". "blinn-phong" uses "smith-separable" and "walter" of "beckmann", up to an alpha of 0.3.
+        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
+            rough metals brighter and more saturated. Otherwise that light is lost, as in most renderers.
+        reflectance: multiplies reflected light per channel, 0 to 1, at each bounce; 1 in nature.
+    """
+
+    alpha: ColorSource = 0.1
+    eta: ColorLike | None = None
+    k: ColorLike | None = None
+    f0: ColorSource | str | None = None
+    metal: str | None = None
+    distribution: str = "ggx"
+    masking: str | None = None
+    multiple_bounces: bool = False
+    reflectance: ColorSource = 1.0
+
+    type_name: ClassVar[str] = "rough-conductor"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
+        eta, k, f0 = _optics(self.eta, self.k, self.f0, self.metal)
+        self._set(alpha=roughness(self.alpha, self.distribution), eta=eta, k=k, f0=f0, metal=None)
+        self._check_colors("reflectance")
+        if boolean(self.multiple_bounces, "multiple_bounces"):
+            albedo_table_key(self.alpha, self.distribution, self.masking)
+
+    @property
+    def model(self) -> str:
+        """The combination of distribution, masking, Fresnel term and number of bounces."""
+        fresnel = "conductor" if self.f0 is None else "schlick"
+        name = f"rough_conductor:{self.distribution}:{self.masking}:{fresnel}"
+        return f"{name}:multiple" if self.multiple_bounces else name
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The shape of the distribution, `reflectance`, η and k or F0; for multiple bounces the mean reflectance."""
+        values = (shape_of(self.alpha, self.distribution), self.reflectance, *_index_or_f0(self))
+        if self.multiple_bounces and self.f0 is None:
+            return *values, average_reflectance(self.eta, self.k)  # type: ignore[arg-type]
+        return values
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...] | None:
+        """For multiple bounces, the table of the energy that a single bounce loses."""
+        return albedo_table_key(self.alpha, self.distribution, self.masking) if self.multiple_bounces else None
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it is anisotropic."""
+        return is_anisotropic(self.alpha, self.distribution)

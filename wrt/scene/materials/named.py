@@ -1,0 +1,100 @@
+"""Materials by a short text, such as "gold", "glass" or "plastic:0.8,0.1,0.1"."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from typing import Any
+
+from wrt.errors import InputError, did_you_mean
+from wrt.scene.materials import MATERIALS
+from wrt.scene.materials.dielectrics import Dielectric, RoughDielectric
+from wrt.scene.materials.diffuse import OrenNayar
+from wrt.scene.materials.material import Material
+from wrt.scene.materials.metals import RoughConductor
+from wrt.scene.materials.plastics import RoughPlastic
+from wrt.scene.materials.presets import ALIASES, METAL_F0, METAL_IOR, SEMICONDUCTOR_F0
+
+LOOKS: dict[str, tuple[type[Material], dict[str, Any]]] = {
+    "plaster": (OrenNayar, {"reflectance": 0.75}),
+    "clay": (OrenNayar, {"reflectance": (0.52, 0.27, 0.18)}),
+    "porcelain": (RoughPlastic, {"reflectance": 0.8, "alpha": 0.03}),
+    "glass": (Dielectric, {"ior": "glass"}),
+    "frosted-glass": (RoughDielectric, {"ior": "glass", "alpha": 0.3}),
+    "water": (Dielectric, {"ior": "water"}),
+    "diamond": (Dielectric, {"ior": "diamond"}),
+    **{
+        name.replace(" ", "-"): (RoughConductor, {"metal": name, "alpha": 0.15})
+        for name in sorted({*METAL_IOR, *METAL_F0, *SEMICONDUCTOR_F0})
+    },
+}
+"""Names of ready-made materials: class and parameters. Metals are slightly rough, as brushed or cast ones are."""
+
+_COLORS = ("reflectance", "base_color", "radiance", "specular_transmittance")
+"""Parameters that a value without a name sets: the first that the material has."""
+
+
+def named_material(text: str) -> Material:
+    """Return the material that a text describes.
+
+    The text is NAME, or NAME:VALUE, or NAME:KEY=VALUE;KEY=VALUE. NAME is one of LOOKS, the chemical symbol of a metal,
+    or a type of `wrt materials`. A VALUE is a number, a colour "R,G,B", true, false or a word; without a key it is the
+    material's colour.
+
+    Raises:
+        InputError: if the name is unknown, or a parameter cannot be used.
+    """
+    word, _, rest = text.strip().partition(":")
+    key = word.strip().lower().replace(" ", "-")
+    if key not in LOOKS and key not in MATERIALS:
+        key = ALIASES.get(key, key)
+    if key in LOOKS:
+        cls, values = LOOKS[key]
+    elif key in MATERIALS:
+        cls, values = MATERIALS[key], {}
+    else:
+        known = [*LOOKS, *MATERIALS]
+        raise InputError(f"there is no material {word!r}{did_you_mean(key, known)}; known are {', '.join(known)}")
+    given = _parameters(cls, rest, text)
+    if given.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
+        values = {name: value for name, value in values.items() if name != "metal"}
+    try:
+        return cls(**{**values, **given})
+    except InputError as error:
+        raise InputError(f"material {text!r}: {error}") from None
+
+
+def _parameters(cls: type[Material], text: str, whole: str) -> dict[str, Any]:
+    """Return the parameters that the part of a text after the colon gives."""
+    types = typing.get_type_hints(cls)
+    fields = [field.name for field in dataclasses.fields(cls)]
+    plain = [name for name in fields if types[name] is not Material and name not in ("interior", "normal_map")]
+    found: dict[str, Any] = {}
+    for part in filter(None, (part.strip() for part in text.split(";"))):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        if not equals:
+            color = next((each for each in _COLORS if each in plain), None)
+            if color is None:
+                raise InputError(f"material {whole!r}: {name!r} needs a name, such as {plain[0]}={name}")
+            name, value = color, name
+        name = name.replace("-", "_")
+        if name not in plain:
+            hint = did_you_mean(name, plain)
+            raise InputError(f"material {whole!r}: there is no parameter {name!r}{hint}; there are {', '.join(plain)}")
+        if name in found:
+            raise InputError(f"material {whole!r}: {name} is given twice")
+        found[name] = _value(value)
+    return found
+
+
+def _value(text: str) -> Any:
+    """Return a number, a colour, a truth value, or the text itself."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return text
+    if len(numbers) > 1:
+        return tuple(numbers)
+    return int(numbers[0]) if text.lstrip("+-").isdecimal() else numbers[0]

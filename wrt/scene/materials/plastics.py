@@ -1,0 +1,134 @@
+"""Plastics, paints and varnishes: a diffuse base under a transparent coat."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from wrt.errors import InputError
+from wrt.scene.materials.dielectrics import mean_transmittance, refractive_index
+from wrt.scene.materials.material import Material
+from wrt.scene.materials.microfacet import LEAST_ALPHA, masking_for
+from wrt.scene.textures import ColorSource
+from wrt.values import boolean
+
+
+def internal_reflectance(eta: float) -> float:
+    """Return the diffuse internal reflectance of a smooth coat, eta = n inside / n outside."""
+    return 1.0 - mean_transmittance(1.0 / eta)
+
+
+@dataclass(frozen=True)
+class Plastic(Material):
+    """A diffuse base under a smooth transparent coat; the base receives the light that the coat does not reflect.
+
+    Both sides look the same. All inter-reflections between coat and base are included.
+
+    Attributes:
+        reflectance: fraction of light that the base reflects per channel, 0 to 1.
+        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
+        exterior_ior: the same for the medium around it.
+        nonlinear: whether internal reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
+            is the visible colour where the coat reflects nothing.
+        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
+    """
+
+    reflectance: ColorSource = 0.5
+    ior: float | str = 1.5
+    exterior_ior: float | str = 1.0
+    nonlinear: bool = False
+    specular_reflectance: ColorSource = 1.0
+
+    type_name: ClassVar[str] = "plastic"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_colors("reflectance", "specular_reflectance")
+        self._set(
+            ior=refractive_index(self.ior, "ior"), exterior_ior=refractive_index(self.exterior_ior, "exterior_ior")
+        )
+        boolean(self.nonlinear, "nonlinear")
+
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index of the coat over that outside."""
+        return float(self.ior) / float(self.exterior_ior)
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The values that kernels/bsdf/plastic.py reads."""
+        eta = self.relative_ior
+        return (self.reflectance, self.specular_reflectance, eta, internal_reflectance(eta), float(self.nonlinear))
+
+
+_DISTRIBUTIONS = ("ggx", "beckmann")
+
+
+@dataclass(frozen=True)
+class RoughPlastic(Material):
+    """A diffuse base under a rough transparent coat; the base receives the light that the coat does not reflect.
+
+    The coat is the microfacet model of Walter, Marschner, Li and Torrance (2007). Both sides look the same.
+
+    Attributes:
+        reflectance: fraction of light that the base reflects per channel, 0 to 1.
+        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
+        exterior_ior: the same for the medium around it.
+        alpha: roughness of the coat, 1e-4 to 1: about √2 times the root-mean-square slope of its facets. An image
+            gives it in its red channel.
+        distribution: of the facets' normals: "ggx" or "beckmann".
+        masking: shadowing and masking of facets, as for `RoughConductor`.
+        nonlinear: whether internal reflections make colours deeper. Otherwise `reflectance` is the visible colour
+            where the coat reflects nothing.
+        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
+        multiple_bounces: whether light that facets block reaches the base, so a white one stays white. Otherwise that
+            light is lost, as in most renderers, and rough coats are darker.
+    """
+
+    reflectance: ColorSource = 0.5
+    ior: float | str = 1.5
+    exterior_ior: float | str = 1.0
+    alpha: ColorSource = 0.1
+    distribution: str = "ggx"
+    masking: str | None = None
+    nonlinear: bool = False
+    specular_reflectance: ColorSource = 1.0
+    multiple_bounces: bool = True
+
+    type_name: ClassVar[str] = "rough-plastic"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.distribution not in _DISTRIBUTIONS:
+            raise InputError(f"distribution must be one of {', '.join(_DISTRIBUTIONS)}, not {self.distribution!r}")
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
+        self._check_colors("reflectance", "specular_reflectance")
+        self._check_values("alpha", minimum=LEAST_ALPHA, maximum=1.0)
+        self._set(
+            ior=refractive_index(self.ior, "ior"), exterior_ior=refractive_index(self.exterior_ior, "exterior_ior")
+        )
+        for name in ("nonlinear", "multiple_bounces"):
+            boolean(getattr(self, name), name)
+
+    @property
+    def model(self) -> str:
+        """The combination of distribution and masking."""
+        return f"rough_plastic:{self.distribution}:{self.masking}"
+
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index of the coat over that outside."""
+        return float(self.ior) / float(self.exterior_ior)
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The values that kernels/bsdf/rough_plastic.py reads."""
+        return (self.reflectance, self.specular_reflectance, self.relative_ior, self.alpha, float(self.nonlinear))
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...]:
+        """The table of the coat's transmittance: for its roughness, or for all if the roughness varies."""
+        filtered = self.normal_map is not None and self.normal_map.filter
+        alpha = self.alpha if isinstance(self.alpha, float) and not filtered else None
+        return ("coat", self.distribution, self.masking, self.relative_ior, alpha, self.multiple_bounces)

@@ -1,0 +1,177 @@
+"""The metallic-roughness material of glTF files, with its coats."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from wrt.errors import InputError
+from wrt.scene.materials.body import Body
+from wrt.scene.materials.material import value_source
+from wrt.scene.materials.microfacet import LEAST_ALPHA
+from wrt.scene.materials.presets import dielectric_ior
+from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
+from wrt.values import FLOAT32_MAX, boolean, number
+
+_SHARES = ("metallic", "roughness", "specular", "transmission", "coat", "coat_roughness", "sheen_roughness")
+"""Numbers from 0 to 1, which may vary over the surface."""
+
+
+@dataclass(frozen=True)
+class Principled(Body):
+    """A material with few intuitive parameters: the metallic-roughness workflow of glTF 2.0.
+
+    `metallic` blends between a dielectric (plastic, paint, wood, stone, glass) and a metal; sheen and a clear coat may
+    lie on top. Some names are not glTF's: `coat` is its clearcoat, `transmission` with `thin_walled` is
+    KHR_materials_transmission, and without it that is combined with KHR_materials_volume.
+
+    Attributes:
+        base_color: diffuse reflectance of a dielectric, or reflectance of a metal at normal incidence, per channel,
+            0 to 1.
+        metallic: 0 dielectric, 1 metal.
+        roughness: 0 mirror to 1 matt; its square is the roughness α of GGX.
+        ior: refractive index of the dielectric, from 1, or a name such as "water" (`wrt materials --presets`). 0 means
+            infinite, as in glTF: specular_color is then the reflectance at normal incidence.
+        specular: strength of the dielectric's reflection.
+        specular_color: tint of that reflection at normal incidence; may exceed 1.
+        anisotropy: elongation of highlights along one direction, 0 to 1. An image is as in KHR_materials_anisotropy:
+            the direction in tangent space in red and green, the strength in blue.
+        anisotropy_rotation: turns that direction counter-clockwise from u towards v, radians.
+        transmission: fraction of the light entering the dielectric that is transmitted, as in glass, not scattered
+            back.
+        thin_walled: whether the surface is a thin sheet, not the boundary of a body; transmitted light is then not
+            refracted.
+        coat: coverage of a clear coat of index 1.5.
+        coat_roughness: as `roughness`, of the coat.
+        sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
+        sheen_roughness: roughness of the fibres; below 0.07 it counts as 0.07.
+        emission: emitted radiance, W·sr⁻¹·m⁻².
+        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
+            rough metals brighter and more saturated. Otherwise that light is lost, as in most glTF viewers.
+        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
+
+    base_color: ColorSource = 0.8
+    metallic: ColorSource = 0.0
+    roughness: ColorSource = 0.5
+    ior: float | str = 1.5
+    specular: ColorSource = 1.0
+    specular_color: ColorSource = 1.0
+    anisotropy: ColorSource = 0.0
+    anisotropy_rotation: float = 0.0
+    transmission: ColorSource = 0.0
+    thin_walled: bool = False
+    coat: ColorSource = 0.0
+    coat_roughness: ColorSource = 0.0
+    sheen_color: ColorSource = 0.0
+    sheen_roughness: ColorSource = 0.0
+    emission: ColorSource = 0.0
+    multiple_bounces: bool = False
+
+    type_name: ClassVar[str] = "principled"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_values(*_SHARES, maximum=1.0)
+        self._check_colors("base_color", "sheen_color")
+        self._check_colors("specular_color", "emission", maximum=FLOAT32_MAX)
+        self._set(
+            ior=_refractive_index(self.ior),
+            anisotropy=_anisotropy(self.anisotropy),
+            anisotropy_rotation=number(self.anisotropy_rotation, "anisotropy_rotation"),
+        )
+        for name in ("thin_walled", "multiple_bounces"):
+            boolean(getattr(self, name), name)
+        if self.ior == 0.0 and self.transmission != 0.0 and not self.thin_walled:
+            raise InputError("ior 0 means infinite, which transmits no light; set transmission to 0, or give an ior")
+        if self.interior is not None and not self.is_body:
+            raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
+        if self.multiple_bounces:
+            _ = self.table_key
+
+    @property
+    def is_body(self) -> bool:
+        """Whether light gets inside."""
+        return self.transmission != 0.0 and not self.thin_walled
+
+    @property
+    def interior_ior(self) -> float:
+        """Refractive index inside."""
+        return float(self.ior)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Features beyond the base material, in the order of the model's name."""
+        through = "thin" if self.thin_walled else "transmission"
+        present = {
+            "anisotropic": self.needs_tangents,
+            through: self.transmission != 0.0,
+            "coat": self.coat != 0.0,
+            "sheen": self.sheen_color != (0.0, 0.0, 0.0),
+            "bounces": self.multiple_bounces,
+        }
+        return tuple(name for name, there in present.items() if there)
+
+    @property
+    def model(self) -> str:
+        """The model with only the features in use, so that plain materials have small kernels."""
+        return ":".join(("principled", *self.features))
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The values that kernels/bsdf/principled.py reads for these features."""
+        values: list[ColorSource] = [self.base_color, self.metallic, self.roughness]
+        values += [self.specular, self.specular_color, float(self.ior)]
+        features = self.features
+        if "anisotropic" in features:
+            turn = self.anisotropy_rotation
+            along_u = (1.0, 0.5, self.anisotropy) if isinstance(self.anisotropy, float) else self.anisotropy
+            values += [along_u, (math.cos(turn), math.sin(turn), 0.0)]
+        if "transmission" in features or "thin" in features:
+            values += [self.transmission]
+        if "coat" in features:
+            values += [self.coat, self.coat_roughness]
+        if "sheen" in features:
+            values += [self.sheen_color, self.sheen_roughness]
+        return tuple(values)
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it is anisotropic."""
+        return self.anisotropy != 0.0
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...] | None:
+        """For multiple bounces, the table of the energy that a single bounce loses (wrt/upload/tables/albedo.py)."""
+        if not self.multiple_bounces:
+            return None
+        if not self.needs_tangents:
+            return ("reflection", "ggx", "smith", None)
+        if not (isinstance(self.roughness, float) and isinstance(self.anisotropy, float)):
+            raise InputError("multiple_bounces needs roughness and anisotropy to be numbers, or no anisotropy")
+        alpha = max(self.roughness**2, LEAST_ALPHA)
+        return ("reflection", "ggx", "smith", (alpha + (1.0 - alpha) * self.anisotropy**2, alpha, 0.0))
+
+
+def _refractive_index(value: float | str) -> float:
+    """Return a refractive index of at least 1, or 0."""
+    if isinstance(value, str):
+        try:
+            return dielectric_ior(value)
+        except InputError as error:
+            raise InputError(f"ior: {error}") from None
+    if not isinstance(value, bool) and np.ndim(value) == 0 and value == 0:
+        return 0.0
+    return number(value, "ior", minimum=1.0)
+
+
+def _anisotropy(value: ColorSource) -> ColorSource:
+    """Return a checked strength, or an image of directions and strengths."""
+    if isinstance(value, VertexColor) or (isinstance(value, ImageTexture) and value.channel is not None):
+        raise InputError("anisotropy must be a number, or an image with the direction in red and green")
+    return value_source(value, "anisotropy", maximum=1.0)

@@ -1,0 +1,224 @@
+"""Triangle meshes as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.errors import InputError
+from wrt.values import array, number, owned, sealed
+
+
+def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Return the (2, 3) lowest and highest corner of the bounding box of (N, 3) points, N ≥ 1."""
+    # Column by column, since NumPy is several times slower on short rows.
+    return np.array([[function(column) for column in points.T] for function in (np.min, np.max)], np.float64)
+
+
+SMALLEST, LARGEST = 1e-11, 1e12
+"""Limits of a mesh's extent and distance from the origin, metres; beyond, products of coordinates exceed float32."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh:
+    """Indexed triangles with optional vertex attributes.
+
+    A mesh owns its arrays, which are read-only. It copies the given arrays unless they are read-only already.
+
+    Attributes:
+        vertices: (N, 3) float32 positions, metres.
+        faces: (M, 3) int32 vertex indices; counter-clockwise seen from the front.
+        normals: (N, 3) float32 shading normals, or None for flat triangles.
+        uvs: (N, 2) float32 texture coordinates, v up, or None; (N, 4) for two sets.
+        colors: (N, 3) float32 linear Rec. 709, or None; (N, 4) with alpha, 0 to 1, which a material's opacity may use.
+        name: source of the mesh, for messages.
+
+    Raises:
+        InputError: if shapes are wrong, there are no triangles, or values are out of range or not finite.
+    """
+
+    vertices: NDArray[Any] = field(repr=False)
+    faces: NDArray[Any] = field(repr=False)
+    normals: NDArray[Any] | None = field(default=None, repr=False)
+    uvs: NDArray[Any] | None = field(default=None, repr=False)
+    colors: NDArray[Any] | None = field(default=None, repr=False)
+    name: str = "mesh"
+
+    def __repr__(self) -> str:
+        has = [each for each in ("normals", "uvs", "colors") if getattr(self, each) is not None]
+        parts = "".join(f", {each}" for each in has)
+        return f"<wrt.Mesh {self.name}: {len(self.faces)} triangles, {len(self.vertices)} vertices{parts}>"
+
+    def _repr_png_(self) -> bytes | None:
+        picture: bytes | None = import_module("wrt.view.notebook").picture_of_mesh(self)  # for notebooks
+        return picture
+
+    def __post_init__(self) -> None:
+        vertices = self._float_array("vertices", self.vertices, (3,))
+        count = len(vertices)
+        faces = array(self.faces, f"{self.name}: faces")
+        if faces.ndim != 2 or faces.shape[1] != 3:
+            raise InputError(f"{self.name}: faces must be (M, 3), not {faces.shape}")
+        if len(faces) == 0:
+            raise InputError(f"{self.name}: the mesh has no triangles")
+        if faces.dtype.kind not in "iu":
+            raise InputError(f"{self.name}: faces must be integers, not {faces.dtype}")
+        low, high = int(faces.min()), int(faces.max())
+        if low < 0 or high >= count:
+            bad = low if low < 0 else high
+            raise InputError(f"{self.name}: a face names vertex {bad}, but there are {count} vertices")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", owned(self.faces, f"{self.name}: faces", np.int32))
+        for name, widths in (("normals", (3,)), ("uvs", (2, 4)), ("colors", (3, 4))):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            rows = self._float_array(name, value, widths)
+            if len(rows) != count:
+                raise InputError(f"{self.name}: {len(rows)} {name} for {count} vertices")
+            object.__setattr__(self, name, rows)
+
+    def _float_array(self, what: str, value: ArrayLike, widths: tuple[int, ...]) -> NDArray[np.float32]:
+        with np.errstate(over="ignore"):
+            rows = owned(value, f"{self.name}: {what}", np.float32)
+        if rows.ndim != 2 or rows.shape[1] not in widths:
+            shapes = " or ".join(f"(N, {width})" for width in widths)
+            raise InputError(f"{self.name}: {what} must be {shapes}, not {rows.shape}")
+        if not np.isfinite(rows).all():
+            bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+            raise InputError(f"{self.name}: {what} must be finite; number {bad} is {rows[bad].tolist()}")
+        return rows
+
+    @classmethod
+    def taking(
+        cls,
+        vertices: NDArray[Any],
+        faces: NDArray[Any],
+        normals: NDArray[Any] | None = None,
+        uvs: NDArray[Any] | None = None,
+        colors: NDArray[Any] | None = None,
+        name: str = "mesh",
+    ) -> Mesh:
+        """Make a mesh from arrays that the caller hands over: they become read-only and are not copied.
+
+        Args:
+            vertices: (N, 3); see Mesh for all arrays. Other element types are converted.
+            faces: (M, 3).
+            normals: (N, 3) or None.
+            uvs: (N, 2), (N, 4) or None.
+            colors: (N, 3), (N, 4) or None.
+            name: source of the mesh, for messages.
+        """
+        for given in (vertices, faces, normals, uvs, colors):
+            if given is not None:
+                sealed(given)
+        return cls(vertices, faces, normals, uvs, colors, name)
+
+    def share(self, name: str, array: NDArray[Any]) -> None:
+        """Replace an array by a read-only view of `array`, which must hold the same values."""
+        array = array.view()
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 lowest and highest corner of the vertices that faces use."""
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        points = self.vertices if used.all() else self.vertices[used]
+        return box_around(points)
+
+    def transformed(self, matrix: ArrayLike) -> Mesh:
+        """Return a copy transformed by a (4, 4) or (3, 4) affine matrix, with correct normals and winding."""
+        m = array(matrix, f"{self.name}: a transform", np.float64)
+        if m.shape not in ((4, 4), (3, 4)) or not np.isfinite(m).all():
+            raise InputError(f"{self.name}: a transform must be a finite 4x4 matrix")
+        if (m[3:] != (0.0, 0.0, 0.0, 1.0)).any():
+            raise InputError(f"{self.name}: a transform must be affine: its last row must be 0 0 0 1")
+        linear, offset = m[:3, :3], m[:3, 3]
+        determinant = float(np.linalg.det(linear))
+        if determinant == 0.0:
+            raise InputError(f"{self.name}: the transform is not invertible")
+        with np.errstate(all="ignore"):  # Mesh refuses values that are not finite
+            vertices = (self.vertices.astype(np.float64) @ linear.T + offset).astype(np.float32)
+        normals = self.normals
+        if normals is not None:
+            moved = normals.astype(np.float64) @ np.linalg.inv(linear)
+            length = np.linalg.norm(moved, axis=1, keepdims=True)
+            normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
+        faces = self.faces if determinant > 0.0 else self.faces[:, ::-1]
+        return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name)
+
+    def scaled(self, factor: float) -> Mesh:
+        """Return a copy scaled about the origin."""
+        return self.transformed(np.diag([factor, factor, factor, 1.0]))
+
+    def translated(self, offset: ArrayLike) -> Mesh:
+        """Return a copy moved by `offset`, metres."""
+        m = np.eye(4)
+        m[:3, 3] = offset
+        return self.transformed(m)
+
+    def standing(self, height: float) -> Mesh:
+        """Return a copy scaled to a height in metres, standing on y = 0 and centred above the origin.
+
+        This places a mesh in any unit of length. A mesh that is flat along y raises InputError.
+        """
+        low, high = self.bounds
+        tall = float(high[1] - low[1])
+        if tall == 0.0:
+            raise InputError(f"{self.name}: the mesh is flat along y, so it cannot be scaled to a height")
+        factor = number(height, f"{self.name}: height", above=0.0) / tall
+        m = np.diag([factor, factor, factor, 1.0])
+        m[:3, 3] = -factor * np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
+        return self.transformed(m)
+
+    def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
+        """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
+        x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+        k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        angle = np.deg2rad(degrees)
+        m = np.eye(4)
+        m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+        return self.transformed(m)
+
+
+def columns(mesh: Mesh, name: str, first: int, stop: int, default: float) -> NDArray[np.float32]:
+    """Return (N, stop − first) columns of a vertex attribute, `default` where the mesh has none."""
+    given = getattr(mesh, name)
+    if given is not None and given.shape[1] >= stop:
+        return np.asarray(given[:, first:stop])
+    rows = np.full((len(mesh.vertices), stop - first), default, np.float32)
+    if given is not None and given.shape[1] > first:
+        rows[:, : given.shape[1] - first] = given[:, first:]
+    return rows
+
+
+def merge(meshes: list[Mesh], name: str) -> Mesh:
+    """Return one mesh of all triangles in order.
+
+    Meshes without `uvs` get zeros and those without `colors` get white if others have them; `normals` are dropped
+    unless all meshes have them.
+    """
+    if len(meshes) == 1:
+        return replace(meshes[0], name=name)
+    offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    normals = [m.normals for m in meshes if m.normals is not None]
+    return Mesh.taking(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces.astype(np.int64) + o for m, o in zip(meshes, offsets, strict=True)]),
+        np.concatenate(normals) if len(normals) == len(meshes) else None,
+        _filled(meshes, "uvs", 0.0),
+        _filled(meshes, "colors", 1.0),
+        name,
+    )
+
+
+def _filled(meshes: list[Mesh], field: str, value: float) -> NDArray[np.float32] | None:
+    widths = [getattr(m, field).shape[1] for m in meshes if getattr(m, field) is not None]
+    return np.concatenate([columns(m, field, 0, max(widths), value) for m in meshes]) if widths else None

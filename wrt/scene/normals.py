@@ -1,0 +1,319 @@
+"""Shading normals with creases, for meshes that have none."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.scene.mesh import Mesh, box_around
+from wrt.values import sealed
+
+CREASE_LIMIT = 2_000_000
+"""Number of faces above which creases are not detected. Matching edges would take several gigabytes, and scans of
+that size are smooth at the scale of their triangles."""
+
+CHUNK = 1 << 13
+"""Faces or vertices processed at a time, so that intermediate results fit a core's cache."""
+
+_Float = NDArray[np.float64]
+_Int = NDArray[np.intp]
+
+
+CREASE_DEGREES = 60.0
+"""Edges folded by more than this are creases: those of a box are, those in the ears of a scanned rabbit are not."""
+
+
+def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
+    """Return the mesh with a unit shading normal at every vertex.
+
+    A mesh without normals gets the mean of the adjacent face normals, weighted by the angle of each face at the vertex
+    (Thürmer and Wüthrich 1998, "Computing vertex normals from polygonal facets"), which is independent of the
+    triangulation. Faces are not averaged across edges folded by more than the crease angle; a vertex on such a crease
+    is split, one copy for each side. Vertices at the same position count as one, so texture seams do not show.
+
+    Given normals are normalised; zero or non-finite ones are computed as above, without splits.
+
+    Args:
+        mesh: the mesh; its faces keep their order, its vertices may be split and reordered.
+        crease_degrees: the largest fold that is still smooth; 180 and above smooths everything. Meshes of more than
+            CREASE_LIMIT faces are smoothed everywhere.
+    """
+    if mesh.normals is not None:
+        return replace(mesh, normals=sealed(_made_unit(mesh)))
+    positions = same_positions(mesh.vertices)
+    if len(mesh.faces) > CREASE_LIMIT:
+        from wrt.scene.large_mesh_normals import smooth_normals
+
+        normals = smooth_normals(mesh.vertices, mesh.faces, positions, _size(mesh))
+        if _any(normals).all():
+            return replace(mesh, normals=sealed(normals))
+    faces = mesh.faces.astype(np.intp)
+    face_normals, angles = _face_normals(mesh)
+    corners = positions[faces].reshape(-1)
+    if len(faces) > CREASE_LIMIT or crease_degrees >= 180.0:
+        groups = corners
+    else:
+        groups = _smooth_groups(positions[faces], face_normals, crease_degrees)
+    corner_normals = _corner_normals(groups, face_normals, angles)
+    # A copy of a vertex for each different normal: corners of one group at one vertex share it.
+    blank = ~_any(corner_normals)
+    flat = np.repeat(face_normals, 3, axis=0)
+    corner_normals[blank] = flat[blank]
+    blank &= _any(flat)
+    groups = np.where(blank, groups.max(initial=0) + 1 + np.arange(len(groups)), groups)
+    key = faces.reshape(-1) * (int(groups.max(initial=0)) + 1) + groups
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    source = faces.reshape(-1)[first]
+    chosen = corner_normals[first]
+    chosen[~_any(chosen)] = (0.0, 1.0, 0.0)  # all faces around it are degenerate
+    return Mesh.taking(
+        mesh.vertices[source],
+        inverse.reshape(-1, 3).astype(np.int32),
+        chosen.astype(np.float32),
+        None if mesh.uvs is None else mesh.uvs[source],
+        None if mesh.colors is None else mesh.colors[source],
+        mesh.name,
+    )
+
+
+def _made_unit(mesh: Mesh) -> NDArray[np.float32]:
+    """Return the given normals, normalised, with missing ones computed."""
+    assert mesh.normals is not None
+    result = np.empty((len(mesh.vertices), 3), np.float32)
+    missing = np.zeros(len(result), bool)
+    for part in _chunks(len(result)):
+        unit, length = _unit(mesh.normals[part].astype(np.float64))
+        result[part] = unit
+        missing[part] = ~np.isfinite(length) | (length < 1e-20)
+    if missing.any():
+        computed = _smooth(mesh, same_positions(mesh.vertices))
+        result[missing] = computed[missing]
+    return result
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    """Return slices of CHUNK rows that together cover `count` rows."""
+    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+
+
+def _unit(vectors: _Float) -> tuple[_Float, _Float]:
+    """Return normalised vectors (zero ones stay zero) and their original lengths."""
+    length = np.linalg.norm(vectors, axis=-1)
+    return vectors / np.where(length > 0.0, length, 1.0)[..., None], length
+
+
+def vertex_normals(mesh: Mesh) -> _Float:
+    """Return (N, 3) unit normals, weighted as in `with_normals`, without merging positions and without creases."""
+    return _smooth(mesh, np.arange(len(mesh.vertices)))
+
+
+def corner_weighted_normals(vertices: _Float, faces: NDArray[np.integer[Any]]) -> _Float:
+    """Return (N, 3) unit normals weighted like those of `vertex_normals`, in double precision throughout."""
+    corners = vertices[faces]
+    edges = np.roll(corners, -1, axis=1) - corners
+    cross = np.cross(edges[:, 0], edges[:, 1])
+    twice_area = np.linalg.norm(cross, axis=1)
+    normals = _unit(cross)[0]
+    result = np.zeros(vertices.shape)
+    for k in range(3):
+        angles = np.arctan2(twice_area, -np.einsum("ij,ij->i", edges[:, k], edges[:, k - 1]))
+        for axis in range(3):
+            result[:, axis] += np.bincount(faces[:, k], normals[:, axis] * angles, len(vertices))
+    return _unit(result)[0]
+
+
+def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (N, 3) unit normals of a mesh whose vertices have moved.
+
+    Vertices that shared position and normal still share their normal; others are on different sides of a crease.
+    """
+    assert mesh.normals is not None
+    together = same_positions(np.hstack([mesh.vertices, mesh.normals]))
+    moved = Mesh(vertices, mesh.faces, name=mesh.name)
+    return _smooth(moved, together).astype(np.float32)
+
+
+def same_positions(vertices: NDArray[np.float32]) -> _Int:
+    """Return (N,) indices, numbered without gaps, that are equal for vertices at the same position."""
+    count = len(vertices)
+    keys = np.empty(count, np.uint64)
+    for part in _chunks(count):
+        keys[part] = _keys(vertices[part])
+    ordered = np.sort(keys)
+    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
+    if not len(repeated):
+        return np.arange(count)
+    # Only rows with repeated keys matter; if they are few, looking them up is faster than sorting all.
+    rows = np.arange(count)
+    if len(repeated) < count // 64:
+        rows = np.flatnonzero(repeated.take(np.searchsorted(repeated, keys), mode="clip") == keys)
+    rows = rows[np.argsort(keys[rows], kind="stable")]
+    if (_any(vertices[rows[1:]] != vertices[rows[:-1]]) & (keys[rows[1:]] == keys[rows[:-1]])).any():
+        rows = np.lexsort(vertices.T)  # a hash collision
+    new = np.ones(len(rows), bool)
+    new[1:] = _any(vertices[rows[1:]] != vertices[rows[:-1]])
+    # Map each row to the first of its run, then number the first ones.
+    index = np.arange(count)
+    index[rows] = rows[new][np.cumsum(new) - 1]
+    return np.asarray((np.cumsum(index == np.arange(count)) - 1).take(index))
+
+
+def _keys(rows: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """Return a hash for each row of numbers."""
+    keys = np.zeros(len(rows), np.uint64)
+    for column in (rows.T + np.float32(0.0)).view(np.uint32):  # adding 0 makes -0 equal to 0
+        keys = (keys ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        keys ^= keys >> np.uint64(29)
+    return keys
+
+
+def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
+    """Yield the normals and angles of a chunk of faces at a time.
+
+    Yields:
+        The slice of faces; their (3, n) unit normals, a row for each axis, zero for faces without area; and their
+        (3, n) interior angles, radians, a row for each corner.
+    """
+    first = mesh.vertices[0].astype(np.float64)
+    scale = _size(mesh)  # so that products of tiny or huge edges stay inside float64
+    for part in _chunks(len(mesh.faces)):
+        corners = (mesh.vertices.take(mesh.faces[part], axis=0) - first) / scale
+        a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        edges = (b - a, c - b, a - c)
+        (ux, uy, uz), (vx, vy, vz) = edges[0], -edges[2]
+        cross = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        twice_area = _length(cross)
+        normals = cross / np.where(twice_area > 0.0, twice_area, 1.0)
+        angles = np.empty(normals.shape)
+        for k in range(3):
+            # tan(angle) = |u x v| / u.v, exact for slivers where arccos is not
+            (ux, uy, uz), (vx, vy, vz) = edges[k], edges[k - 1]
+            angles[k] = np.arctan2(twice_area, -(ux * vx + uy * vy + uz * vz))
+        yield part, normals, angles
+
+
+def _size(mesh: Mesh) -> float:
+    """Return the largest distance along an axis from a mesh's first vertex to its bounds."""
+    return float(np.abs(box_around(mesh.vertices) - mesh.vertices[0].astype(np.float64)).max()) or 1.0
+
+
+def _length(vectors: _Float) -> _Float:
+    """Return (n,) lengths of (3, n) vectors."""
+    x, y, z = vectors
+    length: _Float = np.sqrt(x * x + y * y + z * z)
+    return length
+
+
+def _face_normals(mesh: Mesh) -> tuple[_Float, _Float]:
+    """Return (M, 3) unit face normals, zero for faces without area, and (M, 3) interior angles in radians."""
+    normals, angles = np.empty(mesh.faces.shape), np.empty(mesh.faces.shape)
+    for part, some_normals, some_angles in _faces_in_chunks(mesh):
+        normals[part], angles[part] = some_normals.T, some_angles.T
+    return normals, angles
+
+
+def _group_normals(mesh: Mesh, groups: _Int) -> _Float:
+    """Return (3, G) unit normals of groups of vertices: the angle-weighted mean over all their corners.
+
+    The normal is zero where the mean cancels or no face has an area.
+    """
+    size = int(groups.max(initial=0)) + 1
+    # Complex pairs halve the number of memory accesses.
+    sums = np.zeros((2, size), np.complex128)
+    for part, normals, angles in _faces_in_chunks(mesh):
+        x, y, z = normals
+        for corners, angle in zip(mesh.faces[part].T, angles, strict=True):
+            of_corners = groups.take(corners)
+            np.add.at(sums[0], of_corners, (x + 1j * y) * angle)
+            np.add.at(sums[1], of_corners, (z + 1j) * angle)
+    return _mean(np.stack([sums[0].real, sums[0].imag, sums[1].real]), sums[1].imag)
+
+
+def _smooth_groups(faces: _Int, face_normals: _Float, crease_degrees: float) -> NDArray[np.intp]:
+    """Return (3M,) labels of corners, equal for corners joined through smooth edges.
+
+    `faces` index positions. The two corners at either end of an edge are joined if its faces are at most the crease
+    angle apart.
+    """
+    count = len(faces)
+    start = faces.reshape(-1)
+    corner = np.arange(3 * count)
+    following = corner - corner % 3 + (corner + 1) % 3
+    end = start[following]
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.argsort(low * (int(start.max()) + 1) + high, kind="stable")
+    same = (low[order[1:]] == low[order[:-1]]) & (high[order[1:]] == high[order[:-1]])
+    one, two = order[:-1][same], order[1:][same]
+    n, m = face_normals[one // 3], face_normals[two // 3]
+    cosine = np.einsum("ij,ij->i", n, m)
+    # Degenerate faces have no normal; they join their neighbours.
+    smooth = (cosine >= np.cos(np.deg2rad(crease_degrees)) - 1e-9) | ~_any(n) | ~_any(m)
+    one, two = one[smooth], two[smooth]
+    aligned = start[one] == start[two]
+    ends = np.where(aligned, two, following[two]), np.where(aligned, following[two], two)
+    return _connected(3 * count, np.concatenate([one, following[one]]), np.concatenate(ends))
+
+
+def _connected(count: int, one: NDArray[Any], two: NDArray[Any]) -> NDArray[np.intp]:
+    """Return (count,) the lowest index that each index is connected to through the pairs.
+
+    Hook the roots of each pair together, then halve all paths, until nothing changes (Shiloach and Vishkin 1982).
+    In practice the number of rounds is logarithmic.
+    """
+    parent = np.arange(count)
+    while True:
+        a, b = parent[one], parent[two]
+        different = a != b
+        if not different.any():
+            return parent
+        one, two = one[different], two[different]
+        a, b = a[different], b[different]
+        np.minimum.at(parent, np.maximum(a, b), np.minimum(a, b))
+        while True:
+            above = parent[parent]
+            if np.array_equal(above, parent):
+                break
+            parent = above
+
+
+def _corner_normals(groups: NDArray[np.intp], face_normals: _Float, angles: _Float) -> _Float:
+    """Return (3M, 3) unit normals: the angle-weighted mean over each group; zero where it cancels."""
+    size = int(groups.max(initial=0)) + 1
+    angle = angles.reshape(-1)
+    weights = [np.repeat(column, 3) * angle for column in face_normals.T]
+    sums = [np.bincount(groups, weights=each, minlength=size).astype(np.float64) for each in (*weights, angle)]
+    return _mean(np.stack(sums[:3]), sums[3]).T.take(groups, axis=0)
+
+
+def _mean(sums: _Float, total: _Float) -> _Float:
+    """Return (3, G) unit normals of angle-weighted sums, whose angles add up to `total`; zero where normals cancel."""
+    length = _length(sums)
+    length[length <= 1e-6 * total] = np.inf  # opposite faces leave only rounding errors
+    return sums / length
+
+
+def _any(rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return (N,) whether each of (N, K) rows has a non-zero element."""
+    return functools.reduce(np.logical_or, rows.T)
+
+
+def _smooth(mesh: Mesh, groups: _Int) -> _Float:
+    """Return (N, 3) unit normals without creases.
+
+    If the normals around a group of vertices cancel, the last face's is used; if all faces are degenerate, (0, 1, 0).
+    """
+    result = _group_normals(mesh, groups).T.take(groups, axis=0)
+    blank = ~_any(result)
+    if blank.any():
+        result[blank] = (0.0, 1.0, 0.0)
+        for part, normals, _ in _faces_in_chunks(mesh):
+            solid = _any(normals.T)
+            for index in mesh.faces[part][solid].T:
+                here = blank[index]
+                result[index[here]] = normals.T[solid][here]
+    return result

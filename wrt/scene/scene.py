@@ -1,0 +1,384 @@
+"""The scene description: plain data, without Warp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
+from wrt.errors import InputError
+from wrt.scene.camera import Camera
+from wrt.scene.deformation import Deformation
+from wrt.scene.environment import Environment
+from wrt.scene.layers import layer_names
+from wrt.scene.lights import LIGHTS, Light
+from wrt.scene.materials import Diffuse, Material
+from wrt.scene.materials.body import bodies_of
+from wrt.scene.materials.material import color_source
+from wrt.scene.medium import Medium
+from wrt.scene.mesh import Mesh
+from wrt.scene.motion import Motion, check_affine
+from wrt.scene.textures import ColorSource, shines
+from wrt.values import FLOAT32_MAX, Vec3, boolean, integer, number, one_of
+
+FILTERS = ("box", "tent", "gaussian", "blackman-harris")
+"""Reconstruction filters by name; `kernels/film/filters.py` defines them."""
+
+SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
+"""Samplers by name; docs/sampling.md compares them."""
+
+INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
+"""Integrators by name; docs/integrators.md describes them."""
+
+MOST_JITTERED_RAYS = 16
+"""More would not find a place among the 32 rays of a tree that may wait."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A mesh with a material, an emission and a place in the world.
+
+    Attributes:
+        mesh: the triangles.
+        material: material of the surface.
+        emission: radiance emitted from its front, per channel, W·sr⁻¹·m⁻², also an image or the mesh's vertex colours;
+            0 for the emission of the material.
+        two_sided_emission: whether its back emits too.
+        name: for messages.
+        transform: a (4, 4) affine matrix from the mesh's space to the world, or a Motion. Shapes with a transform that
+            share a mesh are instances and share its memory. A mirroring transform keeps the mesh's front.
+        deformation: keyframes of the vertices.
+    """
+
+    mesh: Mesh
+    material: Material = field(default_factory=Diffuse)
+    emission: ColorSource = 0.0
+    two_sided_emission: bool = False
+    name: str = "shape"
+    transform: NDArray[np.float64] | Motion | None = field(default=None, repr=False)
+    deformation: Deformation | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mesh, Mesh):
+            raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}")
+        if not isinstance(self.material, Material):
+            raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
+        if self.transform is not None and not isinstance(self.transform, Motion):
+            object.__setattr__(self, "transform", _matrix(self.transform, f"{self.name}: transform"))
+        if self.deformation is not None:
+            if not isinstance(self.deformation, Deformation):
+                raise InputError(f"{self.name}: deformation must be a wrt.Deformation")
+            count = self.deformation.vertices.shape[1]
+            if count != len(self.mesh.vertices):
+                own = len(self.mesh.vertices)
+                raise InputError(f"{self.name}: the deformation has {count} vertices, but the mesh has {own}")
+        emission = color_source(self.emission, f"{self.name}: emission", maximum=FLOAT32_MAX)
+        object.__setattr__(self, "emission", emission if shines(emission) else self.material.emission)
+
+    @property
+    def emits(self) -> bool:
+        """Whether it emits light."""
+        return shines(self.emission)
+
+    def transform_at(self, time: float) -> NDArray[np.float64]:
+        """Return the (4, 4) matrix from the mesh's space to the world at a time in seconds."""
+        if self.transform is None:
+            return np.eye(4)
+        return self.transform.at(time) if isinstance(self.transform, Motion) else self.transform
+
+    def mesh_at(self, time: float) -> Mesh:
+        """Return the mesh in world space at a time in seconds."""
+        mesh = self.mesh if self.deformation is None else self.deformation.at(time, self.mesh)
+        return mesh if self.transform is None else mesh.transformed(self.transform_at(time))
+
+    def moved(self, matrix: NDArray[np.float64]) -> Shape:
+        """Return the shape transformed by a (4, 4) affine matrix, applied to its transform or else to its mesh."""
+        if isinstance(self.transform, Motion):
+            motion = Motion(self.transform.times, matrix @ self.transform.transforms, self.transform.center)
+            return replace(self, transform=motion)
+        if self.transform is not None or self.deformation is not None:
+            return replace(self, transform=matrix @ self.transform_at(0.0))
+        return replace(self, mesh=self.mesh.transformed(matrix))
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 lowest and highest corner of the shape, or of its outline if it is transformed."""
+        if self.transform is None and self.deformation is None:
+            return self.mesh.bounds
+        outline = self.outline
+        return np.stack([outline.min(axis=0), outline.max(axis=0)])
+
+    @property
+    def outline(self) -> NDArray[np.floating[Any]]:
+        """(P, 3) points whose convex hull contains the shape at all times: vertices, or corners of boxes."""
+        if self.transform is None and self.deformation is None:
+            return self.mesh.vertices
+        low, high = self.mesh.bounds
+        if self.deformation is not None:
+            low, high = self.deformation.vertices.min(axis=(0, 1)), self.deformation.vertices.max(axis=(0, 1))
+        corners = np.stack(np.meshgrid(*np.stack([low, high], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
+        times = np.zeros(1)
+        if isinstance(self.transform, Motion):
+            keys = self.transform.times
+            # It turns by less than 180 degrees between keys. At 12 degrees a step, arcs exceed their chords by 0.6 %.
+            times = np.interp(np.linspace(0, len(keys) - 1, 16 * (len(keys) - 1) + 1), np.arange(len(keys)), keys)
+        matrices = np.stack([self.transform_at(time) for time in times])
+        moved = np.einsum("kij,nj->kni", matrices[:, :3, :3], corners) + matrices[:, None, :3, 3]
+        return np.asarray(moved.reshape(-1, 3))
+
+
+def bake_transforms(shapes: list[Shape]) -> list[Shape]:
+    """Return shapes in world space, with a copy of the mesh for each instance."""
+    return [s if s.transform is None else replace(s, mesh=s.mesh_at(0.0), transform=None) for s in shapes]
+
+
+@dataclass
+class RenderSettings:
+    """Render settings of a scene; options given to the renderer override them.
+
+    Attributes:
+        width, height: pixels.
+        spp: samples per pixel.
+        noise: relative noise at which a render ends instead, such as 0.01; see `wrt.Renderer.noise`.
+        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others.
+        max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
+        filter: reconstruction filter, one of FILTERS.
+        sampler: sampler, one of SAMPLERS.
+        tone: tone curve of pictures written as PNG, see `wrt.develop_image`.
+        exposure: stops (factors of two) by which a PNG is brightened, or "auto"; None for 0, unless the picture would
+            be mostly white or dark. The radiance of the film does not depend on tone and exposure.
+        denoise: whether saved pictures are denoised, by the extra wrt[denoise]; see `wrt.Renderer.denoised`.
+        crop: part of the picture to render, in pixels: first column, first row, and the column and row after the last;
+            None for the whole. The pixels are identical to those of the whole picture.
+        max_scatterings: maximum number of scattering events in media along a path; max_depth counts surfaces only.
+        integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".
+        min_attenuation: integrator "whitted" ends rays whose throughput is below this.
+        jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a material "glossy"; later
+            ones send one. With 0 it has direct light alone.
+        ao_distance: distance up to which surfaces occlude for integrator "ao", metres; None for no limit.
+        layers: names from `wrt.scene.layers.LAYERS` to render besides radiance.
+        clamp_indirect: limit of the indirect radiance of one path per channel, W·sr⁻¹·m⁻²; None for no limit. Biased:
+            energy above the limit is lost.
+        regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of
+            a path, 0 to 1. Biased: reflections between rough surfaces are blurred.
+        transparent: whether the camera sees neither the environment nor lights without a mesh, and pictures have an
+            alpha channel; both still light the scene, and are seen in mirrors and through glass.
+    """
+
+    width: int = 768
+    height: int = 576
+    spp: int = 64
+    noise: float | None = field(default=None, kw_only=True)
+    adaptive: bool = field(default=False, kw_only=True)
+    denoise: bool = field(default=False, kw_only=True)
+    max_depth: int = 64
+    filter: str = "blackman-harris"
+    sampler: str = "sobol"
+    exposure: Annotated[float | str | None, EXPOSURE_SCHEMA] = None
+    crop: tuple[int, int, int, int] | None = None
+    integrator: str | None = None
+    max_scatterings: int = 4096
+    min_attenuation: float = 0.005
+    jittered_rays: int = 1
+    ao_distance: float | None = None
+    layers: tuple[str, ...] = ()
+    clamp_indirect: float | None = None
+    regularization: float = 0.0
+    tone: Annotated[str, TONE_SCHEMA] = DEFAULT_TONE
+    transparent: bool = False
+
+    def __post_init__(self) -> None:
+        self.width = integer(self.width, "width", minimum=1, maximum=65536)
+        self.height = integer(self.height, "height", minimum=1, maximum=65536)
+        self.spp = integer(self.spp, "spp", minimum=1, maximum=2**31 - 1)
+        if self.noise is not None:
+            self.noise = number(self.noise, "noise", above=0.0, maximum=1.0)
+        self.adaptive = boolean(self.adaptive, "adaptive")
+        self.denoise = boolean(self.denoise, "denoise")
+        self.max_depth = integer(self.max_depth, "max_depth", minimum=1, maximum=65536)
+        self.max_scatterings = integer(self.max_scatterings, "max_scatterings", minimum=0, maximum=65535)
+        self.filter = one_of(self.filter, FILTERS, "filter")
+        self.sampler = one_of(self.sampler, SAMPLERS, "sampler")
+        self.tone = check_tone(self.tone)
+        self.exposure = check_exposure(self.exposure)
+        if self.integrator is not None:
+            self.integrator = one_of(self.integrator, INTEGRATORS, "integrator")
+        self.min_attenuation = number(self.min_attenuation, "min_attenuation", minimum=0.0, maximum=1.0)
+        self.jittered_rays = integer(self.jittered_rays, "jittered_rays", minimum=0, maximum=MOST_JITTERED_RAYS)
+        if self.ao_distance is not None:
+            self.ao_distance = number(self.ao_distance, "ao_distance", above=0.0)
+        self.layers = layer_names(self.layers)
+        if self.clamp_indirect is not None:
+            self.clamp_indirect = number(self.clamp_indirect, "clamp_indirect", above=0.0, maximum=FLOAT32_MAX)
+        self.regularization = number(self.regularization, "regularization", minimum=0.0, maximum=1.0)
+        self.transparent = boolean(self.transparent, "transparent")
+        if self.crop is not None:
+            self.crop = _crop_window(self.crop, self.width, self.height)
+
+    @property
+    def film_layers(self) -> tuple[str, ...]:
+        """The layers that a film needs: the selected ones, and coverage for a transparent picture."""
+        return layer_names((*self.layers, "alpha")) if self.transparent else self.layers
+
+
+def _matrix(value: object, name: str) -> NDArray[np.float64]:
+    """Return `value` as an affine (4, 4) matrix, or raise InputError."""
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not {type(value).__name__}") from None
+    if matrix.shape != (4, 4):
+        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not an array of {matrix.shape}")
+    check_affine(matrix, name)
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
+    """Return `value` as a crop window that is not empty, or raise InputError."""
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 4:
+        shown = " ".join(repr(value).split())
+        raise InputError(f"crop must be four whole numbers (x0, y0, x1, y1), not {shown}")
+    x0, y0, x1, y1 = (integer(item, f"crop[{i}]", minimum=0, maximum=65536) for i, item in enumerate(value))
+    if x0 >= x1 or y0 >= y1:
+        raise InputError(f"crop must not be empty: there are no pixels from ({x0}, {y0}) up to ({x1}, {y1})")
+    if x1 > width or y1 > height:
+        raise InputError(f"crop must lie inside the picture: ({x1}, {y1}) is beyond its {width}x{height} pixels")
+    return x0, y0, x1, y1
+
+
+@dataclass(repr=False)
+class Scene:
+    """Shapes, lights, an environment and a camera.
+
+    Attributes:
+        shapes: meshes with their materials.
+        lights: lights without a mesh.
+        environment: radiance of rays that hit nothing; None is black.
+        camera: the camera; None lets the renderer frame the shapes.
+        settings: render settings.
+        medium: medium that fills all space outside bodies; None is clear.
+        studio_shapes: how many of the first shapes stand in wrt's studio, which the others are; 0 elsewhere.
+    """
+
+    shapes: list[Shape] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
+    environment: Environment | None = None
+    camera: Camera | None = None
+    settings: RenderSettings = field(default_factory=RenderSettings)
+    medium: Medium | None = None
+    studio_shapes: int = field(default=0, kw_only=True, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.medium is not None and not isinstance(self.medium, Medium):
+            raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
+
+    def add(
+        self,
+        mesh: Mesh,
+        *,
+        material: Material | None = None,
+        emission: ColorSource = 0.0,
+        two_sided_emission: bool = False,
+        name: str | None = None,
+        transform: ArrayLike | Motion | None = None,
+        deformation: Deformation | None = None,
+    ) -> Shape:
+        """Add a mesh and return the new shape; see Shape for the options."""
+        shape = Shape(
+            mesh=mesh,
+            material=Diffuse() if material is None else material,
+            emission=emission,
+            two_sided_emission=two_sided_emission,
+            name=name or str(getattr(mesh, "name", "shape")),
+            transform=transform,  # type: ignore[arg-type]
+            deformation=deformation,
+        )
+        self.shapes.append(shape)
+        return shape
+
+    def add_instances(
+        self,
+        mesh: Mesh,
+        transforms: Iterable[ArrayLike | Motion],
+        *,
+        material: Material | None = None,
+        emission: ColorSource = 0.0,
+        two_sided_emission: bool = False,
+        name: str | None = None,
+        deformation: Deformation | None = None,
+    ) -> list[Shape]:
+        """Add instances of a mesh, which is stored once; return the new shapes.
+
+        Args:
+            mesh: the triangles.
+            transforms: for each instance a (4, 4) affine matrix from the mesh's space to the world, or a Motion.
+            material: of all instances, as for `add`.
+            emission: of all instances.
+            two_sided_emission: of all instances.
+            name: of all instances.
+            deformation: of all instances.
+        """
+        shared = Diffuse() if material is None else material
+        return [
+            self.add(
+                mesh,
+                material=shared,
+                emission=emission,
+                two_sided_emission=two_sided_emission,
+                name=name,
+                transform=transform,
+                deformation=deformation,
+            )
+            for transform in transforms
+        ]
+
+    def add_light(self, light: Light) -> Light:
+        """Add a light without a mesh and return it."""
+        if not isinstance(light, tuple(LIGHTS.values())):
+            names = ", ".join(cls.__name__ for cls in LIGHTS.values())
+            raise InputError(f"a light must be one of {names}, not {type(light).__name__}")
+        self.lights.append(light)
+        return light
+
+    def view(self, *, spp: int | None = None, **options: Any) -> Any:
+        """Return a live view of the scene for a notebook: it converges, and the mouse moves the camera.
+
+        Args:
+            spp: samples per pixel at which the view rests; by default at least 1024.
+            options: of `wrt.Renderer`.
+
+        Raises:
+            InputError: when anywidget is not installed (`pip install "wrt[notebook]"`), or on unusable options.
+        """
+        return import_module("wrt.view.notebook").view_scene(self, spp=spp, **options)
+
+    def __repr__(self) -> str:
+        kinds = f"{len(self.shapes)} shapes, {len(self.lights)} lights"
+        return f"<wrt.Scene: {kinds}, {self.settings.width}x{self.settings.height}>"
+
+    def _repr_png_(self) -> bytes | None:
+        picture: bytes | None = import_module("wrt.view.notebook").picture_of_scene(self)
+        return picture
+
+    @property
+    def media(self) -> list[Medium]:
+        """The media of the scene and its bodies."""
+        insides = [body.interior for shape in self.shapes for body in bodies_of(shape.material)]
+        return [medium for medium in (self.medium, *insides) if medium is not None]
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 lowest and highest corner of all shapes; zeros without shapes."""
+        if not self.shapes:
+            return np.zeros((2, 3))
+        corners = np.stack([shape.bounds for shape in self.shapes])
+        return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+
+__all__ = ["FILTERS", "SAMPLERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]

@@ -1,0 +1,1 @@
+"""Sky models of daylight, and spherical harmonics."""

@@ -1,0 +1,114 @@
+"""The clear daytime sky model of Hošek and Wilkie: fits to simulated atmospheres.
+
+- Sky: Hošek and Wilkie, "An Analytic Model for Full Spectral Sky-Dome Radiance" (SIGGRAPH 2012). A function of nine
+  parameters (equations 8 and 9), tabulated for two ground albedos, ten turbidities and six elevations of the sun.
+- Sun: Hošek and Wilkie, "Adding a Solar-Radiance Function to the Hošek-Wilkie Skylight Model" (IEEE CG&A 2013).
+  Polynomials in the elevation, at eleven wavelengths, and in the cosine at the sun's surface.
+
+The tables are in `wrt/scene/skies/data/hosek_wilkie.npz`, made by `scripts/sky_data.py`, with their licence beside it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.scene.skies.preetham import rgb_from_xyz, spectrum_xyz
+
+Array = NDArray[np.float64]
+
+WAVELENGTHS = 320.0 + 40.0 * np.arange(11)
+"""Wavelengths at which the sun's radiance is tabulated, nm."""
+
+_BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])
+
+_SEGMENTS = 45
+
+_SUN_RADIUS = math.radians(0.5 * 0.5358)
+
+
+@functools.cache
+def _tables() -> dict[str, Array]:
+    with np.load(Path(__file__).parent / "data" / "hosek_wilkie.npz") as file:
+        return {name: file[name].astype(np.float64) for name in file.files}
+
+
+def _at_turbidity(table: Array, turbidity: float) -> Array:
+    """Return a table interpolated between two of its ten turbidities, 1 to 10."""
+    low = min(max(int(turbidity) - 1, 0), 8)
+    share = turbidity - 1.0 - low
+    result: Array = (1.0 - share) * table[low] + share * table[low + 1]
+    return result
+
+
+def _parameters(table: Array, elevation: float, turbidity: float, albedo: Array) -> Array:
+    """Interpolate a table of (turbidity, albedo, elevation, channel, ...), with an albedo per channel.
+
+    The elevations are control points of a Bézier curve in the cube root of the angle (Hošek and Wilkie 2012, section
+    4.4).
+    """
+    x = (elevation / (0.5 * math.pi)) ** (1.0 / 3.0)
+    powers = np.arange(6.0)
+    curve = np.tensordot(_at_turbidity(table, turbidity), _BINOMIAL * x**powers * (1.0 - x) ** (5.0 - powers), (1, 0))
+    share = albedo.reshape(3, *(1,) * (curve.ndim - 2))
+    result: Array = (1.0 - share) * curve[0] + share * curve[1]
+    return result
+
+
+def sky_rgb(
+    cos_zenith: ArrayLike, cos_sun: ArrayLike, elevation: float, turbidity: float, albedo: tuple[float, float, float]
+) -> Array:
+    """Return the sky's radiance as non-negative linear Rec. 709, W·sr⁻¹·m⁻².
+
+    Args:
+        cos_zenith: (...) cosine of the angle to the zenith, at least 0.
+        cos_sun: (...) cosine of the angle to the sun.
+        elevation: elevation of the sun, radians, 0 to π/2.
+        turbidity: 1 to 10.
+        albedo: albedo of the ground per channel, 0 to 1.
+
+    Returns:
+        (..., 3).
+    """
+    height = np.asarray(cos_zenith, np.float64)[..., None]
+    cosine = np.clip(np.asarray(cos_sun, np.float64), -1.0, 1.0)[..., None]
+    tables, reflected = _tables(), np.asarray(albedo, np.float64)
+    radiance = _parameters(tables["sky_radiance"], elevation, turbidity, reflected)
+    a, b, c, d, e, f, g, i, h = _parameters(tables["sky_shape"], elevation, turbidity, reflected).T
+    # Mie scattering's forward peak (ibid., equation 9).
+    peak = (1.0 + cosine**2) / (1.0 + h**2 - 2.0 * h * cosine) ** 1.5
+    result = 1.0 + a * np.exp(b / (height + 0.01))
+    result *= c + d * np.exp(e * np.arccos(cosine)) + f * cosine**2 + g * peak + i * np.sqrt(np.maximum(height, 0.0))
+    return np.asarray(np.maximum(result * radiance, 0.0))
+
+
+def sun_spectrum(elevation: float, turbidity: float) -> Array:
+    """Return the sun's mean spectral radiance at WAVELENGTHS, seen from the ground, W·sr⁻¹·m⁻²·nm⁻¹.
+
+    It is the mean over the disk, which is slightly brighter at its upper edge and much darker at its limb.
+
+    Args:
+        elevation: elevation of the sun's centre, radians, 0 to π/2.
+        turbidity: 1 to 10.
+    """
+    tables = _tables()
+    polynomials = _at_turbidity(tables["sun_radiance"], turbidity)
+    # The mean over the disk of the j-th power of the cosine at the sun's surface is 2 / (j + 2).
+    limb = tables["sun_limb"] @ (2.0 / (np.arange(6.0) + 2.0))
+    # The mean over the elevations in the disk, by Gauss-Chebyshev quadrature of the second kind.
+    angles = math.pi * np.arange(1, 6) / 6.0
+    heights = np.clip(elevation + _SUN_RADIUS * np.cos(angles), 0.0, 0.5 * math.pi)
+    segment = np.minimum((np.cbrt(2.0 * heights / math.pi) * _SEGMENTS).astype(np.int64), _SEGMENTS - 1)
+    beyond = heights - 0.5 * math.pi * (segment / _SEGMENTS) ** 3
+    radiance = np.einsum("kwp,kp->kw", polynomials[segment], beyond[:, None] ** np.arange(4.0))
+    result: Array = np.maximum(np.sin(angles) ** 2 @ radiance / 3.0, 0.0) * limb
+    return result
+
+
+def sun_rgb(elevation: float, turbidity: float) -> Array:
+    """Return the mean radiance of the sun's disk seen from the ground as linear Rec. 709, (3,), W·sr⁻¹·m⁻²."""
+    return rgb_from_xyz(spectrum_xyz(WAVELENGTHS, sun_spectrum(elevation, turbidity)))

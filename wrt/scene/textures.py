@@ -1,0 +1,197 @@
+"""Textures: values that vary over a surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.values import ColorLike, boolean, color, image, integer, number, one_of, pair
+
+CHANNELS = ("r", "g", "b")
+"""Names of an image's channels."""
+
+WRAPS = ("repeat", "mirror", "clamp")
+"""How an image continues beyond its edges: repeated, mirrored, or with its outermost texels."""
+
+TEXTURE_FILTERS = ("bilinear", "nearest", "trilinear")
+"""Texture filters. "trilinear" interpolates between two levels of a mipmap, each half the size of the one before."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageTexture:
+    """An image mapped to a mesh by its texture coordinates.
+
+    A parameter that is a number reads the red channel, unless `channel` names another. Load images of numbers, not
+    colours, with `load_image(path, linear=True)`.
+
+    Texture coordinates are scaled, then turned counter-clockwise about (0, 0), then shifted; a larger scale makes the
+    image smaller. Where a pixel covers many texels, its samples average them. With the filter "trilinear" the first
+    samples read coarse mipmap levels and later ones finer levels, which reduces the noise of few samples and converges
+    to the same picture.
+
+    Attributes:
+        pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
+        name: source of the pixels, for messages.
+        channel: "r", "g" or "b" to use this channel for all three. glTF stores roughness in green and metalness in
+            blue.
+        factor: multiplies the pixels; for emission, the radiance of white, W·sr⁻¹·m⁻².
+        scale: scale of the texture coordinates, one number or two for u and v.
+        rotation_degrees: rotation of the texture coordinates.
+        offset: offset of the texture coordinates, u and v.
+        wrap: one of WRAPS, or two for u and v.
+        filter: one of TEXTURE_FILTERS.
+        cutoff: threshold of a mask: values from it on become 1, others 0.
+        vertex_colors: whether the mesh's vertex colours multiply the image.
+        vertex_alpha: whether their alpha multiplies the image before the cutoff, for opacity.
+        uv_set: which of the mesh's two sets of texture coordinates to use, 0 or 1.
+    """
+
+    pixels: NDArray[np.float32] = field(repr=False)
+    name: str = "image"
+    channel: str | None = None
+    factor: ColorLike = 1.0
+    scale: float | Sequence[float] = 1.0
+    rotation_degrees: float = 0.0
+    offset: Sequence[float] = (0.0, 0.0)
+    wrap: str | Sequence[str] = "repeat"
+    filter: str = "bilinear"
+    cutoff: float | None = None
+    vertex_colors: bool = False
+    vertex_alpha: bool = False
+    uv_set: int = 0
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        what = f"texture {self.name}"
+        put("pixels", image(self.pixels, what))
+        if self.channel is not None:
+            one_of(self.channel, CHANNELS, f"{what}: channel")
+        put("factor", color(self.factor, f"{what}: factor"))
+        scale = self.scale
+        put("scale", pair((scale, scale) if isinstance(scale, (int, float)) else scale, f"{what}: scale"))
+        put("rotation_degrees", number(self.rotation_degrees, f"{what}: rotation_degrees"))
+        put("offset", pair(self.offset, f"{what}: offset"))
+        put("wrap", _two_wraps(self.wrap, what))
+        one_of(self.filter, TEXTURE_FILTERS, f"{what}: filter")
+        if self.cutoff is not None:
+            put("cutoff", number(self.cutoff, f"{what}: cutoff", minimum=0.0))
+        boolean(self.vertex_colors, f"{what}: vertex_colors")
+        boolean(self.vertex_alpha, f"{what}: vertex_alpha")
+        if self.vertex_colors and self.vertex_alpha:
+            raise InputError(f"{what}: use either vertex_colors or vertex_alpha, not both")
+        put("uv_set", integer(self.uv_set, f"{what}: uv_set", minimum=0, maximum=1))
+
+    @property
+    def has_levels(self) -> bool:
+        """Whether it has mipmap levels. Masks have none, because averaging their pixels gives no mask."""
+        return self.filter == "trilinear" and self.cutoff is None
+
+    @property
+    def placement(self) -> NDArray[np.float64]:
+        """The (2, 3) matrix from texture coordinates (u, v, 1) to image coordinates."""
+        turn = math.radians(self.rotation_degrees)
+        c, s = math.cos(turn), math.sin(turn)
+        su, sv = self.scale  # type: ignore[misc]
+        ou, ov = self.offset
+        return np.array([[c * su, -s * sv, ou], [s * su, c * sv, ov]])
+
+
+@dataclass(frozen=True)
+class VertexColor:
+    """The mesh's vertex colours, interpolated over each triangle (white if it has none).
+
+    Attributes:
+        factor: multiplies the colours.
+        alpha: whether to use their alpha instead of red, green and blue (1 if they have none), for opacity.
+        cutoff: threshold of a mask: values from it on become 1, others 0.
+    """
+
+    factor: ColorLike = 1.0
+    alpha: bool = False
+    cutoff: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", color(self.factor, "vertex colours: factor"))
+        boolean(self.alpha, "vertex colours: alpha")
+        if self.cutoff is not None:
+            object.__setattr__(self, "cutoff", number(self.cutoff, "vertex colours: cutoff", minimum=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMap:
+    """Shading normals in tangent space, as in glTF 2.0 (section 3.9.3): n = 2c − 1 of a colour c.
+
+    x points along u, y along v, z along the mesh's own normal; blue is at least 1/2. The pixels are data, not colours:
+    load them with `load_image(path, linear=True)`.
+
+    From far away, bumps are smaller than a pixel. Many samples average them; with `filter` the pixel's footprint is
+    averaged beforehand (LEAN mapping, Olano and Baker 2010): the mean normal is kept, and the variance around it is
+    added to the roughness. Highlights are then free of noise, but accurate only to second order in the slopes. It acts
+    on surfaces that the camera sees directly and whose material has a roughness.
+
+    Attributes:
+        pixels: (H, W, 3) float32, 0 to 1; row 0 is the top, at v = 1. Also an ImageTexture.
+        scale: multiplies x and y.
+        filter: whether to filter highlights.
+        name: source of the pixels, for messages.
+        wrap: as for an ImageTexture.
+    """
+
+    pixels: NDArray[np.float32] | ImageTexture = field(repr=False)
+    scale: float = 1.0
+    filter: bool = False
+    name: str = "normal map"
+    wrap: str | Sequence[str] = "repeat"
+
+    def __post_init__(self) -> None:
+        given = self.pixels.pixels if isinstance(self.pixels, ImageTexture) else self.pixels
+        pixels = image(given, f"normal map {self.name}")
+        if pixels.max() > 1.0:
+            raise InputError(f"normal map {self.name}: pixels must be 0 to 1, not {pixels.max():g}")
+        object.__setattr__(self, "pixels", pixels)
+        object.__setattr__(self, "scale", number(self.scale, "normal map scale"))
+        boolean(self.filter, "normal map filter")
+        object.__setattr__(self, "wrap", _two_wraps(self.wrap, f"normal map {self.name}"))
+
+
+def _two_wraps(wrap: str | Sequence[str], what: str) -> tuple[str, ...]:
+    wraps = (wrap, wrap) if isinstance(wrap, str) else tuple(wrap)
+    if len(wraps) != 2:
+        raise InputError(f"{what}: wrap must be one of {', '.join(WRAPS)}, or two of them for u and v")
+    return tuple(one_of(each, WRAPS, f"{what}: wrap") for each in wraps)
+
+
+ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor
+"""A constant colour, an image, or the mesh's vertex colours."""
+
+
+def shines(emission: ColorSource) -> bool:
+    """Return whether a checked emission is not black everywhere."""
+    if isinstance(emission, ImageTexture):
+        return any(emission.factor) and bool(emission.pixels.any())  # type: ignore[arg-type]
+    return any(emission.factor if isinstance(emission, VertexColor) else emission)  # type: ignore[arg-type]
+
+
+class FirstAlike:
+    """Finds equal images, since textures made from one array may hold a copy each."""
+
+    def __init__(self) -> None:
+        """Start without any image."""
+        self._alike: dict[tuple[tuple[int, ...], bytes], list[NDArray[np.float32]]] = {}
+
+    def __call__(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the first array passed so far that equals `pixels`."""
+        some = pixels.reshape(-1)[:: 1 + pixels.size // 64].tobytes()
+        alike = self._alike.setdefault((pixels.shape, some), [])
+        found = next((each for each in alike if each is pixels or np.array_equal(each, pixels)), None)
+        if found is None:
+            alike.append(pixels)
+        return pixels if found is None else found

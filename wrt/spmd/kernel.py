@@ -1,0 +1,85 @@
+"""The wide render kernel for the CPU: each of Warp's threads renders a tile, several lanes at a time."""
+
+import functools
+import re
+
+import warp as wp
+
+from wrt.kernels.camera.camera import Camera
+from wrt.kernels.features import Features
+from wrt.kernels.film.aovs import AovData
+from wrt.kernels.film.film import FilmData
+from wrt.kernels.integrators.path_state import PathSettings
+from wrt.kernels.native import at_file_level
+from wrt.kernels.render import make_render_kernel
+from wrt.kernels.scene.scene_data import SceneData
+
+
+def module_name(features: Features, lanes: int) -> str:
+    """Return the name of the module that holds the kernel for these features and lanes."""
+    return f"wrt.render.wide{lanes}.{features.name}"
+
+
+def make_wide_render_kernel(features: Features, lanes: int) -> wp.Kernel:
+    """Return the kernel of 4, 8 or 16 lanes for scenes with these features.
+
+    Films have the same bits as with `make_render_kernel`.
+
+    Raises:
+        Unsupported: The kernel cannot be translated.
+    """
+    from wrt.spmd.translate import wide_code
+
+    code = with_few_slots(wide_code(make_render_kernel(features), lanes), features)
+    return declare_wide_render_kernel(features, lanes, code)
+
+
+def with_few_slots(code: str, features: Features) -> str:
+    """Return C++ in which a material has as many slots as the scene's models read, instead of the maximum.
+
+    That many take 3 KB in sixteen lanes, copied several times at each surface: glossy 1.02, textures 1.04.
+    """
+    from wrt.kernels.bsdf import model_of
+    from wrt.kernels.bsdf.record import MAX_SLOTS
+
+    slots = max((model_of(name).slots for name in features.models), default=0)
+    return re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
+
+
+@functools.cache
+def declare_wide_render_kernel(features: Features, lanes: int, code: str) -> wp.Kernel:
+    """Return the kernel with the C++ of `wide_code`, which may be empty if the kernel is compiled and only loaded."""
+    wide_code_h = at_file_level(code, "wide_code")
+
+    @wp.func_native("""
+    const int width = camera.crop_width, height = (int)film.count.shape[0] / width;
+    render_tile(tile, width, height, 0, target_count, seed, camera, filter_table, scene, settings, film, aovs);
+    """)
+    def render_tile(
+        tile: int,
+        target_count: int,
+        seed: wp.uint32,
+        camera: Camera,
+        filter_table: wp.array(dtype=float),
+        scene: SceneData,
+        settings: PathSettings,
+        film: FilmData,
+        aovs: AovData,
+    ):
+        wide_code_h()
+
+    @wp.kernel(module=wp.get_module(module_name(features, lanes)), enable_backward=False)
+    def render_tiles(
+        first_tile: int,
+        target_count: int,
+        seed: wp.uint32,
+        camera: Camera,
+        filter_table: wp.array(dtype=float),
+        scene: SceneData,
+        settings: PathSettings,
+        film: FilmData,
+        aovs: AovData,
+    ):
+        render_tile(first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, aovs)
+
+    return render_tiles

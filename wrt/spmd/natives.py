@@ -1,0 +1,44 @@
+"""Native functions (`wp.func_native`) for several lanes."""
+
+from typing import Any
+
+from wrt.kernels.native import headers_of, included_by, text_of
+from wrt.spmd.ir import Unsupported
+from wrt.spmd.types import Types
+
+_WIDE = {
+    "_traverse": "closest_hit",
+    "_sample_tree": "sample_light_tree",
+    "reverse_bits": "reverse_bits",
+    "further_dimension": "further_dimension",
+}
+"""Native functions with a version for lanes (`kernels/native/lanes`), by name."""
+
+
+def native_function(types: Types, function: Any) -> str:
+    """Return the C++ of a native function for lanes: its wide version, or a loop that calls it for each lane."""
+    if (header := included_by(function)) is not None:
+        return "" if header in headers_of("lanes/library.h") else text_of(header)
+    name = f"wide_{function.native_func}"
+    arguments = function.adj.args
+    result = function.adj.return_var[0]
+    many = ", ".join(f"const {types.wide(a.type)}& {a.label}" for a in arguments)
+    if function.key in _WIDE:
+        passed = ", ".join(a.label for a in arguments)
+        call = f"lanes::{_WIDE[function.key]}({passed}, exec)"
+        return f"LANES_INLINE {types.wide(result.type)} {name}({many}, lanes::Mask exec) {{ return {call}; }}\n"
+    if not all(types.is_whole(a.type) for a in arguments):
+        raise Unsupported(f"{function.key}: takes arrays that differ between lanes")
+    one = ", ".join(f"{a.ctype()} {a.label}" for a in arguments)
+    passed = ", ".join(a.label if types.is_shared(a.type) else f"lanes::lane({a.label}, l)" for a in arguments)
+    return f"""
+static {result.ctype()} {name}_of_one({one}) {{
+{function.native_snippet}
+}}
+static {types.wide(result.type)} {name}({many}, lanes::Mask exec) {{
+    using lanes::set_lane;
+    {types.wide(result.type)} r;
+    LANES_EACH(l, exec) set_lane(r, l, {name}_of_one({passed}));
+    return r;
+}}
+"""

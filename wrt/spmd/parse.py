@@ -1,0 +1,228 @@
+"""The parser: Warp's generated C++, line by line, to the intermediate form of `ir.py`.
+
+Warp writes a function as plain statements between `if`s, labels and `goto`s: each statement is one operation on
+variables that are mostly set once. Only this file knows their syntax.
+"""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from warp._src.codegen import strip_reference
+
+from wrt.spmd import ir
+
+_V = r"(var_\w+)"
+_LABEL = r"((?:for|while)_\d+)"
+_CONVERSIONS = {
+    "float": "to_float32",
+    "int": "to_int32",
+    **{name: f"to_{name}" for name in ("float32", "int32", "uint32", "int64", "float64")},
+}
+
+
+def lines_of(function: Any) -> list[str]:
+    """Return the lines of statements that Warp generates for a function or kernel; none for a native function."""
+    if getattr(function, "native_snippet", None):
+        return []
+    lines = (line.strip() for line in function.adj.blocks[0].body_forward)
+    return [line for line in lines if line and not line.startswith(("//", "#line"))]
+
+
+def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
+    """Return the intermediate form of a function or kernel that Warp has built.
+
+    Args:
+        function: Warp's function or kernel.
+        structs: All structs, by their names in Warp's C++.
+
+    Raises:
+        Unsupported: A line has an unknown form.
+    """
+    adj = function.adj
+    arguments, variables = ([_variable(v) for v in of] for of in (adj.args, adj.variables))
+    parser = _Parser(structs, {v.name: v for v in (*arguments, *variables)})
+    for number, line in enumerate(lines_of(function)):
+        parser.statement(line, number)
+    marks = frozenset(getattr(function.func, "spmd_marks", ()))
+    result = adj.return_var[0].type if adj.return_var else None
+    name = getattr(function, "native_func", "")
+    return ir.Function(function.key, name, arguments, variables, parser.bodies[0], marks, result)
+
+
+def _variable(v: Any) -> ir.Variable:
+    return ir.Variable(v.emit(), strip_reference(v.type), v.ctype(), v.constant)
+
+
+class _Parser:
+    """Builds the tree of statements of one function.
+
+    Attributes:
+        bodies: The open lists of statements, outermost first.
+    """
+
+    def __init__(self, structs: dict[str, Any], variables: dict[str, ir.Variable]) -> None:
+        self._structs = structs
+        self._variables = variables
+        self._pointers: dict[str, ir.Expression] = {}
+        self._loops: list[str] = []
+        self.bodies: list[list[ir.Statement]] = [[]]
+
+    def statement(self, line: str, number: int) -> None:
+        """Add the statement of a line, or open or close a block."""
+        for pattern, make in _STATEMENTS:
+            if m := pattern.fullmatch(line):
+                s = make(self, *m.groups())
+                break
+        else:
+            raise ir.Unsupported(line)
+        if s is None:
+            return
+        s.line, s.number = line, number
+        if isinstance(s, (ir.If, ir.Loop)):
+            self.bodies[-2].append(s)
+        else:
+            self.bodies[-1].append(s)
+
+    # Blocks.
+
+    def _if(self, negated: str, condition: str) -> ir.Statement:
+        body: list[ir.Statement] = []
+        self.bodies.append(body)
+        return ir.If(self._operand(condition), bool(negated), body)
+
+    def _close(self) -> None:
+        self.bodies.pop()
+
+    def _loop(self, label: str) -> ir.Statement:
+        body: list[ir.Statement] = []
+        self.bodies.append(body)
+        self._loops.append(label)
+        return ir.Loop(label, body)
+
+    def _end_loop(self, label: str) -> None:
+        last = self.bodies.pop().pop()  # back to the start
+        if self._loops.pop() != label or not isinstance(last, ir.Jump) or last.kind != "start":
+            raise ir.Unsupported(f"loop {label}: contains labels of another loop")
+
+    def _jump(self, kind: str, label: str) -> ir.Statement:
+        if label != self._loops[-1]:
+            raise ir.Unsupported(f"goto {kind}_{label}: leaves more than one loop")
+        return ir.Jump(kind, label)
+
+    def _leave(self, condition: str, label: str) -> ir.Statement:
+        return ir.Leave(label, self._operand(condition))
+
+    def _no_more(self, condition: str, label: str) -> ir.Statement:
+        return ir.Leave(label, ir.Builtin("iter_cmp", (self._operand(condition),)))
+
+    def _return(self, name: str | None) -> ir.Statement:
+        return ir.Return(self._variables[name] if name else None)
+
+    # Values.
+
+    def _set(self, name: str, text: str) -> ir.Statement:
+        value = self._expression(text)
+        if self._variables[name].is_pointer:
+            self._pointers[name] = value
+        return ir.Set(self._variables[name], value)
+
+    def _update(self, name: str, fields: str, value: str) -> ir.Statement:
+        return ir.Update(self._variables[name], tuple(fields.split(".")[1:]), self._variables[value])
+
+    def _assign(self, name: str, value: str) -> ir.Statement:
+        return self._update(name, "", value)
+
+    def _effect(self, name: str, arguments: str) -> ir.Statement:
+        return ir.Do(ir.Builtin(name, self._operands(arguments)))
+
+    def _do(self, name: str, arguments: str) -> ir.Statement:
+        return ir.Do(self._call(name, arguments))
+
+    def _operand(self, name: str) -> ir.Expression:
+        """Return a variable, or the target of a pointer."""
+        if name not in self._pointers and name not in self._variables:
+            raise ir.Unsupported(f"{name}: is not a variable")
+        return self._pointers.get(name) or self._variables[name]
+
+    def _operands(self, text: str) -> tuple[ir.Expression, ...]:
+        return tuple(map(self._operand, text.split(", "))) if text else ()
+
+    def _expression(self, text: str) -> ir.Expression:
+        for pattern, make in _EXPRESSIONS:
+            if m := pattern.fullmatch(text):
+                value: ir.Expression = make(self, *m.groups())
+                return value
+        raise ir.Unsupported(text)
+
+    def _address(self, base: str, fields: str) -> ir.Expression:
+        return ir.Address(self._variables[base], tuple(fields.split(").")[1:]))
+
+    def _member_address(self, base: str, field: str) -> ir.Expression:
+        return ir.MemberAddress(self._operand(base), field)
+
+    def _element(self, base: str, array: str, index: str, field: str) -> ir.Expression:
+        path = tuple(array.split(").")[1:])
+        return ir.ElementAddress(self._variables[base], path, self._variables[index], field)
+
+    def _builtin(self, name: str, arguments: str) -> ir.Expression:
+        return ir.Builtin(_CONVERSIONS.get(name, name), self._operands(arguments))
+
+    def _cast(self, to: str, value: str) -> ir.Expression:
+        return ir.Builtin(f"cast_{to}", self._operands(value))
+
+    def _to_bool(self, value: str) -> ir.Expression:
+        return ir.Builtin("to_bool", self._operands(value))
+
+    def _compose(self, container: str, size: str, number: str, arguments: str) -> ir.Expression:
+        return ir.Compose(container, size, number, self._operands(arguments))
+
+    def _operation(self, left: str, operator: str, right: str) -> ir.Expression:
+        return ir.Operation(operator, self._variables[left], self._variables[right])
+
+    def _call(self, name: str, arguments: str) -> ir.Call:
+        return ir.Call(name, tuple(self._variables[a] for a in arguments.split(", ") if a))
+
+    def _function(self, name: str, arguments: str) -> ir.Expression:
+        if name not in self._structs:
+            return self._call(name, arguments)
+        if arguments:
+            raise ir.Unsupported(f"{name}({arguments}): constructs a struct from values")
+        return ir.Zero(self._structs[name])
+
+
+def _compiled(table: dict[str, Any]) -> list[tuple[re.Pattern[str], Callable[..., Any]]]:
+    return [(re.compile(pattern), make) for pattern, make in table.items()]
+
+
+_STATEMENTS = _compiled({
+    rf"if \((!?){_V}\) \{{": _Parser._if,
+    r"\}": _Parser._close,
+    rf"start_{_LABEL}:;": _Parser._loop,
+    rf"end_{_LABEL}:;": _Parser._end_loop,
+    rf"if \(iter_cmp\({_V}\) == 0\) goto end_{_LABEL};": _Parser._no_more,
+    rf"if \(\({_V}\) == false\) goto end_{_LABEL};": _Parser._leave,
+    rf"goto (start|end)_{_LABEL};": _Parser._jump,
+    rf"return ?{_V}?;": _Parser._return,
+    rf"wp::assign\({_V}, {_V}\);": _Parser._assign,
+    r"wp::(assign_inplace|array_store|store)\((.*)\);": _Parser._effect,
+    rf"{_V}((?:\.\w+)+) = {_V};": _Parser._update,
+    rf"{_V} = (.*);": _Parser._set,
+    r"([a-zA-Z_]\w*)\((.*)\);": _Parser._do,
+})  # fmt: skip
+
+_EXPRESSIONS = _compiled({
+    _V: _Parser._operand,
+    r"(-?[\d.]+(?:e-?\d+)?(?:f|ll|u|ull)?)": lambda _, text: ir.Literal(text),
+    rf"&\(\(\(\*wp::address\(\(+{_V}((?:\)\.\w+)+), {_V}\)\)\)\.([\w.]+)\)": _Parser._element,
+    rf"&\(\(+{_V}((?:\)\.\w+)+)\)": _Parser._address,
+    rf"&\({_V}(?:->|\.)(\w+)\)": _Parser._member_address,
+    r"wp::cast<wp::(\w+)>\((.*)\)": _Parser._cast,
+    r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)": _Parser._compose,
+    r"wp::(\w+)\((.*)\)": _Parser._builtin,
+    r"bool\((.*)\)": _Parser._to_bool,
+    r"builtin_tid1d\(\)": lambda _: ir.Builtin("tid", ()),
+    rf"\({_V} (==|!=|<|>|<=|>=) {_V}\)": _Parser._operation,
+    rf"{_V} (&&|\|\|) {_V}": _Parser._operation,
+    r"([A-Za-z_]\w*)\((.*)\)": _Parser._function,
+})  # fmt: skip

@@ -1,0 +1,160 @@
+"""A kernel that calls a path function for each sample, as a C++ object for as many pixels as there are lanes.
+
+Its members are a pixel's variables, and its functions the phases of the kernel: before all samples, before and after
+each path, and after all samples. The driver, `kernels/native/lanes/pool.h`, runs them for a tile, a thousand paths at a
+time.
+"""
+
+from dataclasses import dataclass
+from itertools import chain
+
+from wrt.kernels.native import text_of
+from wrt.spmd import ir
+from wrt.spmd.emit import Emitter, range_of
+from wrt.spmd.passes.demands import Module, the_loop
+from wrt.spmd.passes.uses import changes, uses
+from wrt.spmd.path_object import constants, path_object
+from wrt.spmd.templates import fill
+from wrt.spmd.types import Types
+
+
+@dataclass(frozen=True)
+class _Phases:
+    """The statements of a kernel, by phase.
+
+    Attributes:
+        loop: The loop over samples.
+        samples: The range of samples.
+        target: The end of that range.
+        calling: The statement that calls the path function.
+        call: That call.
+        before: Statements before the loop.
+        around: The `if`s around the call, outermost first.
+        starts: Statements before the call in the loop, and in each of the `if`s.
+        rest: Statements after the call within the innermost `if`.
+        finish: Later statements in the loop.
+        after: Statements after the loop.
+    """
+
+    loop: ir.Loop
+    samples: ir.Variable
+    target: ir.Variable
+    calling: ir.Set
+    call: ir.Call
+    before: list[ir.Statement]
+    around: list[ir.If]
+    starts: list[list[ir.Statement]]
+    rest: list[ir.Statement]
+    finish: list[ir.Statement]
+    after: list[ir.Statement]
+
+    def start(self, innermost: list[ir.Statement]) -> list[ir.Statement]:
+        """Return the statements before the path, with others in place of the call."""
+        body = self.starts[-1] + innermost
+        for block, first in zip(reversed(self.around), reversed(self.starts[:-1]), strict=True):
+            body = [*first, ir.If(block.condition, block.negated, body, number=block.number)]
+        return body
+
+
+def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: Module) -> str:
+    """Return the C++ structs `Path` and `Pixels` of a kernel and its path function, and their driver.
+
+    Raises:
+        Unsupported: They do not meet the requirements in `kernels/spmd_marks.py`.
+    """
+    phases = _phases(kernel, path)
+    call, samples = phases.call, phases.samples
+    passed = call.arguments
+    fixed = [(a, v) for a, v in zip(path.arguments, passed, strict=True) if v in kernel.arguments]
+    own = [v for v in passed if v not in kernel.arguments]
+    steps = path_object(types, path, module, [a for a, _ in fixed])
+
+    used: dict[ir.Variable, set[str]] = {}
+    spans = {"before": phases.before, "start": phases.start([]), "finish": [*phases.rest, *phases.finish]}
+    for phase, statements in {**spans, "after": phases.after}.items():
+        for v in uses(statements):
+            used.setdefault(v, set()).add(phase)
+    for v in (phases.calling.variable, samples):
+        used.setdefault(v, set()).update({"start", "finish"})
+    variables = [v for v in kernel.variables if v.constant is None]
+    kept = [v for v in variables if len(used.get(v, ())) > 1]
+    carried = [v.name for v in kept if changes(spans["finish"], v) and "after" in used[v]]
+    arguments_in = ", ".join(f"const {a.ctype}& {a.name}_in" for a in kernel.arguments)
+    emitter = Emitter(types, kernel)
+    loop = phases.loop.label
+    given: list[ir.Statement] = [ir.Verbatim(f"given_.{v.name} = {v.name};") for v in own]
+    given.append(ir.Verbatim("begun_ = exec;"))
+
+    def local(phase: str) -> str:
+        return emitter.declarations(v for v in variables if used.get(v) == {phase})
+
+    emitter.keep_all = True
+    before = local("before") + emitter.code(phases.before)
+    start = local("start") + emitter.in_loop(loop, phases.start(given))
+    emitter.keep_all = False
+    # Statements after the call within the same `if` wait until the path has ended.
+    rest = emitter.in_loop(loop, phases.rest)
+    finish = local("finish") + (f"    exec = begun_; if (lanes::any(exec)) {{\n{rest}    }}\n" if rest else "")
+    finish += "    exec = sampled_;\n" + emitter.in_loop(loop, phases.finish)
+    # Scalar arguments become one number per lane.
+    members = "".join(
+        f"    const {types.wide(a.type)}{'&' if types.is_shared(a.type) else ''} {a.name};\n" for a in kernel.arguments
+    )
+    members += emitter.declarations(kept) + constants([v for v in kernel.variables if v.constant is not None])
+    code = fill(
+        "pixels.h",
+        RESULT_TYPE=types.wide(phases.calling.variable.type),
+        STEPS=steps.name,
+        GIVEN="".join(f"    {types.wide(v.type)} {v.name};\n" for v in own),
+        SHARED_IN=", ".join(f"const {types.wide(a.type)}& {v.name}" for a, v in fixed),
+        SHARED=", ".join(v.name for _, v in fixed),
+        GIVEN_VALUES=", ".join(f"given.{v.name}" for v in own),
+        PIXELS=f"pixels_{kernel.key}",
+        MEMBERS=members,
+        ARGUMENTS_IN=arguments_in,
+        ARGUMENTS_GIVEN=", ".join(f"{a.name}({a.name}_in)" for a in kernel.arguments),
+        MASKS=f"lanes::Mask returned_ = false, broken_{loop} = false, continued_{loop} = false;",
+        BEFORE=before,
+        SAMPLES=samples.name,
+        CARRIED="".join(f"        {name} = from.{name};\n" for name in carried),
+        START=start,
+        RESULT=phases.calling.variable.name,
+        FINISH=finish,
+        AFTER=local("after") + emitter.code(phases.after),
+    )
+    driver: str = text_of("lanes/pool.h").replace("ROUND\n", steps.round).replace("ARGUMENTS_IN", arguments_in)
+    driver = driver.replace("ARGUMENTS", ", ".join(f"{a.name}_in" for a in kernel.arguments))
+    driver = driver.replace("TARGET", phases.target.name)
+    return steps.code + code + driver.replace("FIXED", ", ".join(f"pool.pixels(g).{v.name}" for _, v in fixed))
+
+
+def _phases(kernel: ir.Function, path: ir.Function) -> _Phases:
+    loop = the_loop(kernel)
+    samples = range_of(loop.body[0])
+    ends = next((s.value for s in ir.walk(kernel.body) if isinstance(s, ir.Set) and s.variable is samples), None)
+    target = ends.arguments[-1] if isinstance(ends, ir.Builtin) else None
+    if samples is None or not isinstance(target, ir.Variable) or target not in kernel.arguments:
+        raise ir.Unsupported(
+            f"{kernel.key}: must loop over samples, `for index in range(first, last)`, where last is an argument"
+        )
+    around, starts, following = [], [], []
+    body = loop.body[1:]
+    while True:
+        at = next((i for i, s in enumerate(body) if path.name in ir.calls([s])), None)
+        starts.append(body[:at])
+        following.append(body[at + 1 :] if at is not None else [])
+        s = body[at] if at is not None else None
+        if not isinstance(s, ir.If):
+            break
+        around.append(s)
+        body = s.body
+    once = list(ir.calls(kernel.body)).count(path.name) == 1
+    if not once or not isinstance(s, ir.Set) or not isinstance(s.value, ir.Call) or any(chain(*following[1:-1])):
+        raise ir.Unsupported(
+            f"{kernel.key}: must call {path.key} once in its loop over samples, at the top level, or in the last of "
+            "nested `if`s"
+        )
+    rest = following[-1] if around else []
+    first = kernel.body.index(loop)
+    before, after = kernel.body[:first], kernel.body[first + 1 :]
+    return _Phases(loop, samples, target, s, s.value, before, around, starts, rest, following[0], after)

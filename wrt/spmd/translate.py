@@ -1,0 +1,105 @@
+"""The compiler's driver: from Warp's C++ of a render kernel to one for several lanes; see docs/spmd.md.
+
+On CUDA the hardware runs a kernel for 32 threads at a time. On a CPU Warp runs it for one, whose numbers fill a
+fraction of a register. So Warp's C++ of a render kernel is parsed (`parse.py`), cut where paths wait for rays
+(`passes/`) and emitted for several lanes (`emit.py`); the film's bits stay the same.
+"""
+
+import re
+from collections import Counter
+
+import warp as wp
+from warp._src.context import ModuleBuilder
+
+from wrt.spmd.emit import Emitter
+from wrt.spmd.ir import Function, Unsupported, Variable, calls
+from wrt.spmd.library import library
+from wrt.spmd.natives import native_function
+from wrt.spmd.parse import parse
+from wrt.spmd.passes.demands import Module
+from wrt.spmd.passes.inline import without_stages
+from wrt.spmd.passes.uses import changes
+from wrt.spmd.pixel_object import pixel_object
+from wrt.spmd.types import Types, name_of, structs_of
+
+
+def wide_code(kernel: wp.Kernel, lanes: int) -> str:
+    """Return the C++ of a render kernel for 4, 8 or 16 lanes.
+
+    Its function `render_tile(tile, width, height, ...)`, followed by the kernel's arguments, renders a square tile of
+    the picture.
+
+    Raises:
+        Unsupported: The kernel uses something that the translator does not support.
+    """
+    module = kernel.module
+    builder = ModuleBuilder(module, module.resolve_options(wp.config), target=None)
+    if len(builder.kernels) != 1:
+        raise Unsupported(f"{module.name}: {len(builder.kernels)} kernels")
+    if not any("path_function" in getattr(f.func, "spmd_marks", ()) for f in builder.functions):
+        raise Unsupported(f"{module.name}: follows no path")
+    built = [*builder.functions, *builder.kernels]
+    structs, elements = structs_of(built)
+    named = {name_of(s): s for s in structs}
+    *functions, pixels = [parse(f, named) for f in built]
+    if "pixel_kernel" not in pixels.marks:
+        raise Unsupported(f"{pixels.key}: is not marked with @pixel_kernel")
+    code = Module(functions)
+    paths = code.marked("path_function") & set(calls(pixels.body))
+    if len(paths) != 1:
+        raise Unsupported(f"{module.name}: follows no path")
+    (path,) = paths
+    types = Types([*functions, pixels], structs, elements)
+    out = [library(lanes), types.declarations([a.type for a in pixels.arguments])]
+    code.functions[path] = without_stages(code.functions[path], code)
+    called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}
+    for f, of_warp in zip(functions, builder.functions, strict=True):
+        if f.name == path or (_is_stage(f) and f.name not in called):
+            continue
+        native = getattr(of_warp, "native_snippet", None)
+        out.append(native_function(types, of_warp) if native else _function(types, f))
+    out.append(pixel_object(types, pixels, code.functions[path], code))
+    return _numbered_anew("".join(out), [f.name for f in functions])
+
+
+def _is_stage(function: Function) -> bool:
+    return "inline_stage" in function.marks
+
+
+def _function(types: Types, function: Function) -> str:
+    """Return a function for several lanes, where `exec_in` are active."""
+    result = types.wide(function.result) if function.result is not None else "void"
+
+    def argument(a: Variable) -> str:
+        # Arguments that do not change are not copied: a surface of sixteen lanes has 3,000 bytes.
+        stays = types.is_shared(a.type) or not changes(function.body, a)
+        return f"const {types.wide(a.type)}& {a.name}" if stays else f"{types.wide(a.type)} {a.name}"
+
+    arguments = "".join(f"{argument(a)}, " for a in function.arguments)
+    has_result = result != "void"
+    return f"""
+static inline {result} wide_{function.name}({arguments}const lanes::Mask exec_in) {{
+{f"    {result} result_;" if has_result else ""}
+{Emitter(types, function).whole()}{"    return result_;" if has_result else ""}
+}}
+"""
+
+
+def _numbered_anew(code: str, names: list[str]) -> str:
+    """Return the code with functions of the same name numbered in the order in which they occur.
+
+    Warp numbers them in the order in which a process has made them, so that the next process would not recognise the
+    compiled kernel.
+    """
+    counts: Counter[str] = Counter()
+    numbered = {}
+    for name in names:
+        base = re.sub(r"_\d+$", "", name)
+        numbered[name] = f"{base}_{counts[base]}"
+        counts[base] += 1
+
+    def anew(identifier: re.Match[str]) -> str:
+        before, name, after = identifier.groups()
+        return f"{before}{numbered[name]}{after}" if name in numbered else identifier[0]
+
+    return re.sub(r"\b(wide_|steps_|)(\w+_\d+)((?:_of_one|_set_out|_found)?)\b", anew, code)

@@ -1,0 +1,1 @@
+"""A camera, lights and a floor around a bare mesh."""

@@ -1,0 +1,1 @@
+"""Upload a scene: from its description to the device arrays that kernels read."""

@@ -1,0 +1,1 @@
+"""Build acceleration structures on a device."""

@@ -1,0 +1,329 @@
+"""Build the wide BVH on a device: the host side of the kernels in `kernels/accel/build`."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.backend.device import Device
+from wrt.errors import InputError
+from wrt.upload.accel.binary_tree import split_boxes
+
+SAH_DEPTHS = (48, 8)
+"""Depths down to which the binary tree is split by the surface area heuristic, tried in this order until the tree is
+shallow enough for the traversal stack. With the last one, which also skips reinsertion, the tree is at most 8 + 23
+levels deep, for 2^26 triangles at eight a leaf."""
+
+MORE_PIECES = 0.2
+"""Boxes that splitting large triangles may add, relative to the triangles; measured in docs/notes/rays.md."""
+
+WORTH_CUTTING = 0.9
+"""A tree over split triangles is used if its cost is below this fraction of the cost over whole triangles."""
+
+FEW_CUT = 4
+"""If less than one in this many triangles is split, only those are tested to decide whether to build the whole tree
+again: for a scan in a studio, that would take as long as the first build."""
+
+
+@dataclass(frozen=True)
+class BuiltBvh:
+    """A tree on a device.
+
+    Attributes:
+        data: the Bvh struct that kernels take.
+        level_starts: number of the first wide node of each level, then the number of all nodes.
+        leaves: number of leaves.
+        references: triangle references in leaves; more than triangles if large ones were split.
+        bytes: memory of nodes and leaves.
+    """
+
+    data: Any
+    level_starts: tuple[int, ...]
+    leaves: int
+    references: int
+    bytes: int
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) float64 lowest and highest corner of the current triangles."""
+        root = self.data.nodes[:48].numpy().reshape(2, 3, 8).astype(np.float64)
+        return np.stack([root[0].min(axis=1), root[1].max(axis=1)])
+
+    @property
+    def depth(self) -> int:
+        """Levels of wide nodes."""
+        return len(self.level_starts) - 1
+
+    @property
+    def nodes(self) -> int:
+        """Number of wide nodes."""
+        return self.level_starts[-1]
+
+
+def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
+    """Build the tree over triangles.
+
+    Args:
+        points: array of vec3 on the device.
+        indices: array of int on the device, three a triangle, at least one triangle.
+        device: the device.
+
+    Raises:
+        InputError: when there are too many triangles for 32-bit offsets.
+    """
+    count = len(indices) // 3
+    if count >= 2**26:
+        raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
+
+    backend = current_backend()
+    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
+    bvh = backend.kernels("wrt.kernels.accel.bvh")
+    constants = backend.kernels("wrt.kernels.native.constants")
+
+    tree = _wide_tree(_boxes(points, indices, device), device, constants.MAX_DEPTH)
+    pieces = _cut_triangles(points, indices, tree, device)
+    if pieces is not None:
+        other = _wide_tree(pieces, device, constants.MAX_DEPTH)
+        if other.cost < WORTH_CUTTING * tree.cost:
+            tree = other
+        del pieces, other
+    starts, leaf_count, references = _level_starts(tree.levels), _leaf_count(tree.levels), len(tree.boxes)
+    if max(leaf_count * constants.LEAF_FLOATS, starts[-1] * constants.NODE_FLOATS) >= 2**31:
+        raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
+    data = bvh.Bvh()
+    data.nodes = device.empty_large(starts[-1] * constants.NODE_FLOATS)
+    leaf_ranges = _write_nodes(tree, -1, data.nodes, device)
+    numbers = device.empty_large(references, int)
+    device.launch(collapse.list_numbers, references, [tree.boxes, numbers])
+    del tree  # free its memory for the leaves, which are as large
+    data.leaves = device.empty_large(leaf_count * constants.LEAF_FLOATS)
+    device.launch(
+        collapse.write_leaves, leaf_count, [leaf_ranges, numbers, points, indices, data.leaves, _as_int(data.leaves)]
+    )
+    return BuiltBvh(data, starts, leaf_count, references, 4 * (len(data.nodes) + len(data.leaves)))
+
+
+def kernels_of_building() -> list[Any]:
+    """Return one kernel of each module that builds trees, in order of use."""
+    modules = {
+        "split": "make_boxes",
+        "top": "find_centers",
+        "reinsert": "find_places",
+        "collapse": "price_nodes",
+        "presplit": "find_importance",
+    }
+    backend = current_backend()
+    return [getattr(backend.kernels(f"wrt.kernels.accel.build.{name}"), kernel) for name, kernel in modules.items()]
+
+
+def _boxes(points: Any, indices: Any, device: Device) -> Any:
+    """Return the boxes of triangles."""
+    split = current_backend().kernels("wrt.kernels.accel.build.split")
+    count = len(indices) // 3
+    boxes = device.empty_large(count, "vec8")
+    device.launch(split.make_boxes, count, [points, indices, boxes])
+    return boxes
+
+
+def _cut_triangles(points: Any, indices: Any, tree: _Tree, device: Device) -> Any:
+    """Return the boxes of triangles after splitting the most wasteful, or None if that does not pay.
+
+    Args:
+        points: see `build_bvh`.
+        indices: see `build_bvh`.
+        tree: the tree over whole triangles.
+        device: the device.
+    """
+    presplit = current_backend().kernels("wrt.kernels.accel.build.presplit")
+
+    count, root = len(indices) // 3, tree.nodes[:1].numpy()[0]
+    low = root["lower"]
+    with np.errstate(over="ignore"):
+        size = np.maximum(root["upper"] - low, np.float32(1e-30))
+    if not np.isfinite(size).all():
+        return None
+    scene = [tuple(low.tolist()), tuple(size.tolist())]
+    importance = device.empty_large(count)
+    device.launch(presplit.find_importance, count, [points, indices, *scene, importance])
+    # Pieces in proportion to importance respect MORE_PIECES, and do not split triangles that are all alike.
+    total = float(importance.numpy().sum(dtype=np.float64))
+    if not 0.0 < total < np.inf:
+        return None
+    pieces = device.empty_large(count, int)
+    device.launch(presplit.count_pieces, count, [importance, MORE_PIECES * count / total, pieces])
+    del importance  # free its memory
+    cut = np.flatnonzero(pieces.numpy() > 1)
+    if not len(cut) or count + int(pieces.numpy()[cut].sum()) - len(cut) >= 2**26:
+        return None
+    if FEW_CUT * len(cut) < count and not _worth_cutting(points, indices, scene, pieces, cut, device):
+        return None
+    return _pieces(points, indices, scene, pieces, device)
+
+
+def _pieces(points: Any, indices: Any, scene: list[Any], pieces: Any, device: Device) -> Any:
+    """Return the boxes of triangles that are split into the given numbers of pieces."""
+    presplit = current_backend().kernels("wrt.kernels.accel.build.presplit")
+    start, total = _sums_before(pieces)
+    boxes = device.empty_large(total, "vec8")
+    device.launch(presplit.write_pieces, len(pieces), [points, indices, *scene, start, pieces, boxes])
+    return boxes
+
+
+def _worth_cutting(
+    points: Any, indices: Any, scene: list[Any], pieces: Any, cut: NDArray[np.intp], device: Device
+) -> bool:
+    """Return whether splitting pays in a tree over the split triangles alone, as an estimate for the whole."""
+    backend = current_backend()
+    presplit = backend.kernels("wrt.kernels.accel.build.presplit")
+    constants = backend.kernels("wrt.kernels.native.constants")
+
+    corners = backend.empty(3 * len(cut), int, device.name)
+    device.launch(presplit.pick_corners, len(cut), [indices, backend.array(cut, int, device.name), corners])
+    some = backend.array(pieces.numpy()[cut], int, device.name)
+    whole = _wide_tree(_boxes(points, corners, device), device, constants.MAX_DEPTH)
+    split = _wide_tree(_pieces(points, corners, scene, some, device), device, constants.MAX_DEPTH)
+    return split.cost < WORTH_CUTTING * whole.cost
+
+
+def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> None:
+    """Refit a tree to moved vertices; it stays correct, and fast while they move little.
+
+    Args:
+        built: the tree, changed in place.
+        points: array of vec3 on the device, as many as the tree was built over.
+        indices: the indices that the tree was built over.
+        device: the device of the tree.
+    """
+    refit = current_backend().kernels("wrt.kernels.accel.build.refit")
+
+    device.launch(refit.refit_leaves, built.leaves, [points, indices, _as_int(built.data.leaves), built.data])
+    children = _as_int(built.data.nodes)
+    for start, end in reversed(list(itertools.pairwise(built.level_starts))):
+        device.launch(refit.refit_level, end - start, [start, built.data, children])
+
+
+def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> Any:
+    """Return the nodes of a tree over boxes, as `kernels/accel/instances.py` reads it: leaf n is −1 − n.
+
+    Args:
+        lower: (N, 3) float32 lower corners, at least one.
+        upper: (N, 3) float32 upper corners.
+        device: the device.
+    """
+    backend = current_backend()
+    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
+    constants = backend.kernels("wrt.kernels.native.constants")
+
+    rows = np.zeros((len(lower), 8), np.float32)
+    rows[:, :3], rows[:, 4:7] = lower, -upper
+    rows[:, 3] = np.arange(len(lower), dtype=np.int32).view(np.float32)
+    boxes = backend.array(rows, "vec8", device.name)
+    # Each leaf becomes another node, whose children are single boxes.
+    tree = _wide_tree(boxes, device, constants.MAX_DEPTH - 1)
+    leaf_nodes = _level_starts(tree.levels)[-1]
+    out = device.empty_large((leaf_nodes + _leaf_count(tree.levels)) * constants.NODE_FLOATS)
+    leaf_ranges = _write_nodes(tree, leaf_nodes, out, device)
+    device.launch(collapse.write_leaf_nodes, len(leaf_ranges), [leaf_ranges, boxes, leaf_nodes, out, _as_int(out)])
+    return out
+
+
+class _Tree(NamedTuple):
+    """A wide tree by levels, its binary tree, its boxes in order, and the expected cost of a ray."""
+
+    levels: list[_Level]
+    nodes: Any
+    boxes: Any
+    cost: float
+
+
+def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
+    """Return the wide tree over boxes, and reorder them to match."""
+    for sah_depth in SAH_DEPTHS:
+        nodes, cost = split_boxes(boxes, device, sah_depth, reinserts=sah_depth == SAH_DEPTHS[0])
+        levels = _levels(nodes, device, max_depth)
+        if len(levels) <= max_depth:
+            break
+    return _Tree(levels, nodes, boxes, cost)
+
+
+class _Level(NamedTuple):
+    """The wide nodes of one level: their number, the binary nodes of their children, and the offsets of these."""
+
+    size: int
+    children: Any
+    inner_start: Any
+    leaf_start: Any
+    inner_total: int
+    leaf_total: int
+
+
+def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
+    """Return the wide tree level by level; stop at one level more than `max_depth`."""
+    backend = current_backend()
+    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
+
+    levels: list[_Level] = []
+    roots = backend.zeros(1, int, device.name)
+    while len(roots) and len(levels) <= max_depth:
+        n = len(roots)
+        children = backend.empty(8 * n, int, device.name)
+        inner = backend.empty(n, int, device.name)
+        leaves = backend.empty(n, int, device.name)
+        device.launch(collapse.find_children, n, [roots, nodes, children, inner, leaves])
+        (inner_start, inner_total), (leaf_start, leaf_total) = _sums_before(inner), _sums_before(leaves)
+        level = _Level(n, children, inner_start, leaf_start, inner_total, leaf_total)
+        levels.append(level)
+        roots = backend.empty(level.inner_total, int, device.name)
+        if level.inner_total:
+            device.launch(collapse.list_inner, n, [children, nodes, level.inner_start, roots])
+    return levels
+
+
+def _level_starts(levels: list[_Level]) -> tuple[int, ...]:
+    """Return the number of the first wide node of each level, then the number of all nodes."""
+    return tuple(itertools.accumulate((level.size for level in levels), initial=0))
+
+
+def _leaf_count(levels: list[_Level]) -> int:
+    """Return the number of leaves."""
+    return sum(level.leaf_total for level in levels)
+
+
+def _write_nodes(tree: _Tree, leaf_nodes: int, out: Any, device: Device) -> Any:
+    """Write the wide nodes; return for each leaf its first box and the number of boxes, as vec2i.
+
+    Args:
+        tree: the tree.
+        leaf_nodes: the number of the first leaf if leaves are nodes as well; otherwise −1.
+        out: array of float to write to.
+        device: the device.
+    """
+    backend = current_backend()
+    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
+
+    levels, nodes = tree.levels, tree.nodes
+    leaf_ranges = backend.empty(_leaf_count(levels), "vec2i", device.name)
+    first_leaf = 0
+    for level, (first_node, first_child) in zip(levels, itertools.pairwise(_level_starts(levels)), strict=True):
+        places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf, leaf_nodes]
+        device.launch(
+            collapse.write_nodes, level.size, [level.children, nodes, *places, out, _as_int(out), leaf_ranges]
+        )
+        first_leaf += level.leaf_total
+    return leaf_ranges
+
+
+def _as_int(array: Any) -> Any:
+    """Return a view of the same memory as integers."""
+    return current_backend().view(array, int, array.shape)
+
+
+def _sums_before(counts: Any) -> tuple[Any, int]:
+    """Return the exclusive prefix sums, and the total."""
+    start = current_backend().sums_before(counts)
+    return start, int(start[-1:].numpy()[0] + counts[-1:].numpy()[0])

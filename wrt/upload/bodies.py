@@ -1,0 +1,172 @@
+"""Upload the bodies of a scene and their media, and find the bodies around the camera."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.backend.device import Device
+from wrt.errors import InputError
+from wrt.scene.camera import Camera
+from wrt.scene.environment import ConstantEnvironment
+from wrt.scene.materials import Material, RoughDielectric
+from wrt.scene.materials.body import Body, bodies_of
+from wrt.scene.medium import Medium
+from wrt.scene.scene import Scene
+
+CAMERA_RAYS = 15
+"""Rays that test whether the camera is inside a body; the majority decides."""
+
+
+@dataclass
+class BodyTable:
+    """The bodies and media of a scene.
+
+    Attributes:
+        of_shapes: (shapes,) number of the body that each shape bounds; −1 for none.
+        records: (medium, priority, index inside, index outside) of each body.
+        media: all media that affect light.
+        medium: number of the medium outside all bodies; −1 for none.
+    """
+
+    of_shapes: list[int] = field(default_factory=list)
+    records: list[tuple[int, int, float, float]] = field(default_factory=list)
+    media: list[Medium] = field(default_factory=list)
+    medium: int = -1
+
+    @property
+    def kind(self) -> str:
+        """The value of `Features.media`."""
+        if any(medium.scatters for medium in self.media):
+            return "scattering"
+        return "absorbing" if self.media else "none"
+
+    @property
+    def nested(self) -> bool:
+        """True if any body has a priority."""
+        return any(priority != 0 for _, priority, _, _ in self.records)
+
+    def number(self, medium: Medium | None) -> int:
+        """Return the number of a medium; −1 if it does not affect light."""
+        if medium is None or medium.is_clear:
+            return -1
+        if medium not in self.media:
+            self.media.append(medium)
+        return self.media.index(medium)
+
+    def upload(self, data: Any, device: Device) -> None:
+        """Fill the tables of a SceneData struct."""
+        backend = current_backend()
+        scene_data = backend.kernels("wrt.kernels.scene.scene_data")
+
+        media = np.zeros(len(self.media), scene_data.MediumRecord.numpy_dtype())
+        for record, medium in zip(media, self.media, strict=True):
+            for name in ("absorption", "scattering", "emission", "g"):
+                record[name] = getattr(medium, name)
+        bodies = np.zeros(len(self.records), scene_data.BodyRecord.numpy_dtype())
+        for i, values in enumerate(self.records):
+            bodies[i] = values
+        data.media = backend.array(media, scene_data.MediumRecord, device.name)
+        data.bodies = backend.array(bodies, scene_data.BodyRecord, device.name)
+        data.medium = self.medium
+
+
+def describe_bodies(scene: Scene) -> BodyTable:
+    """Return the table of a scene's bodies, one for each material object.
+
+    Raises:
+        InputError: when one surface bounds two different bodies, or a medium emits infinite light.
+    """
+    table = BodyTable(medium=-1)
+    table.medium = table.number(scene.medium)
+    numbers: dict[int, int] = {}
+    for shape in scene.shapes:
+        key = id(shape.material)
+        if key not in numbers:
+            body = _body(shape.material, shape.name)
+            numbers[key] = -1 if body is None else len(table.records)
+            if body is not None:
+                outside = getattr(body, "exterior_ior", 1.0)
+                inside = body.interior_ior or 0.0
+                table.records.append((table.number(body.interior), body.priority, inside, outside))
+        table.of_shapes.append(numbers[key])
+    if table.nested:
+        for shape in scene.shapes:
+            if any(isinstance(body, RoughDielectric) and body.multiple_bounces for body in bodies_of(shape.material)):
+                raise InputError(
+                    f"{shape.name}: multiple_bounces needs a fixed index outside; turn it off where bodies have "
+                    "priorities"
+                )
+    if scene.medium is not None:
+        _check_outer(scene, scene.medium)
+    return table
+
+
+def _body(material: Material, name: str) -> Body | None:
+    """Return the body that a material or its parts bound."""
+    bodies = list(bodies_of(material))
+    insides = {(body.interior, body.priority, body.interior_ior) for body in bodies}
+    if len(insides) > 1:
+        raise InputError(f"{name}: the parts of a material must have the same interior, priority and ior")
+    return bodies[0] if bodies else None
+
+
+def _check_outer(scene: Scene, medium: Medium) -> None:
+    for emission, extinction in zip(medium.emission, medium.extinction, strict=True):  # type: ignore[arg-type]
+        if emission > 0.0 and extinction == 0.0:
+            raise InputError("the scene's medium reaches to infinity: where it emits it must absorb or scatter too")
+    far = any(light.extent().corners is None for light in scene.lights)
+    dark = isinstance(scene.environment, ConstantEnvironment) and not any(scene.environment.radiance)  # type: ignore[arg-type]
+    if any(medium.extinction) and (far or (scene.environment is not None and not dark)):
+        warnings.warn(
+            "the scene's medium reaches to infinity and hides the environment and directional lights; put the medium "
+            "in a body of wrt.Null to see them",
+            UserWarning,
+            stacklevel=4,
+        )
+
+
+def find_bodies(
+    data: Any, bodies: int, origin: NDArray[np.float64], time: float, instances: str, device: Device
+) -> list[int]:
+    """Return the bodies around a point, outermost first; a body is repeated for each of its surfaces around the point.
+
+    A ray from inside a closed surface leaves it once more often than it enters it. A ray can also pass through a hole
+    in an open surface, so several rays vote: the point is inside if more than half of them leave.
+
+    Args:
+        data: the SceneData struct, complete except for the bodies at the camera.
+        bodies: number of bodies.
+        origin: the point, metres.
+        time: the time, seconds.
+        instances: see Features.
+        device: the device of the scene.
+    """
+    backend = current_backend()
+
+    left_more = backend.zeros((CAMERA_RAYS, bodies), int, device.name)
+    last_left = backend.zeros((CAMERA_RAYS, bodies), float, device.name)
+    inputs = [CAMERA_RAYS, data, tuple(map(float, origin)), float(time), left_more, last_left]
+    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", instances), CAMERA_RAYS, inputs)
+    counts = np.median(left_more.numpy(), axis=0).astype(int)
+    far = np.median(last_left.numpy(), axis=0)
+    return [int(body) for body in np.argsort(-far, kind="stable") for _ in range(max(counts[body], 0))]
+
+
+def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, instances: str, device: Device) -> None:
+    """Write the bodies around the camera into a SceneData struct."""
+    scene_data = current_backend().kernels("wrt.kernels.scene.scene_data")
+
+    if not table.records:
+        return
+    origin = np.asarray(camera.origin, np.float64)
+    if camera.motion is not None:
+        origin = (camera.motion.at(camera.shutter_open) @ [*origin, 1.0])[:3]
+    around = find_bodies(data, len(table.records), origin, camera.shutter_open, instances, device)
+    numbers = [body + 1 for body in around[-scene_data.MOST_BODIES :]]
+    data.inside_at_camera = tuple(numbers + [0] * (scene_data.MOST_BODIES - len(numbers)))

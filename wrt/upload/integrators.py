@@ -1,0 +1,97 @@
+"""Choose the integrator, its settings, and the features of its kernel."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.errors import InputError
+from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
+from wrt.scene.scene import RenderSettings, Scene
+from wrt.upload.lights.environment import resolve_environment
+
+if TYPE_CHECKING:
+    from wrt.kernels.features import Features
+
+WITHOUT_LIGHT = ("ao", "aov")
+"""Integrators that can render a scene without light."""
+
+DIRECT_DEPTH = 2
+"""Segments of a path with direct lighting only."""
+
+DEEPEST_WHOLE_TREE = 20
+WHOLE_TREE_ATTENUATION = 1e-6
+"""A ray tree that attenuation does not prune may have 2^depth rays, a million at this depth."""
+
+
+def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
+    """Return the integrator's name, by default "volpath" if media scatter, otherwise "path".
+
+    Raises:
+        InputError: for an unlimited ray tree.
+    """
+    scatters = any(medium.scatters for medium in scene.media)
+    name = settings.integrator or ("volpath" if scatters else "path")
+    if name in ("path", "direct", "whitted") and scatters:
+        warnings.warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", stacklevel=4)
+    endless = settings.max_depth > DEEPEST_WHOLE_TREE and settings.min_attenuation < WHOLE_TREE_ATTENUATION
+    if name == "whitted" and endless:
+        raise InputError(
+            f"a ray tree of max_depth {settings.max_depth} and min_attenuation {settings.min_attenuation:g} may have "
+            f"2^{settings.max_depth} rays; set max_depth to at most {DEEPEST_WHOLE_TREE}, or min_attenuation to at "
+            f"least {WHOLE_TREE_ATTENUATION:g}"
+        )
+    return name
+
+
+def integrator_features(features: Features, integrator: str, settings: RenderSettings) -> Features:
+    """Return the features of a scene without those that the integrator does not use, and with its own."""
+    if settings.film_layers:
+        features = dataclasses.replace(features, aovs=True)
+    if integrator in ("path", "direct", "whitted") and features.media == "scattering":
+        features = dataclasses.replace(features, media="absorbing")
+    if integrator == "direct":
+        return features
+    if integrator in ("path", "volpath"):
+        clamped, regularized = settings.clamp_indirect is not None, settings.regularization > 0.0
+        return dataclasses.replace(features, clamped=clamped, regularized=regularized)
+    if integrator in WITHOUT_LIGHT:
+        features = dataclasses.replace(features, media="none", nested=False, environment="none", light_shapes=())
+        if "albedo" not in settings.layers:
+            features = dataclasses.replace(features, models=())
+    return dataclasses.replace(features, integrator=integrator)
+
+
+def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> Any:
+    """Return the kernels' PathSettings, except for the strategy."""
+    backend = current_backend()
+    intersect = backend.kernels("wrt.kernels.accel.intersect")
+    path = backend.kernels("wrt.kernels.integrators.path_state").PathSettings()
+    path.max_depth = min(settings.max_depth, DIRECT_DEPTH) if integrator == "direct" else settings.max_depth
+    path.max_scatterings = settings.max_scatterings
+    path.min_attenuation = settings.min_attenuation
+    path.jittered_rays = settings.jittered_rays
+    path.ambient = mean_radiance(scene)
+    path.ao_distance = intersect.INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance
+    path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
+    path.hides_lights = int(settings.transparent)
+    path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
+    return path
+
+
+def mean_radiance(scene: Scene) -> NDArray[np.float64]:
+    """Return the mean radiance of the environment over all directions, without a sun."""
+    environment, _ = resolve_environment(scene.environment)
+    if isinstance(environment, ConstantEnvironment):
+        return np.asarray(environment.radiance, np.float64)
+    if isinstance(environment, ImageEnvironment):
+        edges = np.cos(np.linspace(0.0, np.pi, len(environment.pixels) + 1))
+        rows = environment.pixels.astype(np.float64).mean(axis=1)
+        mean: NDArray[np.float64] = environment.scale * 0.5 * ((edges[:-1] - edges[1:]) @ rows)
+        return mean
+    return np.zeros(3)

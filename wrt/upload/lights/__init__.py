@@ -1,0 +1,1 @@
+"""Build the tables from which lights are selected and sampled."""

@@ -1,0 +1,275 @@
+"""Build the table of all lights: their records, bounds, and selection weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.backend import current_backend
+from wrt.errors import InputError
+from wrt.scene.lights import Light
+from wrt.scene.scene import Scene, Shape
+from wrt.upload.accel.instancing import Layout, is_moving
+from wrt.upload.lights.bounds import LightBounds
+from wrt.upload.lights.emission import mean_emissions
+from wrt.upload.lights.environment import LUMINANCE, environment_kind, resolve_environment
+
+MOST_SOLID_LIGHTS = 64
+"""Most rectangles, disks and spheres in a scene, because every ray is tested against each."""
+
+Array = NDArray[np.float64]
+
+
+def has_light(scene: Scene) -> bool:
+    """Return whether anything in a scene emits light."""
+    return (
+        any(shape.emits for shape in scene.shapes)
+        or bool(scene.lights)
+        or environment_kind(resolve_environment(scene.environment)[0]) != "none"
+        or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
+    )
+
+
+@dataclass(frozen=True)
+class LightTable:
+    """All lights of a scene.
+
+    Attributes:
+        records: (N,) LightRecord, still without probabilities.
+        shapes: (S,) LightShape: first those that rays can hit, then suns, then spots.
+        shape_models: names of the light models that the kernel needs.
+        solid_count, sun_count: number of shapes that rays can hit, and of suns.
+        first_lights: (shapes,) number of each emitting mesh's first light, −1 for other meshes.
+        environment: number of the environment's light, or −1.
+        weights: (N,) selection weights, independent of position.
+        bounds: the bounds of the N lights.
+    """
+
+    records: NDArray[Any]
+    shapes: NDArray[Any]
+    shape_models: tuple[str, ...]
+    solid_count: int
+    sun_count: int
+    first_lights: NDArray[np.int32]
+    environment: int
+    weights: Array
+    bounds: LightBounds
+
+
+def light_table(
+    shapes: list[Shape],
+    lights: list[Light],
+    layout: Layout,
+    first_triangles: NDArray[np.int64],
+    environment_flux: float,
+) -> LightTable:
+    """Return the table of a scene's lights.
+
+    Finite lights are weighted by power, lights infinitely far away by irradiance. If a scene has both, each group gets
+    half, because no length relates power to irradiance.
+
+    Args:
+        shapes: shapes of the scene; each triangle of an emitting shape is a light.
+        lights: all other lights.
+        layout: the layout of the shapes.
+        first_triangles: (shapes,) number of each shape's first triangle.
+        environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
+
+    Raises:
+        InputError: when there are more solid lights than MOST_SOLID_LIGHTS.
+    """
+    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+
+    records: list[NDArray[Any]] = []
+    bounds: list[LightBounds] = []
+    first_lights = np.full(len(shapes), -1, np.int32)
+    count = 0
+    instances = layout.instance_numbers
+    for i, shape in enumerate(shapes):
+        if shape.emits:
+            first_lights[i] = count
+            record, extent = _emissive_mesh(shape, i, int(first_triangles[i]), layout.shutter)
+            record["instance"] = instances.get(i, 0)
+            records.append(record)
+            bounds.append(extent)
+            count += len(record)
+
+    shaped = _light_shapes(lights, count)
+    for number, light in enumerate(lights):
+        records.append(_record(light, shaped, number))
+        bounds.append(_extent(light))
+        count += 1
+    environment = -1
+    if environment_flux > 0.0:
+        record = np.zeros(1, k.LightRecord.numpy_dtype())
+        record["kind"] = k.LIGHT_ENVIRONMENT
+        environment = count
+        records.append(record)
+        bounds.append(_far((0.0, 1.0, 0.0), environment_flux))
+    if not records:
+        records.append(np.zeros(0, k.LightRecord.numpy_dtype()))
+        bounds.append(LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0)))
+    joined = LightBounds.joined(bounds)
+    return LightTable(
+        np.concatenate(records),
+        shaped.records,
+        shaped.models,
+        shaped.solid_count,
+        shaped.sun_count,
+        first_lights,
+        environment,
+        _shares(joined),
+        joined,
+    )
+
+
+@dataclass(frozen=True)
+class _LightShapes:
+    """The shapes of lights, sorted as in LightTable.
+
+    Attributes:
+        records: (S,) LightShape.
+        models: names of the models that the kernel needs.
+        kinds: values of LightRecord.kind by model name.
+        of_lights: number of a light's shape by the number of the light.
+        solid_count, sun_count: see LightTable.
+    """
+
+    records: NDArray[Any]
+    models: tuple[str, ...]
+    kinds: dict[str, int]
+    of_lights: dict[int, int]
+    solid_count: int
+    sun_count: int
+
+
+def _light_shapes(lights: list[Light], first: int) -> _LightShapes:
+    """Return the shapes of lights; `first` is the number of the first light in the table.
+
+    Raises:
+        InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a model is not registered.
+    """
+    backend = current_backend()
+    k = backend.kernels("wrt.kernels.scene.scene_data")
+    models, order = {}, {}
+    for i, light in enumerate(lights):
+        if light.shape() is not None:
+            models[i] = backend.call("wrt.kernels.lights.shapes", "current_name", light.model)
+            try:
+                order[i] = backend.call("wrt.kernels.lights.shapes", "light_order", models[i])
+            except KeyError:
+                raise InputError(f"{type(light).__name__}: there is no light model {light.model!r}") from None
+    shaped = sorted(models, key=lambda i: order[i])
+    built_in = backend.kernels("wrt.kernels.lights.shapes").BUILT_IN
+    names = (*built_in, *sorted(set(models.values()) - set(built_in))) if shaped else ()
+    solid_count = sum(number == 0 for number in order.values())
+    if solid_count > MOST_SOLID_LIGHTS:
+        raise InputError(
+            f"the scene has {solid_count} rectangle, disk and sphere lights, and each ray is tested against every one; "
+            f"make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
+        )
+    kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
+    kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name, names) for name in names}
+    records = np.zeros(len(shaped), k.LightShape.numpy_dtype())
+    for row, i in zip(records, shaped, strict=True):
+        row["kind"], row["light"] = kinds[models[i]], first + i
+        for key, value in (lights[i].shape() or {}).items():
+            row[key] = value
+    of_lights = {i: number for number, i in enumerate(shaped)}
+    sun_count = sum(number == 1 for number in order.values())
+    return _LightShapes(records, names, kinds, of_lights, solid_count, sun_count)
+
+
+def _record(light: Light, shaped: _LightShapes, number: int) -> NDArray[Any]:
+    """Return a light's record, still without its probability."""
+    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+    record = np.zeros(1, k.LightRecord.numpy_dtype())
+    for key, value in light.record().items():
+        record[key] = value
+    if number in shaped.of_lights:
+        record["shape"] = shaped.of_lights[number]
+        record["kind"] = shaped.records["kind"][shaped.of_lights[number]]
+    else:
+        record["kind"] = shaped.kinds[light.model]
+    return record
+
+
+def _shares(bounds: LightBounds) -> Array:
+    far = bounds.is_far
+    weights = bounds.power.copy()
+    for group in (far, ~far):
+        total = weights[group].sum()
+        if total > 0.0:
+            weights[group] /= total
+    # If all lights are black, they still need records for the rays that hit them.
+    return weights if weights.any() else np.ones_like(weights)
+
+
+# --- Each kind -------------------------------------------------------------------------------------
+
+
+def _emissive_mesh(
+    shape: Shape, number: int, first_triangle: int, shutter: tuple[float, float]
+) -> tuple[NDArray[Any], LightBounds]:
+    """Return one light for each triangle, with the power π L A for each emitting side.
+
+    The power of a moving shape is that in the middle of the exposure, and its normals may point anywhere.
+    """
+    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+    mesh = shape.mesh_at(0.5 * sum(shutter))
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    means, luminance = mean_emissions(shape)
+    records = np.zeros(len(corners), k.LightRecord.numpy_dtype())
+    records["kind"] = k.LIGHT_TRIANGLE
+    records["triangle"] = first_triangle + np.arange(len(corners))
+    records["shape"] = number
+    records["value"] = means
+    records["two_sided"] = shape.two_sided_emission
+    power = 0.5 * length * np.pi * luminance * (2.0 if shape.two_sided_emission else 1.0)
+    axis = cross / np.maximum(length, 1e-300)[:, None]
+    spread = 1.0
+    if is_moving(shape, shutter):
+        corners, spread = _swept_corners(shape, shutter), -1.0
+    extent = LightBounds.of(corners, axis, power, cos_spread=spread, two_sided=shape.two_sided_emission)
+    return records, extent
+
+
+def _swept_corners(shape: Shape, shutter: tuple[float, float]) -> Array:
+    """Return (T, 2, 3) boxes around the paths of triangles.
+
+    An arc of less than 180 degrees extends beyond the box around its ends by at most half its chord.
+    """
+    meshes = [shape.mesh_at(time) for time in np.linspace(*shutter, 33)]
+    last = meshes[0].vertices[meshes[0].faces].astype(np.float64)
+    low, high, step = last.min(axis=1), last.max(axis=1), 0.0
+    for mesh in meshes[1:]:
+        corners = mesh.vertices[mesh.faces].astype(np.float64)
+        step = max(step, float(np.linalg.norm(corners - last, axis=2).max()))
+        low, high = np.minimum(low, corners.min(axis=1)), np.maximum(high, corners.max(axis=1))
+        last = corners
+    return np.stack([low - 0.5 * step, high + 0.5 * step], axis=1)
+
+
+def _extent(light: Light) -> LightBounds:
+    """Return the bounds of a light."""
+    extent = light.extent()
+    power = extent.power_over_amount * float(np.dot(extent.amount, LUMINANCE))
+    if extent.corners is None:
+        return _far(extent.axis, power)
+    return LightBounds.of(
+        [extent.corners],
+        extent.axis,
+        power,
+        cos_spread=extent.cos_spread,
+        cos_falloff=extent.cos_falloff,
+        two_sided=extent.two_sided,
+    )
+
+
+def _far(axis: ArrayLike, irradiance: float) -> LightBounds:
+    return LightBounds.of(np.full((1, 1, 3), np.nan), axis, irradiance)

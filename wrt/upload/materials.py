@@ -1,0 +1,252 @@
+"""Flatten material descriptions to the tables that kernels read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.backend.device import Device
+from wrt.errors import InputError
+from wrt.scene.materials import Material, Mix, TwoSided
+from wrt.scene.textures import CHANNELS, WRAPS, ColorSource, FirstAlike, ImageTexture, NormalMap, VertexColor
+from wrt.upload.tables.material_tables import pack_tables
+from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
+from wrt.upload.textures.pyramid import pyramid
+from wrt.upload.textures.texels import Texels
+
+
+@dataclass
+class MaterialTable:
+    """The distinct materials of a scene, with the parts of composite ones after them.
+
+    Attributes:
+        materials: the materials.
+        numbers: index in `materials` by identity.
+        of_shapes: (shapes,) number of each shape's material.
+        emissions: (shapes,) emission of each shape.
+        emission_slots: (shapes,) slot of an emission that varies, otherwise −1; known after the upload.
+        models: names of all reflection models, sorted.
+        textured: whether any value is an image or a vertex colour.
+        uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
+        opacity: whether any material is transparent or composite.
+        mipmapped: whether any image has mip levels.
+        tangents: whether any material depends on the direction of texture coordinates, or has a normal map.
+    """
+
+    materials: list[Material] = field(default_factory=list)
+    numbers: dict[int, int] = field(default_factory=dict)
+    of_shapes: list[int] = field(default_factory=list)
+    emissions: list[ColorSource] = field(default_factory=list)
+    emission_slots: list[int] = field(default_factory=list)
+    models: tuple[str, ...] = ()
+    textured: bool = False
+    uv2_alpha: bool = False
+    opacity: bool = False
+    tangents: bool = False
+    mipmapped: bool = False
+
+    def add(self, material: Material) -> int:
+        """Return the number of a material, which is added if new."""
+        if id(material) not in self.numbers:
+            self.numbers[id(material)] = len(self.materials)
+            self.materials.append(material)
+            for part in material.parts:
+                self.add(part)
+        return self.numbers[id(material)]
+
+    def upload(self, data: Any, device: Device) -> None:
+        """Fill the tables of a SceneData struct: materials, slots, images, texels, normal maps, tables."""
+        backend = current_backend()
+        k = backend.kernels("wrt.kernels.scene.scene_data")
+
+        slots = _Slots()
+        records = np.zeros(len(self.materials), k.MaterialRecord.numpy_dtype())
+        tables, places = pack_tables([material.table_key for material in self.materials], device)
+        for record, material in zip(records, self.materials, strict=True):
+            self._describe(record, material, slots)
+            record["table"] = 0 if material.table_key is None else places[material.table_key]
+        self.emission_slots = [slots.add(emission) if _varies(emission) else -1 for emission in self.emissions]
+        rows = np.zeros(len(slots.rows), k.ColorSlot.numpy_dtype())
+        for i, row in enumerate(slots.rows):
+            rows[i] = row
+        data.materials = backend.array(records, k.MaterialRecord, device.name)
+        data.slots = backend.array(rows, k.ColorSlot, device.name)
+        data.tables = backend.array(tables, float, device.name)
+        if slots.images:
+            texels = Texels(slots.pixels)
+            images = slots.image_table(texels, k.ImageRecord.numpy_dtype())
+            data.images = backend.array(images, k.ImageRecord, device.name)
+            data.texels = backend.array(texels.colors, "vec3", device.name)
+            data.texel_codes = backend.array(texels.codes, "uint32", device.name)
+            data.palettes = backend.array(np.ravel(texels.palettes), float, device.name)
+        if slots.normal_maps:
+            normal_maps = np.zeros(len(slots.normal_maps), k.NormalMapRecord.numpy_dtype())
+            for i, normal_map in enumerate(slots.normal_maps):
+                normal_maps[i] = normal_map
+            data.normal_maps = backend.array(normal_maps, k.NormalMapRecord, device.name)
+
+    def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
+        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+
+        record["first_slot"] = len(slots.rows)
+        for value in material.slots:
+            slots.add(value)
+        record["opacity_slot"] = -1 if material.opacity == 1.0 else slots.add(material.opacity)
+        if material.parts:
+            if not isinstance(material, (Mix, TwoSided)):
+                raise InputError(f"{type(material).__name__}: only a Mix or a TwoSided can be made of other materials")
+            record["kind"] = k.MATERIAL_MIX if isinstance(material, Mix) else k.MATERIAL_SIDES
+            record["first"], record["second"] = (self.numbers[id(part)] for part in material.parts)
+            return
+        name = _bsdf("current_name", material.model)
+        model = _bsdf("model_of", name)
+        if len(material.slots) != model.slots:
+            given = f"{type(material).__name__} gives {len(material.slots)} values"
+            raise InputError(f"{given}, but {material.model} reads {model.slots}")
+        record["kind"] = k.MATERIAL_MODEL
+        record["model"] = current_backend().call("wrt.kernels.registry", "model_number", name, self.models)
+        record["matt"] = model.matt
+        record["normal_map"] = -1
+        if material.normal_map is not None:
+            filtered = material.normal_map.filter and model.widens
+            record["normal_map"] = slots.add_normal_map(material.normal_map, filtered)
+            record["normal_filter"] = _normal_filter(material, filtered)
+
+
+def _bsdf(function: str, *arguments: Any) -> Any:
+    """Call a function of `kernels/bsdf`."""
+    return current_backend().call("wrt.kernels.bsdf", function, *arguments)
+
+
+def describe_materials(materials: list[Material], emissions: Sequence[ColorSource] = ()) -> MaterialTable:
+    """Return the table of the shapes' materials and emissions.
+
+    Raises:
+        InputError: when a material names an unknown reflection model.
+    """
+    table = MaterialTable(emissions=list(emissions))
+    table.of_shapes = [table.add(material) for material in materials]
+    simple = [material for material in table.materials if not material.parts]
+    table.models = tuple(sorted({_bsdf("current_name", material.model) for material in simple}))
+    for material in simple:
+        try:
+            _bsdf("model_of", _bsdf("current_name", material.model))
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
+    values = [value for material in table.materials for value in (*material.slots, material.opacity)]
+    table.textured = any(_varies(value) for value in [*values, *emissions])
+    table.uv2_alpha = any(_needs_uv2_alpha(value) for value in [*values, *emissions])
+    table.mipmapped = any(isinstance(v, ImageTexture) and v.has_levels for v in [*values, *emissions])
+    table.opacity = any(material.parts or material.opacity != 1.0 for material in table.materials)
+    table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
+    return table
+
+
+def _varies(value: ColorSource) -> bool:
+    return isinstance(value, (ImageTexture, VertexColor))
+
+
+def _needs_uv2_alpha(value: ColorSource) -> bool:
+    if isinstance(value, ImageTexture):
+        return value.vertex_alpha or value.uv_set == 1
+    return isinstance(value, VertexColor) and value.alpha
+
+
+def _normal_filter(material: Material, filtered: bool) -> int:
+    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+
+    if not filtered:
+        return int(k.NORMALS_AT_POINT)
+    return int(k.NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else k.NORMALS_FILTERED)
+
+
+class _Slots:
+    """Rows of ColorSlot, ImageRecord and NormalMapRecord, and the pixels that they read."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[Any, ...]] = []
+        self.images: list[tuple[Any, ...]] = []
+        self.pixels: list[NDArray[np.float32]] = []
+        self.normal_maps: list[tuple[int, int, int]] = []
+        self._pixel_numbers: dict[int, int] = {}
+        self._first_alike = FirstAlike()
+        self._levels: dict[int, list[int]] = {}
+        self._image_numbers: dict[tuple[Any, ...], int] = {}
+        self._normal_map_numbers: dict[tuple[int, bool], int] = {}
+
+    def add(self, value: ColorSource) -> int:
+        """Append a value, and return its number."""
+        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+
+        if isinstance(value, ImageTexture):
+            image = self.add_image(self._first_alike(value.pixels), value)
+            channel = -1 if value.channel is None else CHANNELS.index(value.channel)
+            cutoff = -1.0 if value.cutoff is None else value.cutoff
+            own = (
+                k.VERTEX_COLOR if value.vertex_colors else k.VERTEX_ALPHA if value.vertex_alpha else k.VERTEX_COLOR_NONE
+            )
+            self.rows.append((value.factor, image, channel, int(own), cutoff, value.uv_set))
+        elif isinstance(value, VertexColor):
+            cutoff = -1.0 if value.cutoff is None else value.cutoff
+            self.rows.append((value.factor, -1, -1, int(k.VERTEX_ALPHA if value.alpha else k.VERTEX_COLOR), cutoff, 0))
+        else:
+            constant = tuple(float(v) for v in np.broadcast_to(np.asarray(value, np.float64), 3))
+            self.rows.append((constant, -1, -1, int(k.VERTEX_COLOR_NONE), -1.0, 0))
+        return len(self.rows) - 1
+
+    def add_image(self, pixels: NDArray[np.float32], mapping: ImageTexture | NormalMap) -> int:
+        """Return the number of the image record for pixels and their mapping; equal records share one."""
+        number = self._add_pixels(pixels)
+        placement = mapping.placement if isinstance(mapping, ImageTexture) else np.eye(2, 3)
+        nearest = isinstance(mapping, ImageTexture) and mapping.filter == "nearest"
+        wraps = (WRAPS.index(wrap) for wrap in mapping.wrap)
+        record = (number, *wraps, nearest, *(tuple(row) for row in placement.tolist()))
+        levels = self._add_levels(number) if isinstance(mapping, ImageTexture) and mapping.has_levels else []
+        key = (*record, len(levels))
+        if key not in self._image_numbers:
+            self._image_numbers[key] = len(self.images)
+            self.images.append((*record, len(levels), len(self.images) + 1))
+            self.images += [(level, *record[1:], 0, 0) for level in levels]
+        return self._image_numbers[key]
+
+    def _add_pixels(self, pixels: NDArray[np.float32]) -> int:
+        """Return the number of an array of pixels."""
+        number = self._pixel_numbers.setdefault(id(pixels), len(self.pixels))
+        if number == len(self.pixels):
+            self.pixels.append(pixels)
+        return number
+
+    def _add_levels(self, number: int) -> list[int]:
+        """Return the numbers of the mip levels: the pixels at half the size, a quarter, and so on."""
+        if number not in self._levels:
+            self._levels[number] = [self._add_pixels(level) for level in pyramid(self.pixels[number])]
+        return self._levels[number]
+
+    def add_normal_map(self, normal_map: NormalMap, filtered: bool) -> int:
+        """Add a normal map and the images for filtering it, and return its number."""
+        key = (id(normal_map), filtered)
+        if key not in self._normal_map_numbers:
+            self._normal_map_numbers[key] = len(self.normal_maps)
+            normals = normals_of(normal_map)
+            first = self.add_image(normals, normal_map)
+            levels = slope_pyramid(normals) if filtered else ()
+            for image in (image for level in levels for image in level):
+                self.add_image(image, normal_map)
+            self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2))
+        return self._normal_map_numbers[key]
+
+    def image_table(self, texels: Texels, dtype: Any) -> NDArray[Any]:
+        """Return the records of all images."""
+        table = np.zeros(len(self.images), dtype)
+        for record, (number, *others) in zip(table, self.images, strict=True):
+            height, width = self.pixels[number].shape[:2]
+            first, palette = texels.places[number]
+            values = first, 3 * 256 * palette if palette >= 0 else -1, width, height, *others
+            for name, value in zip(table.dtype.names, values, strict=True):
+                record[name] = value
+        return table

@@ -1,0 +1,1 @@
+"""Compute the tables that reflection models read."""

@@ -1,0 +1,1 @@
+"""Prepare images for the kernels."""

@@ -1,0 +1,113 @@
+"""Update vertices between frames, with the normals of the mesh and the world's ray tree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from wrt.backend.device import Device
+from wrt.errors import InputError
+from wrt.scene.mesh import Mesh
+from wrt.scene.normals import same_positions
+from wrt.scene.scene import Scene, Shape
+from wrt.upload.accel.bvh import BuiltBvh, refit_bvh
+from wrt.upload.accel.geometry import device_vectors, first_not_finite
+from wrt.values import integer
+
+
+def shape_number(scene: Scene, shape: Shape | int) -> int:
+    """Return the number of one of a scene's shapes, or raise InputError."""
+    if not isinstance(shape, Shape):
+        return integer(shape, "shape", minimum=0, maximum=len(scene.shapes) - 1)
+    numbers = [i for i, each in enumerate(scene.shapes) if each is shape]
+    if not numbers:
+        raise InputError(f"{shape.name}: not one of the scene's shapes")
+    return numbers[0]
+
+
+class WorldMeshes:
+    """The shapes in the world's tree, on a device."""
+
+    def __init__(
+        self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int], *, alone: bool
+    ) -> None:
+        """Keep the arrays of a scene.
+
+        Args:
+            device: the device.
+            data: the SceneData struct.
+            tree: the world's tree.
+            first_vertices: first vertex of each shape in the tree by the shape's number.
+            alone: whether it is the only tree, because there are no instances.
+        """
+        self._device, self._data, self._tree, self._first = device, data, tree, first_vertices
+        self._alone = alone
+        self._own = False
+        self._corners: dict[int, tuple[Any, Any]] = {}
+
+    def update(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
+        """Move a shape's vertices.
+
+        Args:
+            number: number of the shape.
+            shape: its description; faces and smoothness are kept.
+            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device.
+            normals: likewise; None recomputes those of a smooth mesh.
+
+        Raises:
+            InputError: on arrays of other sizes, non-finite values, or shapes that cannot be updated.
+        """
+        import warp as wp
+
+        if number not in self._first or self._tree is None or not self._alone:
+            raise InputError(
+                f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
+                "make a new Renderer"
+            )
+        if shape.emits:
+            raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
+        first, count = self._first[number], len(shape.mesh.vertices)
+        points = self._given(f"{shape.name}: vertices", vertices, count)
+        bad = first_not_finite(points, self._device)
+        if bad >= 0:
+            raise InputError(f"{shape.name}: vertex {bad} is not finite")
+        if not self._own:  # the scene's meshes may share them
+            self._data.points, self._data.normals = wp.clone(self._data.points), wp.clone(self._data.normals)
+            self._own = True
+        wp.copy(self._data.points, points, dest_offset=first, count=count)
+        if normals is not None:
+            given = self._given(f"{shape.name}: normals", normals, count)
+            wp.copy(self._data.normals, given, dest_offset=first, count=count)
+            if shape.mesh.normals is None:
+                shapes = self._data.shapes.numpy()
+                shapes["smooth"][number] = True
+                self._data.shapes.assign(shapes)
+        elif shape.mesh.normals is not None:
+            self._smooth(number, shape.mesh, first, count)
+        refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
+
+    def _given(self, name: str, values: Any, count: int) -> Any:
+        array = device_vectors(name, values, self._device.name)
+        if len(array) != count:
+            raise InputError(f"{name} are {len(array)}, but the mesh has {count}")
+        return array
+
+    def _smooth(self, number: int, mesh: Mesh, first: int, count: int) -> None:
+        """Compute normals from the faces around each vertex; vertices that shared a normal still do."""
+        import warp as wp
+
+        from wrt.kernels.geometry.mesh_normals import smooth_normals
+
+        if number not in self._corners:
+            assert mesh.normals is not None
+            groups = same_positions(np.hstack([mesh.vertices, mesh.normals]))
+            of_corners = groups[mesh.faces.ravel()]
+            order = np.argsort(of_corners, kind="stable").astype(np.int32)
+            starts = np.searchsorted(of_corners[order], np.arange(groups.max() + 2)).astype(np.int32)
+            # Corners are numbered 3 * face + corner.
+            upload = [starts[groups], starts[groups + 1], order, mesh.faces.ravel() + np.int32(first)]
+            self._corners[number] = tuple(wp.array(a, dtype=int, device=self._device.name) for a in upload)
+        self._device.launch(
+            smooth_normals, count, [first, *self._corners[number], self._data.points, self._data.normals]
+        )

@@ -1,0 +1,149 @@
+"""Frames: developed and encoded in a thread of their own, beside the next pass, and sent to whoever watches."""
+
+from __future__ import annotations
+
+import json
+import struct
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.develop.denoise import denoise
+from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, Look, develop, jpeg
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture for the page.
+
+    Attributes:
+        number: counts from 1.
+        header: what the page shows beside it: samples, noise, paths per second, the camera's number, and so on.
+        picture: a JPEG file.
+    """
+
+    number: int
+    header: dict[str, Any]
+    picture: bytes
+
+    def message(self) -> bytes:
+        """Return the frame as a message: the header's length (uint32, little-endian), the header, the picture."""
+        header = json.dumps({"frame": self.number, **self.header}).encode()
+        return struct.pack("<I", len(header)) + header + self.picture
+
+
+@dataclass
+class _Source:
+    image: NDArray[np.float32]
+    is_radiance: bool
+    header: dict[str, Any] = field(default_factory=dict)
+    guides: dict[str, NDArray[np.float32]] | None = None
+
+    def is_of(self, other: _Source | None) -> bool:
+        """Return whether both are of one picture, which rests."""
+        if other is None or self.header.get("moving") or other.header.get("moving"):
+            return False
+        keys = ("serial", "width", "height")
+        return self.is_radiance == other.is_radiance and all(self.header.get(k) == other.header.get(k) for k in keys)
+
+
+class Encoder:
+    """Turns the newest image into a frame; images that come meanwhile are skipped, except the last.
+
+    Denoising takes longer than rendering a preview, so another thread does it, and its result is shown if the picture
+    still rests. Once a picture has been denoised, its later images are shown only denoised, or it would flicker.
+
+    Attributes:
+        look: exposure and the like; set it by `show`.
+        latest: the newest frame, or None.
+    """
+
+    def __init__(self, publish: Callable[[Frame], None]) -> None:
+        """Start the thread; `publish` is called in it with each frame."""
+        self.look = Look()
+        self.latest: Frame | None = None
+        self._publish = publish
+        self._source: _Source | None = None
+        self._waiting = threading.Condition()
+        self._denoised: _Source | None = None  # the last result
+        self._denoising = False
+        self._due, self._closed = False, False
+        self._thread = threading.Thread(target=self._run, name="wrt-frames", daemon=True)
+        self._thread.start()
+
+    def put(
+        self,
+        image: NDArray[np.float32],
+        is_radiance: bool,
+        header: dict[str, Any],
+        guides: dict[str, NDArray[np.float32]] | None = None,
+    ) -> None:
+        """Make a frame of an image; with guides, denoise it and make a frame of the result."""
+        source = _Source(image, is_radiance, header, guides)
+        with self._waiting:
+            self._source, self._due = source, guides is None or not source.is_of(self._denoised)
+            if guides is not None and not self._denoising:
+                self._denoising = True
+                threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True).start()
+            self._waiting.notify()
+
+    def _denoise(self, source: _Source) -> None:
+        """Denoise an image, and then the newest one for as long as there is a newer one."""
+        while True:
+            guides = source.guides or {}
+            image = denoise(source.image, guides.get("albedo"), guides.get("normal"))
+            with self._waiting:
+                newest = self._source
+                if self.look.denoise and source.is_of(newest):
+                    self._denoised, self._due = _Source(image, True, {**source.header, "denoised": True}), True
+                    self._waiting.notify()
+                if newest is None or newest is source or newest.guides is None or not self.look.denoise or self._closed:
+                    self._denoising = False
+                    return
+            source = newest
+
+    def show(self, look: Look) -> None:
+        """Develop the newest image again in another way."""
+        with self._waiting:
+            self.look, self._due = look, self._source is not None
+            if not look.denoise:
+                self._denoised = None
+            self._waiting.notify()
+
+    def codes(self) -> NDArray[np.uint8] | None:
+        """Return the newest image as 8-bit codes, or None before the first."""
+        with self._waiting:
+            source, look = self._shown(), self.look
+        return None if source is None else develop(source.image, look if source.is_radiance else Look())
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._waiting:
+            self._closed = True
+            self._waiting.notify()
+        self._thread.join()
+
+    def _shown(self) -> _Source | None:
+        """Return what a frame shows: the newest image, or the last denoised one of the same picture."""
+        if self._denoised is not None and self._denoised.is_of(self._source):
+            return self._denoised
+        return self._source
+
+    def _run(self) -> None:
+        number = 0
+        while True:
+            with self._waiting:
+                self._waiting.wait_for(lambda: self._due or self._closed)
+                if self._closed:
+                    return
+                source, look, self._due = self._shown(), self.look, False
+            assert source is not None
+            codes = develop(source.image, look if source.is_radiance else Look())
+            quality = MOVING_QUALITY if source.header.get("moving") else RESTING_QUALITY
+            number += 1
+            self.latest = Frame(number, source.header, jpeg(codes, quality))
+            self._publish(self.latest)

@@ -1,0 +1,109 @@
+"""From the film to the bytes of a frame: what the live view shows."""
+
+from __future__ import annotations
+
+import functools
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.develop.exposure import stops
+from wrt.develop.picture import develop_image
+from wrt.developing import Exposure
+from wrt.rendering.layer_colors import layer_colors
+from wrt.rendering.renderer import Renderer
+from wrt.scene.scene import RenderSettings
+from wrt.scene.srgb import srgb_from_linear
+
+CODES = 4096
+"""Entries of the table from the square root of radiance to 8-bit codes: neighbours differ by less than one code."""
+
+MOVING_QUALITY, RESTING_QUALITY = 80, 93
+"""JPEG quality of frames while the camera moves and while the picture converges."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is done with radiance before it is shown; nothing of it renders anything again.
+
+    Attributes:
+        exposure: stops, "auto", or None; see `wrt.develop_image`.
+        tone: the tone curve.
+        denoise: whether noise is removed first.
+    """
+
+    exposure: Exposure = 0.0
+    tone: str = "none"
+    denoise: bool = False
+
+    @classmethod
+    def of(cls, settings: RenderSettings) -> Look:
+        """Return the look that saved pictures have."""
+        return cls(settings.exposure, settings.tone, settings.denoise)
+
+
+def develop(radiance: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:
+    """Return (H, W, 3) linear radiance as 8-bit codes.
+
+    Where the tone curve changes nothing there is no dither, as PNG files have it: it takes longer than all else, and
+    JPEG would spend its bits on it.
+    """
+    exposure = stops(radiance, look.exposure)
+    with np.errstate(invalid="ignore", over="ignore"):
+        exposed = radiance * np.float32(2.0**exposure)
+        is_plain = look.tone == "none" or (look.tone == "soft" and not (exposed > 1.0).any())
+    if not is_plain:
+        return develop_image(radiance, tone=look.tone, exposure=exposure)
+    scaled = np.clip(np.nan_to_num(exposed, posinf=1.0), 0.0, 1.0)
+    codes: NDArray[np.uint8] = _table()[(np.sqrt(scaled) * (CODES - 1) + 0.5).astype(np.intp)]
+    return codes
+
+
+@functools.cache
+def _table() -> NDArray[np.uint8]:
+    values = (np.arange(CODES) / (CODES - 1)) ** 2
+    return np.floor(255.0 * srgb_from_linear(values) + 0.5).astype(np.uint8)
+
+
+def shown_image(renderer: Renderer, layer: str) -> tuple[NDArray[np.float32], bool]:
+    """Return what a view of a layer shows as (H, W, 3) linear colours, and whether it is radiance.
+
+    Args:
+        renderer: the renderer, which has the layer.
+        layer: the name of a layer; "noise" for the relative standard error of each pixel, of which white is 100 %;
+            "" for radiance.
+    """
+    if layer == "noise":
+        return noise_colors(renderer.image(), renderer.variance()), False
+    if layer:
+        return layer_colors(layer, renderer.layers()[layer]), False
+    return renderer.image(), True
+
+
+def noise_colors(image: NDArray[np.float32], variance: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return each pixel's standard error over its own radiance plus a tenth of the mean, as grey (H, W, 3)."""
+    floor = 0.1 * max(float(image.mean()), 1e-12)
+    error = np.sqrt(np.nan_to_num(variance.mean(axis=2))) / (image.mean(axis=2) + floor)
+    grey = np.clip(error, 0.0, 1.0).astype(np.float32)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def jpeg(codes: NDArray[np.uint8], quality: int) -> bytes:
+    """Return 8-bit codes as a JPEG file, without chroma subsampling at high quality."""
+    return _encoded(codes, "JPEG", quality=quality, subsampling=0 if quality >= RESTING_QUALITY else 2)
+
+
+def png(codes: NDArray[np.uint8]) -> bytes:
+    """Return 8-bit codes as a PNG file."""
+    return _encoded(codes, "PNG", compress_level=4)
+
+
+def _encoded(codes: NDArray[np.uint8], kind: str, **options: Any) -> bytes:
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(codes).save(buffer, kind, **options)
+    return buffer.getvalue()

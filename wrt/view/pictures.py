@@ -1,0 +1,150 @@
+"""The renderers of a view: the picture, its previews while the camera moves, and its layers, over one built scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrt.rendering.passes import Progress
+from wrt.rendering.renderer import Renderer
+from wrt.rendering.sharing import sharing
+from wrt.scene.camera import Camera
+from wrt.view.controls import Settings
+from wrt.view.picture import Look
+
+PREVIEW_SECONDS = 0.035
+"""Time in which a preview should be rendered, so that the picture follows the hand."""
+
+FIRST_RATE = 5e5
+"""Camera paths per second assumed before any has been traced."""
+
+LARGEST_DIVISOR = 12
+
+
+class Pictures:
+    """Renderers that share one scene on the device.
+
+    Attributes:
+        base: the renderer of the scene's own settings.
+        main: the renderer of the picture with the settings of the view.
+        home: the camera of the scene.
+    """
+
+    def __init__(self, base: Renderer) -> None:
+        """Begin with a renderer."""
+        assert base.scene.camera is not None
+        self.base = self.main = base
+        self.home: Camera = base.scene.camera
+        self._settings = Settings()
+        self._layer: tuple[str, Renderer] | None = None
+        self._previews: dict[tuple[str, int], Renderer] = {}
+        self._aims = {id(base): self.home}
+        self._rate = FIRST_RATE
+
+    def shown(self, settings: Settings) -> Renderer | None:
+        """Return the renderer of what the settings show, if there is one already."""
+        if (settings.integrator, settings.max_depth) != (self._settings.integrator, self._settings.max_depth):
+            return None
+        if settings.layer in ("", "noise"):
+            return self.main
+        return self._layer[1] if self._layer is not None and self._layer[0] == settings.layer else None
+
+    def get(self, settings: Settings) -> Renderer:
+        """Return the renderer of what the settings show."""
+        if (settings.integrator, settings.max_depth) != (self._settings.integrator, self._settings.max_depth):
+            overrides = settings.overrides()
+            self.main = self._sharing(**overrides) if overrides else self.base
+            self._settings = settings
+            self._previews.clear()
+        if settings.layer in ("", "noise"):
+            return self.main
+        if self._layer is None or self._layer[0] != settings.layer:
+            self._layer = settings.layer, self._sharing(integrator="aov", layers=(settings.layer,))
+        return self._layer[1]
+
+    def preview(self, settings: Settings) -> Renderer:
+        """Return a renderer of what the settings show, with as few pixels as can be rendered in time."""
+        full = self.get(settings)
+        pixels = full.width * full.height
+        divisor = math.ceil(math.sqrt(pixels / max(self._rate * PREVIEW_SECONDS, 1.0)))
+        divisor = max(1, min(divisor, LARGEST_DIVISOR, full.width, full.height))
+        layer = "" if full is self.main else settings.layer
+        if (layer, divisor) not in self._previews:
+            size = {"width": -(-full.width // divisor), "height": -(-full.height // divisor), "crop": None}
+            self._previews[layer, divisor] = preview = sharing(full, **size)
+            self._aims.pop(id(preview), None)
+        return self._previews[layer, divisor]
+
+    def timed(self, renderer: Renderer, progress: Progress) -> None:
+        """Learn from a pass how many paths a second takes."""
+        self._rate += 0.5 * (progress.paths_per_second - self._rate)
+
+    def is_aimed(self, renderer: Renderer, camera: Camera) -> bool:
+        """Return whether a renderer's picture is of this camera."""
+        return self._aims.get(id(renderer)) == camera
+
+    def aim(self, renderer: Renderer, camera: Camera) -> Renderer:
+        """Look through a camera; the picture restarts if it is another one."""
+        if not self.is_aimed(renderer, camera):
+            renderer.set_camera(camera)
+            renderer.seconds_render, renderer.paths = 0.0, 0
+            self._aims[id(renderer)] = camera
+        elif renderer.scene.camera != camera:  # another renderer has turned the shared scene since
+            renderer.scene.camera = camera
+            renderer._built.look_from(camera)
+        return renderer
+
+    def pick(self, camera: Camera, x: float, y: float) -> dict[str, Any] | None:
+        """Return what is seen at a place of the picture: position, object and bounds; None if nothing is."""
+        column = min(max(int(x * self.base.width), 0), self.base.width - 1)
+        row = min(max(int(y * self.base.height), 0), self.base.height - 1)
+        crop = (column, row, column + 1, row + 1)
+        one = self._sharing(integrator="aov", layers=("position", "object"), crop=crop)
+        one.set_camera(camera)
+        for _ in one.passes(spp=1):
+            pass
+        layers = one.layers()
+        number = int(layers["object"].ravel()[0])
+        if number == 0:
+            return None
+        position = layers["position"].reshape(3).astype(float)
+        shape = self.base.scene.shapes[number - 1]
+        forward = camera.frame()[2]
+        return {
+            "position": position.tolist(),
+            "distance": float(np.dot(position - np.asarray(camera.origin), forward)),
+            "name": shape.name,
+            "bounds": shape.bounds.tolist(),
+        }
+
+    def _sharing(self, **changes: Any) -> Renderer:
+        other = sharing(self.base, **changes)
+        self._aims.pop(id(other), None)  # of a renderer that is gone
+        return other
+
+
+def file_of(renderer: Renderer, suffix: str, look: Look) -> bytes:
+    """Return the bytes of a picture file, as `Renderer.save` writes it.
+
+    Args:
+        renderer: the renderer.
+        suffix: .png, .exr or .npy.
+        look: exposure and tone curve, for .png, and whether to denoise.
+
+    Raises:
+        InputError: see `Renderer.save`.
+    """
+    before = renderer.settings
+    renderer.settings = dataclasses.replace(before, **dataclasses.asdict(look))
+    try:
+        with tempfile.TemporaryDirectory(prefix="wrt-view-") as folder:
+            path = Path(folder) / f"picture{suffix}"
+            renderer.save(path)
+            return path.read_bytes()
+    finally:
+        renderer.settings = before

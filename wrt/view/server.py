@@ -1,0 +1,243 @@
+"""The server of the page: its files, downloads, and a WebSocket for each tab.
+
+It listens on this computer only. A tab needs the token of the address that `wrt view` prints, and must come from the
+page itself, so that neither other users of the computer nor other pages in the browser see the picture.
+
+Messages from a page are JSON: `ack` (the number of a frame it has drawn), `camera` (fields of the camera, and a serial
+number that frames repeat), `set` (settings), `pick` (a place in the picture) and `toml`. Messages to it are JSON
+(`state`, `picked`, `toml`, `error`) or frames, see `wrt.view.frames`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import http
+import json
+import re
+import secrets
+import socket
+from collections.abc import Callable
+from concurrent.futures import CancelledError
+from importlib import resources
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from wrt.errors import InputError
+from wrt.view.controls import camera_toml
+from wrt.view.frames import Frame
+from wrt.view.session import Session
+
+HOST = "127.0.0.1"
+PORT = 8765
+"""The port that is tried first."""
+
+PORTS = 20
+"""Ports that are tried, one after the other."""
+
+UNSEEN = 2
+"""Frames that may be on their way to a page that has not acknowledged them."""
+
+LONGEST_MESSAGE = 1 << 14
+"""Bytes of a message from a page."""
+
+FILES = {
+    "/": ("index.html", "text/html"),
+    "/view.js": ("view.js", "text/javascript"),
+    "/view.css": ("view.css", "text/css"),
+}
+"""The files of the page and their types, by address."""
+
+DOWNLOADS = {"/picture.png": "image/png", "/picture.exr": "image/x-exr"}
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+"""What the page may load: nothing from elsewhere."""
+
+
+class _Client:
+    """A tab: the newest frame waits for it, older ones are skipped."""
+
+    def __init__(self, connection: ServerConnection, session: Session) -> None:
+        self._connection, self._session = connection, session
+        self._loop = asyncio.get_running_loop()
+        self._wake = asyncio.Event()
+        self._frame: Frame | None = None
+        self._texts: list[dict[str, Any]] = []
+        self._unseen: list[int] = []
+
+    async def run(self) -> None:
+        """Serve the tab until it leaves."""
+        end = self._session.listen(self._listen)
+        sending = asyncio.create_task(self._send())
+        try:
+            async for message in self._connection:
+                await self._take(message)
+        except ConnectionClosed:
+            pass
+        finally:
+            end()
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
+                await sending
+
+    def _listen(self, what: Frame | dict[str, Any]) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._put, what)
+
+    def _put(self, what: Frame | dict[str, Any]) -> None:
+        if isinstance(what, Frame):
+            self._frame = what
+        else:
+            self._texts.append(what)
+        self._wake.set()
+
+    async def _send(self) -> None:
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._texts:
+                await self._connection.send(json.dumps(self._texts.pop(0)))
+            if self._frame is not None and len(self._unseen) < UNSEEN:
+                frame, self._frame = self._frame, None
+                self._unseen.append(frame.number)
+                await self._connection.send(frame.message())
+
+    async def _take(self, message: str | bytes) -> None:
+        try:
+            values = json.loads(message)
+            kind = values.get("type")
+            if kind == "ack":
+                self._unseen = [number for number in self._unseen if number > values["frame"]]
+                self._wake.set()
+            elif kind == "camera":
+                self._session.move(values.get("camera"), values.get("serial"))
+            elif kind == "set":
+                self._session.change(values)
+            elif kind == "pick":
+                picked = await asyncio.wrap_future(self._session.pick(float(values["x"]), float(values["y"])))
+                self._put({"type": "picked", "action": values.get("action"), "picked": picked})
+            elif kind == "toml" and self._session.camera is not None:
+                self._put({"type": "toml", "text": camera_toml(self._session.camera)})
+        except InputError as error:
+            self._put({"type": "error", "text": str(error)})
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+            self._put({"type": "error", "text": f"a message that is not understood: {error}"})
+
+
+class _Page:
+    """What the addresses answer."""
+
+    def __init__(self, session: Session, token: str) -> None:
+        self._session, self._token = session, token
+        self._port = 0
+
+    def at(self, port: int) -> None:
+        """Answer for this port only."""
+        self._port = port
+
+    async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the answer to a request, or None to begin a WebSocket."""
+        # A page elsewhere may have its own name resolve to this computer.
+        if request.headers.get("Host") not in self._hosts():
+            return _text(http.HTTPStatus.FORBIDDEN, "unknown host\n")
+        address = urlsplit(request.path)
+        if address.path in FILES:
+            name, kind = FILES[address.path]
+            content = (resources.files("wrt.view") / "page" / name).read_bytes()
+            return _response(http.HTTPStatus.OK, kind + "; charset=utf-8", content)
+        given = parse_qs(address.query).get("token", [""])[0]
+        if address.path not in ("/live", *DOWNLOADS):
+            return _text(http.HTTPStatus.NOT_FOUND, "there is nothing here\n")
+        if not secrets.compare_digest(given.encode(), self._token.encode()):
+            return _text(http.HTTPStatus.FORBIDDEN, "this needs the address that wrt view has printed\n")
+        if address.path == "/live":
+            origin = request.headers.get("Origin")
+            if origin not in {f"http://{host}" for host in self._hosts()}:
+                return _text(http.HTTPStatus.FORBIDDEN, "not from another page\n")
+            return None
+        return await self._download(address.path)
+
+    def _hosts(self) -> set[str]:
+        return {f"{HOST}:{self._port}", f"localhost:{self._port}"}
+
+    async def _download(self, path: str) -> Response:
+        suffix = path.removeprefix("/picture")
+        try:
+            content = await asyncio.wrap_future(self._session.save(suffix))
+        except (InputError, OSError, MemoryError, CancelledError) as error:
+            return _text(http.HTTPStatus.CONFLICT, f"{error}\n")
+        response = _response(http.HTTPStatus.OK, DOWNLOADS[path], content)
+        name = re.sub(r"[^\w.-]+", "-", self._session.name, flags=re.ASCII).strip("-.") or "picture"
+        response.headers["Content-Disposition"] = f'attachment; filename="{name}{suffix}"'
+        return response
+
+
+def _response(status: http.HTTPStatus, kind: str, content: bytes) -> Response:
+    headers = Headers()
+    headers["Content-Type"] = kind
+    headers["Content-Length"] = str(len(content))
+    headers["Content-Security-Policy"] = POLICY
+    headers["Referrer-Policy"] = "no-referrer"
+    headers["X-Content-Type-Options"] = "nosniff"
+    headers["Cache-Control"] = "no-store"
+    headers["Connection"] = "close"
+    return Response(status.value, status.phrase, headers, content)
+
+
+def _text(status: http.HTTPStatus, text: str) -> Response:
+    return _response(status, "text/plain; charset=utf-8", text.encode())
+
+
+def bound_socket(port: int | None) -> socket.socket:
+    """Return a socket bound to a port of this computer, or to the first free one from PORT on.
+
+    Raises:
+        InputError: when the port is in use.
+    """
+    for each in [port] if port is not None else range(PORT, PORT + PORTS):
+        bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            bound.bind((HOST, each))
+        except OSError as error:
+            bound.close()
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                raise
+            continue
+        return bound
+    if port is None:
+        raise InputError(f"the ports {PORT} to {PORT + PORTS - 1} are all in use; name a free one with --port")
+    raise InputError(f"port {port} is in use or not allowed; choose another with --port, or leave it out")
+
+
+async def run_server(session: Session, bound: socket.socket, token: str, ready: Callable[[str], None]) -> None:
+    """Serve a session until this task is cancelled; `ready` is called with the page's address."""
+    page = _Page(session, token)
+
+    async def serve_tab(connection: ServerConnection) -> None:
+        await _Client(connection, session).run()
+
+    server: Server
+    async with serve(
+        serve_tab,
+        sock=bound,
+        process_request=page.answer,
+        compression=None,  # frames are compressed already
+        max_size=LONGEST_MESSAGE,
+        write_limit=1 << 16,
+        server_header=None,
+        close_timeout=1.0,
+    ) as server:
+        port = bound.getsockname()[1]
+        page.at(port)
+        ready(f"http://{HOST}:{port}/?token={token}")
+        await server.wait_closed()
