@@ -88,6 +88,12 @@ def test_wheel_holds_every_source_file_and_no_other(wheel: Path) -> None:
     assert "Requires-Python: >=3.10" in metadata
 
 
+def test_no_public_name_is_a_module_too() -> None:
+    """Importing a submodule sets the attribute of the same name of the package, and so would hide the public name."""
+    modules = {path.stem for path in (ROOT / "wrt").iterdir() if path.suffix == ".py" or path.is_dir()}
+    assert not modules & set(wrt.__all__)
+
+
 # Says where wrt, its kernels and its meshes were found, in a Python that knows of no editable installation.
 WHERE = """
 import sys
