@@ -56,6 +56,18 @@ def latencies(tab: chromium.Tab, moves: int) -> list[float]:
     return json.loads(tab.value("JSON.stringify(wrtView.state.latencies)"))
 
 
+def watched_rate(tab: chromium.Tab, size: int, seconds: float) -> float:
+    """Return the paths per second of a picture that a tab watches, by its samples and the clock."""
+    samples, times = [], []
+    for pause in (10.0, seconds):
+        time.sleep(pause)
+        frame = tab.value("wrtView.state.frames")
+        tab.wait(f"wrtView.state.frames > {frame}", seconds=60)  # counts from the end of a pass
+        samples.append(float(tab.value("wrtView.state.header.spp")))
+        times.append(time.monotonic())
+    return (samples[1] - samples[0]) * size**2 / (times[1] - times[0])
+
+
 def measure(scene: str, size: int, moves: int, seconds: float) -> None:
     """Print the figures of a scene."""
     with chromium.Browser() as browser:
@@ -71,8 +83,7 @@ def measure(scene: str, size: int, moves: int, seconds: float) -> None:
             late = shown[int(0.95 * (len(shown) - 1))]
             print(f"{len(shown)} frames for {moves} moves, {prompt:.0%} within {PROMPT:.0f} ms")
             print(f"median {statistics.median(shown):.0f} ms, 95th percentile {late:.0f} ms")
-            time.sleep(seconds)
-            watched = float(tab.value("wrtView.state.header.paths_per_second"))
+            watched = watched_rate(tab, size, seconds)
     command = [sys.executable, "-m", "wrt", "render", scene, "--size", f"{size}x{size}", "--time", f"{seconds:.0f}"]
     path = Path(f"{Path(scene).stem}-latency.png")
     ended = subprocess.run([*command, "--json", "-o", str(path)], capture_output=True, text=True, check=True)

@@ -284,7 +284,7 @@ def render(
     """
     from wrt.progress.bar import ProgressBar
     from wrt.progress.terminal import bar_stream
-    from wrt.rendering.passes import LONGEST_PASS, WATCHED_PASS
+    from wrt.rendering.passes import LONGEST_PASS
     from wrt.rendering.renderer import Renderer
 
     watched = bar_stream() is not None if progress is None else progress
@@ -311,7 +311,7 @@ def render(
         sampler=sampler,
         integrator=integrator,
     )
-    seconds = WATCHED_PASS if watched else LONGEST_PASS
+    seconds = None if watched else LONGEST_PASS
     with ProgressBar(_label_of(source), time_limit=time, wanted=watched) as bar:
         for done in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=seconds):
             bar.update(done)

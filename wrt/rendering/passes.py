@@ -33,9 +33,6 @@ SHARE = 0.25
 LONGEST_PASS = 10.0
 """Most seconds of a pass; an interrupt takes effect after a sixteenth of it."""
 
-WATCHED_PASS = 1.0
-"""Seconds of a pass that somebody watches: long enough to cost nothing, short enough to watch."""
-
 SAMPLES_TOGETHER = 16
 """Longer passes take a multiple of this many samples: the wide kernel traces as many of one pixel at once."""
 

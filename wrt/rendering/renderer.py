@@ -154,11 +154,13 @@ class Renderer(Resumable):
         """Return the arguments of the kernel after the number of samples."""
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
-        assert self.scene.camera is not None
-        camera = build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
         table = current_backend().array(filter_table(self.settings.filter), float, self.device.name)
-        self._shared_inputs = [self.seed, camera, table, self._built.data, path]
+        self._shared_inputs = [self.seed, self._device_camera(), table, self._built.data, path]
         return self.arguments_for(self.film, self._kernel)
+
+    def _device_camera(self) -> Any:
+        assert self.scene.camera is not None
+        return build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
 
     def arguments_for(self, film: Film, kernel: RenderKernel) -> list[Any]:
         """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
@@ -344,7 +346,9 @@ class Renderer(Resumable):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
         self.scene.camera = camera
         self._built.look_from(camera)
-        self._inputs = self._prepare()
+        seed, _, *others = self._shared_inputs
+        self._shared_inputs = [seed, self._device_camera(), *others]
+        self._inputs = self.arguments_for(self.film, self._kernel)
         self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -26,8 +27,9 @@ _PROFILES: dict[str, tuple[float, Callable[[NDArray[np.float64]], NDArray[np.flo
 }
 
 
+@functools.cache
 def filter_table(name: str) -> NDArray[np.float32]:
-    """Return (TABLE_SIZE + 1,) float32 offsets in pixels: the inverse cumulative distribution."""
+    """Return (TABLE_SIZE + 1,) float32 offsets in pixels: the inverse cumulative distribution. Do not change it."""
     half_width, profile = _PROFILES[name]
     place = np.linspace(0.0, 1.0, TABLE_SIZE + 1)
     at = np.where(place < 0.5, 2.0 * place**2, 1.0 - 2.0 * (1.0 - place) ** 2)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.develop.exposure import stops
+from wrt.develop.exposure import peak, stops
 from wrt.develop.picture import develop_image
+from wrt.develop.tones import CURVES
 from wrt.developing import Exposure
 from wrt.rendering.layer_colors import layer_colors
 from wrt.rendering.renderer import Renderer
@@ -20,6 +21,9 @@ from wrt.scene.srgb import srgb_from_linear
 
 CODES = 4096
 """Entries of the table from the square root of radiance to 8-bit codes: neighbours differ by less than one code."""
+
+WHITE = np.float32(1e6)
+"""Radiance that is white by every curve; the curves' squares of it are finite in float32."""
 
 MOVING_QUALITY, RESTING_QUALITY = 80, 93
 """JPEG quality of frames while the camera moves and while the picture converges."""
@@ -46,19 +50,17 @@ class Look:
 
 
 def develop(radiance: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:
-    """Return (H, W, 3) linear radiance as 8-bit codes.
+    """Return (H, W, 3) linear radiance as 8-bit codes, within one code of those of PNG files.
 
-    Where the tone curve changes nothing there is no dither, as PNG files have it: it takes longer than all else, and
-    JPEG would spend its bits on it.
+    There is no dither: it takes longer than all else, and JPEG would spend its bits on it.
     """
     exposure = stops(radiance, look.exposure)
-    with np.errstate(invalid="ignore", over="ignore"):
-        exposed = radiance * np.float32(2.0**exposure)
-        is_plain = look.tone == "none" or (look.tone == "soft" and not (exposed > 1.0).any())
-    if not is_plain:
+    if look.tone not in CURVES:  # a view of OpenColorIO
         return develop_image(radiance, tone=look.tone, exposure=exposure)
-    scaled = np.clip(np.nan_to_num(exposed, posinf=1.0), 0.0, 1.0)
-    codes: NDArray[np.uint8] = _table()[(np.sqrt(scaled) * (CODES - 1) + 0.5).astype(np.intp)]
+    with np.errstate(invalid="ignore", over="ignore"):
+        exposed = np.nan_to_num(radiance * np.float32(2.0**exposure)).clip(0.0, WHITE)
+    shown = CURVES[look.tone].apply(exposed, peak(exposed)).clip(0.0, 1.0)
+    codes: NDArray[np.uint8] = _table()[(np.sqrt(shown) * (CODES - 1) + 0.5).astype(np.intp)]
     return codes
 
 

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
 from wrt.rendering.sharing import sharing
 from wrt.scene.camera import Camera
 from wrt.view.controls import Settings
 from wrt.view.picture import Look
 
-PREVIEW_SECONDS = 0.035
+PREVIEW_SECONDS = 0.02
 """Time in which a preview should be rendered, so that the picture follows the hand."""
 
 FIRST_RATE = 5e5
@@ -80,9 +79,9 @@ class Pictures:
             self._aims.pop(id(preview), None)
         return self._previews[layer, divisor]
 
-    def timed(self, renderer: Renderer, progress: Progress) -> None:
-        """Learn from a pass how many paths a second takes."""
-        self._rate += 0.5 * (progress.paths_per_second - self._rate)
+    def timed(self, paths_per_second: float) -> None:
+        """Learn from the speed of a pass how many pixels a preview can have."""
+        self._rate += 0.5 * (paths_per_second - self._rate)
 
     def is_aimed(self, renderer: Renderer, camera: Camera) -> bool:
         """Return whether a renderer's picture is of this camera."""

@@ -14,7 +14,7 @@ from typing import Any
 from wrt.backend import leave_compiled
 from wrt.backend.builds import NotCompiled
 from wrt.errors import InputError
-from wrt.rendering.passes import WATCHED_PASS, Progress
+from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
 from wrt.view.controls import Settings, camera_values, denoise_of, exposure_of, moved_camera, tone_of
@@ -28,7 +28,10 @@ Listener = Callable[[Frame | dict[str, Any]], None]
 REST_SECONDS = 0.15
 """Time without a move until the picture is rendered in full again."""
 
-WARMING_UP = 4.0
+WATCHED_PASS = 3.0
+"""Seconds of a pass while somebody watches: each ends with a frame, which costs time. Moves and picks end it early."""
+
+WARMING_UP = 12.0
 """Seconds of rendering after which passes take WATCHED_PASS; earlier they grow as in every render."""
 
 MOST_SAMPLES = 1024
@@ -182,7 +185,7 @@ class Session:
         future: Future[Any] = Future()
         with self._changed:
             self._requests.append((answer, future))
-            self._changed.notify()
+            self._end_pass()
         return future
 
     def _end_pass(self) -> None:
@@ -282,6 +285,8 @@ class Session:
                 self._home = self._camera = self._pictures.home
         self.error = ""
         self._tell(self.state())
+        if self._camera is not None:  # so that a page finds a picture when it opens
+            self._preview(self._pictures, self.settings, self._camera)
 
     def _answer(self) -> None:
         answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
@@ -297,7 +302,7 @@ class Session:
         serial = self._serial
         renderer = pictures.aim(pictures.preview(settings), camera)
         for progress in renderer.passes(spp=renderer.spp + 1):
-            pictures.timed(renderer, progress)
+            pictures.timed(progress.paths_per_second)
         self._put(renderer, settings, serial, progress=None)
 
     def _pass(self, renderer: Renderer, settings: Settings) -> bool:
@@ -315,6 +320,7 @@ class Session:
                 return True
             renderer.device.cancelled.clear()
             self._busy, serial = renderer, self._serial
+        seconds_before, paths_before = renderer.seconds_render, renderer.paths
         try:
             progress = next(self._passes[1], None)
         finally:
@@ -325,8 +331,10 @@ class Session:
         if progress is None or ended:
             self._passes = None
             return True
+        rate = (renderer.paths - paths_before) / max(renderer.seconds_render - seconds_before, 1e-9)
+        progress = dataclasses.replace(progress, paths_per_second=rate)  # of this pass alone
         if renderer.renders_light:
-            self._required().timed(renderer, progress)
+            self._required().timed(rate)
         if progress.seconds > WARMING_UP and renderer.seconds_render - progress.seconds < WARMING_UP:
             self._passes = None  # begin again with shorter passes
         self._put(renderer, settings, serial, progress)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from wrt.develop.curves.curve import Colors
 
 DESATURATION = 0.15
@@ -21,10 +19,13 @@ def roll_off(colors: Colors, start: float) -> Colors:
         colors: (..., 3) linear values.
         start: the largest channel from which on colours are compressed, 0 to 1.
     """
-    peak = colors.max(axis=-1, keepdims=True)
-    over = np.maximum(peak, start)
+    is_bright = colors.max(axis=-1) > start
+    result = colors.copy()
+    bright = colors[is_bright]
+    peak = bright.max(axis=-1, keepdims=True)
     room = 1.0 - start
-    compressed = 1.0 - room * room / (over + room - start)
-    white = 1.0 - 1.0 / (DESATURATION * (over - compressed) + 1.0)
-    bright = colors * (compressed / over)
-    return np.where(peak <= start, colors, bright + (compressed - bright) * white)
+    compressed = 1.0 - room * room / (peak + room - start)
+    white = 1.0 - 1.0 / (DESATURATION * (peak - compressed) + 1.0)
+    bright = bright * (compressed / peak)
+    result[is_bright] = bright + (compressed - bright) * white
+    return result

@@ -264,7 +264,7 @@ export function mount(root, link, { download = null, title = true } = {}) {
     const image = await createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
     const width = state.width || image.width, height = state.height || image.height;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    context.imageSmoothingQuality = "high";
+    context.imageSmoothingQuality = header.moving ? "low" : "high";
     context.drawImage(image, 0, 0, width, height);
     image.close();
     link.send({ type: "ack", frame: header.frame });
