@@ -63,20 +63,29 @@ def _scene(name: str, options: argparse.Namespace) -> wrt.Scene:
 
 def rows(options: argparse.Namespace) -> Iterator[str]:
     """Yield the lines of the table."""
-    yield "| scene | samples | true noise / target | samples, adaptive | gain | true noise / target | brighter by |"
-    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    yield "| scene | samples | noise / target | adaptive: gain | noise | brighter by | unbiased: gain | noise |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for name in options.scenes:
         scene = _scene(name, options)
-        uniform = rendered(scene, noise=options.noise)
-        adaptive = rendered(scene, noise=options.noise, adaptive=True)
+        uniform, adaptive, unbiased = (
+            rendered(scene, noise=options.noise, adaptive=adaptive) for adaptive in (False, True, "unbiased")
+        )
         reference = rendered(scene, spp=TIMES * uniform.spp, seed=1).image()
-        noises = [true_noise(each.image(), reference) / options.noise for each in (uniform, adaptive)]
-        counts = [float(each.film.counts.mean()) for each in (uniform, adaptive)]
+        plain, biased, other = (
+            true_noise(each.image(), reference) / options.noise for each in (uniform, adaptive, unbiased)
+        )
+        gains = [float(samples(uniform) / samples(each)) for each in (adaptive, unbiased)]
         bias = float(adaptive.image().mean(dtype=np.float64) / reference.mean(dtype=np.float64)) - 1.0
         yield (
-            f"| `{name}` | {counts[0]:.0f} | {noises[0]:.2f} | {counts[1]:.0f} | {counts[0] / counts[1]:.2f} "
-            f"| {noises[1]:.2f} | {100.0 * bias:+.2f} % |"
+            f"| `{name}` | {uniform.spp} | {plain:.2f} | {gains[0]:.2f} | {biased:.2f} | {100.0 * bias:+.2f} % "
+            f"| {gains[1]:.2f} | {other:.2f} |"
         )
+
+
+def samples(renderer: wrt.Renderer) -> float:
+    """Return the samples of all pixels, those of the pilot of unbiased adaptive sampling included."""
+    pilot = 0.0 if renderer._pilot is None else float(renderer._pilot.film.counts.sum(dtype=np.float64))
+    return pilot + float(renderer.film.counts.sum(dtype=np.float64))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

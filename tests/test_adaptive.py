@@ -11,7 +11,8 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.rendering.tile_budget import SIDE, Tiles, tiles_to_stop
+from wrt.rendering.noise.pilot import one_of_each_block
+from wrt.rendering.noise.tile_budget import SIDE, Tiles, tiles_to_stop
 
 SIZE = {"width": 96, "height": 72}
 TARGET = 0.002
@@ -51,23 +52,24 @@ def test_less_work_for_the_same_noise(report: Report) -> None:
             assert len(np.unique(counts[y : y + SIDE, x : x + SIDE])) == 1
 
 
-def test_tiles_do_not_depend_on_passes_threads_or_interruptions(tmp_path: Path) -> None:
+@pytest.mark.parametrize("adaptive", [True, "unbiased"])
+def test_tiles_do_not_depend_on_passes_threads_or_interruptions(adaptive: bool | str, tmp_path: Path) -> None:
     whole = ball(threads=1)
-    expected = run(whole, noise=TARGET, adaptive=True, pass_seconds=5.0)
+    expected = run(whole, noise=TARGET, adaptive=adaptive, pass_seconds=5.0)
     other = ball(threads=2)
-    assert np.array_equal(run(other, noise=TARGET, adaptive=True, pass_seconds=1e-6), expected)
+    assert np.array_equal(run(other, noise=TARGET, adaptive=adaptive, pass_seconds=1e-6), expected)
     assert np.array_equal(other.film.counts, whole.film.counts)
     assert len(np.unique(whole.film.counts)) > 2
 
     first = ball()
-    for progress in first.passes(noise=TARGET, adaptive=True, pass_seconds=1e-6):
+    for progress in first.passes(noise=TARGET, adaptive=adaptive, pass_seconds=1e-6):
         if progress.spp >= 150:
             break
     assert len(np.unique(first.film.counts)) > 1
     first.save_checkpoint(tmp_path / "state")
     second = ball()
     second.load_checkpoint(tmp_path / "state")
-    assert np.array_equal(run(second, noise=TARGET, adaptive=True), expected)
+    assert np.array_equal(run(second, noise=TARGET, adaptive=adaptive), expected)
     assert np.array_equal(second.film.counts, whole.film.counts)
 
 
@@ -87,7 +89,7 @@ def test_a_target_is_needed() -> None:
     with pytest.raises(wrt.InputError, match="needs a target of noise"):
         ball().passes(adaptive=True)
     with pytest.raises(wrt.InputError, match="adaptive must be true or false"):
-        ball().passes(noise=0.1, adaptive="yes")  # type: ignore[arg-type]
+        ball().passes(noise=0.1, adaptive="yes")
 
 
 def test_the_last_sample_of_each_pixel_removes_as_much_error() -> None:
@@ -117,3 +119,43 @@ def test_tiles_cover_every_pixel_once() -> None:
     assert tiles.sums(np.ones((SIDE + 3) * (2 * SIDE + 1))).tolist() == tiles.pixels.tolist()
     around = tiles.around(np.arange(6.0))
     assert around[0] == pytest.approx((0 * 4 + 1 * 2 + 2 * 2 + 3) / 9)
+
+
+@pytest.mark.parametrize("adaptive", [True, "unbiased"])
+def test_with_a_pilot_the_picture_decides_nothing(adaptive: bool | str) -> None:
+    """The mean of a pixel is unbiased if its number of samples is independent of their values."""
+    clean, changed = ball(), ball()
+    run(clean, noise=TARGET, adaptive=adaptive)
+    for progress in changed.passes(noise=TARGET, adaptive=adaptive):
+        if progress.spp == 16:
+            values = changed.film.data.total.numpy()
+            values *= np.random.default_rng(2).uniform(0.9, 1.1, values.shape)
+    same = np.array_equal(changed.film.counts, clean.film.counts)
+    assert same == (adaptive == "unbiased")
+    assert clean.film.counts.min() < clean.film.counts.max()
+
+
+def test_a_pilot_takes_a_quarter_more_samples_of_its_own() -> None:
+    renderer = ball()
+    run(renderer, noise=TARGET, adaptive="unbiased")
+    assert renderer._pilot is not None
+    pilot, own = renderer._pilot.film, renderer.film
+    measured = pilot.counts > 0
+    assert measured.mean() == 0.25
+    assert np.array_equal(pilot.counts[measured], own.counts[measured])
+    means = (film.data.total.numpy().reshape(*film.counts.shape, 3)[measured] for film in (pilot, own))
+    noisy = renderer.variance().min(axis=2)[measured] > 1e-9
+    assert noisy.sum() > 100
+    assert np.equal(*means).any(axis=1)[noisy].mean() < 0.05  # at edges of the sky by chance
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (5, 4), (96, 72)])
+def test_one_pixel_of_each_block_is_measured(width: int, height: int) -> None:
+    measured = one_of_each_block(width, height).reshape(height, width)
+    padded = np.zeros((height + height % 2, width + width % 2), bool)
+    padded[:height, :width] = measured
+    blocks = padded.reshape(padded.shape[0] // 2, 2, -1, 2).sum(axis=(1, 3))
+    assert (blocks == 1).all()
+    if width > 5:
+        places = [measured[y::2, x::2].mean() for y in (0, 1) for x in (0, 1)]
+        np.testing.assert_allclose(places, 0.25, atol=0.02)

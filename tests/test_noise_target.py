@@ -11,7 +11,7 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.rendering.noise_target import NoiseEstimate
+from wrt.rendering.noise.noise_target import NoiseEstimate
 from wrt.scene.scene import RenderSettings
 
 SIZE = {"width": 32, "height": 32}

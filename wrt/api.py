@@ -254,7 +254,7 @@ def render(
     spp: int | None = None,
     time: float | None = None,
     noise: float | None = None,
-    adaptive: bool | None = None,
+    adaptive: bool | str | None = None,
     denoise: bool | None = None,
     device: str = "cpu",
     seed: int = 0,

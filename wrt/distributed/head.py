@@ -16,6 +16,7 @@ from wrt.errors import InputError
 from wrt.parts.cut import put, take
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
 from wrt.rendering.film import Film
+from wrt.rendering.noise.pilot import Pilot
 from wrt.rendering.passes import LONGEST_PASS
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera, require_camera
@@ -115,6 +116,11 @@ class DistributedRenderer(Renderer):
         self._local.film.restore(self.film.state())
         return self._local.denoised()
 
+    def _estimate_noise(self, pilot: Pilot | None) -> None:
+        if pilot is not None:
+            raise InputError("unbiased adaptive sampling is not possible on a cluster; adaptive=True is")
+        super()._estimate_noise(pilot)
+
 
 class _Remote:
     """Takes the place of a RenderKernel."""
@@ -161,7 +167,7 @@ def render(
     spp: int | None = None,
     time: float | None = None,
     noise: float | None = None,
-    adaptive: bool | None = None,
+    adaptive: bool | str | None = None,
     **options: Any,
 ) -> NDArray[np.float32]:
     """Render `source` on the workers of a Dask cluster; return what `wrt.render` does, with the same bits.

@@ -18,12 +18,13 @@ from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
 from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.noise.noise_target import NoiseEstimate
+from wrt.rendering.noise.pilot import Pilot, has_pilot
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
     from wrt.rendering.film import Film
-    from wrt.rendering.noise_target import NoiseEstimate
     from wrt.rendering.renderer import Renderer
     from wrt.scene.scene import Scene
 
@@ -178,7 +179,13 @@ class Resumable:
     film: Film
     scene: Scene
     _noise_estimate: NoiseEstimate
+    _pilot: Pilot | None
     _updated: bool
+
+    def _estimate_noise(self, pilot: Pilot | None) -> None:
+        """Estimate the noise anew, by a pilot or by the picture itself."""
+        self._pilot = pilot
+        self._noise_estimate = NoiseEstimate(self.film) if pilot is None else pilot.estimate
 
     @property
     def has_updated_vertices(self) -> bool:
@@ -194,9 +201,9 @@ class Resumable:
         """
         if self._updated:
             raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
-        write_checkpoint(
-            path, identity_of(cast("Renderer", self)), {**self.film.state(), **self._noise_estimate.state()}
-        )
+        pilot = {} if self._pilot is None else self._pilot.state()
+        arrays = {**self.film.state(), **self._noise_estimate.state(), **pilot}
+        write_checkpoint(path, identity_of(cast("Renderer", self)), arrays)
 
     @classmethod
     def resume(cls, path: PathLike, scene: Scene, *, device: str = "cpu", threads: int | None = None) -> Self:
@@ -227,7 +234,11 @@ class Resumable:
         require_same(path, header, identity_of(cast("Renderer", self)))
         try:
             self.film.check(arrays, len(self.scene.shapes))
-            self._noise_estimate.restore(arrays)
+            self._estimate_noise(Pilot(cast("Renderer", self)) if has_pilot(arrays) else None)
+            if self._pilot is None:
+                self._noise_estimate.restore(arrays)
+            else:
+                self._pilot.restore(arrays, len(self.scene.shapes))
         except InputError as error:
             raise InputError(f"{path}: damaged, {error}") from None
         self.film.restore(arrays)

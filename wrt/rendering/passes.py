@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
-from wrt.rendering.noise_target import MOST as MOST_FOR_NOISE
-from wrt.rendering.noise_target import NoiseEstimate
-from wrt.values import boolean, integer, number
+from wrt.rendering.noise.noise_target import MOST as MOST_FOR_NOISE
+from wrt.rendering.noise.noise_target import NoiseEstimate
+from wrt.scene.scene import adaptive_choice
+from wrt.values import integer, number
 
 if TYPE_CHECKING:
     from wrt.rendering.film import Film
@@ -81,7 +82,7 @@ class Limits:
     spp: int | None
     time: float | None
     noise: float | None
-    adaptive: bool
+    adaptive: bool | str
     pass_seconds: float | None
 
     @classmethod
@@ -91,7 +92,7 @@ class Limits:
         spp: int | None,
         time: float | None,
         noise: float | None,
-        adaptive: bool | None,
+        adaptive: bool | str | None,
         pass_seconds: float | None,
         *,
         renders_light: bool,
@@ -104,7 +105,7 @@ class Limits:
         if spp is None and time is None and noise is None:
             noise = settings.noise
             spp = settings.spp if noise is None else None
-        adaptive = settings.adaptive if adaptive is None else boolean(adaptive, "adaptive")
+        adaptive = settings.adaptive if adaptive is None else adaptive_choice(adaptive)
         if noise is not None:
             noise = number(noise, "noise", above=0.0, maximum=1.0)
             if not renders_light:

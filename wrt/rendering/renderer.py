@@ -25,12 +25,12 @@ from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.noise_target import NoiseEstimate
+from wrt.rendering.noise.pilot import Pilot
 from wrt.rendering.passes import Limits, Progress, run_passes
 from wrt.rendering.picture_file import write_picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
-from wrt.scene.scene import RenderSettings, Scene, Shape
+from wrt.scene.scene import UNBIASED, RenderSettings, Scene, Shape
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, outside_cameras
 from wrt.upload.filters import filter_table
@@ -125,7 +125,7 @@ class Renderer(Resumable):
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
         self._build()
-        self._noise_estimate = NoiseEstimate(self.film)
+        self._estimate_noise(None)
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._inputs = self._prepare()
         self.seconds_render, self.paths, self._updated = 0.0, 0, False
@@ -223,7 +223,7 @@ class Renderer(Resumable):
         spp: int | None = None,
         time: float | None = None,
         noise: float | None = None,
-        adaptive: bool | None = None,
+        adaptive: bool | str | None = None,
         pass_seconds: float | None = None,
     ) -> Iterator[Progress]:
         """Render until `spp` samples, `time` or `noise` is reached, whichever is first.
@@ -238,20 +238,22 @@ class Renderer(Resumable):
             time: seconds of rendering; the pass that runs then is finished.
             noise: relative noise of the whole picture, such as 0.01; see `noise`. The number of samples at which
                 rendering ends does not depend on passes, threads or interruptions.
-            adaptive: whether tiles of the picture that are good enough for this noise stop before the others. Slightly
-                biased, see docs/noise.md.
+            adaptive: whether tiles of the picture that are good enough for this noise stop before the others: slightly
+                biased, or "unbiased" for a quarter more work; see docs/noise.md.
             pass_seconds: approximate duration of a pass after the first, at most 10 s; by default a quarter of the
                 time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
                 pass there.
         """
         limits = Limits.of(self.settings, spp, time, noise, adaptive, pass_seconds, renders_light=self.renders_light)
+        if (limits.adaptive == UNBIASED) != (self._pilot is not None):
+            self._estimate_noise(Pilot(self) if limits.adaptive == UNBIASED else None)
         return run_passes(self.film, self._noise_estimate, self._trace, self._needs_short_passes, limits)
 
     def noise(self) -> float | None:
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
 
         While rendering towards a target of noise it is estimated from how the picture converges, see
-        `wrt.rendering.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
+        `wrt.rendering.noise.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
         except with the sampler "independent"; see `variance`. None while pixels have too few samples.
         """
         known = self._noise_estimate.noise_now()
@@ -264,12 +266,19 @@ class Renderer(Resumable):
         try:
             with self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
                 self._kernel.launch([target, *self._inputs], seconds_left)
+            if self._pilot is not None:
+                self._pilot.trace(self, target)
         finally:  # an interrupted pass counts, too
             seconds = time.perf_counter() - started
             paths = int(self.film.counts.sum(dtype=np.int64)) - before
             self.seconds_render += seconds
             self.paths += paths
         return seconds, paths
+
+    def trace_film(self, film: Film, target: int, seed: int) -> None:
+        """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
+        _, *inputs = self.arguments_for(film, self._kernel)
+        self._kernel.launch([target, seed, *inputs], 0.0)
 
     def _needs_short_passes(self) -> bool:
         return not self.device.is_cpu or self._kernel.is_being_compiled
@@ -374,7 +383,7 @@ class Renderer(Resumable):
 
     def _clear(self) -> None:
         self.film.clear()
-        self._noise_estimate.restore({})
+        self._estimate_noise(None)
         if self._guides is not None:
             self._guides.clear()
 

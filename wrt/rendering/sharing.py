@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any
 
 from wrt.rendering.film import Film
-from wrt.rendering.noise_target import NoiseEstimate
 from wrt.rendering.renderer import Renderer
 from wrt.upload.integrators import choose_integrator
 
@@ -30,7 +29,8 @@ def sharing(renderer: Renderer, **changes: Any) -> Renderer:
     other.integrator = choose_integrator(renderer.scene, other.settings)
     x0, y0, x1, y1 = other.crop
     other.film = Film(x1 - x0, y1 - y0, other.device, other.settings.film_layers)
-    other._noise_estimate, other._guides = NoiseEstimate(other.film), None
+    other._estimate_noise(None)
+    other._guides = None
     with other.device.compiling() as compile:
         other._choose_kernel(other._built.features, compile)
     other._inputs = other._prepare()

@@ -182,7 +182,14 @@ def _add_limits(add: Callable[..., object]) -> None:
         "--adaptive",
         action="store_true",
         default=None,
-        help="let parts of the picture that reach --noise stop before the others",
+        help="let parts of the picture that reach --noise stop before the others; slightly biased",
+    )
+    add(
+        "--adaptive-unbiased",
+        action="store_const",
+        const="unbiased",
+        dest="adaptive",
+        help="likewise without bias: a sparse second render decides which parts stop",
     )
     add("--denoise", action="store_true", help="remove noise from the picture (needs the extra wrt[denoise])")
 

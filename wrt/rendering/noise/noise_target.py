@@ -12,7 +12,7 @@ The rate a follows from the differences at n and n / 2, and it falls as n grows.
 up to about 3/4 for low-discrepancy ones.
 
 All decisions are functions of the film at powers of two of samples, so that they do not depend on passes, threads, or
-interruptions. With tiles that may stop early (`wrt.rendering.tile_budget`) the others decide alone how long they go on.
+interruptions. With tiles that may stop early (`tile_budget`) the others decide alone how long they go on.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.rendering.film import Film
-from wrt.rendering.tile_budget import Tiles, tiles_to_stop
+from wrt.rendering.noise.tile_budget import Tiles, tiles_to_stop
 
 FIRST = 8
 """The first number of samples at which noise is estimated; with fewer, whole features of a picture may be missing."""
@@ -57,15 +57,16 @@ class NoiseEstimate:
 
     Attributes:
         film: the film.
+        measured: (pixels,) bool, those of its pixels that are rendered; None for all.
         tiles: its tiles.
         spp: the last power of two of samples at which the film was observed, 0 for none.
         stopped: (tiles,) bool, those that take no more samples.
         target: noise for which they have stopped, 0 if none may.
     """
 
-    def __init__(self, film: Film) -> None:
+    def __init__(self, film: Film, measured: NDArray[np.bool_] | None = None) -> None:
         """Estimate nothing yet."""
-        self.film = film
+        self.film, self.measured = film, measured
         self.tiles = Tiles(film.width, film.height)
         self._forget()
 
@@ -168,8 +169,11 @@ class NoiseEstimate:
         """Return their smallest number of samples, and whether all their pixels have it, as but for interrupts."""
         counts = self.film.data.count.numpy()
         stopped = self.stopped_pixels()
+        chosen = self.measured
         if stopped is not None and not stopped.all():
-            counts = counts[~stopped]
+            chosen = ~stopped if chosen is None else chosen & ~stopped
+        if chosen is not None:
+            counts = counts[chosen]
         return int(counts.min()), int(counts.min()) == int(counts.max())
 
     @property

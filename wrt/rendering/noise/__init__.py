@@ -1,0 +1,1 @@
+"""How noisy a picture is, and where it needs no more samples."""
