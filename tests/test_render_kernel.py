@@ -295,7 +295,7 @@ def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
 COMPILING = """
 import os
 import sys
-from wrt.rendering.wide_kernel import main
+from wrt.compiling.wide import main
 print(main(sys.argv), os.nice(0))
 """
 

@@ -65,6 +65,11 @@ class RenderKernel:
         return self._wide_kernel().seconds
 
     @property
+    def lanes(self) -> int:
+        """Paths that the kernel of the next pass follows at once."""
+        return self._wide_kernel().lanes
+
+    @property
     def in_use(self) -> Any:
         """The kernel of the next pass."""
         return self._wide_kernel().kernel or self.scalar

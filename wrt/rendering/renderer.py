@@ -274,6 +274,11 @@ class Renderer(Resumable):
     def _needs_short_passes(self) -> bool:
         return not self.device.is_cpu or self._kernel.is_being_compiled
 
+    @property
+    def lanes(self) -> int:
+        """Paths that the kernel of the next pass follows at once: 1 for the scalar one, which CUDA has too."""
+        return self._kernel.lanes
+
     def compile(self) -> float:
         """Compile the wide kernel now, which makes passes faster, and return the seconds that it took.
 
