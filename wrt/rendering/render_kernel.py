@@ -34,6 +34,10 @@ class RenderKernel:
         for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building())):
             compile(kernel)
 
+    def expect(self, seconds: float) -> None:
+        """Load the wide kernel before the first pass, if that is quick, for a render that takes so long at least."""
+        self._wide_kernel().expect(seconds)
+
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
         wide = self._wide_kernel()

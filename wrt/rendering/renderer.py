@@ -245,6 +245,7 @@ class Renderer(Resumable):
                 pass there.
         """
         limits = Limits.of(self.settings, spp, time, noise, adaptive, pass_seconds, renders_light=self.renders_light)
+        self._kernel.expect(limits.least_seconds(self.film))
         return run_passes(self.film, self._noise_estimate, self._trace, self._needs_short_passes, limits)
 
     def noise(self) -> float | None:

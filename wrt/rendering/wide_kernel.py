@@ -91,6 +91,12 @@ class WideKernel:
                 self._is_requested = True
                 self._request = self._for_later()()
 
+    def expect(self, seconds: float) -> None:
+        """Load the kernel if it is compiled, loads quickly, and at least so many seconds are to be rendered."""
+        quick = self._device.backend.builds is not None and seconds > COMPILED_LOADING_SECONDS
+        if quick and self.kernel is None and self._is_usable() and self._is_compiled():
+            self._load()
+
     @property
     def lanes(self) -> int:
         """Paths that the kernel follows at once; 1, as for the scalar kernel, while it is not loaded."""
