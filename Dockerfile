@@ -7,7 +7,7 @@ FROM python:3.12-slim
 COPY . /src
 RUN pip install --no-cache-dir '/src[dask]' && rm -rf /src
 
-# Kernels are compiled at the first render of their kind; mount a volume here to keep them.
+# Kernels are compiled at the first render of their kind, or by `wrt compile SCENE`; mount a volume here to keep them.
 ENV XDG_CACHE_HOME=/cache WARP_CACHE_PATH=/cache/warp
 RUN mkdir -m 1777 /cache
 WORKDIR /work

@@ -17,8 +17,7 @@ class Features:
         textured: whether any value comes from an image or from vertex colours.
         mipmapped: whether any image has mip levels.
         environment: "none", "constant" or "image".
-        opacity: whether each hit chooses a material at random: some material has an opacity below 1, is a mixture, or
-            has two sides.
+        opacity: whether some material has an opacity below 1, so that rays may pass its surface; any may be composite.
         tangents: whether any material depends on the direction of the texture coordinates.
         sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`).
         instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
@@ -34,6 +33,8 @@ class Features:
         guides: whether albedo and normals are the guides of a denoiser, which look through glass and into mirrors.
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
         nested: whether media have priorities, so that bodies may overlap or contain one another.
+        composite: without `opacity`: "none" where no material has parts, "sides" where front and back may differ, or
+            "mixed" where hits choose parts of mixtures at random.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
     """
 
@@ -56,6 +57,12 @@ class Features:
     nested: bool = False
     uv2_alpha: bool = False
     mipmapped: bool = False
+    composite: str = "none"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether each hit chooses a material at random."""
+        return self.opacity or self.composite == "mixed"
 
     @property
     def bodies(self) -> bool:

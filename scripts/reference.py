@@ -28,7 +28,16 @@ from wrt.io.toml.schema import scene_schema
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Loading and rendering": ("load", "render", "render_views", "View", "Renderer", "Progress"),
+    "Loading and rendering": (
+        "load",
+        "render",
+        "render_views",
+        "View",
+        "Renderer",
+        "Progress",
+        "precompile",
+        "Precompiled",
+    ),
     "Several machines": ("Part", "merge", "Merged"),
     "Scenes": ("Scene", "Shape", "RenderSettings"),
     "Meshes": ("Mesh", "load_mesh", "box", "sphere", "quad", "polygon"),

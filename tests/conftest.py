@@ -18,6 +18,7 @@ _MEASURED = "measured"
 
 # Long renders are stopped early, so no wide kernels are compiled for them. Some tests request one.
 os.environ["WRT_WIDE"] = "0"
+os.environ["WRT_BACKGROUND"] = "0"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -7,12 +7,13 @@ import contextlib
 import json
 import re
 import shlex
+import threading
 from pathlib import Path
 
 import benchmark
 import numpy as np
 import pytest
-from benchmarks import agreement, checkouts, figures, measure, render, report, scaling, scenes
+from benchmarks import agreement, checkouts, figures, found, measure, render, report, scaling, scenes
 from conftest import ROOT, Report
 from peers import peer
 from peers.picture_tests import image_z_test
@@ -250,6 +251,32 @@ def test_checkouts_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[st
     with pytest.raises(SystemExit, match="seconds of CPU"):
         benchmark.main(["checkouts", str(tmp_path), *options])
     assert checkouts.quartiles([3.0]) == (3.0, 3.0, 3.0)
+
+
+def test_scenes_of_others_that_are_not_there_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    saved = tmp_path / "found.json"
+    assert benchmark.main(["found", "--folder", str(tmp_path), "--scenes", "cbox", "--json", str(saved)]) == 0
+    assert capsys.readouterr().err == "cbox: not there, and left out\n"
+    assert json.loads(saved.read_text())["rows"] == []
+
+
+def test_scenes_that_cannot_be_fetched_are_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(found, "SOURCE", (tmp_path / "nothing").as_uri())
+    assert benchmark.main(["found", "--scenes", "cbox"]) == 0
+    assert "cannot be fetched" in capsys.readouterr().err
+
+
+def test_the_compiler_of_later_renders_is_waited_for(tmp_path: Path) -> None:
+    requests = tmp_path / "wrt" / "requests"
+    found.wait_for_compiler(tmp_path)
+    requests.mkdir(parents=True)
+    (begun := requests / "a.begun").touch()
+    timer = threading.Timer(0.3, begun.unlink)
+    timer.start()
+    found.wait_for_compiler(tmp_path)
+    assert not begun.exists()
 
 
 def test_what_a_renderer_said_last_is_told(tmp_path: Path) -> None:

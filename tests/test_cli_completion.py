@@ -16,7 +16,19 @@ from wrt.scene.scene import INTEGRATORS, SAMPLERS
 SCENES = ["cornell-box", "many-triangles", "still-life", "teapot"]
 
 EXPECTED = {
-    "wrt ": ["completion", "convert", "develop", "info", "materials", "merge", "render", "scenes", "schema", "view"],
+    "wrt ": [
+        "compile",
+        "completion",
+        "convert",
+        "develop",
+        "info",
+        "materials",
+        "merge",
+        "render",
+        "scenes",
+        "schema",
+        "view",
+    ],
     "wrt ren": ["render"],
     "wrt render ": sorted([*SCENES, "bunny.obj", "room.toml", "sub/", "two words.ply"]),
     "wrt render bu": ["bunny.obj"],
@@ -32,6 +44,8 @@ EXPECTED = {
     "wrt render teapot --spp ": [],
     "wrt materials rough-": ["rough-conductor", "rough-dielectric", "rough-plastic"],
     "wrt info bu": ["bunny.obj"],
+    "wrt compile bu": ["bunny.obj"],
+    "wrt compile teapot --integrator ": sorted(INTEGRATORS),
     "wrt completion ": ["bash", "fish", "zsh"],
 }
 

@@ -24,8 +24,10 @@ from wrt.backend.device import Device
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
 from wrt.backend.processor import processor_flags
 from wrt.rendering import wide_kernel as wide
+from wrt.rendering.passes import FASTEST, Limits
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.rendering.wide_kernel import (
+    COMPILED_LOADING_SECONDS,
     COMPILING_SECONDS,
     LOADING_SECONDS,
     WideKernel,
@@ -134,6 +136,42 @@ def test_a_thread_rests_while_it_is_compiled(
     started[0].returncode = 1
     kernel.launch([], math.inf)
     assert rested == [0, 1, 1, 0]
+
+
+def test_what_loads_quickly_is_loaded_before_the_first_pass(
+    notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But nothing is compiled on a guess; and Warp's backend must generate code first."""
+    kernel = kernel_of(renderer)
+    notes.compiled = True
+    kernel.expect(math.inf)
+    assert kernel.kernel is None
+    monkeypatch.setattr(renderer.device.backend, "builds", notes)
+    kernel.expect(COMPILED_LOADING_SECONDS / 2)
+    assert kernel.kernel is None
+    notes.compiled = False
+    kernel.expect(math.inf)
+    assert (kernel.kernel, started) == (None, [])
+    notes.compiled = True
+    kernel.expect(COMPILED_LOADING_SECONDS * 2)
+    assert (kernel.kernel, started) == ("loaded", [])
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ({"spp": 64}, 64 * 20 * 19 / (2 * FASTEST)),
+        ({"spp": 10**9, "time": 5.0}, 5.0),
+        ({"time": 60.0}, 60.0),
+        ({"noise": 0.01}, 0.0),
+        ({"noise": 0.01, "time": 60.0}, 0.0),
+    ],
+)
+def test_a_guess_of_seconds_is_a_lower_bound(limits: dict[str, float], expected: float) -> None:
+    renderer = wrt.Renderer(wrt.load("cornell-box"), width=20, height=19, threads=2)
+    given: dict[str, Any] = {"spp": None, "time": None, "noise": None, "adaptive": None, "pass_seconds": None, **limits}
+    found = Limits.of(renderer.settings, **given, renders_light=True).least_seconds(renderer.film)
+    assert found == pytest.approx(expected)
 
 
 def test_what_is_compiled_is_loaded_at_once(notes: Noted, renderer: wrt.Renderer) -> None:
@@ -295,7 +333,7 @@ def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
 COMPILING = """
 import os
 import sys
-from wrt.rendering.wide_kernel import main
+from wrt.compiling.wide import main
 print(main(sys.argv), os.nice(0))
 """
 

@@ -14,6 +14,8 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part
+from wrt.precompiling import Precompiled as Precompiled
+from wrt.precompiling import precompile as precompile
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.passes import Progress as Progress

@@ -8,7 +8,7 @@ from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.geometry.surface import Surface, align_tangents, leave, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.sampling.sampler import Sampler, make_sample_4d, passed_block
-from wrt.kernels.scene.materials import MOST_PASSED, PASSED_THROUGH, make_choose_material
+from wrt.kernels.scene.materials import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.textures.footprint import sample_footprint
@@ -29,7 +29,7 @@ class FirstSurface:
     rays: int
 
 
-@specialised("sampler", "instances", "textured", "uv2_alpha", "mipmapped", "opacity", "tangents")
+@specialised("sampler", "instances", "textured", "uv2_alpha", "mipmapped", "opacity", "composite", "tangents")
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.
 
@@ -42,7 +42,7 @@ def make_first_surface(features: Features) -> wp.Function:
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
     textured = features.textured
-    opacity = features.opacity
+    opacity, sides, mixed = features.opacity, features.composite == "sides", features.mixed
     tangents = features.tangents
     mipmapped = features.mipmapped
 
@@ -66,9 +66,12 @@ def make_first_surface(features: Features) -> wp.Function:
                 width = pixel_footprint[0] + pixel_footprint[1] * (first.distance + hit.t)
                 surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, sampler.index)
             first.material = scene.shapes[surface.shape].material
-            if wp.static(opacity):
+            if wp.static(sides):
+                first.material = material_of_side(scene, first.material, surface)
+            if wp.static(mixed):
                 u = sample_4d(sampler, passed_block(1, first.rays - 1))
                 first.material = choose_material(scene, first.material, surface, u[0])
+            if wp.static(opacity):
                 if first.material == PASSED_THROUGH:
                     beyond = leave(surface, -1.0)
                     first.distance = first.distance + wp.length(beyond - ray.origin)

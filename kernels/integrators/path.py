@@ -52,7 +52,8 @@ def make_trace_path(features: Features) -> wp.Function:
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
-    opacity, nested, light_shapes = features.opacity, features.nested, bool(features.light_shapes)
+    opacity, mixed, nested = features.opacity, features.mixed, features.nested
+    light_shapes = bool(features.light_shapes)
     media, scattering, bodies = features.media != "none", features.media == "scattering", features.bodies
     clamped, panes, attenuates_shadows = features.clamped, has_panes(features.models), can_attenuate_shadows(features)
 
@@ -75,7 +76,7 @@ def make_trace_path(features: Features) -> wp.Function:
                 hit = or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
-            if wp.static(opacity or panes or scattering):
+            if wp.static(mixed or panes or scattering):
                 u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
 
             # ---- Medium
@@ -139,7 +140,6 @@ def make_trace_path(features: Features) -> wp.Function:
                     path.radiance += shadow_radiance
             if path.is_done:
                 break
-
         result = path_result(path, settings.clamp_indirect)
         return result
 

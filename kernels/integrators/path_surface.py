@@ -30,6 +30,7 @@ from wrt.kernels.scene.materials import (
     make_choose_material,
     make_is_pane,
     make_with_index,
+    material_of_side,
 )
 from wrt.kernels.scene.scene_data import BodyStack, SceneData
 from wrt.kernels.specialise import specialised
@@ -70,6 +71,7 @@ def cone_width(footprint: wp.vec2, distance: float) -> float:
 def make_surface_vertex(features: Features) -> wp.Function:
     """Return the stage (scene, path, hit, u_material, sampler) -> SurfaceVertex, the vertex at a path's nearest hit."""
     bodies, nested, opacity = features.bodies, features.nested, features.opacity
+    sides, mixed = features.composite == "sides", features.mixed
     textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
     surface_at = make_surface_at(features.instances)
     meet = make_meet(features.instances)
@@ -108,10 +110,13 @@ def make_surface_vertex(features: Features) -> wp.Function:
             if width > 0.0:
                 surface.footprint = sample_footprint(scene, hit, surface, path.ray.direction, width, sampler.index)
         vertex.material = scene.shapes[surface.shape].material
-        if wp.static(opacity):
+        if wp.static(sides):
+            vertex.material = material_of_side(scene, vertex.material, surface)
+        if wp.static(mixed):
             if vertex.is_solid:
                 vertex.material = choose_material(scene, vertex.material, surface, u_material)
-                vertex.is_solid = vertex.material != PASSED_THROUGH
+                if wp.static(opacity):
+                    vertex.is_solid = vertex.material != PASSED_THROUGH
         vertex.hit = hit
         vertex.surface = surface
         return vertex

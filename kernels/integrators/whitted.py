@@ -323,7 +323,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     medium_segment = make_medium_segment(features.media)
     hit_seen = make_hit_seen(features)
     emission_at = make_lights(features).emission_at
-    opacity, nested = features.opacity, features.nested
+    opacity, composite, nested = features.opacity, features.mixed or features.composite == "sides", features.nested
     bodies, media = features.bodies, features.media != "none"
     rows_type, row_of, ray_of = make_waiting_rays(bodies)
 
@@ -367,7 +367,7 @@ def make_trace_tree(features: Features) -> wp.Function:
                     leaves.left = 0
                     leaves.passed = 1.0
             while leaves.left > 0:
-                if wp.static(opacity):
+                if wp.static(composite):
                     leaves = next_leaf(scene, leaves, surface)
                     if leaves.share == 0.0:
                         continue

@@ -60,6 +60,15 @@ def make_choose_material(uv2_alpha: bool = False, mipmapped: bool = False) -> wp
     return choose_material
 
 
+@wp.func
+def material_of_side(scene: SceneData, material: int, surface: Surface) -> int:
+    """Return the material on the side of a surface that is seen; there must be no mixtures, and no holes."""
+    number = int(material)
+    while scene.materials[number].kind != MATERIAL_MODEL:
+        number = wp.where(surface.front, scene.materials[number].first, scene.materials[number].second)
+    return number
+
+
 @wp.struct
 class Leaves:
     """A traversal of a material's parts: those still `left` to visit, and the current one.

@@ -26,6 +26,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "an image around": {"environment": "image"},
     "textures": {"textured": True},
     "opacity and mixtures": {"opacity": True},
+    "mixtures": {"composite": "mixed"},
+    "two sides": {"composite": "sides"},
     "normal maps or brushed surfaces": {"tangents": True},
     "lights with shapes": {"light_shapes": LIGHT_SHAPES},
     "many lights": {"light_tree": True},

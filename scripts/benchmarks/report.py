@@ -265,6 +265,21 @@ class Section:
     text: Callable[[Row], str]
 
 
+def found_text(result: Row) -> str:
+    """Return the table of `found`."""
+    head = ("scene", "spp", "seconds of CPU, wrt", "Mitsuba", "Mitsuba / wrt", "seconds, wrt", "Mitsuba")
+    rows = []
+    for row in result["rows"]:
+        own, other = row["programs"]["wrt"], row["programs"]["mitsuba"]
+        cpu = (f"{own['cpu_seconds']:.2f}", f"{other['cpu_seconds']:.2f}", f"{row['ratio']:.2f}")
+        rows.append((f"`{row['scene']}`", str(row["spp"]), *cpu, f"{own['seconds']:.2f}", f"{other['seconds']:.2f}"))
+    for spp in dict.fromkeys(row["spp"] for row in result["rows"]):
+        mean = geometric_mean(row["ratio"] for row in result["rows"] if row["spp"] == spp)
+        rows.append(("geometric mean", str(spp), "", "", f"**{mean:.2f}**", "", ""))
+    said = f"On {result['machine']}, {result['cores']} cores; pictures of {result['size']} x {result['size']} pixels."
+    return f"{said}\n\n{table(head, rows)}"
+
+
 SECTIONS = {
     "render": (
         Section(PAGE, "render", render_text),
@@ -272,6 +287,7 @@ SECTIONS = {
     ),
     "scaling": (Section(NOTES / "scaling.md", "scaling", scaling_text),),
     "profile": (Section(NOTES / "profile.md", "profile", profile_text),),
+    "found": (Section(PAGE, "found", found_text),),
     "compile": (Section(NOTES / "compiling.md", "compile", compile_text),),
 }
 """What writes the tables of the documentation, by the benchmark."""

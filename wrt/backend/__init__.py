@@ -69,13 +69,24 @@ def leave_compiled() -> None:
 
 def finish() -> None:
     """After the last render, note the kernels that Warp has compiled, for later processes."""
-    from wrt.backend.warp_backend import WarpBackend
-
-    if isinstance(_backend, WarpBackend) and _builds is not None:
-        from wrt.backend.recording import compiled_by_warp
-
-        _builds.note(compiled_by_warp(_backend))
-    elif _backend is not None:
+    if not _note(_builds) and _backend is not None:
         from wrt.backend.cache_folders import remove_leftovers
 
         remove_leftovers()
+
+
+def note_compiled() -> None:
+    """Note the kernels that Warp has compiled in this process, whatever it is, for processes of the command line."""
+    _note(_builds or Builds.known())
+
+
+def _note(builds: Builds | None) -> bool:
+    """Note what Warp has compiled, if it has; return whether there is a place for notes."""
+    from wrt.backend.warp_backend import WarpBackend
+
+    if not isinstance(_backend, WarpBackend) or builds is None:
+        return False
+    from wrt.backend.recording import compiled_by_warp
+
+    builds.note(compiled_by_warp(_backend))
+    return True

@@ -18,6 +18,7 @@ import importlib.util
 import os
 import sys
 import warnings
+from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,19 @@ from wrt.backend.cache_folders import ROOM, locked, put, say_unwritable, work_fo
 
 DIGEST = ".digest"
 """Suffix of the file with two digests: that of a binary, and that of Warp's `.meta` file."""
+
+
+_collected: list[set[str]] = []
+
+
+@contextlib.contextmanager
+def compiled_modules() -> Iterator[set[str]]:
+    """Yield a set to which this process adds the names of the modules that it compiles within the context."""
+    _collected.append(names := set[str]())
+    try:
+        yield names
+    finally:
+        _collected[:] = [each for each in _collected if each is not names]
 
 
 class State(Enum):
@@ -165,6 +179,8 @@ class Build:
         try:
             self._module._compile(self._device, folder, self.binary, arch, options=options)
             seal(folder / self.binary, folder / self.meta)
+            for names in _collected:
+                names.add(str(self._module.name))
         except Exception as error:
             room = os.statvfs(folder.parent)
             if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):

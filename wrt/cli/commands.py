@@ -143,3 +143,41 @@ def _convert(options: argparse.Namespace) -> None:
     with short_warnings(warn):
         scene = load(options.source, up=options.up, confined=options.confined)
         save_scene(options.output, scene, force=options.force)
+
+
+def compile(options: argparse.Namespace) -> int:
+    """Compile what renders of the scenes need; return the highest exit status."""
+    from wrt import backend
+    from wrt.cli.exit_status import outcome
+    from wrt.cli.signals import Interrupts
+    from wrt.progress.bar import short_warnings
+
+    worst, nothing = 0, "before everything was compiled"
+    ending = (lambda status: give_up(status, nothing)) if options.own_process else None
+    with Interrupts(ending) as interrupts, short_warnings(warn):
+        if options.own_process and options.device == "cpu":
+            backend.prefer_compiled()
+        try:
+            for source in options.inputs:
+                options.input = source
+                several = source if len(options.inputs) > 1 else ""
+                worst = max(worst, outcome(lambda: _compile(options), name=several))
+        except KeyboardInterrupt:
+            complain("stopped", nothing)
+            worst = interrupts.exit_status
+        backend.finish()
+    return worst
+
+
+def _compile(options: argparse.Namespace) -> int:
+    """Compile what a render of the input needs, and say what was compiled."""
+    from wrt import backend
+    from wrt.backend.kernel_cache import compiled_modules
+    from wrt.cli.load import load_input, make_renderer
+    from wrt.precompiling import precompiled
+
+    with compiled_modules() as modules:
+        scene = backend.prepare(lambda: load_input(options))
+        renderer = backend.prepare(lambda: make_renderer(options, scene))
+    _say(f"{options.input}: {precompiled(renderer, tuple(sorted(modules)))}")
+    return 0

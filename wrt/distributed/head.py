@@ -125,10 +125,13 @@ class DistributedRenderer(Renderer):
 class _Remote:
     """Takes the place of a RenderKernel."""
 
-    is_being_compiled, seconds_beside = False, 0.0
+    is_being_compiled, seconds_beside, lanes = False, 0.0, 1
 
     def __init__(self, renderer: DistributedRenderer) -> None:
         self._renderer = renderer
+
+    def expect(self, seconds: float) -> None:
+        """Do nothing: workers load what they need."""
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Bring every pixel to the number of samples that is the first of the inputs."""

@@ -192,6 +192,11 @@ class Resumable:
         """Whether vertices were updated, so that the picture is no longer that of `scene`."""
         return self._updated
 
+    def _decide_by_pilot(self, wanted: bool) -> None:
+        """Let a pilot decide where rendering stops, or the picture itself; keep what is there."""
+        if wanted != (self._pilot is not None):
+            self._estimate_noise(Pilot(cast("Renderer", self)) if wanted else None)
+
     def save_checkpoint(self, path: PathLike) -> None:
         """Write everything needed to resume, atomically. An existing file is replaced only if it is a checkpoint.
 

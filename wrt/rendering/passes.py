@@ -34,6 +34,9 @@ SHARE = 0.25
 LONGEST_PASS = 10.0
 """Most seconds of a pass; an interrupt takes effect after a sixteenth of it."""
 
+FASTEST = 3.0e6
+"""Camera paths a second of a thread, which few scenes reach."""
+
 SAMPLES_TOGETHER = 16
 """Longer passes take a multiple of this many samples: the wide kernel traces as many of one pixel at once."""
 
@@ -119,6 +122,14 @@ class Limits:
             adaptive=adaptive,
             pass_seconds=None if pass_seconds is None else number(pass_seconds, "pass_seconds", above=0.0),
         )
+
+    def least_seconds(self, film: Film) -> float:
+        """Return seconds that rendering will take at least, before anything is known about the scene."""
+        limited = math.inf if self.time is None else self.time
+        if self.noise is not None:
+            return 0.0
+        left = math.inf if self.spp is None else self.spp - int(film.counts.min())
+        return min(left * film.pixels / (FASTEST * film.device.threads), limited)
 
     def goal(self, estimate: NoiseEstimate, done: int, is_even: bool) -> _Goal:
         """Return the goal after `done` samples per pixel, which all pixels that go on have if `is_even`."""

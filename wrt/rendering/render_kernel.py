@@ -34,6 +34,10 @@ class RenderKernel:
         for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building())):
             compile(kernel)
 
+    def expect(self, seconds: float) -> None:
+        """Load the wide kernel before the first pass, if that is quick, for a render that takes so long at least."""
+        self._wide_kernel().expect(seconds)
+
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
         wide = self._wide_kernel()
@@ -63,6 +67,11 @@ class RenderKernel:
     def seconds_beside(self) -> float:
         """Seconds that another process has spent compiling the wide kernel so far."""
         return self._wide_kernel().seconds
+
+    @property
+    def lanes(self) -> int:
+        """Paths that the kernel of the next pass follows at once."""
+        return self._wide_kernel().lanes
 
     @property
     def in_use(self) -> Any:

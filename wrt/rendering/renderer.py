@@ -25,7 +25,6 @@ from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.noise.pilot import Pilot
 from wrt.rendering.passes import Limits, Progress, run_passes
 from wrt.rendering.picture_file import write_picture
 from wrt.rendering.render_kernel import RenderKernel
@@ -245,8 +244,8 @@ class Renderer(Resumable):
                 pass there.
         """
         limits = Limits.of(self.settings, spp, time, noise, adaptive, pass_seconds, renders_light=self.renders_light)
-        if (limits.adaptive == UNBIASED) != (self._pilot is not None):
-            self._estimate_noise(Pilot(self) if limits.adaptive == UNBIASED else None)
+        self._decide_by_pilot(limits.adaptive == UNBIASED)
+        self._kernel.expect(limits.least_seconds(self.film))
         return run_passes(self.film, self._noise_estimate, self._trace, self._needs_short_passes, limits)
 
     def noise(self) -> float | None:
@@ -282,6 +281,11 @@ class Renderer(Resumable):
 
     def _needs_short_passes(self) -> bool:
         return not self.device.is_cpu or self._kernel.is_being_compiled
+
+    @property
+    def lanes(self) -> int:
+        """Paths that the kernel of the next pass follows at once: 1 for the scalar one, which CUDA has too."""
+        return self._kernel.lanes
 
     def compile(self) -> float:
         """Compile the wide kernel now, which makes passes faster, and return the seconds that it took.

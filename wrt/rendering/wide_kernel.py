@@ -1,4 +1,4 @@
-"""The wide render kernel for CPUs: whether to compile it, in another process, and when to switch to it.
+"""The wide render kernel for CPUs: whether to have it compiled, by another process, and when to switch to it.
 
 `wrt/spmd` translates the scalar kernel to it. Films have the same bits, so a picture can switch from one to the other
 between two passes. The wide kernel takes longer to compile; until it is loaded, the scalar one renders.
@@ -7,16 +7,14 @@ between two passes. The wide kernel takes longer to compile; until it is loaded,
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import dataclasses
-import json
 import math
 import os
-import signal
 import subprocess
 import sys
 import time
 import weakref
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,25 +22,22 @@ from wrt.backend import cache_folders, current_backend
 from wrt.backend.builds import Builds, NotCompiled
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
-from wrt.backend.recording import call_name, compiled_by_warp
+from wrt.compiling import later, wide
 
 LOADING_SECONDS, COMPILED_LOADING_SECONDS = 2.0, 0.3
 """Skip loading if fewer than this many seconds remain to render. Warp must generate the code again (0.5 s); the
 compiled backend need not."""
 
 COMPILING_SECONDS = 30.0
-"""Skip compiling if fewer than this many seconds remain to render: it takes 8 to 20 s of one core.
+"""Compile for the next render, at the lowest priority, if fewer than this many seconds remain: it takes 8 to 20 s of
+one core.
 
-The compiler runs at normal priority, and one render thread is left idle for it. At a lower priority (`nice`) on two
-cores, it had not finished after 60 s (Cornell box: 232 samples; 343 at normal priority, even with no thread idle)."""
+For a longer render the compiler runs at normal priority, and one render thread is left idle for it. At a lower priority
+(`nice`) on two cores, it had not finished after 60 s (Cornell box: 232 samples; 343 at normal priority, even with no
+thread idle)."""
 
 MOST_BYTES = 2**31 - 1
 """Largest array that the kernel can read, because its offsets are 32-bit numbers."""
-
-_PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
-
-_MAKE = "wrt.spmd.kernel", "make_wide_render_kernel"
-"""Module and name of the function that declares the kernel for some features and lanes."""
 
 _UNLIKE_PATHS = ("whitted", "ao", "aov")
 """Integrators whose kernels do not trace paths."""
@@ -67,9 +62,14 @@ class WideKernel:
         self._builds: Builds | None = None
         self._compiling_since: float | None = None
         self._seconds = 0.0
+        self._is_requested = False
+        self._request: Path | None = None
 
     def prepare(self, seconds_left: float) -> None:
-        """Load the kernel, or start compiling it, if enough seconds remain to render."""
+        """Load the kernel if enough seconds remain to render; if it is not compiled, have it compiled.
+
+        Where many seconds remain, it is compiled for this render, else for the next one.
+        """
         if self._possible is False or self.kernel is not None:
             return
         if self._compiler is not None:
@@ -80,10 +80,27 @@ class WideKernel:
             seconds_left > (LOADING_SECONDS if self._device.backend.builds is None else COMPILED_LOADING_SECONDS)
             and self._is_usable()
         ):
+            if self._builds is not None and self._request is not None and later.is_done(self._request):
+                self._request = None
+                self._builds.refresh()
             if self._is_compiled():
                 self._load()
             elif seconds_left > COMPILING_SECONDS:
                 self._compile()
+            elif not self._is_requested:
+                self._is_requested = True
+                self._request = self._for_later()()
+
+    def expect(self, seconds: float) -> None:
+        """Load the kernel if it is compiled, loads quickly, and at least so many seconds are to be rendered."""
+        quick = self._device.backend.builds is not None and seconds > COMPILED_LOADING_SECONDS
+        if quick and self.kernel is None and self._is_usable() and self._is_compiled():
+            self._load()
+
+    @property
+    def lanes(self) -> int:
+        """Paths that the kernel follows at once; 1, as for the scalar kernel, while it is not loaded."""
+        return 1 if self.kernel is None else self._lanes
 
     @property
     def is_being_compiled(self) -> bool:
@@ -115,46 +132,46 @@ class WideKernel:
         return self._possible
 
     def _is_compiled(self) -> bool:
-        call = call_name(*_MAKE, (self._features, self._lanes))
-        return self._builds is not None and self._builds.has(call)
+        return self._builds is not None and self._builds.has(wide.name_of_wide(self._features, self._lanes))
 
     def _load(self) -> None:
         self._possible = False  # do not try again, whatever happens
         with contextlib.suppress(NotCompiled, OSError):  # the scalar kernel continues, with the same bits
-            kernel = self._device.backend.call(*_MAKE, self._features, self._lanes)
+            kernel = self._device.backend.call(*wide.MAKE, self._features, self._lanes)
             self.tile = self._device.backend.kernels("wrt.kernels.native.constants").TILE
             self._device.compile(kernel)
             self.kernel = kernel
 
     def _compile(self) -> None:
         """Start compiling the kernel in another process."""
-        package = str(Path(__file__).resolve().parents[2])
-        features = json.dumps(dataclasses.asdict(self._features))
-        # `-m` would import a `wrt` in the user's current folder.
-        module = f"from {__name__} import main"
-        begin = f"import sys; sys.path[0] = {package!r}; {module}; sys.exit(main(sys.argv))"
         try:
-            command = [sys.executable, "-c", begin, features, str(self._lanes), str(os.getpid()), *self._folders()]
+            given = [wide.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
         except OSError:  # no folder has room
             self._possible = False
             return
         nothing = subprocess.DEVNULL
         try:
+            command = wide.command(wide.__name__, *given)
             self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
         except (OSError, TypeError):  # TypeError if sys.executable is None
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
-        weakref.finalize(self, _end, self._compiler)  # nothing else would end it
+        weakref.finalize(self, _end, self._compiler, self._for_later())  # nothing else would end it
+
+    def _for_later(self) -> Callable[[], Path | None]:
+        """Return a function, which does not refer to this object, that requests the kernel for the next render."""
+        if self._builds is not None:
+            with contextlib.suppress(FileNotFoundError):  # nothing that is compiled could be kept
+                return partial(later.request, self._features, self._lanes, self._builds, self._kernels_folder())
+        return lambda: None
 
     def _folders(self) -> list[str]:
         """Return the folders for the compiler's work, for its kernels, and for notes if their usual folder fails."""
         work = cache_folders.work_folder()
         folders = [work, work / "warp", work / "wrt"]
         try:
-            warp = sys.modules.get("warp")
-            known = warp and warp.config.kernel_cache_dir
-            kernels = Path(known).parent if known else cache_folders.warp_folder()  # Warp adds its version to the path
+            kernels = self._kernels_folder()
             cache_folders.require_writable(kernels / self._device.backend.version)
             folders[1] = kernels
         except OSError as error:
@@ -162,6 +179,16 @@ class WideKernel:
         if self._builds is not None:
             self._builds.folders.append(folders[2])
         return [str(folder) for folder in folders]
+
+    def _kernels_folder(self) -> Path:
+        """Return Warp's folder of compiled kernels, without its version.
+
+        Raises:
+            FileNotFoundError: when this user has no home folder.
+        """
+        warp = sys.modules.get("warp")
+        known = warp and warp.config.kernel_cache_dir
+        return Path(known).parent if known else cache_folders.warp_folder()  # Warp adds its version to the path
 
     def _compiled(self) -> None:
         """Record the result of compiling."""
@@ -172,9 +199,12 @@ class WideKernel:
         self._possible = self._is_compiled()
 
 
-def _end(compiler: subprocess.Popen[bytes]) -> None:
-    compiler.kill()
-    compiler.wait()
+def _end(compiler: subprocess.Popen[bytes], for_later: Callable[[], Path | None]) -> None:
+    """End the compiler of a render that ends before it; the next render gets the kernel nevertheless."""
+    if compiler.poll() is None:
+        compiler.kill()
+        compiler.wait()
+        for_later()
 
 
 def largest_array(record: Any) -> int:
@@ -186,52 +216,3 @@ def largest_array(record: Any) -> int:
         elif name != "bvh":
             most = max(most, largest_array(value))
     return most
-
-
-def main(arguments: list[str]) -> int:
-    """Compile the kernel for features given as JSON, and note it for other processes.
-
-    The arguments are the program's name, the features, the lanes, the id of the parent process, and the folders of
-    `WideKernel._folders`. This process ends with its parent. Concurrent processes compile one after the other.
-    """
-    import warp as wp
-
-    from wrt.backend.warp_backend import WarpBackend
-    from wrt.kernels.features import Features
-
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches every process of the terminal's foreground group
-    _end_with_parent()
-    if os.getppid() != int(arguments[3]):
-        return 1  # the parent ended before the line above
-    if arguments[4:]:
-        work, kernels, notes = map(Path, arguments[4:])
-        cache_folders.work_within(work)
-        wp.config.kernel_cache_dir = str(kernels)
-    described, lanes = json.loads(arguments[1]), int(arguments[2])
-    features = Features(
-        **{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()}
-    )
-    builds = Builds.known()
-    if builds is None:
-        return 1
-    if arguments[4:]:
-        builds.folders.append(notes)
-    with builds.alone():
-        builds.refresh()
-        if not builds.has(call_name(*_MAKE, (features, lanes))):
-            backend = WarpBackend()
-            backend.kernels("wrt.kernels.native.constants")
-            Device("cpu").compile(backend.call(*_MAKE, features, lanes))
-            builds.note(compiled_by_warp(backend))
-    return 0
-
-
-def _end_with_parent() -> None:
-    """Ask the system to kill this process when its parent ends for any reason."""
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)
-    if prctl is not None:
-        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a background job may ignore other signals
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv))

@@ -120,6 +120,7 @@ def build_scene(
         materials.textured,
         environment_kind(environment),
         opacity=materials.opacity,
+        composite=materials.composite,
         tangents=materials.tangents,
         light_shapes=lights.shape_models,
         instances=layout.kind,

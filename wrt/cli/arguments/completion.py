@@ -24,12 +24,12 @@ def complete(parser: argparse.ArgumentParser) -> None:
     """Print the completions that the shell asks for, and end the process."""
     import argcomplete
 
-    render, convert = (commands_of(parser)[name] for name in ("render", "convert"))
-    for command in (render, convert, commands_of(parser)["info"]):
+    render, convert, compile = (commands_of(parser)[name] for name in ("render", "convert", "compile"))
+    for command in (render, convert, compile, commands_of(parser)["info"]):
         for action in command._actions:
             if action.dest in ("inputs", "source"):
                 action.completer = _inputs  # type: ignore[attr-defined]
-    for action in (*render._actions, *convert._actions, *commands_of(parser)["materials"]._actions):
+    for action in (*render._actions, *convert._actions, *compile._actions, *commands_of(parser)["materials"]._actions):
         find = _FINDERS.get(action.metavar if action.dest == "output" else action.dest)  # type: ignore[arg-type]
         if find is not None:
             action.completer = _finding(find)  # type: ignore[attr-defined]

@@ -143,6 +143,9 @@ def make_parser() -> argparse.ArgumentParser:
     completion = command("completion", "print shell code that completes wrt's commands and options", where)
     completion.add_argument("shell", metavar="SHELL", choices=SHELLS, type=choice(SHELLS), help=", ".join(SHELLS))
 
+    before = ", so that no render waits for a compiler: for images of containers and for clusters"
+    _add_compile_options(command("compile", "compile the kernels that renders of scenes need", before))
+
     view = command("view", "show a scene in the browser while it converges", module="wrt.cli.view")
     _add_view_options(view)
 
@@ -266,6 +269,53 @@ def _add_view_options(parser: argparse.ArgumentParser) -> None:
     add("--confined", action="store_true", help=CONFINED)
 
 
+def _add_choices(add: Callable[..., object]) -> None:
+    """Add the options of how light is found."""
+    add("--sampler", metavar="NAME", help="independent, stratified, sobol or blue-noise (default: from the scene)")
+    add("--integrator", metavar="NAME", help="path, direct, whitted, ao or aov (default: from the scene)")
+    add("--clamp-indirect", metavar="RADIANCE", type=positive, help="limit the indirect radiance of each path; biased")
+    add(
+        "--regularization",
+        metavar="ALPHA",
+        type=finite,
+        help="widen rough surfaces along a path by this roughness; biased",
+    )
+
+
+def _add_reading(add: Callable[..., object]) -> None:
+    """Add the options of how an input is read."""
+    add(
+        "-D",
+        "--define",
+        metavar="NAME=VALUE",
+        action="append",
+        type=definition,
+        help="value of the parameter $NAME in a Mitsuba scene",
+    )
+    add("--sensor", metavar="N", type=whole(0), help="which sensor of a Mitsuba scene is the camera, from 0")
+    add("--confined", action="store_true", help=CONFINED)
+    add("--strict", action="store_true", help="treat unsupported content as an error, not a warning")
+    add(
+        "--up",
+        metavar="AXIS",
+        choices=AXES,
+        type=choice(AXES),
+        help="axis of a mesh that points up: x, y, z, -x, -y or -z",
+    )
+
+
+def _add_compile_options(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("inputs", metavar="SCENE", nargs="+", help="as for wrt render, like the options below")
+    add("--denoise", action="store_true", help="also what removing noise needs")
+    add_studio_options(parser)
+    add("--device", metavar="NAME", default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
+    add("--threads", metavar="N", type=whole(1), help="number of CPU threads (default: one per core)")
+    _add_choices(add)
+    _add_reading(add)
+    parser.set_defaults(dask=None, seed=0, max_depth=None, tone=None, exposure=None)
+
+
 def _add_render_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
@@ -294,35 +344,10 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     )
     add("--seed", metavar="N", type=whole(0), default=0, help="random seed (default: 0)")
     add("--max-depth", metavar="N", type=whole(1), help="maximum number of path segments (default: from the scene)")
-    add("--sampler", metavar="NAME", help="independent, stratified, sobol or blue-noise (default: from the scene)")
-    add("--integrator", metavar="NAME", help="path, direct, whitted, ao or aov (default: from the scene)")
-    add("--clamp-indirect", metavar="RADIANCE", type=positive, help="limit the indirect radiance of each path; biased")
-    add(
-        "--regularization",
-        metavar="ALPHA",
-        type=finite,
-        help="widen rough surfaces along a path by this roughness; biased",
-    )
+    _add_choices(add)
     _add_developing(add)
     _add_frames(add)
     _add_saving(add)
     add("--quiet", action="store_true", help="show only errors and warnings")
     add("--json", action="store_true", help="print a summary of each render to standard output as a line of JSON")
-    add(
-        "-D",
-        "--define",
-        metavar="NAME=VALUE",
-        action="append",
-        type=definition,
-        help="value of the parameter $NAME in a Mitsuba scene",
-    )
-    add("--sensor", metavar="N", type=whole(0), help="which sensor of a Mitsuba scene is the camera, from 0")
-    add("--confined", action="store_true", help=CONFINED)
-    add("--strict", action="store_true", help="treat unsupported content as an error, not a warning")
-    add(
-        "--up",
-        metavar="AXIS",
-        choices=AXES,
-        type=choice(AXES),
-        help="axis of a mesh that points up: x, y, z, -x, -y or -z",
-    )
+    _add_reading(add)

@@ -1,0 +1,198 @@
+"""Compile wide kernels for the next render, after one that is too short to wait for its own.
+
+A render writes a request into a folder beside the notes, and starts a process that compiles what is requested there.
+One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end at once. It has
+a low priority, outlives the render, and ends when nothing is requested any more. If it is killed, half of a build
+is never found (see `wrt.backend.kernel_cache`), and the request is made again by a render an hour later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from wrt.backend import cache_folders
+from wrt.backend.builds import Builds
+from wrt.backend.kernel_cache import digest
+from wrt.compiling.wide import as_json, command, compile_wide, from_json, name_of_wide
+
+SWITCH = "WRT_BACKGROUND"
+"""Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
+
+BUILD_MACHINE = "CI"
+"""Environment variable that services of continuous integration set."""
+
+RETRY_SECONDS = 3600.0
+"""Time after which a kernel is requested again whose compiler has not finished, as it was killed."""
+
+KEPT_SECONDS = 7 * 86400.0
+"""Age from which requests are removed."""
+
+LONGEST_SECONDS = 3600
+"""Time after which the compiler is ended, whatever it does; kernels take seconds, minutes on a machine that is busy."""
+
+PRIORITY = 10
+"""How much the compiler gives way (`nice`): where all cores are busy, it has about a tenth of one. At 19 it does not
+end while renders follow one another."""
+
+REQUESTED, BEGUN = ".json", ".begun"
+"""Suffixes of a request, and of one whose kernel is being compiled, or was when its compiler ended."""
+
+_started: list[subprocess.Popen[bytes]] = []
+
+
+def is_wanted() -> bool:
+    """Return whether kernels may be compiled for later renders, by what the environment says."""
+    told = os.environ.get(SWITCH, "")
+    return told == "1" or (told != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
+
+
+def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | None:
+    """Have another process compile a wide kernel, and return the path of the request, which is gone when it is done.
+
+    Return None if that is not wanted, if the cache cannot be written to, or if its compiler was killed lately.
+
+    Args:
+        features: the features of the kernel.
+        lanes: its lanes.
+        builds: the notes.
+        kernels: Warp's folder of compiled kernels, without its version.
+    """
+    if not is_wanted() or not sys.executable:
+        return None
+    folder, group = requests_folder(builds), _group(builds, kernels)
+    path = folder / f"{group}-{digest(name_of_wide(features, lanes).encode()).decode()}{REQUESTED}"
+    try:
+        cache_folders.require_writable(kernels / builds.warp_version)
+        folder.mkdir(parents=True, exist_ok=True)
+        if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
+            return path if _is_locked(folder) else None
+        cache_folders.put(path, json.dumps([as_json(features), lanes]).encode())
+        if not _is_locked(folder):  # the process that holds the lock looks for requests again after releasing it
+            _start(builds, kernels)
+    except (OSError, TypeError):
+        return None
+    return path
+
+
+def _start(builds: Builds, kernels: Path) -> None:
+    """Start the process that compiles, in a session of its own, with none of the files and folders of this one."""
+    _started[:] = [process for process in _started if process.poll() is None]
+    call, nothing = command(__name__, builds.path.stem, str(kernels)), subprocess.DEVNULL
+    _started.append(
+        subprocess.Popen(call, stdin=nothing, stdout=nothing, stderr=nothing, cwd="/", start_new_session=True)
+    )
+
+
+def is_done(path: Path) -> bool:
+    """Return whether a request is not pending any more."""
+    return not path.exists() and not path.with_suffix(BEGUN).exists()
+
+
+def requests_folder(builds: Builds) -> Path:
+    """Return the folder of requests."""
+    return builds.path.parent / "requests"
+
+
+def main(arguments: list[str]) -> int:
+    """Compile what is requested, and what is requested meanwhile.
+
+    The arguments are the program's name, the stem of the notes, and Warp's folder of compiled kernels.
+    """
+    signal.alarm(LONGEST_SECONDS)
+    _give_way()
+    builds, kernels = Builds.known(), Path(arguments[2])
+    if builds is None or builds.path.stem != arguments[1]:
+        return 1  # the sources of kernels have changed since
+    folder, pattern = requests_folder(builds), f"{_group(builds, kernels)}-*{REQUESTED}"
+    while any(folder.glob(pattern)):
+        with _alone_in(folder) as alone:
+            if not alone:
+                return 0
+            _remove_old(folder)
+            for path in sorted(folder.glob(pattern)):
+                _serve(path, builds, kernels)
+    return 0
+
+
+def _serve(path: Path, builds: Builds, kernels: Path) -> None:
+    """Compile what a request says. If that fails it stays as BEGUN, so that it is not repeated at once."""
+    import warp as wp
+
+    from wrt.spmd.ir import Unsupported
+
+    begun = path.with_suffix(BEGUN)
+    with contextlib.suppress(OSError, ValueError, Unsupported):
+        path.replace(begun)
+        os.utime(begun)
+        features, lanes = json.loads(begun.read_text(encoding="utf-8"))
+        features = from_json(features)
+        builds.refresh()
+        if not builds.has(name_of_wide(features, lanes)):
+            if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
+                wp.config.kernel_cache_dir = str(kernels)
+            compile_wide(features, lanes, builds)
+        begun.unlink(missing_ok=True)
+
+
+def _group(builds: Builds, kernels: Path) -> str:
+    """Return the beginning of the names of requests that one process can serve."""
+    return f"{builds.path.stem}-{digest(os.fsencode(kernels)).decode()}"
+
+
+def _is_young(path: Path, seconds: float) -> bool:
+    try:
+        return time.time() - path.stat().st_mtime < seconds
+    except FileNotFoundError:
+        return False
+
+
+def _remove_old(folder: Path) -> None:
+    """Remove requests that nobody has served, for instance since wrt has changed."""
+    for path in folder.iterdir():
+        if not _is_young(path, KEPT_SECONDS):
+            path.unlink(missing_ok=True)
+
+
+def _give_way() -> None:
+    """Take a low priority among all processes, and be the first to end when memory is short."""
+    with contextlib.suppress(OSError):
+        os.nice(PRIORITY)
+    # Linux may share the processor among sessions first, each with a priority of its own.
+    for name, value in ("autogroup", str(PRIORITY)), ("oom_score_adj", "1000"):
+        with contextlib.suppress(OSError):
+            Path("/proc/self", name).write_text(value, encoding="ascii")
+
+
+@contextlib.contextmanager
+def _alone_in(folder: Path) -> Iterator[bool]:
+    """Hold the lock on a folder if it is free; without locks in its file system, it never is."""
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(handle)
+
+
+def _is_locked(folder: Path) -> bool:
+    with _alone_in(folder) as alone:
+        return not alone
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,102 @@
+"""Compile the wide kernel for some features, and note it for other processes.
+
+For a long render, this runs in a child process that ends with the render; see `wrt.rendering.wide_kernel`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from wrt.backend import cache_folders
+from wrt.backend.builds import Builds
+from wrt.backend.device import Device
+from wrt.backend.recording import call_name, compiled_by_warp
+
+MAKE = "wrt.spmd.kernel", "make_wide_render_kernel"
+"""Module and name of the function that declares the kernel for some features and lanes."""
+
+_PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
+
+
+def name_of_wide(features: Any, lanes: int) -> str:
+    """Return the name in the notes of the wide kernel with these features and lanes."""
+    return call_name(*MAKE, (features, lanes))
+
+
+def as_json(features: Any) -> str:
+    """Return features as text, for another process."""
+    return json.dumps(dataclasses.asdict(features))
+
+
+def from_json(text: str) -> Any:
+    """Return the features that `as_json` wrote."""
+    from wrt.kernels.features import Features
+
+    described = json.loads(text)
+    return Features(**{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()})
+
+
+def command(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs `main` of a module of wrt in another process with these arguments."""
+    package = str(Path(__file__).resolve().parents[2])
+    # `-m` would import a `wrt` in the user's current folder.
+    begin = f"import sys; sys.path[0] = {package!r}; from {module} import main; sys.exit(main(sys.argv))"
+    return [sys.executable, "-c", begin, *arguments]
+
+
+def compile_wide(features: Any, lanes: int, builds: Builds) -> None:
+    """Compile the kernel with Warp in this process, and note it.
+
+    Raises:
+        Unsupported: when the scalar kernel cannot be translated.
+        OSError: when there is not enough disk space.
+    """
+    from wrt.backend.warp_backend import WarpBackend
+
+    backend = WarpBackend()
+    backend.kernels("wrt.kernels.native.constants")
+    Device("cpu").compile(backend.call(*MAKE, features, lanes))
+    builds.note(compiled_by_warp(backend))
+
+
+def main(arguments: list[str]) -> int:
+    """Compile the kernel for features given as JSON.
+
+    The arguments are the program's name, the features, the lanes, the id of the parent process, and the folders of
+    `WideKernel._folders`. This process ends with its parent. Concurrent processes compile one after the other.
+    """
+    import warp as wp
+
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches every process of the terminal's foreground group
+    _end_with_parent()
+    if os.getppid() != int(arguments[3]):
+        return 1  # the parent ended before the line above
+    if arguments[4:]:
+        work, kernels, notes = map(Path, arguments[4:])
+        cache_folders.work_within(work)
+        wp.config.kernel_cache_dir = str(kernels)
+    features, lanes = from_json(arguments[1]), int(arguments[2])
+    builds = Builds.known()
+    if builds is None:
+        return 1
+    if arguments[4:]:
+        builds.folders.append(notes)
+    with builds.alone():
+        builds.refresh()
+        if not builds.has(name_of_wide(features, lanes)):
+            compile_wide(features, lanes, builds)
+    return 0
+
+
+def _end_with_parent() -> None:
+    """Ask the system to kill this process when its parent ends for any reason."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a background job may ignore other signals
