@@ -33,6 +33,7 @@ class Features:
         aovs: whether the film has layers besides radiance (see `kernels/film/aovs.py`).
         guides: whether albedo and normals are the guides of a denoiser, which look through glass and into mirrors.
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
+        grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
     """
@@ -53,6 +54,7 @@ class Features:
     cameras: tuple[str, ...] = ()
     light_tree: bool = False
     media: str = "none"
+    grid_media: bool = False
     nested: bool = False
     uv2_alpha: bool = False
     mipmapped: bool = False

@@ -14,8 +14,6 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part
-from wrt.views import View as View
-from wrt.views import render_views as render_views
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.passes import Progress as Progress
@@ -27,6 +25,7 @@ from wrt.scene.camera import PanoramaCamera as PanoramaCamera
 from wrt.scene.camera import PerspectiveCamera as PerspectiveCamera
 from wrt.scene.camera import register_camera as register_camera
 from wrt.scene.deformation import Deformation as Deformation
+from wrt.scene.density import DensityGrid as DensityGrid
 from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment
 from wrt.scene.environment import SphericalHarmonicsEnvironment as SphericalHarmonicsEnvironment
@@ -70,3 +69,5 @@ from wrt.scene.shapes import sphere as sphere
 from wrt.scene.textures import ImageTexture as ImageTexture
 from wrt.scene.textures import NormalMap as NormalMap
 from wrt.scene.textures import VertexColor as VertexColor
+from wrt.views import View as View
+from wrt.views import render_views as render_views

@@ -54,6 +54,7 @@ def make_trace_path(features: Features) -> wp.Function:
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
     opacity, nested, light_shapes = features.opacity, features.nested, bool(features.light_shapes)
     media, scattering, bodies = features.media != "none", features.media == "scattering", features.bodies
+    grid_media = features.grid_media
     clamped, panes, attenuates_shadows = features.clamped, has_panes(features.models), can_attenuate_shadows(features)
 
     @wp.func
@@ -75,7 +76,7 @@ def make_trace_path(features: Features) -> wp.Function:
                 hit = or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
-            if wp.static(opacity or panes or scattering):
+            if wp.static(opacity or panes or scattering or grid_media):
                 u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
 
             # ---- Medium

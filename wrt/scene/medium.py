@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.scene.density import DensityGrid
 from wrt.values import ColorLike, Vec3, color, number
 
 
 @dataclass(frozen=True)
 class Medium:
-    """A homogeneous medium.
+    """A medium, homogeneous unless it has a grid of densities.
 
     Coefficients are per metre and per channel. The transmittance over a distance d is
     exp(−(absorption + scattering) d) (Beer's law). The sum of the coefficients is the extinction, and its inverse the
@@ -27,36 +28,49 @@ class Medium:
         g: mean cosine of the scattering angle (Henyey and Greenstein 1941): 0 is isotropic, towards 1 forward,
             towards −1 backward.
         emission: emitted radiance per metre, W·sr⁻¹·m⁻³.
+        density: factor on all coefficients that varies in space; None for 1 everywhere.
     """
 
     absorption: ColorLike = 0.0
     scattering: ColorLike = 0.0
     g: float = 0.0
     emission: ColorLike = 0.0
+    density: DensityGrid | None = None
 
     def __post_init__(self) -> None:
         for name in ("absorption", "scattering", "emission"):
             object.__setattr__(self, name, color(getattr(self, name), name))
         object.__setattr__(self, "g", number(self.g, "g", minimum=-0.99, maximum=0.99))
+        if self.density is not None and not isinstance(self.density, DensityGrid):
+            raise InputError(f"density must be a wrt.DensityGrid, not {type(self.density).__name__}")
 
     @property
     def extinction(self) -> Vec3:
-        """Absorption plus scattering, per metre."""
+        """Absorption plus scattering, per metre, where the density is 1."""
         a, s = self.absorption, self.scattering
         return tuple(x + y for x, y in zip(a, s, strict=True))  # type: ignore[arg-type, return-value]
 
     @property
     def scatters(self) -> bool:
         """Whether it scatters light."""
+        if self.density is not None and self.density.albedo is not None:
+            return any(self.extinction) and bool(self.density.albedo.any())
         return any(self.scattering)  # type: ignore[arg-type]
 
     @property
     def is_clear(self) -> bool:
         """Whether it neither attenuates nor emits light."""
-        return not any((*self.extinction, *self.emission))  # type: ignore[misc]
+        empty = self.density is not None and self.density.greatest == 0.0
+        return empty or not any((*self.extinction, *self.emission))  # type: ignore[misc]
 
     @classmethod
-    def from_color(cls, color: ColorLike, distance: float = 1.0, emission: ColorLike = 0.0) -> Medium:
+    def from_color(
+        cls,
+        color: ColorLike,
+        distance: float = 1.0,
+        emission: ColorLike = 0.0,
+        density: DensityGrid | None = None,
+    ) -> Medium:
         """Return the absorbing medium that has the transmittance `color` over a distance.
 
         By Beer's law the absorption is −ln(color) / distance.
@@ -65,6 +79,7 @@ class Medium:
             color: transmittance per channel, above 0 and at most 1.
             distance: metres.
             emission: emitted radiance per metre, W·sr⁻¹·m⁻³.
+            density: as the attribute.
 
         Raises:
             InputError: if a channel is 0, which would take infinite absorption.
@@ -73,10 +88,18 @@ class Medium:
         if min(left) <= 0.0:
             raise InputError(f"color must be greater than 0 in each channel, not {left}: no medium absorbs everything")
         distance = number(distance, "distance", above=0.0)
-        return cls(absorption=tuple(abs(math.log(share)) / distance for share in left), emission=emission)
+        absorption = tuple(abs(math.log(share)) / distance for share in left)
+        return cls(absorption=absorption, emission=emission, density=density)
 
     @classmethod
-    def from_albedo(cls, albedo: ColorLike, extinction: ColorLike, g: float = 0.0, emission: ColorLike = 0.0) -> Medium:
+    def from_albedo(
+        cls,
+        albedo: ColorLike,
+        extinction: ColorLike,
+        g: float = 0.0,
+        emission: ColorLike = 0.0,
+        density: DensityGrid | None = None,
+    ) -> Medium:
         """Return the medium of this single-scattering albedo and extinction.
 
         Args:
@@ -84,14 +107,17 @@ class Medium:
             extinction: per metre and channel; its inverse is the mean free path.
             g: as the attribute.
             emission: as the attribute.
+            density: as the attribute.
         """
         share, total = _color(albedo, "albedo", maximum=1.0), _color(extinction, "extinction")
         scattering = tuple(a * t for a, t in zip(share, total, strict=True))
         absorption = tuple((1.0 - a) * t for a, t in zip(share, total, strict=True))
-        return cls(absorption, scattering, g, emission)
+        return cls(absorption, scattering, g, emission, density)
 
     @classmethod
-    def from_subsurface(cls, color: ColorLike, radius: ColorLike, g: float = 0.0) -> Medium:
+    def from_subsurface(
+        cls, color: ColorLike, radius: ColorLike, g: float = 0.0, density: DensityGrid | None = None
+    ) -> Medium:
         """Return the medium that gives a thick body this diffuse colour.
 
         Args:
@@ -99,6 +125,7 @@ class Medium:
                 channel, 0 to 1 (see `albedo_of_color`). A refractive boundary makes it darker.
             radius: mean free path, metres, per channel; larger values spread light farther.
             g: as the attribute. The radius is then the reduced mean free path, the mean free path over 1 − g.
+            density: as the attribute.
 
         Raises:
             InputError: if a radius is 0.
@@ -112,7 +139,7 @@ class Medium:
         # (van de Hulst, "Multiple Light Scattering", 1980, section 14.1).
         absorption = tuple((1.0 - a) / r for a, r in zip(reduced, paths, strict=True))
         scattering = tuple(a / (r * (1.0 - g)) for a, r in zip(reduced, paths, strict=True))
-        return cls(absorption, scattering, g)
+        return cls(absorption, scattering, g, density=density)
 
 
 @functools.lru_cache(maxsize=1024)
