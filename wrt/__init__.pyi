@@ -11,6 +11,7 @@ from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh
 from wrt.io.toml.writer import save_scene as save_scene
+from wrt.io.volume.read import load_density as load_density
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part

@@ -19,6 +19,7 @@ from wrt.io.toml.reader import shape_makers
 from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, array_of, definition, own_fields
 from wrt.io.toml.value_ranges import FORMS, Limits
 from wrt.scene.camera import CAMERAS
+from wrt.scene.density import DensityGrid
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
@@ -73,6 +74,7 @@ def _definitions() -> Iterable[tuple[str, Schema]]:
         "deformation",
         {"anyOf": [_table(scene_keys.DEFORMATION_FILES), _table(scene_keys.DEFORMATION_ARCHIVE)]},
     )
+    yield "density", _made(DensityGrid, scene_keys.DENSITY, only=scene_keys.DENSITY_OWN)
     yield "settings", _made(RenderSettings)
     yield from _kinds("camera", CAMERAS, default="perspective")
     yield from _kinds("environment", ENVIRONMENTS)
@@ -170,6 +172,8 @@ def _value(limits: Limits, name: str) -> Schema:
         return TEXT
     if Motion in kinds or NormalMap in kinds:
         return definition("motion" if Motion in kinds else "normal_map")
+    if kinds == [DensityGrid]:
+        return definition("density")
     if kinds == [bool]:
         return BOOLEAN
     if "numpy" in str(hint):
