@@ -89,7 +89,8 @@ def _extinction(plugin: Plugin, textures: Textures) -> tuple[tuple[float, ...], 
     if grid is None:
         return _color(plugin, textures, "sigma_t", 1.0), None
     volume, places = _volume(grid)
-    values, color = volume.values, (1.0, 1.0, 1.0)
+    values = volume.values
+    color: tuple[float, ...] = (1.0, 1.0, 1.0)
     if values.ndim == 4:
         values, color = _split_colors(grid, values)
     # One element is one medium, also where several shapes refer to it.
@@ -113,7 +114,8 @@ def _albedo(
         return (0.0, 0.0, 0.0), density
     volume, places = _volume(grid)
     colors = np.broadcast_to(volume.values.reshape(*volume.values.shape[:3], -1), (*volume.values.shape[:3], 3))
-    same = density is not None and np.allclose(DensityGrid(np.ones((1, 1, 1)), **places).to_world, density.to_world)
+    one_cell = np.ones((1, 1, 1), np.float32)
+    same = density is not None and np.allclose(DensityGrid(one_cell, **places).to_world, density.to_world)
     if density is None or not same:
         grid.warn("'albedo' can vary only in the box of 'sigma_t'; its mean is used")
         return tuple(colors.mean(axis=(0, 1, 2)).tolist()), density

@@ -22,17 +22,21 @@ _MAGIC = (b"NanoVDB0", b"NanoVDB1", b"NanoVDB2")
 _SEGMENT = struct.Struct("<8sIHH")
 _CODECS = {0: "none", 1: "zip", 2: "blosc"}
 
-_META = np.dtype({"names": ["grid_size", "file_size", "name_size"], "formats": ["<u8", "<u8", "<u4"],
-                  "offsets": [0, 8, 136], "itemsize": 176})  # fmt: skip
+_META = np.dtype({"names": ["grid_size", "name_size"], "formats": ["<u8", "<u4"],
+                  "offsets": [0, 136], "itemsize": 176})  # fmt: skip
 _GRID = np.dtype({"names": ["magic", "name", "matrix", "shift", "type"],
                   "formats": ["S8", "S256", ("<f8", (3, 3)), ("<f8", 3), "<u4"],
                   "offsets": [0, 40, 384, 528, 636], "itemsize": 672})  # fmt: skip
-_TREE = np.dtype([("offsets", "<i8", 4), ("nodes", "<u4", 3), ("tiles", "<u4", 3), ("voxels", "<u8")])
+_TREE = np.dtype([("offsets", "<i8", 4), ("nodes", "<u4", 3), ("others", "V20")])
 _LEAF = np.dtype({"names": ["origin", "values"], "formats": [("<i4", 3), ("<f4", (8, 8, 8))],
                   "offsets": [0, 96], "itemsize": 2144})  # fmt: skip
 _LOWER = np.dtype({"names": ["origin", "active", "children", "table"],
                    "formats": [("<i4", 3), ("u1", 512), ("u1", 512), ("<f4", (4096, 2))],
                    "offsets": [0, 32, 544, 1088], "itemsize": 33856})  # fmt: skip
+_UPPER = np.dtype({"names": ["active", "children"], "formats": [("u1", 4096), ("u1", 4096)],
+                   "offsets": [32, 4128], "itemsize": 270400})  # fmt: skip
+_ROOT = np.dtype({"names": ["entries"], "formats": ["<u4"], "offsets": [24], "itemsize": 64})
+_ROOT_ENTRY = np.dtype({"names": ["child", "active"], "formats": ["<i8", "<u4"], "offsets": [8, 16], "itemsize": 32})
 _FLOAT = 1
 _LEAF_SIDE, _LOWER_SIDE = 8, 128
 
@@ -76,14 +80,18 @@ def _grids(data: bytes) -> Iterator[_Grid]:
         metas, names = [], []
         for _ in range(count):
             meta = np.frombuffer(_part(data, at, _META.itemsize), _META)[0]
-            name = _part(data, at + _META.itemsize, int(meta["name_size"]))
+            at += _META.itemsize
+            text = _part(data, at, int(meta["name_size"]))
             metas.append(meta)
-            names.append(name.rstrip(b"\0").decode("utf-8", "replace"))
-            at += _META.itemsize + len(name)
+            names.append(text.rstrip(b"\0").decode("utf-8", "replace"))
+            at += len(text)
         for meta, name in zip(metas, names, strict=True):
-            stored = _part(data, at, int(meta["file_size"]))
-            at += len(stored)
-            yield _Grid(name, stored if _CODECS[codec] == "none" else _unzipped(stored, int(meta["grid_size"])))
+            size = int(meta["grid_size"])
+            if _CODECS[codec] == "none":
+                grid, at = _part(data, at, size), at + size
+            else:
+                grid, at = _unzipped(data, at, size)
+            yield _Grid(name, grid)
 
 
 def _part(data: bytes, first: int, size: int) -> bytes:
@@ -93,17 +101,22 @@ def _part(data: bytes, first: int, size: int) -> bytes:
     return data[first : first + size]
 
 
-def _unzipped(stored: bytes, size: int) -> bytes:
-    """Return the bytes of a compressed grid: the length of the compressed ones, then those."""
+def _unzipped(data: bytes, first: int, size: int) -> tuple[bytes, int]:
+    """Return a compressed grid, and where its chunks end; before each is its length."""
     take_memory(size // 4)
-    unzip = zlib.decompressobj()
-    try:
-        result = unzip.decompress(_part(stored, 8, len(stored) - 8), size)
-    except zlib.error:
-        result = b""
-    if len(result) != size:
-        raise InputError("the file is damaged: a grid cannot be decompressed")
-    return result
+    grid, at = bytearray(), first
+    while len(grid) < size:
+        (length,) = struct.unpack("<Q", _part(data, at, 8))
+        chunk = _part(data, at + 8, length)
+        at += 8 + length
+        try:
+            unzipped = zlib.decompressobj().decompress(chunk, size - len(grid))
+        except zlib.error:
+            unzipped = b""
+        if not unzipped:
+            raise InputError("the file is damaged: a grid cannot be decompressed")
+        grid += unzipped
+    return bytes(grid), at
 
 
 def _dense(data: bytes) -> Volume:
@@ -114,13 +127,11 @@ def _dense(data: bytes) -> Volume:
     if grid["type"] != _FLOAT:
         raise InputError(f"the grid has values of kind {grid['type']}; only float32 numbers can be read")
     tree = np.frombuffer(_part(data, _GRID.itemsize, _TREE.itemsize), _TREE)[0]
-    if tree["tiles"][1] or tree["tiles"][2]:
-        raise InputError("the grid has blocks of 128 cells or more of one value, which cannot be read; voxelise it")
+    _require_small_tiles(data, tree)
     leaves = _nodes(data, tree, 0, _LEAF)
-    corners = [leaves["origin"].astype(np.int64) & -_LEAF_SIDE]
-    tile_corners, tile_values = _tiles(_nodes(data, tree, 1, _LOWER)) if tree["tiles"][0] else ([], [])
-    corners += tile_corners
-    places = np.concatenate(corners)
+    leaf_corners = leaves["origin"].astype(np.int64) & -_LEAF_SIDE
+    tile_corners, tile_values = _tiles(_nodes(data, tree, 1, _LOWER))
+    places = np.concatenate([leaf_corners, tile_corners])
     if not len(places):
         raise InputError("the grid is empty")
     low, high = places.min(axis=0), places.max(axis=0) + _LEAF_SIDE
@@ -132,9 +143,9 @@ def _dense(data: bytes) -> Volume:
         x, y, z = corner - low
         values[x : x + _LEAF_SIDE, y : y + _LEAF_SIDE, z : z + _LEAF_SIDE] = block
 
-    for corner, leaf in zip(corners[0], leaves["values"], strict=True):
+    for corner, leaf in zip(leaf_corners, leaves["values"], strict=True):
         put(corner, leaf)
-    for corner, value in zip((each for block in tile_corners for each in block), tile_values, strict=True):
+    for corner, value in zip(tile_corners, tile_values, strict=True):
         put(corner, value)
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = grid["matrix"], grid["shift"]
@@ -149,13 +160,31 @@ def _nodes(data: bytes, tree: Any, level: int, kind: np.dtype[Any]) -> NDArray[A
     return np.frombuffer(_part(data, first, count * kind.itemsize), kind)
 
 
-def _tiles(nodes: NDArray[Any]) -> tuple[list[NDArray[np.int64]], list[float]]:
-    """Return the corners and values of blocks of 8³ cells that are no leaves since they have one value."""
-    corners, values = [], []
+def _require_small_tiles(data: bytes, tree: Any) -> None:
+    """Raise InputError where a block of 128³ cells or more has no node since it has one value."""
+    for node in _nodes(data, tree, 2, _UPPER):
+        if len(_tile_numbers(node)):
+            raise InputError("it has blocks of 128 x 128 x 128 cells of one value, which cannot be read; voxelise them")
+    first = _GRID.itemsize + int(tree["offsets"][3])
+    root = np.frombuffer(_part(data, first, _ROOT.itemsize), _ROOT)[0]
+    size = int(root["entries"]) * _ROOT_ENTRY.itemsize
+    entries = np.frombuffer(_part(data, first + _ROOT.itemsize, size), _ROOT_ENTRY)
+    if ((entries["child"] == 0) & (entries["active"] != 0)).any():
+        raise InputError("it has blocks of 4096 x 4096 x 4096 cells of one value, which cannot be read")
+
+
+def _tile_numbers(node: Any) -> NDArray[np.int64]:
+    """Return which entries of a node are blocks of one value."""
+    active, children = (np.unpackbits(node[name], bitorder="little").astype(bool) for name in ("active", "children"))
+    return np.nonzero(active & ~children)[0]
+
+
+def _tiles(nodes: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the corners (N, 3) and values (N,) of blocks of 8³ cells that are no leaves since they have one value."""
+    corners, values = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.float32)]
     for node in nodes:
-        bits = [np.unpackbits(node[name], bitorder="little").astype(bool) for name in ("active", "children")]
-        numbers = np.nonzero(bits[0] & ~bits[1])[0]
+        numbers = _tile_numbers(node)
         steps = np.stack([numbers >> 8, (numbers >> 4) & 15, numbers & 15], axis=1)
         corners.append((node["origin"].astype(np.int64) & -_LOWER_SIDE) + _LEAF_SIDE * steps)
-        values += node["table"][numbers, 0].tolist()
-    return corners, values
+        values.append(node["table"][numbers, 0])
+    return np.concatenate(corners), np.concatenate(values)
