@@ -2,8 +2,10 @@
 
 Tentative collisions fall as in a medium of the majorant's density. At each the real density decides whether the light
 meets something (delta tracking: Woodcock and others 1965), or how much weight it keeps (ratio tracking: Novák, Selle
-and Jarosz, "Residual ratio tracking for estimating attenuation in participating media", 2014). The majorant is constant
-within each cell of a coarse grid, through which a ray goes cell by cell.
+and Jarosz, "Residual ratio tracking for estimating attenuation in participating media", 2014). Majorant and minorant
+are constant within each cell of a coarse grid, through which a ray goes cell by cell. Where no light is scattered or
+emitted, what the minorant lets pass is known in closed form, and collisions are with the rest alone (residual ratio
+tracking, in the same paper): where the density is even, there is no noise.
 
 Channels share the collisions. Those of a path are real with the mean probability of the channels, by what the path
 carries of each, which is the balance heuristic over the channels (Kutz, Habel, Li and Novák, "Spectral and
@@ -99,8 +101,9 @@ class Walk:
 
     `origin` and `direction` are those of the ray in units of cells, so that distances stay those along the ray. The
     walk is at `t` and ends at `t_end`, or behind the last cell. It goes on for the optical depth `left` before the next
-    tentative collision. `is_collision` tells whether it is at one, where the majorant of the coefficients is
-    `majorant`; otherwise it has entered a cell, or is done.
+    tentative collision. `is_collision` tells whether it is at one; otherwise it has entered a cell, or is done. `rate`
+    is the coefficient of collisions in the cell where it was, with what is denser than `control`. `passed` is the
+    integral of the control along the way so far; it is 0 unless the walk is `residual`.
     """
 
     origin: wp.vec3
@@ -111,7 +114,10 @@ class Walk:
     t: float
     t_end: float
     left: float
-    majorant: float
+    rate: float
+    control: float
+    passed: float
+    is_residual: bool
     is_collision: bool
 
 
@@ -174,21 +180,25 @@ def step(values: wp.array(dtype=float), grid: GridRecord, tracking: float, befor
     """Return the walk at the next tentative collision, or in the next cell if that comes first."""
     walk = before
     cells = grid.majorants
-    cell = cells.first + (walk.z * cells.ny + walk.y) * cells.nx + walk.x
-    walk.majorant = tracking * values[cell]
+    cell = (walk.z * cells.ny + walk.y) * cells.nx + walk.x
+    if walk.is_residual:
+        walk.control = values[grid.minorants.first + cell]
+    walk.rate = tracking * (values[cells.first + cell] - walk.control)
     exit_x = distance_to_face(walk.origin[0], walk.direction[0], walk.x)
     exit_y = distance_to_face(walk.origin[1], walk.direction[1], walk.y)
     exit_z = distance_to_face(walk.origin[2], walk.direction[2], walk.z)
     first = wp.min(exit_x, wp.min(exit_y, exit_z))
     # Rounding can put the face a little behind the walk.
     t_exit = wp.max(walk.t, wp.min(first, walk.t_end))
-    depth = walk.majorant * (t_exit - walk.t)
+    depth = walk.rate * (t_exit - walk.t)
     walk.is_collision = walk.left < depth
     if walk.is_collision:
-        walk.t = wp.min(walk.t + walk.left / walk.majorant, t_exit)
+        walk.t = wp.min(walk.t + walk.left / walk.rate, t_exit)
+        walk.passed = walk.passed + walk.control * (walk.t - before.t)
     else:
         walk.left = walk.left - depth
         walk.t = t_exit
+        walk.passed = walk.passed + walk.control * (walk.t - before.t)
         if first >= walk.t_end:
             walk.t = walk.t_end
         elif exit_x == first:
@@ -231,14 +241,13 @@ class GridFlight:
 
 
 @wp.func
-def survivor(throughput: wp.vec3, faint: float, u: float) -> wp.vec3:
-    """Return the throughput after Russian roulette, which raises what is below `faint` to it or ends it."""
-    most = wp.max(throughput)
-    if most >= faint:
-        return throughput
-    if u * faint < most:
-        return throughput * (faint / most)
-    return wp.vec3(0.0)
+def survival(left: float, faint: float, u: float) -> float:
+    """Return the factor of Russian roulette that raises what is `left` to `faint`, or ends it; 1 where it is more."""
+    if left >= faint:
+        return 1.0
+    if u * faint < left:
+        return faint / left
+    return 0.0
 
 
 @wp.func
@@ -284,10 +293,16 @@ def make_fly_in_grid(media: str) -> wp.Function:
             scatters = not is_shadow_ray and (wp.max(medium.scattering) > 0.0 or grid.albedo.nx > 0)
         shines = not is_shadow_ray and wp.max(medium.emission) > 0.0
         faint = _FAINT * wp.max(throughput)
+        extinction = medium.absorption
+        if wp.static(scattering):
+            extinction += medium.scattering
         flight = GridFlight()
         flight.distance = reach
         flight.throughput = throughput
         walk = begin_walk(grid, ray, reach, u_first[1])
+        walk.is_residual = not scatters and not shines
+        if wp.static(not scattering):
+            walk.is_residual = walk.is_residual and grid.albedo.nx == 0
         u = u_first[0]
         collisions = int(0)
         while not is_done(walk):
@@ -295,15 +310,17 @@ def make_fly_in_grid(media: str) -> wp.Function:
             if walk.is_collision:
                 place = place_of(grid, walk)
                 density = number_at(scene.grid_values, grid.density, place)
-                share = density / walk.majorant
+                share = (density - walk.control) / walk.rate
                 carried = flight.throughput
                 if shines:
                     flight.radiance += wp.cw_mul(carried, emission_at(scene, medium, grid, place)) * share
-                # The share of tentative collisions that are real, per channel; rounding can take it above 1.
-                extinction = medium.absorption + medium.scattering
                 if wp.static(not scattering):
-                    extinction -= scattering_at(scene, medium, grid, place)
-                real = wp.min(extinction * share, wp.vec3(1.0))
+                    if grid.albedo.nx > 0:
+                        # What does not scatter is absorbed.
+                        whole = medium.absorption + medium.scattering
+                        extinction = whole - scattering_at(scene, medium, grid, place)
+                # The share of tentative collisions that are real, per channel; rounding can take it beyond 0 or 1.
+                real = wp.min(extinction * wp.max(share, 0.0), wp.vec3(1.0))
                 chance = float(0.0)
                 if scatters:
                     total = wp.max(carried[0] + carried[1] + carried[2], _LEAST)
@@ -317,13 +334,16 @@ def make_fly_in_grid(media: str) -> wp.Function:
                 else:
                     flight.throughput = wp.cw_mul(carried, wp.vec3(1.0) - real) / (1.0 - chance)
                     if not scatters:
-                        flight.throughput = survivor(flight.throughput, faint, u)
-                        if wp.max(flight.throughput) == 0.0:
+                        left = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
+                        factor = survival(wp.max(left), faint, u)
+                        flight.throughput = flight.throughput * factor
+                        if factor == 0.0:
                             walk.t_end = walk.t
                     numbers = stream_4d(key, collisions)
                     u = numbers[0]
                     walk.left = optical_depth_to_collision(numbers[1])
                     collisions += 1
+        flight.throughput = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
         return flight
 
     return fly_in_grid

@@ -183,7 +183,8 @@ class GridRecord:
     to_unit_y: wp.vec4
     to_unit_z: wp.vec4
     density: Lattice  # in `grid_values`
-    majorants: Lattice  # in `grid_values`: the greatest density within each cell
+    majorants: Lattice  # in `grid_values`: the greatest density within each of their cells
+    minorants: Lattice  # in `grid_values`: the least within the same cells
     albedo: Lattice  # in `grid_colors`
     emission: Lattice  # in `grid_colors`
 

@@ -47,6 +47,11 @@ def majorants(values: NDArray[np.float32], size: int = CELLS_PER_MAJORANT) -> ND
     return result
 
 
+def minorants(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the least interpolated value within each block of cells, as `majorants` has them."""
+    return -majorants(-values)
+
+
 def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
     """Fill the media of a SceneData struct, and their grids.
 
@@ -76,6 +81,7 @@ def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
             record[name] = to_unit[axis]
         record["density"] = tables.put_values(grid.values)
         record["majorants"] = tables.put_values(majorants(grid.values))
+        record["minorants"] = tables.put_values(minorants(grid.values))
         if grid.albedo is not None:
             record["albedo"] = tables.put_colors(grid.albedo)
         if grid.emission is not None:
