@@ -31,9 +31,9 @@ def noise(shape: tuple[int, int, int], frequency: float, seed: int) -> NDArray[n
 
 
 def cumulus() -> NDArray[np.float32]:
-    """Return the densities, 0 to 1, of a cloud: balls that grow out of one another over a flat base, frayed by noise."""
-    nz, ny, nx = CELLS
-    z, y, x = np.meshgrid(*(((np.arange(n) + 0.5) / nx).astype(np.float32) for n in CELLS), indexing="ij")
+    """Return the densities, 0 to 1, of a cloud: balls that grow out of one another, frayed by noise, on a flat base."""
+    places = [((np.arange(n) + 0.5) / CELLS[2]).astype(np.float32) for n in CELLS]
+    z, y, x = np.meshgrid(*places, indexing="ij")
     rng = np.random.default_rng(11)
     depth = np.full(CELLS, -1.0, np.float32)
     for _ in range(60):
@@ -49,14 +49,14 @@ def cumulus() -> NDArray[np.float32]:
 
 def cloud() -> wrt.Scene:
     """A cumulus half a kilometre wide in the light of a low sun."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 40.0, 900.0), (0.0, 190.0, 0.0), fov_degrees=30.0))
-    sky = wrt.SunSkyEnvironment(elevation_degrees=24.0, azimuth_degrees=-65.0, turbidity=2.5, ground_albedo=0.25)
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 20.0, 900.0), (-15.0, 232.0, 0.0), fov_degrees=25.0))
+    sky = wrt.SunSkyEnvironment(elevation_degrees=28.0, azimuth_degrees=-115.0, turbidity=2.5, ground_albedo=0.25)
     scene.environment = sky
     nz, ny, nx = CELLS
     size = 640.0
     lower = np.array([-0.5 * size, 80.0, -0.5 * size * nz / nx])
     grid = wrt.DensityGrid(cumulus(), lower, lower + size * np.array([nx, ny, nz]) / nx, name="cumulus")
-    droplets = wrt.Medium.from_albedo(1.0, 0.12, g=0.75, density=grid)
+    droplets = wrt.Medium.from_albedo(1.0, 0.09, g=0.5, density=grid)
     scene.add(grid.boundary, material=wrt.Null(interior=droplets), name="cloud")
     scene.settings.exposure = -5.0
     scene.settings.max_depth = 8

@@ -150,6 +150,6 @@ PICTURES = {
     "media-water-and-ice": Picture(water_and_ice, 400, 400, 768),
     "media-coloured-glass": Picture(coloured_glass, spp=512),
     "media-fog": Picture(fog, 400, 225, 4096),
-    "media-cloud": Picture(cloud, 560, 350, 256),
+    "media-cloud": Picture(cloud, 440, 275, 512),
     "media-subsurface": Picture(subsurface, spp=2048),
 }
