@@ -26,7 +26,6 @@ from wrt.scene.camera import PanoramaCamera as PanoramaCamera
 from wrt.scene.camera import PerspectiveCamera as PerspectiveCamera
 from wrt.scene.camera import register_camera as register_camera
 from wrt.scene.deformation import Deformation as Deformation
-from wrt.scene.density import DensityGrid as DensityGrid
 from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment
 from wrt.scene.environment import SphericalHarmonicsEnvironment as SphericalHarmonicsEnvironment
@@ -57,6 +56,7 @@ from wrt.scene.materials import RoughPlastic as RoughPlastic
 from wrt.scene.materials import ThinDielectric as ThinDielectric
 from wrt.scene.materials import TwoSided as TwoSided
 from wrt.scene.materials import register_material as register_material
+from wrt.scene.medium import DensityGrid as DensityGrid
 from wrt.scene.medium import Medium as Medium
 from wrt.scene.mesh import Mesh as Mesh
 from wrt.scene.motion import Motion as Motion

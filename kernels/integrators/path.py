@@ -52,10 +52,9 @@ def make_trace_path(features: Features) -> wp.Function:
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
-    opacity, nested, light_shapes = features.opacity, features.nested, bool(features.light_shapes)
-    media, scattering, bodies = features.media != "none", features.media == "scattering", features.bodies
-    grid_media = features.grid_media
-    clamped, panes, attenuates_shadows = features.clamped, has_panes(features.models), can_attenuate_shadows(features)
+    opacity, nested, attenuates_shadows = features.opacity, features.nested, can_attenuate_shadows(features)
+    media, scattering, grid_media = features.media != "none", features.media == "scattering", features.grid_media
+    clamped, panes, light_shapes = features.clamped, has_panes(features.models), bool(features.light_shapes)
 
     @wp.func
     @path_function
@@ -63,7 +62,7 @@ def make_trace_path(features: Features) -> wp.Function:
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> PathResult:
         path = camera_path(camera_ray, pixel_footprint)
-        if wp.static(bodies):
+        if wp.static(media or nested):
             path.medium_stack = scene.inside_at_camera
         while path.depth < settings.max_depth:
             path.depth += 1

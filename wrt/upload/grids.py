@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
-from wrt.scene.density import DensityGrid
-from wrt.scene.medium import Medium
+from wrt.scene.medium import DensityGrid, Medium
 
 CELLS_PER_MAJORANT = 8
 """Cells along each axis that share a majorant."""

@@ -31,7 +31,7 @@ from wrt.io.toml.tables import TableReader
 from wrt.io.toml.values import Table, numbers_of, table_of, text_of
 from wrt.io.volume.read import load_density, read_volume
 from wrt.scene.deformation import Deformation
-from wrt.scene.density import DensityGrid
+from wrt.scene.medium import DensityGrid
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Shape

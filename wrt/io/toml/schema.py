@@ -19,11 +19,10 @@ from wrt.io.toml.reader import shape_makers
 from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, array_of, definition, own_fields
 from wrt.io.toml.value_ranges import FORMS, Limits
 from wrt.scene.camera import CAMERAS
-from wrt.scene.density import DensityGrid
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
-from wrt.scene.medium import MEDIA, Medium
+from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.motion import Motion
 from wrt.scene.scene import RenderSettings
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor

@@ -24,11 +24,10 @@ from wrt.io.codes import codes_of, save_codes
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
 from wrt.scene.camera import CAMERAS
-from wrt.scene.density import DensityGrid
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
-from wrt.scene.medium import Medium
+from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape

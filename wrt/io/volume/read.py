@@ -14,7 +14,7 @@ from wrt.io.safe_read import PathLike, naming_file, read_file
 from wrt.io.volume.nanovdb import read_nanovdb
 from wrt.io.volume.vol import read_vol
 from wrt.io.volume.volume import Volume, take_memory
-from wrt.scene.density import DensityGrid
+from wrt.scene.medium import DensityGrid
 
 SUFFIXES = (".npy", ".npz", ".vol", ".nvdb")
 _PLACES = ("lower", "upper", "transform")

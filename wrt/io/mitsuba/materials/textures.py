@@ -17,7 +17,7 @@ from wrt.errors import InputError
 from wrt.io.images import read_image
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
-from wrt.scene.density import DensityGrid
+from wrt.scene.medium import DensityGrid
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 from wrt.values import Vec3, sealed, vec3
 
