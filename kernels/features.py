@@ -32,6 +32,7 @@ class Features:
         aovs: whether the film has layers besides radiance (see `kernels/film/aovs.py`).
         guides: whether albedo and normals are the guides of a denoiser, which look through glass and into mirrors.
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
+        grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
         composite: without `opacity`: "none" where no material has parts, "sides" where front and back may differ, or
             "mixed" where hits choose parts of mixtures at random.
@@ -54,6 +55,7 @@ class Features:
     cameras: tuple[str, ...] = ()
     light_tree: bool = False
     media: str = "none"
+    grid_media: bool = False
     nested: bool = False
     uv2_alpha: bool = False
     mipmapped: bool = False

@@ -76,11 +76,12 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "TwoSided",
         "Emissive",
         "Medium",
+        "DensityGrid",
         "register_material",
     ),
     "Textures": ("ImageTexture", "VertexColor", "NormalMap"),
     "Rays": ("Intersector", "Hits"),
-    "Files": ("load_image", "save_image", "develop_image", "save_scene"),
+    "Files": ("load_image", "save_image", "develop_image", "save_scene", "load_density"),
     "Errors": ("InputError",),
 }
 """The public names, in the order in which a reader meets them.
@@ -171,6 +172,7 @@ PARTS_OF_VALUES = {
     "motion": "Motions",
     "instance": "Instances",
     "deformation": "Deformations",
+    "density": "Densities",
 }
 """Definitions that are tables within tables, and their headings."""
 

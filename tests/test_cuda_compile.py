@@ -86,6 +86,7 @@ FEATURES = [
         nested=True,
         instances="still",
     ),
+    Features(("diffuse", "null"), False, "constant", media="scattering", grid_media=True),
     # Each distribution of normals, and each masking with one of them.
     *(
         Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")

@@ -39,6 +39,7 @@ SCENE_FORMAT = PAGES["docs/scene-format.md"]
 
 def write_files(folder: Path) -> None:
     """Write every file that an example names."""
+    np.save(folder / "cloud.npy", np.ones((2, 3, 4), np.float32))
     ball = wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=2)
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
     shutil.copy(ROOT / "meshes" / "teapot.ply", folder)

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from conftest import Report
 
@@ -63,6 +64,20 @@ def clouds() -> wrt.Scene:
     return scene
 
 
+def clouds_on_grids() -> wrt.Scene:
+    """Two media of varying density, one with an albedo that varies too and in a box that is turned, under a lamp."""
+    rng = np.random.default_rng(8)
+    scene = lamp(stage())
+    density = rng.random((6, 5, 7)).astype(np.float32) ** 2
+    tall = wrt.DensityGrid(density, (-0.8, 0.05, -0.3), (0.0, 0.95, 0.4), factor=3.0)
+    scene.add(tall.boundary, material=wrt.Null(interior=dataclasses.replace(CHROMATIC, g=0.6, density=tall)))
+    place = np.eye(4)
+    place[:3] = [[0.7, 0.2, 0.1, 0.2], [-0.1, 0.7, 0.0, 0.15], [-0.2, 0.1, 0.6, 0.1]]
+    low = wrt.DensityGrid(density[::-1], transform=place, factor=4.0, albedo=rng.random((3, 4, 2, 3)))
+    scene.add(low.boundary, material=wrt.Null(interior=dataclasses.replace(CHROMATIC, g=-0.3, density=low)))
+    return scene
+
+
 def fog() -> wrt.Scene:
     """Fog everywhere, but in a block of glass."""
     scene = lamp(stage())
@@ -103,7 +118,7 @@ def denser(scene: wrt.Scene) -> wrt.Scene:
 
 
 CASES: dict[str, Callable[[], wrt.Scene]] = {
-    f.__name__: f for f in (absorbing_glass, scattering_in_glass, clouds, fog, coloured_panes)
+    f.__name__: f for f in (absorbing_glass, scattering_in_glass, clouds, clouds_on_grids, fog, coloured_panes)
 }
 SIGNIFICANCE = sidak(0.01, len(CASES))
 

@@ -74,6 +74,11 @@ CASES = {
         ('"temperature" value="2000"', '"temperature" value="2020"'),
         variant="scalar_spectral",
     ),
+    "clouds": Case(
+        "heterogeneous: sigma_t, albedo; gridvolume: filename, to_world, use_grid_bbox; constvolume",
+        ('"scale" value="6"', '"scale" value="6.6"'),
+        1024,
+    ),
     "milk": Case(
         "interior of roughdielectric, isotropic; dielectric: specular_reflectance, specular_transmittance; plastic: "
         "specular_reflectance; ldsampler",

@@ -11,6 +11,7 @@ from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh
 from wrt.io.toml.writer import save_scene as save_scene
+from wrt.io.volume.read import load_density as load_density
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part
@@ -57,6 +58,7 @@ from wrt.scene.materials import RoughPlastic as RoughPlastic
 from wrt.scene.materials import ThinDielectric as ThinDielectric
 from wrt.scene.materials import TwoSided as TwoSided
 from wrt.scene.materials import register_material as register_material
+from wrt.scene.medium import DensityGrid as DensityGrid
 from wrt.scene.medium import Medium as Medium
 from wrt.scene.mesh import Mesh as Mesh
 from wrt.scene.motion import Motion as Motion

@@ -53,7 +53,7 @@ def make_trace_occlusion(features: Features) -> wp.Function:
             ray.time = camera_ray.time
             nowhere = Hit()
             nowhere.triangle = NO_HIT
-            result.radiance = visibility(scene, ray, settings.ao_distance, nowhere, BodyStack(), no_skin())
+            result.radiance = visibility(scene, ray, settings.ao_distance, nowhere, BodyStack(), no_skin(), u)
             result.rays = result.rays + 1
         return result
 

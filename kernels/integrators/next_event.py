@@ -14,9 +14,11 @@ from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_visibility
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.shapes import make_light_shapes
+from wrt.kernels.media.grids import make_shadow_in_media
 from wrt.kernels.media.medium import make_extinction, transmittance
 from wrt.kernels.media.phase import phase
 from wrt.kernels.media.skin import Skin, no_skin
+from wrt.kernels.sampling.sampler import stream_key
 from wrt.kernels.scene.scene_data import BodyStack, SceneData
 from wrt.kernels.specialise import specialised
 
@@ -89,14 +91,14 @@ def make_light_in_medium(features: Features) -> wp.Function:
             shadow_ray.direction = light.wi
             shadow_ray.time = receiver.time
             result.rays = 1
-            seen = visibility(scene, shadow_ray, light.distance, light.point, medium_stack, skin)
+            seen = visibility(scene, shadow_ray, light.distance, light.point, medium_stack, skin, u_light)
             result.radiance = wp.cw_mul(arriving, seen)
         return result
 
     return light_in_medium
 
 
-@specialised("models", "media", "light_shapes", *make_lights.fields, *make_visibility.fields)
+@specialised("models", "media", "grid_media", "light_shapes", *make_lights.fields, *make_visibility.fields)
 def make_light_at_surface(features: Features) -> wp.Function:
     """Return the device function for the light that a surface scatters towards wo, from both of its sides.
 
@@ -110,8 +112,8 @@ def make_light_at_surface(features: Features) -> wp.Function:
     attenuates_shadows = can_attenuate_shadows(features)
     light_shapes = bool(features.light_shapes)
     light_shape_blocks = make_light_shapes(features.light_shapes).blocks
-    media = features.media != "none"
-    extinction_of = make_extinction(features.media)
+    media, grid_media = features.media != "none", features.grid_media
+    extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
@@ -156,7 +158,7 @@ def make_light_at_surface(features: Features) -> wp.Function:
                             shadow_ray.direction = to_light / t_max
                 result.rays = 1
                 if wp.static(attenuates_shadows):
-                    seen = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin())
+                    seen = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light)
                     result.radiance = wp.cw_mul(arriving, seen)
                 else:
                     blocked = bool(False)
@@ -164,7 +166,10 @@ def make_light_at_surface(features: Features) -> wp.Function:
                         blocked = light_shape_blocks(scene, shadow_ray, t_max, light.point)
                     if not blocked:
                         result.radiance = arriving
-                        if wp.static(media):
+                        if wp.static(grid_media):
+                            left = shadow_in_media(scene, shadow_ray, 0.0, t_max, shadow_stack, stream_key(u_light, 0))
+                            result.radiance = wp.cw_mul(arriving, left)
+                        elif wp.static(media):
                             transmitted = transmittance(extinction_of(scene, shadow_stack), t_max)
                             result.radiance = wp.cw_mul(arriving, transmitted)
                         result.shadow_ray = shadow_ray

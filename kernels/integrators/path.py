@@ -53,9 +53,9 @@ def make_trace_path(features: Features) -> wp.Function:
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
     opacity, mixed, nested = features.opacity, features.mixed, features.nested
-    light_shapes = bool(features.light_shapes)
-    media, scattering, bodies = features.media != "none", features.media == "scattering", features.bodies
-    clamped, panes, attenuates_shadows = features.clamped, has_panes(features.models), can_attenuate_shadows(features)
+    media, scattering, grid_media = features.media != "none", features.media == "scattering", features.grid_media
+    clamped, panes, light_shapes = features.clamped, has_panes(features.models), bool(features.light_shapes)
+    attenuates_shadows = can_attenuate_shadows(features)
 
     @wp.func
     @path_function
@@ -63,7 +63,7 @@ def make_trace_path(features: Features) -> wp.Function:
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> PathResult:
         path = camera_path(camera_ray, pixel_footprint)
-        if wp.static(bodies):
+        if wp.static(media or nested):
             path.medium_stack = scene.inside_at_camera
         while path.depth < settings.max_depth:
             path.depth += 1
@@ -76,7 +76,7 @@ def make_trace_path(features: Features) -> wp.Function:
                 hit = or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
-            if wp.static(mixed or panes or scattering):
+            if wp.static(mixed or panes or scattering or grid_media):
                 u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
 
             # ---- Medium

@@ -11,9 +11,11 @@ from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE
 from wrt.kernels.integrators.next_event import make_light_in_medium
 from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
+from wrt.kernels.media.grids import is_in_grid, make_fly_in_grid
 from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, transmittance
 from wrt.kernels.media.phase import phase, sample_phase
 from wrt.kernels.media.skin import make_skin_near
+from wrt.kernels.sampling.sampler import stream_key
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import inline_stage
@@ -37,14 +39,14 @@ class MediumSegment:
 
 
 @specialised("media")
-def make_traverse_medium(features: Features) -> wp.Function:
-    """Return the stage (scene, path, hit, u_medium, max_scatterings) -> MediumSegment, up to the nearest hit."""
+def make_traverse_homogeneous(features: Features) -> wp.Function:
+    """Return the stage of `make_traverse_medium` for media of constant density."""
     scattering = features.media == "scattering"
     extinction_of = make_extinction(features.media)
 
     @wp.func
     @inline_stage
-    def traverse_medium(
+    def traverse_homogeneous(
         scene: SceneData, path: PathState, hit: Hit, u_medium: wp.vec2, max_scatterings: int
     ) -> MediumSegment:
         segment = MediumSegment()
@@ -73,6 +75,42 @@ def make_traverse_medium(features: Features) -> wp.Function:
                     segment.g = record.g
             if not scatters_light:
                 segment.throughput = wp.cw_mul(path.throughput, transmittance(extinction, segment_length))
+        return segment
+
+    return traverse_homogeneous
+
+
+@specialised("grid_media", *make_traverse_homogeneous.fields)
+def make_traverse_medium(features: Features) -> wp.Function:
+    """Return the stage (scene, path, hit, u_medium, max_scatterings) -> MediumSegment, up to the nearest hit."""
+    traverse_homogeneous = make_traverse_homogeneous(features)
+    if not features.grid_media:
+        return traverse_homogeneous
+    fly_in_grid = make_fly_in_grid(features.media)
+
+    @wp.func
+    @inline_stage
+    def traverse_medium(
+        scene: SceneData, path: PathState, hit: Hit, u_medium: wp.vec2, max_scatterings: int
+    ) -> MediumSegment:
+        segment = MediumSegment()
+        medium = medium_of(scene, path.medium_stack)
+        if is_in_grid(scene, medium):
+            record = scene.media[medium]
+            ray = path.ray
+            ray.origin = ray.origin - ray.direction * path.origin_gap
+            key = stream_key(wp.vec4(u_medium[0], u_medium[1], 0.0, 0.0), 0)
+            flight = fly_in_grid(scene, record, ray, path.origin_gap + hit.t, path.throughput, u_medium, key, False)
+            segment.radiance = path.radiance + flight.radiance
+            segment.throughput = flight.throughput
+            segment.scatters = flight.scattered
+            segment.ends = wp.max(flight.throughput) == 0.0 or (
+                flight.scattered and path.medium_scatterings >= max_scatterings
+            )
+            segment.distance = flight.distance
+            segment.g = record.g
+        else:
+            segment = traverse_homogeneous(scene, path, hit, u_medium, max_scatterings)
         return segment
 
     return traverse_medium

@@ -11,8 +11,10 @@ from wrt.kernels.geometry.rays import Ray, to_local
 from wrt.kernels.geometry.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.media.bodies import Crossing, crossed, is_same_crossing, is_there
+from wrt.kernels.media.grids import make_shadow_in_media
 from wrt.kernels.media.medium import make_extinction, transmittance
 from wrt.kernels.media.skin import Skin, or_skin
+from wrt.kernels.sampling.sampler import stream_key
 from wrt.kernels.scene.materials import MOST_PASSED, has_panes, make_share_passed
 from wrt.kernels.scene.scene_data import MATERIAL_MODEL, BodyStack, SceneData
 from wrt.kernels.specialise import specialised
@@ -72,7 +74,7 @@ def make_passed_shares(features: Features) -> PassedShares:
     return PassedShares(passed_at, holes_at)
 
 
-@specialised("instances", "opacity", "media", "nested", "light_shapes", *make_passed_shares.fields)
+@specialised("instances", "opacity", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields)
 def make_transmission(features: Features) -> wp.Function:
     """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
     opacity = features.opacity
@@ -87,12 +89,13 @@ def make_transmission(features: Features) -> wp.Function:
     surface_at = make_surface_at(features.instances)
     shares = make_passed_shares(features)
     passed_at, holes_at = shares.passed, shares.holes
-    extinction_of = make_extinction(features.media)
+    grid_media = features.grid_media
+    extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
 
     @wp.func
     @traces_alone
     def transmission(
-        scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin
+        scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin, u: wp.vec4
     ) -> wp.vec3:
         share = wp.vec3(1.0)
         if wp.static(opacity):
@@ -112,7 +115,11 @@ def make_transmission(features: Features) -> wp.Function:
             hit = or_skin(skin, ray, hit)
         while passed < MOST_PASSED:
             if wp.static(media):
-                share = wp.cw_mul(share, transmittance(extinction_of(scene, within), hit.t - come))
+                if wp.static(grid_media):
+                    left = shadow_in_media(scene, ray, come, hit.t, within, stream_key(u, passed))
+                    share = wp.cw_mul(share, left)
+                else:
+                    share = wp.cw_mul(share, transmittance(extinction_of(scene, within), hit.t - come))
                 come = hit.t
             if hit.triangle == NO_HIT:
                 return share
@@ -141,7 +148,7 @@ def make_transmission(features: Features) -> wp.Function:
     return transmission
 
 
-@specialised("instances", "media", "light_shapes")
+@specialised("instances", "media", "grid_media", "light_shapes")
 def make_unblocked(features: Features) -> wp.Function:
     """Return the visibility where surfaces block all light; see `make_visibility`."""
     media = features.media != "none"
@@ -149,12 +156,13 @@ def make_unblocked(features: Features) -> wp.Function:
     light_shapes = bool(features.light_shapes)
     light_shape_blocks = make_light_shapes(features.light_shapes).blocks
     occluded = make_intersect(features.instances).occluded
-    extinction_of = make_extinction(features.media)
+    grid_media = features.grid_media
+    extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
 
     @wp.func
     @traces_alone
     def unblocked(
-        scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin
+        scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin, u: wp.vec4
     ) -> wp.vec3:
         if wp.static(light_shapes):
             if light_shape_blocks(scene, ray, distance, light_point):
@@ -167,6 +175,8 @@ def make_unblocked(features: Features) -> wp.Function:
         if occluded(scene, ray, distance):
             return wp.vec3(0.0)
         if wp.static(media):
+            if wp.static(grid_media):
+                return shadow_in_media(scene, ray, 0.0, distance, inside, stream_key(u, 0))
             return transmittance(extinction_of(scene, inside), distance)
         return wp.vec3(1.0)
 
@@ -175,11 +185,12 @@ def make_unblocked(features: Features) -> wp.Function:
 
 @specialised(*ATTENUATING, *make_transmission.fields, *make_unblocked.fields)
 def make_visibility(features: Features) -> wp.Function:
-    """Return the device function (scene, ray, distance, light_point, inside, skin) -> share of light that arrives.
+    """Return the device function (scene, ray, distance, light_point, inside, skin, u) -> share of light that arrives.
 
     Per channel, 0 to 1: the product over all surfaces before `distance` of what they let straight through, and of the
     transmittance of the media between them, times what is there of the light itself. `light_point` is where on a
     triangle it begins, or which light shape it is, or a Hit of nothing; `inside` are the bodies that the ray begins in,
-    and `skin` is the surface right beside its origin.
+    and `skin` is the surface right beside its origin. Of `u`, the four numbers by which the light was chosen, those of
+    tracking through media on grids are made.
     """
     return make_transmission(features) if can_attenuate_shadows(features) else make_unblocked(features)

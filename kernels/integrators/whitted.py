@@ -158,7 +158,7 @@ def make_direct_light(features: Features) -> wp.Function:
                         shadow_ray.direction = light.wi
                         shadow_ray.time = time
                         result.rays = result.rays + 1
-                        seen = visibility(scene, shadow_ray, light.distance, light.point, inside, no_skin())
+                        seen = visibility(scene, shadow_ray, light.distance, light.point, inside, no_skin(), wp.vec4())
                         result.radiance = result.radiance + wp.cw_mul(arriving, seen)
         return result
 

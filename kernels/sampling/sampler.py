@@ -197,3 +197,21 @@ def passed_block(depth: int, passed: int) -> wp.uint32:
     All other blocks are those of a path without these surfaces, so passing them changes no other number.
     """
     return vertex_block(depth, BLOCK_MATERIAL) + wp.uint32(passed) * BLOCKS_PER_PATH
+
+
+@wp.func
+def stream_key(u: wp.vec4, number: int) -> wp.vec4ui:
+    """Return the key of a sequence of further random numbers, of which it is not known how many there will be.
+
+    It is a hash of the four numbers in [0, 1) of a block, so it depends on what they depend on. Different `number`s
+    give different sequences.
+    """
+    scale = float(16777216.0)
+    x, y, z, w = wp.uint32(u[0] * scale), wp.uint32(u[1] * scale), wp.uint32(u[2] * scale), wp.uint32(u[3] * scale)
+    return hash_4d(x, y, z, w + (wp.uint32(number) << wp.uint32(24)))
+
+
+@wp.func
+def stream_4d(key: wp.vec4ui, number: int) -> wp.vec4:
+    """Return the four independent numbers at a place in the sequence of a key."""
+    return _unit_floats(hash_4d(key[0], key[1], key[2], key[3] + wp.uint32(number)))

@@ -145,12 +145,48 @@ class BodyRecord:
 
 @wp.struct
 class MediumRecord:
-    """A homogeneous medium, per metre; `g` is the mean cosine of the scattering angle."""
+    """A medium, per metre; `g` is the mean cosine of the scattering angle.
+
+    If `grid` is not −1, the coefficients are those where the density is 1, and tentative collisions where the majorant
+    is 1 have the coefficient `tracking`. It is at least the extinction of every channel.
+    """
 
     absorption: wp.vec3
     scattering: wp.vec3
     emission: wp.vec3
     g: float
+    grid: int
+    tracking: float
+
+
+@wp.struct
+class Lattice:
+    """Values at the centres of the cells into which the unit cube is divided, in an array from `first` on, x fastest.
+
+    `nx` is 0 if there are none.
+    """
+
+    first: int
+    nx: int
+    ny: int
+    nz: int
+
+
+@wp.struct
+class GridRecord:
+    """Values that vary in a box: density, albedo, and a factor on the emission.
+
+    (x, y, z, 1) times `to_unit_x` and so on is the place in the unit cube that stands for the box.
+    """
+
+    to_unit_x: wp.vec4
+    to_unit_y: wp.vec4
+    to_unit_z: wp.vec4
+    density: Lattice  # in `grid_values`
+    majorants: Lattice  # in `grid_values`: the greatest density within each of their cells
+    minorants: Lattice  # in `grid_values`: the least within the same cells
+    albedo: Lattice  # in `grid_colors`
+    emission: Lattice  # in `grid_colors`
 
 
 @wp.struct
@@ -236,6 +272,9 @@ class SceneData:
     # Interiors: of bodies, of the space around them, and at the camera
     bodies: wp.array(dtype=BodyRecord)
     media: wp.array(dtype=MediumRecord)
+    grids: wp.array(dtype=GridRecord)
+    grid_values: wp.array(dtype=float)
+    grid_colors: wp.array(dtype=wp.vec3)
     medium: int
     inside_at_camera: BodyStack
     # Lights

@@ -169,13 +169,31 @@ def _shape(shape: Shape, path: Path) -> dict[str, Any]:
 
 def _medium(medium: wrt.Medium) -> dict[str, Any]:
     if any(medium.emission):
-        raise NotImplementedError("Mitsuba's homogeneous media do not emit")
+        raise NotImplementedError("Mitsuba's media do not emit")
     pairs = zip(medium.scattering, medium.extinction, strict=True)
     albedo = [s / t if t > 0.0 else 0.0 for s, t in pairs]
     phase = {"type": "hg", "g": medium.g} if medium.g else {"type": "isotropic"}
     most = max(medium.extinction)  # colours end at 1
+    if medium.density is not None:
+        grid = medium.density
+        sigma_t = grid.values[..., None] * np.divide(medium.extinction, most)
+        colors = np.reshape(albedo, (1, 1, 1, 3)) if grid.albedo is None else grid.albedo
+        return {
+            "type": "heterogeneous",
+            "sigma_t": _volume(sigma_t, grid),
+            "albedo": _volume(colors, grid),
+            "scale": most * grid.factor,
+            "phase": phase,
+        }
     density = {"sigma_t": _rgb([t / most for t in medium.extinction]), "scale": most}
     return {"type": "homogeneous", "albedo": _rgb(albedo), **density, "phase": phase}
+
+
+def _volume(values: Any, grid: wrt.DensityGrid) -> dict[str, Any]:
+    mi = load_mitsuba()
+    volume = mi.VolumeGrid(np.ascontiguousarray(values, np.float32))
+    to_world = mi.ScalarTransform4f(grid.to_world.tolist())
+    return {"type": "gridvolume", "grid": volume, "to_world": to_world, "raw": True}
 
 
 def _color(value: ColorSource) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import numpy as np
 import wrt
 
 from .bodies import checkered, facing, sweep, turned
+from .clouds import cloud
 from .picture import Picture
 
 AIM = (0.0, 0.06, 0.0)
@@ -149,5 +150,6 @@ PICTURES = {
     "media-water-and-ice": Picture(water_and_ice, 400, 400, 768),
     "media-coloured-glass": Picture(coloured_glass, spp=512),
     "media-fog": Picture(fog, 400, 225, 4096),
+    "media-cloud": Picture(cloud, 440, 275, 512),
     "media-subsurface": Picture(subsurface, spp=2048),
 }

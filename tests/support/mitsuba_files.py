@@ -30,12 +30,26 @@ def write_files(folder: Path) -> None:
     _write_png(folder / "normals.png", np.rint(127.5 * (normals + 1.0)))
     bumps = 0.5 + 0.5 * np.sin(2.0 * np.pi * np.arange(64) / 64.0)
     _write_png(folder / "bumps.png", np.rint(255.0 * np.repeat((bumps[:, None] * bumps)[..., None], 3, axis=2)))
+    write_vol(folder / "smoke.vol", random.random((5, 4, 6)), (0.25, 0.05, -0.35), (0.95, 0.75, 0.35))
+    write_vol(folder / "albedo.vol", random.random((2, 3, 2, 3)))
     (folder / "house.obj").write_text(HOUSE)
     ball = wrt.sphere(subdivisions=3)
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
     (folder / "ball.obj").write_text("\n".join(lines))
     (folder / "tent.ply").write_text(TENT)
     (folder / "leaf.spd").write_text(LEAF)
+
+
+def write_vol(
+    path: Path,
+    values: np.ndarray,
+    lower: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    upper: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> None:
+    """Write (nz, ny, nx) numbers or (nz, ny, nx, 3) colours as Mitsuba's documentation says."""
+    nz, ny, nx = values.shape[:3]
+    header = b"VOL\3" + np.array([1, nx, ny, nz, values[0, 0, 0].size], "<i4").tobytes()
+    path.write_bytes(header + np.array([*lower, *upper], "<f4").tobytes() + values.astype("<f4").tobytes())
 
 
 def _write_png(path: Path, codes: np.ndarray) -> None:

@@ -170,6 +170,26 @@ def bodies() -> wrt.Scene:
     return scene
 
 
+def clouds() -> wrt.Scene:
+    """Media whose density varies: one that scatters in colours, one that shines, one that absorbs, in thin smoke."""
+    density = wrt.DensityGrid(
+        noise(7, 12)[..., None, 0] * noise(8, 12)[:, None, :, 1], (-1.5, 0.1, -0.6), (0.0, 1.5, 0.6)
+    )
+    turned = np.array([[0.7, 0.2, 0.0, 0.2], [-0.2, 0.9, 0.0, 0.4], [0.0, 0.1, 0.8, -0.3], [0.0, 0.0, 0.0, 1.0]])
+    varied = wrt.DensityGrid(noise(9, 10).transpose(2, 0, 1), transform=turned, factor=3.0, albedo=noise(10)[None])
+    scene = room(wrt.Diffuse(0.5), wrt.Diffuse(0.2))
+    scene.environment = wrt.ConstantEnvironment((0.4, 0.5, 0.7))
+    scene.medium = wrt.Medium(0.05, 0.1, density=wrt.DensityGrid(noise(11), (-3, 0, -3), (3, 4, 3)))
+    for grid, medium in (
+        (density, wrt.Medium(0.3, (9.0, 6.0, 3.0), g=0.6)),
+        (varied, wrt.Medium((0.5, 1.0, 2.0), 2.0, g=-0.2, emission=0.3)),
+        (wrt.DensityGrid(noise(12), (0.6, 1.0, 0.5), (1.2, 1.6, 1.0)), wrt.Medium((3.0, 2.0, 6.0))),
+    ):
+        interior = wrt.Medium(medium.absorption, medium.scattering, medium.g, medium.emission, grid)
+        scene.add(grid.boundary, material=wrt.Null(interior=interior))
+    return scene
+
+
 def moving() -> wrt.Scene:
     """What moves, as a whole or not, over the time that a shutter is open."""
     scene = room(wrt.Diffuse(0.6))
@@ -207,6 +227,7 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     ),
     "panes": (panes, {}, ("perspective", "panorama")),
     "bodies": (bodies, {"sampler": "independent"}, ("perspective", "moving")),
+    "clouds": (clouds, {"sampler": "stratified"}, ("perspective",)),
     "moving": (moving, {"layers": ("motion", "depth")}, ("moving",)),
     "deforming": (deforming, {"light_choice": "tree"}, ("moving",)),
 }

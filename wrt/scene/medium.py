@@ -1,21 +1,97 @@
-"""Participating media, which fill bodies or the whole scene."""
+"""Participating media, which fill bodies or the whole scene, and densities that vary in them."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.values import ColorLike, Vec3, color, number
+from wrt.scene.mesh import Mesh
+from wrt.scene.shapes import box
+from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, color, number, owned, vector
+
+MOST_CELLS = 2**29
+"""The most cells of a grid: 2 GB of densities."""
+
+
+@dataclass(frozen=True, eq=False)
+class DensityGrid:
+    """The density of a medium in a box, on a grid of cells.
+
+    It multiplies the coefficients of the medium. Values are those at the centres of cells, and trilinear between them;
+    less than half a cell from the faces of the box they are those of the outermost centres. Outside of the box the
+    density is 0. The box stands in the world, wherever the shapes are that the medium fills.
+
+    Attributes:
+        values: (nz, ny, nx) densities, not negative; x varies fastest, and index 0 is at `lower`.
+        lower: corner of the box, metres.
+        upper: the opposite corner.
+        transform: (4, 4) affine matrix that then places the box in the world; None leaves it.
+        factor: multiplies the values.
+        albedo: (nz, ny, nx, 3) share of the extinction that is scattering, 0 to 1, in place of the medium's own; on
+            cells of any number in the same box. The medium's absorption and scattering count by their sum only.
+        emission: (nz, ny, nx) or (nz, ny, nx, 3) factor on the medium's emission, besides the density.
+        name: source of the values, for messages.
+    """
+
+    values: NDArray[np.float32] = field(repr=False)
+    lower: Vec3 = (0.0, 0.0, 0.0)
+    upper: Vec3 = (1.0, 1.0, 1.0)
+    transform: NDArray[np.float64] | None = None
+    factor: float = 1.0
+    albedo: NDArray[np.float32] | None = field(default=None, repr=False)
+    emission: NDArray[np.float32] | None = field(default=None, repr=False)
+    name: str = "density"
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        what = f"density {self.name}"
+        put("values", _cells(self.values, f"{what}: values", channels=(0,)))
+        put("lower", vector(self.lower, f"{what}: lower"))
+        put("upper", vector(self.upper, f"{what}: upper"))
+        if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise InputError(f"{what}: lower must be less than upper on each axis, not {self.lower} and {self.upper}")
+        put("factor", number(self.factor, f"{what}: factor", minimum=0.0, maximum=FLOAT32_MAX))
+        if self.transform is not None:
+            put("transform", _affine(self.transform, f"{what}: transform"))
+        if self.albedo is not None:
+            put("albedo", _cells(self.albedo, f"{what}: albedo", channels=(3,)))
+            if self.albedo.max() > 1.0:
+                raise InputError(f"{what}: albedo must be at most 1, not {self.albedo.max():g}")
+        if self.emission is not None:
+            put("emission", _cells(self.emission, f"{what}: emission", channels=(0, 3)))
+
+    @property
+    def greatest(self) -> float:
+        """The greatest density."""
+        return self.factor * float(self.values.max())
+
+    @property
+    def to_world(self) -> NDArray[np.float64]:
+        """The (4, 4) matrix from the unit cube to the box in the world."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = np.diag(np.subtract(self.upper, self.lower))
+        matrix[:3, 3] = self.lower
+        return matrix if self.transform is None else self.transform @ matrix
+
+    @property
+    def boundary(self) -> Mesh:
+        """The box in the world as a mesh, for a shape of Null that holds the medium."""
+        mesh = box(self.lower, self.upper)
+        return mesh if self.transform is None else mesh.transformed(self.transform)
 
 
 @dataclass(frozen=True)
 class Medium:
-    """A homogeneous medium.
+    """A medium, homogeneous unless it has a grid of densities.
 
     Coefficients are per metre and per channel. The transmittance over a distance d is
     exp(−(absorption + scattering) d) (Beer's law). The sum of the coefficients is the extinction, and its inverse the
@@ -27,36 +103,49 @@ class Medium:
         g: mean cosine of the scattering angle (Henyey and Greenstein 1941): 0 is isotropic, towards 1 forward,
             towards −1 backward.
         emission: emitted radiance per metre, W·sr⁻¹·m⁻³.
+        density: factor on all coefficients that varies in space; None for 1 everywhere.
     """
 
     absorption: ColorLike = 0.0
     scattering: ColorLike = 0.0
     g: float = 0.0
     emission: ColorLike = 0.0
+    density: DensityGrid | None = None
 
     def __post_init__(self) -> None:
         for name in ("absorption", "scattering", "emission"):
             object.__setattr__(self, name, color(getattr(self, name), name))
         object.__setattr__(self, "g", number(self.g, "g", minimum=-0.99, maximum=0.99))
+        if self.density is not None and not isinstance(self.density, DensityGrid):
+            raise InputError(f"density must be a wrt.DensityGrid, not {type(self.density).__name__}")
 
     @property
     def extinction(self) -> Vec3:
-        """Absorption plus scattering, per metre."""
+        """Absorption plus scattering, per metre, where the density is 1."""
         a, s = self.absorption, self.scattering
         return tuple(x + y for x, y in zip(a, s, strict=True))  # type: ignore[arg-type, return-value]
 
     @property
     def scatters(self) -> bool:
         """Whether it scatters light."""
+        if self.density is not None and self.density.albedo is not None:
+            return any(self.extinction) and bool(self.density.albedo.any())
         return any(self.scattering)  # type: ignore[arg-type]
 
     @property
     def is_clear(self) -> bool:
         """Whether it neither attenuates nor emits light."""
-        return not any((*self.extinction, *self.emission))  # type: ignore[misc]
+        empty = self.density is not None and self.density.greatest == 0.0
+        return empty or not any((*self.extinction, *self.emission))  # type: ignore[misc]
 
     @classmethod
-    def from_color(cls, color: ColorLike, distance: float = 1.0, emission: ColorLike = 0.0) -> Medium:
+    def from_color(
+        cls,
+        color: ColorLike,
+        distance: float = 1.0,
+        emission: ColorLike = 0.0,
+        density: DensityGrid | None = None,
+    ) -> Medium:
         """Return the absorbing medium that has the transmittance `color` over a distance.
 
         By Beer's law the absorption is −ln(color) / distance.
@@ -65,6 +154,7 @@ class Medium:
             color: transmittance per channel, above 0 and at most 1.
             distance: metres.
             emission: emitted radiance per metre, W·sr⁻¹·m⁻³.
+            density: as the attribute.
 
         Raises:
             InputError: if a channel is 0, which would take infinite absorption.
@@ -73,10 +163,18 @@ class Medium:
         if min(left) <= 0.0:
             raise InputError(f"color must be greater than 0 in each channel, not {left}: no medium absorbs everything")
         distance = number(distance, "distance", above=0.0)
-        return cls(absorption=tuple(abs(math.log(share)) / distance for share in left), emission=emission)
+        absorption = tuple(abs(math.log(share)) / distance for share in left)
+        return cls(absorption=absorption, emission=emission, density=density)
 
     @classmethod
-    def from_albedo(cls, albedo: ColorLike, extinction: ColorLike, g: float = 0.0, emission: ColorLike = 0.0) -> Medium:
+    def from_albedo(
+        cls,
+        albedo: ColorLike,
+        extinction: ColorLike,
+        g: float = 0.0,
+        emission: ColorLike = 0.0,
+        density: DensityGrid | None = None,
+    ) -> Medium:
         """Return the medium of this single-scattering albedo and extinction.
 
         Args:
@@ -84,14 +182,17 @@ class Medium:
             extinction: per metre and channel; its inverse is the mean free path.
             g: as the attribute.
             emission: as the attribute.
+            density: as the attribute.
         """
         share, total = _color(albedo, "albedo", maximum=1.0), _color(extinction, "extinction")
         scattering = tuple(a * t for a, t in zip(share, total, strict=True))
         absorption = tuple((1.0 - a) * t for a, t in zip(share, total, strict=True))
-        return cls(absorption, scattering, g, emission)
+        return cls(absorption, scattering, g, emission, density)
 
     @classmethod
-    def from_subsurface(cls, color: ColorLike, radius: ColorLike, g: float = 0.0) -> Medium:
+    def from_subsurface(
+        cls, color: ColorLike, radius: ColorLike, g: float = 0.0, density: DensityGrid | None = None
+    ) -> Medium:
         """Return the medium that gives a thick body this diffuse colour.
 
         Args:
@@ -99,6 +200,7 @@ class Medium:
                 channel, 0 to 1 (see `albedo_of_color`). A refractive boundary makes it darker.
             radius: mean free path, metres, per channel; larger values spread light farther.
             g: as the attribute. The radius is then the reduced mean free path, the mean free path over 1 − g.
+            density: as the attribute.
 
         Raises:
             InputError: if a radius is 0.
@@ -112,7 +214,7 @@ class Medium:
         # (van de Hulst, "Multiple Light Scattering", 1980, section 14.1).
         absorption = tuple((1.0 - a) / r for a, r in zip(reduced, paths, strict=True))
         scattering = tuple(a / (r * (1.0 - g)) for a, r in zip(reduced, paths, strict=True))
-        return cls(absorption, scattering, g)
+        return cls(absorption, scattering, g, density=density)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -168,3 +270,29 @@ MEDIA: dict[str, Callable[..., Medium]] = {
 
 def _color(value: ColorLike, name: str, maximum: float = 1e30) -> Vec3:
     return color(value, name, maximum=maximum)
+
+
+def _cells(values: Any, what: str, channels: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return values of cells as a read-only float32 array with one of these numbers of channels; 0 for no axis."""
+    with np.errstate(over="ignore"):
+        result = owned(values, what, np.float32)
+    shapes = ["(nz, ny, nx)" if count == 0 else f"(nz, ny, nx, {count})" for count in channels]
+    if not any(result.shape[3:] == ((count,) if count else ()) for count in channels) or result.ndim < 3:
+        raise InputError(f"{what} must be {' or '.join(shapes)}, not {result.shape}")
+    if result.size == 0:
+        raise InputError(f"{what} must have a cell at least, not {result.shape}")
+    if result.size > MOST_CELLS:
+        raise InputError(f"{what} has {result.size} numbers; the limit is {MOST_CELLS}")
+    if not np.isfinite(result).all() or float(result.min()) < 0.0:
+        raise InputError(f"{what} must be finite and not negative")
+    return result
+
+
+def _affine(value: Any, what: str) -> NDArray[np.float64]:
+    matrix = array(value, what, np.float64).copy()
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
+        raise InputError(f"{what} must be a (4, 4) affine matrix")
+    if not abs(np.linalg.det(matrix[:3, :3])) > 0.0:
+        raise InputError(f"{what} must not flatten space")
+    matrix.flags.writeable = False
+    return matrix

@@ -18,6 +18,7 @@ from wrt.scene.materials import Material, RoughDielectric
 from wrt.scene.materials.body import Body, bodies_of
 from wrt.scene.medium import Medium
 from wrt.scene.scene import Scene
+from wrt.upload.grids import upload_media
 
 CAMERA_RAYS = 15
 """Rays that test whether the camera is inside a body; the majority decides."""
@@ -47,6 +48,11 @@ class BodyTable:
         return "absorbing" if self.media else "none"
 
     @property
+    def has_grids(self) -> bool:
+        """Whether the density of any medium varies."""
+        return any(medium.density is not None for medium in self.media)
+
+    @property
     def nested(self) -> bool:
         """True if any body has a priority."""
         return any(priority != 0 for _, priority, _, _ in self.records)
@@ -64,14 +70,10 @@ class BodyTable:
         backend = current_backend()
         scene_data = backend.kernels("wrt.kernels.scene.scene_data")
 
-        media = np.zeros(len(self.media), scene_data.MediumRecord.numpy_dtype())
-        for record, medium in zip(media, self.media, strict=True):
-            for name in ("absorption", "scattering", "emission", "g"):
-                record[name] = getattr(medium, name)
         bodies = np.zeros(len(self.records), scene_data.BodyRecord.numpy_dtype())
         for i, values in enumerate(self.records):
             bodies[i] = values
-        data.media = backend.array(media, scene_data.MediumRecord, device.name)
+        upload_media(data, self.media, device)
         data.bodies = backend.array(bodies, scene_data.BodyRecord, device.name)
         data.medium = self.medium
 
@@ -102,7 +104,7 @@ def describe_bodies(scene: Scene) -> BodyTable:
                     f"{shape.name}: multiple_bounces needs a fixed index outside; turn it off where bodies have "
                     "priorities"
                 )
-    if scene.medium is not None:
+    if scene.medium is not None and scene.medium.density is None:
         _check_outer(scene, scene.medium)
     return table
 

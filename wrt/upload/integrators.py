@@ -39,6 +39,8 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     name = settings.integrator or ("volpath" if scatters else "path")
     if name in ("path", "direct", "whitted") and scatters:
         warnings.warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", stacklevel=4)
+    if name == "whitted" and any(medium.density is not None for medium in scene.media):
+        raise InputError("integrator 'whitted' cannot render media whose density varies; use 'path' or 'volpath'")
     endless = settings.max_depth > DEEPEST_WHOLE_TREE and settings.min_attenuation < WHOLE_TREE_ATTENUATION
     if name == "whitted" and endless:
         raise InputError(
@@ -61,7 +63,9 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
         clamped, regularized = settings.clamp_indirect is not None, settings.regularization > 0.0
         return dataclasses.replace(features, clamped=clamped, regularized=regularized)
     if integrator in WITHOUT_LIGHT:
-        features = dataclasses.replace(features, media="none", nested=False, environment="none", light_shapes=())
+        features = dataclasses.replace(
+            features, media="none", grid_media=False, nested=False, environment="none", light_shapes=()
+        )
         if "albedo" not in settings.layers:
             features = dataclasses.replace(features, models=())
     return dataclasses.replace(features, integrator=integrator)

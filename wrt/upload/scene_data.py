@@ -126,6 +126,7 @@ def build_scene(
         instances=layout.kind,
         light_tree=light_tree,
         media=bodies.kind,
+        grid_media=bodies.has_grids,
         nested=bodies.nested,
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,

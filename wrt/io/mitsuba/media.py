@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection, Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,33 +13,40 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.volume.read import read_volume
+from wrt.io.volume.volume import Volume
 from wrt.scene.materials import Material
 from wrt.scene.materials.body import Body, Null
-from wrt.scene.medium import Medium
+from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene
 
+_GRIDS = ("gridvolume", "grid")
+
 
 def medium_of(plugin: Plugin, textures: Textures) -> Medium | None:
-    """Return a `homogeneous` medium; for others warn and return None.
+    """Return a `homogeneous` or `heterogeneous` medium; for others warn and return None.
 
     Raises:
-        InputError: when its numbers cannot be used.
+        InputError: when its numbers or files cannot be used.
     """
-    if plugin.type != "homogeneous":
-        plugin.warn("only homogeneous media are supported; left out")
+    if plugin.type not in ("homogeneous", "heterogeneous"):
+        plugin.warn("only homogeneous and heterogeneous media are supported; left out")
         return None
+    varies = plugin.type == "heterogeneous"
     for name in ("sigma_t", "albedo", "sigma_s", "sigma_a"):
-        if any(
-            given == name and each.kind == "volume" and each.type != "constvolume" for given, each in plugin.objects
-        ):
+        volume = plugin.named(name)
+        grid_is_fine = varies and name in ("sigma_t", "albedo") and volume is not None and volume.type in _GRIDS
+        if volume is not None and volume.kind == "volume" and volume.type != "constvolume" and not grid_is_fine:
             plugin.warn(f"{name!r} cannot vary in a medium; left out")
             return None
     scale = plugin.number("scale", 1.0)
+    density = None
     if plugin.has("sigma_s") or plugin.has("sigma_a"):  # as in Mitsuba 0.x
         scattering, absorption = (_color(plugin, textures, name, 0.0) for name in ("sigma_s", "sigma_a"))
     else:
-        extinction, albedo = _color(plugin, textures, "sigma_t", 1.0), _color(plugin, textures, "albedo", 0.75)
+        extinction, density = _extinction(plugin, textures)
+        albedo, density = _albedo(plugin, textures, density)
         scattering = tuple(a * t for a, t in zip(albedo, extinction, strict=True))
         absorption = tuple((1.0 - a) * t for a, t in zip(albedo, extinction, strict=True))
     mean_cosine = 0.0
@@ -53,7 +61,8 @@ def medium_of(plugin: Plugin, textures: Textures) -> Medium | None:
     plugin.ignore("has_spectral_extinction", "sample_emitters", "material")
     plugin.finish()
     try:
-        return Medium(tuple(scale * x for x in absorption), tuple(scale * x for x in scattering), mean_cosine)
+        absorption, scattering = (tuple(scale * x for x in coefficient) for coefficient in (absorption, scattering))
+        return Medium(absorption, scattering, mean_cosine, density=density)
     except InputError as error:
         raise plugin.placed(error) from None
 
@@ -65,6 +74,85 @@ def _color(plugin: Plugin, textures: Textures, name: str, default: float) -> tup
         volume.finish()
         return result
     return textures.constant(plugin, name, default)
+
+
+def _grid(plugin: Plugin, name: str) -> Plugin | None:
+    """Return a parameter that is a grid, or None."""
+    volume = plugin.named(name)
+    return volume if volume is not None and volume.kind == "volume" and volume.type in _GRIDS else None
+
+
+def _extinction(plugin: Plugin, textures: Textures) -> tuple[tuple[float, ...], DensityGrid | None]:
+    """Return the extinction where the density is 1, and the density if it varies."""
+    grid = _grid(plugin, "sigma_t")
+    if grid is None:
+        return _color(plugin, textures, "sigma_t", 1.0), None
+    volume, places = _volume(grid)
+    values = volume.values
+    color: tuple[float, ...] = (1.0, 1.0, 1.0)
+    if values.ndim == 4:
+        values, color = _split_colors(grid, values)
+    # One element is one medium, also where several shapes refer to it.
+    key = id(plugin.element)
+    if key not in textures.densities:
+        try:
+            textures.densities[key] = DensityGrid(values, **places, name=grid.file().name)
+        except InputError as error:
+            raise grid.placed(error) from None
+    return color, textures.densities[key]
+
+
+def _albedo(
+    plugin: Plugin, textures: Textures, density: DensityGrid | None
+) -> tuple[tuple[float, ...], DensityGrid | None]:
+    """Return the albedo, and the density with that albedo if it varies."""
+    grid = _grid(plugin, "albedo")
+    if grid is None:
+        return _color(plugin, textures, "albedo", 0.75), density
+    if density is not None and density.albedo is not None:
+        return (0.0, 0.0, 0.0), density
+    volume, places = _volume(grid)
+    colors = np.broadcast_to(volume.values.reshape(*volume.values.shape[:3], -1), (*volume.values.shape[:3], 3))
+    one_cell = np.ones((1, 1, 1), np.float32)
+    same = density is not None and np.allclose(DensityGrid(one_cell, **places).to_world, density.to_world)
+    if density is None or not same:
+        grid.warn("'albedo' can vary only in the box of 'sigma_t'; its mean is used")
+        return tuple(colors.mean(axis=(0, 1, 2)).tolist()), density
+    try:
+        density = dataclasses.replace(density, albedo=colors)
+    except InputError as error:
+        raise grid.placed(error) from None
+    textures.densities[id(plugin.element)] = density
+    return (0.0, 0.0, 0.0), density
+
+
+def _volume(grid: Plugin) -> tuple[Volume, dict[str, Any]]:
+    """Return a grid, and where its box is as arguments of DensityGrid."""
+    file = grid.file()
+    try:
+        volume = read_volume(file)
+    except InputError as error:
+        raise grid.error(str(error)) from None
+    if grid.choice("filter_type", "trilinear", "trilinear", "nearest") == "nearest":
+        grid.warn("'nearest' is not known; values are interpolated")
+    if grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror") != "clamp":
+        grid.warn("beyond its box there is nothing, whatever its 'wrap_mode'")
+    places: dict[str, Any] = {"transform": grid.transform()}
+    if grid.boolean("use_grid_bbox", False):
+        places |= {key: value for key, value in volume.places.items() if key != "transform"}
+    grid.ignore("raw", "accel", "max_value")
+    grid.finish()
+    return volume, places
+
+
+def _split_colors(grid: Plugin, values: NDArray[Any]) -> tuple[NDArray[Any], tuple[float, ...]]:
+    """Return coefficients of three channels as a density and a colour."""
+    total = values.sum(axis=(0, 1, 2), dtype=np.float64)
+    color = total / max(float(total.max()), 1e-300)
+    density = values.max(axis=3)
+    if not np.allclose(density[..., None] * color, values, rtol=1e-3, atol=1e-6 * float(density.max())):
+        grid.warn("the colour of 'sigma_t' cannot vary; its mean is used")
+    return density, tuple(color.tolist())
 
 
 def filled(shape: Plugin, material: Material, medium: Medium) -> Material:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from wrt.io.safe_read import naming_file, read_file
 from wrt.io.toml.scene_keys import (
     DEFORMATION_ARCHIVE,
     DEFORMATION_FILES,
+    DENSITY,
+    DENSITY_OWN,
     EVEN_MOTION,
     INSTANCE,
     KEYFRAME,
@@ -25,8 +28,10 @@ from wrt.io.toml.scene_keys import (
     TURN,
 )
 from wrt.io.toml.tables import TableReader
-from wrt.io.toml.values import Table, numbers_of, table_of
+from wrt.io.toml.values import Table, numbers_of, table_of, text_of
+from wrt.io.volume.read import load_density, read_volume
 from wrt.scene.deformation import Deformation
+from wrt.scene.medium import DensityGrid
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Shape
@@ -173,6 +178,27 @@ def read_deformation(
         if mesh.normals is not None and all(key.normals is not None for key in keys):
             normals = np.stack([key.normals for key in keys if key.normals is not None])
         return Deformation(times, np.stack([key.vertices for key in keys]), normals)  # type: ignore[arg-type]
+
+
+def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
+    """Return the density of a medium from files."""
+    reader.check_table(table, DENSITY, others=DENSITY_OWN)
+    options = {key: table[key] for key in DENSITY_OWN if key in table}
+    for key in ("albedo", "emission"):
+        if key in table:
+            with reader.at(key):
+                options[key] = read_volume(reader.beside(table[key])).values
+    grid = None
+    if "grid" in table:
+        with reader.at("grid"):
+            grid = text_of(table["grid"])
+    with reader.at("file"):
+        density = load_density(reader.beside(table["file"]), grid=grid, **options)
+    matrix = reader.transform(table)
+    if matrix is None:
+        return density
+    own = np.eye(4) if density.transform is None else density.transform
+    return dataclasses.replace(density, transform=matrix @ own)
 
 
 def _deformation(file: Path) -> Deformation:

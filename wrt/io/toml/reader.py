@@ -18,7 +18,7 @@ from wrt.io.file_type import hinting
 from wrt.io.images import load_environment, read_image
 from wrt.io.safe_read import PathLike, require_file
 from wrt.io.toml.parse import read_toml
-from wrt.io.toml.placement import after, joined, read_deformation, read_motion, read_places
+from wrt.io.toml.placement import after, joined, read_deformation, read_density, read_motion, read_places
 from wrt.io.toml.scene_keys import (
     BOOLEAN,
     IMAGE_ENVIRONMENT,
@@ -138,7 +138,11 @@ class _SceneReader(TableReader):
     def read_media(self, tables: Table) -> None:
         for name, table in tables.items():
             with self.at(name):
-                self.media[name] = self.build(choice(table_of(table), MEDIA, default="coefficients"), table)
+                make = choice(table_of(table), MEDIA, default="coefficients")
+                if "density" in table:
+                    with self.at("density"):
+                        table = {**table, "density": read_density(self, table_of(table["density"]))}
+                self.media[name] = self.build(make, table)
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""

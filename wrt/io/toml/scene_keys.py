@@ -147,6 +147,17 @@ TEXTURE: Keys = {
 
 NORMAL_MAP: Keys = {"texture": Key("The image file, as in glTF.", TEXT, required=True)}
 
+DENSITY: Keys = {
+    "file": Key("The densities: .npy, .npz, Mitsuba's .vol, or NanoVDB.", TEXT, required=True),
+    "grid": Key("Name of the array or grid, in a file of several.", TEXT),
+    "albedo": Key("File of a grid of albedos, in place of the medium's own.", TEXT),
+    "emission": Key("File of a grid of factors on the emission.", TEXT),
+    **TRANSFORM,
+}
+
+DENSITY_OWN = ["lower", "upper", "factor"]
+"""Fields of DensityGrid that a table may set."""
+
 VERTEX_COLORS: Keys = {"vertex_colors": Key("The mesh's own colours.", {"const": True}, required=True)}
 
 IMAGE_ENVIRONMENT: Keys = {"file": Key("OpenEXR, Radiance HDR or .npy; also PNG and the like.", TEXT, required=True)}

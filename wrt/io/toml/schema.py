@@ -22,7 +22,7 @@ from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
-from wrt.scene.medium import MEDIA, Medium
+from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.motion import Motion
 from wrt.scene.scene import RenderSettings
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
@@ -73,6 +73,7 @@ def _definitions() -> Iterable[tuple[str, Schema]]:
         "deformation",
         {"anyOf": [_table(scene_keys.DEFORMATION_FILES), _table(scene_keys.DEFORMATION_ARCHIVE)]},
     )
+    yield "density", _made(DensityGrid, scene_keys.DENSITY, only=scene_keys.DENSITY_OWN)
     yield "settings", _made(RenderSettings)
     yield from _kinds("camera", CAMERAS, default="perspective")
     yield from _kinds("environment", ENVIRONMENTS)
@@ -170,6 +171,8 @@ def _value(limits: Limits, name: str) -> Schema:
         return TEXT
     if Motion in kinds or NormalMap in kinds:
         return definition("motion" if Motion in kinds else "normal_map")
+    if kinds == [DensityGrid]:
+        return definition("density")
     if kinds == [bool]:
         return BOOLEAN
     if "numpy" in str(hint):

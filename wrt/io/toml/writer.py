@@ -27,7 +27,7 @@ from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
-from wrt.scene.medium import Medium
+from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
@@ -35,7 +35,7 @@ from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
 
-_ARRAYS = re.compile(r"(mesh|image|normals|environment|places|deformation)-\d+\.(np[yz]|png)")
+_ARRAYS = re.compile(r"(mesh|image|normals|environment|places|deformation|density)-\d+\.(np[yz]|png)")
 """Names of array and image files."""
 
 _MOST_FOLDERS = 100
@@ -156,6 +156,8 @@ class _Writer:
             return {"vertex_colors": True, **self.fields(value)}
         if isinstance(value, Medium):
             return self.medium(value)
+        if isinstance(value, DensityGrid):
+            return self.density(value)
         if isinstance(value, Motion):
             return self.motion(value)
         if isinstance(value, Material):
@@ -176,6 +178,12 @@ class _Writer:
 
     def medium(self, medium: Medium) -> str:
         return self.named(medium, "medium", self.media, lambda: self.fields(medium))
+
+    def density(self, density: DensityGrid) -> Table:
+        names = ("lower", "upper", "transform", "albedo", "emission")
+        arrays = {name: np.asarray(value) for name in names if (value := getattr(density, name)) is not None}
+        file = self.arrays("density", density, {"density": density.values, **arrays})
+        return {"file": file, **self.fields(density, without=("values", "name", *names))}
 
     def material(self, material: Material) -> str:
         if type(material) not in MATERIALS.values() or type(material).__module__.split(".")[0] != "wrt":

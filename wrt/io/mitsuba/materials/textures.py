@@ -17,6 +17,7 @@ from wrt.errors import InputError
 from wrt.io.images import read_image
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
+from wrt.scene.medium import DensityGrid
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 from wrt.values import Vec3, sealed, vec3
 
@@ -25,9 +26,14 @@ _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 class Textures:
-    """The textures of a scene; one element always gives the same object, and a file is read once."""
+    """The textures of a scene; one element always gives the same object, and a file is read once.
+
+    Attributes:
+        densities: the densities of media, by the ids of their elements.
+    """
 
     def __init__(self) -> None:
+        self.densities: dict[int, DensityGrid] = {}
         self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
         self._made: dict[tuple[int, str], ColorSource] = {}
 

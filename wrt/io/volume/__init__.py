@@ -1,0 +1,1 @@
+"""Files of volumes: NumPy, Mitsuba's .vol, NanoVDB."""

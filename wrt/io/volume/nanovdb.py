@@ -1,0 +1,190 @@
+"""NanoVDB files (.nvdb), as a dense grid.
+
+Format: Museth, "NanoVDB: A GPU-friendly and portable VDB data structure for real-time rendering and simulation", 2021,
+and the layout that its header documents: a file has segments of grids; a grid has a tree of a root, nodes of 32³ nodes,
+nodes of 16³ leaves, and leaves of 8³ values.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.io.volume.volume import Volume, take_memory
+
+_MAGIC = (b"NanoVDB0", b"NanoVDB1", b"NanoVDB2")
+_SEGMENT = struct.Struct("<8sIHH")
+_CODECS = {0: "none", 1: "zip", 2: "blosc"}
+
+_META = np.dtype({"names": ["grid_size", "name_size"], "formats": ["<u8", "<u4"],
+                  "offsets": [0, 136], "itemsize": 176})  # fmt: skip
+_GRID = np.dtype({"names": ["magic", "name", "matrix", "shift", "type"],
+                  "formats": ["S8", "S256", ("<f8", (3, 3)), ("<f8", 3), "<u4"],
+                  "offsets": [0, 40, 384, 528, 636], "itemsize": 672})  # fmt: skip
+_TREE = np.dtype([("offsets", "<i8", 4), ("nodes", "<u4", 3), ("others", "V20")])
+_LEAF = np.dtype({"names": ["origin", "values"], "formats": [("<i4", 3), ("<f4", (8, 8, 8))],
+                  "offsets": [0, 96], "itemsize": 2144})  # fmt: skip
+_LOWER = np.dtype({"names": ["origin", "active", "children", "table"],
+                   "formats": [("<i4", 3), ("u1", 512), ("u1", 512), ("<f4", (4096, 2))],
+                   "offsets": [0, 32, 544, 1088], "itemsize": 33856})  # fmt: skip
+_UPPER = np.dtype({"names": ["active", "children"], "formats": [("u1", 4096), ("u1", 4096)],
+                   "offsets": [32, 4128], "itemsize": 270400})  # fmt: skip
+_ROOT = np.dtype({"names": ["entries"], "formats": ["<u4"], "offsets": [24], "itemsize": 64})
+_ROOT_ENTRY = np.dtype({"names": ["child", "active"], "formats": ["<i8", "<u4"], "offsets": [8, 16], "itemsize": 32})
+_FLOAT = 1
+_LEAF_SIDE, _LOWER_SIDE = 8, 128
+
+
+class _Grid(NamedTuple):
+    """A grid's name and its bytes."""
+
+    name: str
+    data: bytes
+
+
+def read_nanovdb(data: bytes, grid: str | None = None) -> Volume:
+    """Return a grid of float32 numbers as a dense grid over its leaves, in the world.
+
+    Args:
+        data: the whole file.
+        grid: its name; None for "density", or the only grid.
+
+    Raises:
+        InputError: when the file is damaged, has no such grid, or the box of the grid is too large.
+    """
+    grids = list(_grids(data))
+    names = [each.name for each in grids]
+    wanted = grid if grid is not None else "density" if "density" in names else names[0] if len(names) == 1 else None
+    if wanted not in names:
+        asked = "name one" if grid is None else f"there is no {grid!r}"
+        raise InputError(f"its grids are {', '.join(map(repr, names))}; {asked}")
+    return _dense(grids[names.index(wanted)].data)
+
+
+def _grids(data: bytes) -> Iterator[_Grid]:
+    """Yield the grids of all segments."""
+    at = 0
+    while at < len(data):
+        magic, _, count, codec = _SEGMENT.unpack(_part(data, at, _SEGMENT.size))
+        if magic not in _MAGIC:
+            raise InputError("not a NanoVDB file, or damaged")
+        if _CODECS.get(codec) not in ("none", "zip"):
+            raise InputError("is compressed by a codec that cannot be read; write it with codec 'zip' or 'none'")
+        at += _SEGMENT.size
+        metas, names = [], []
+        for _ in range(count):
+            meta = np.frombuffer(_part(data, at, _META.itemsize), _META)[0]
+            at += _META.itemsize
+            text = _part(data, at, int(meta["name_size"]))
+            metas.append(meta)
+            names.append(text.rstrip(b"\0").decode("utf-8", "replace"))
+            at += len(text)
+        for meta, name in zip(metas, names, strict=True):
+            size = int(meta["grid_size"])
+            if _CODECS[codec] == "none":
+                grid, at = _part(data, at, size), at + size
+            else:
+                grid, at = _unzipped(data, at, size)
+            yield _Grid(name, grid)
+
+
+def _part(data: bytes, first: int, size: int) -> bytes:
+    """Return some bytes, which must be there."""
+    if first < 0 or size < 0 or first + size > len(data):
+        raise InputError("the file is damaged, or not whole")
+    return data[first : first + size]
+
+
+def _unzipped(data: bytes, first: int, size: int) -> tuple[bytes, int]:
+    """Return a compressed grid, and where its chunks end; before each is its length."""
+    take_memory(size // 4)
+    grid, at = bytearray(), first
+    while len(grid) < size:
+        (length,) = struct.unpack("<Q", _part(data, at, 8))
+        chunk = _part(data, at + 8, length)
+        at += 8 + length
+        try:
+            unzipped = zlib.decompressobj().decompress(chunk, size - len(grid))
+        except zlib.error:
+            unzipped = b""
+        if not unzipped:
+            raise InputError("the file is damaged: a grid cannot be decompressed")
+        grid += unzipped
+    return bytes(grid), at
+
+
+def _dense(data: bytes) -> Volume:
+    """Return a grid as an array, with the place of its box."""
+    grid = np.frombuffer(_part(data, 0, _GRID.itemsize), _GRID)[0]
+    if grid["magic"] not in _MAGIC:
+        raise InputError("the file is damaged: a grid does not begin as it must")
+    if grid["type"] != _FLOAT:
+        raise InputError(f"the grid has values of kind {grid['type']}; only float32 numbers can be read")
+    tree = np.frombuffer(_part(data, _GRID.itemsize, _TREE.itemsize), _TREE)[0]
+    _require_small_tiles(data, tree)
+    leaves = _nodes(data, tree, 0, _LEAF)
+    leaf_corners = leaves["origin"].astype(np.int64) & -_LEAF_SIDE
+    tile_corners, tile_values = _tiles(_nodes(data, tree, 1, _LOWER))
+    places = np.concatenate([leaf_corners, tile_corners])
+    if not len(places):
+        raise InputError("the grid is empty")
+    low, high = places.min(axis=0), places.max(axis=0) + _LEAF_SIDE
+    nx, ny, nz = (high - low).tolist()
+    take_memory(nx * ny * nz)
+    values = np.zeros((nx, ny, nz), np.float32)
+
+    def put(corner: NDArray[np.int64], block: Any) -> None:
+        x, y, z = corner - low
+        values[x : x + _LEAF_SIDE, y : y + _LEAF_SIDE, z : z + _LEAF_SIDE] = block
+
+    for corner, leaf in zip(leaf_corners, leaves["values"], strict=True):
+        put(corner, leaf)
+    for corner, value in zip(tile_corners, tile_values, strict=True):
+        put(corner, value)
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = grid["matrix"], grid["shift"]
+    # A value belongs to the point of its index, which is the centre of its cell.
+    box = {"lower": tuple((low - 0.5).tolist()), "upper": tuple((high - 0.5).tolist()), "transform": transform}
+    return Volume(np.ascontiguousarray(values.transpose(2, 1, 0)), box)
+
+
+def _nodes(data: bytes, tree: Any, level: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return the nodes of a level."""
+    first, count = _GRID.itemsize + int(tree["offsets"][level]), int(tree["nodes"][level])
+    return np.frombuffer(_part(data, first, count * kind.itemsize), kind)
+
+
+def _require_small_tiles(data: bytes, tree: Any) -> None:
+    """Raise InputError where a block of 128³ cells or more has no node since it has one value."""
+    for node in _nodes(data, tree, 2, _UPPER):
+        if len(_tile_numbers(node)):
+            raise InputError("it has blocks of 128 x 128 x 128 cells of one value, which cannot be read; voxelise them")
+    first = _GRID.itemsize + int(tree["offsets"][3])
+    root = np.frombuffer(_part(data, first, _ROOT.itemsize), _ROOT)[0]
+    size = int(root["entries"]) * _ROOT_ENTRY.itemsize
+    entries = np.frombuffer(_part(data, first + _ROOT.itemsize, size), _ROOT_ENTRY)
+    if ((entries["child"] == 0) & (entries["active"] != 0)).any():
+        raise InputError("it has blocks of 4096 x 4096 x 4096 cells of one value, which cannot be read")
+
+
+def _tile_numbers(node: Any) -> NDArray[np.int64]:
+    """Return which entries of a node are blocks of one value."""
+    active, children = (np.unpackbits(node[name], bitorder="little").astype(bool) for name in ("active", "children"))
+    return np.nonzero(active & ~children)[0]
+
+
+def _tiles(nodes: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the corners (N, 3) and values (N,) of blocks of 8³ cells that are no leaves since they have one value."""
+    corners, values = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.float32)]
+    for node in nodes:
+        numbers = _tile_numbers(node)
+        steps = np.stack([numbers >> 8, (numbers >> 4) & 15, numbers & 15], axis=1)
+        corners.append((node["origin"].astype(np.int64) & -_LOWER_SIDE) + _LEAF_SIDE * steps)
+        values.append(node["table"][numbers, 0])
+    return np.concatenate(corners), np.concatenate(values)
