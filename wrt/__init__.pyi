@@ -14,8 +14,6 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part
-from wrt.views import View as View
-from wrt.views import render_views as render_views
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.passes import Progress as Progress
@@ -35,6 +33,7 @@ from wrt.scene.lights import DirectionalLight as DirectionalLight
 from wrt.scene.lights import DiskLight as DiskLight
 from wrt.scene.lights import Light as Light
 from wrt.scene.lights import PointLight as PointLight
+from wrt.scene.lights import ProjectorLight as ProjectorLight
 from wrt.scene.lights import RectangleLight as RectangleLight
 from wrt.scene.lights import SphereLight as SphereLight
 from wrt.scene.lights import SpotLight as SpotLight
@@ -70,3 +69,5 @@ from wrt.scene.shapes import sphere as sphere
 from wrt.scene.textures import ImageTexture as ImageTexture
 from wrt.scene.textures import NormalMap as NormalMap
 from wrt.scene.textures import VertexColor as VertexColor
+from wrt.views import View as View
+from wrt.views import render_views as render_views

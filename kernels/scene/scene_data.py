@@ -178,7 +178,9 @@ class LightShape:
 
     Rectangle: a corner, two unit axes, x × y = normal, and its width and height. Disk and sphere: the centre, the
     normal, and the radius twice. Sun: `normal` points to it; 1 − cos and sin² of its angular radius. Spot: `normal`
-    is its axis; cosines of the inner and of the outer cone. Models from outside define their own use of the fields.
+    is its axis; cosines of the inner and of the outer cone; with a texture, `x` and `y` to the right and up. Projector:
+    the same three axes, and half the frame's width and height at unit distance. Models from outside define their own
+    use of the fields.
     """
 
     kind: int
@@ -189,6 +191,7 @@ class LightShape:
     normal: wp.vec3
     size: wp.vec2
     falloff: int
+    slot: int  # of its texture in `slots`; -1 without one
 
 
 @wp.struct

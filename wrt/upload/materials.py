@@ -28,8 +28,8 @@ class MaterialTable:
         materials: the materials.
         numbers: index in `materials` by identity.
         of_shapes: (shapes,) number of each shape's material.
-        emissions: (shapes,) emission of each shape.
-        emission_slots: (shapes,) slot of an emission that varies, otherwise −1; known after the upload.
+        emissions: emission of each shape, then the textures of lights.
+        emission_slots: slot of each that varies, otherwise −1; known after the upload.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
