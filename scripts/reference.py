@@ -63,6 +63,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "Plastic",
         "RoughPlastic",
         "Principled",
+        "Burley",
         "Mix",
         "TwoSided",
         "Emissive",

@@ -38,6 +38,7 @@ from wrt.scene.lights import RectangleLight as RectangleLight
 from wrt.scene.lights import SphereLight as SphereLight
 from wrt.scene.lights import SpotLight as SpotLight
 from wrt.scene.lights import register_light as register_light
+from wrt.scene.materials import Burley as Burley
 from wrt.scene.materials import Conductor as Conductor
 from wrt.scene.materials import Dielectric as Dielectric
 from wrt.scene.materials import Diffuse as Diffuse
