@@ -107,6 +107,8 @@ class NormalMapRecord:
     image: int
     first_level: int
     levels: int  # 0 if it is never filtered
+    heights: int  # whether the image holds heights instead
+    convention: int  # a number of kernels/textures/normal_maps.py
 
 
 @wp.struct

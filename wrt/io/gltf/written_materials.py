@@ -56,7 +56,11 @@ class WrittenMaterials:
         self._base(result, pbr, material)
         self._metallic_roughness(pbr, material)
         self._emission(result, emission)
-        if material.normal_map is not None:
+        if material.normal_map is not None and material.normal_map.heights:
+            self._note("bump maps of heights")
+        elif material.normal_map is not None:
+            if material.normal_map.convention != "gltf":
+                self._note("normal maps by other conventions")
             result["normalTexture"] = self._normals(material.normal_map)
         if two_sided:
             result["doubleSided"] = True
