@@ -13,6 +13,7 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mitsuba import surfaces
 from wrt.io.mitsuba.curves import CURVES, read_curves
+from wrt.io.mitsuba.fields.distances import distance_grid
 from wrt.io.mitsuba.materials.readers import BLACK, UNKNOWN, Materials, Surface, clear, is_black
 from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.media import boundary_of_nothing, filled, medium_of
@@ -75,7 +76,7 @@ class Shapes:
             found = [shape for inner in plugin.of_kind("shape") for shape in self.shapes(inner)]
             plugin.finish()
             return found
-        if plugin.type not in (*_MESHES, *MESH_FILES, *CURVES):
+        if plugin.type not in (*_MESHES, *MESH_FILES, *CURVES, "sdfgrid"):
             plugin.warn("this kind of shape is not known; left out")
             return []
         try:
@@ -183,6 +184,8 @@ class Shapes:
         if plugin.type in MESH_FILES:
             return read_mesh(plugin, self._attribute(plugin))
         matrix = plugin.transform()
+        if plugin.type == "sdfgrid":
+            return distance_grid(plugin).transformed(matrix)
         if plugin.type in ("sphere", "cylinder"):
             matrix = matrix @ _own_transform(plugin)
         if plugin.type in ("rectangle", "cube"):
