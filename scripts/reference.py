@@ -72,6 +72,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "Plastic",
         "RoughPlastic",
         "Principled",
+        "Burley",
         "Mix",
         "TwoSided",
         "Emissive",

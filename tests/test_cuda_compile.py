@@ -57,7 +57,7 @@ FEATURES = [
         opacity=True,
         tangents=True,
         uv2_alpha=True,
-        light_shapes=LIGHT_SHAPES,
+        light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),

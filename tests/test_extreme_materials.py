@@ -103,6 +103,25 @@ def principled() -> Iterator[Material]:
             yield wrt.Principled(color, 0.0, roughness, ior=0.0, specular_color=WHITE)
 
 
+def burley() -> Iterator[Material]:
+    """Without `flatness`, whose published term grows without limit as both directions approach the surface."""
+    everything = {
+        "coat": 1.0,
+        "sheen": 1.0,
+        "sheen_tint": 1.0,
+        "specular_tint": 1.0,
+        "anisotropy": 1.0,
+    }
+    for color in ENDS:
+        for roughness in (0.0, 1.0):
+            for metallic in (0.0, 1.0):
+                yield wrt.Burley(color, metallic, roughness)
+                yield wrt.Burley(color, metallic, roughness, ior=1.0, coat_gloss=1.0, **everything)
+            for ior in (1.0, 1.5):
+                yield wrt.Burley(color, 0.0, roughness, ior=ior, transmission=1.0)
+            yield wrt.Burley(color, 0.0, roughness, transmission=0.5, diffuse_transmission=1.0, thin_walled=True)
+
+
 def composites() -> Iterator[Material]:
     sharp, rough = wrt.RoughConductor(LEAST, f0=WHITE), wrt.RoughDielectric(alpha=LEAST)
     for weight in ENDS:
@@ -118,7 +137,7 @@ def composites() -> Iterator[Material]:
 
 GROUPS = {
     function.__name__: list(function())
-    for function in (matt, smooth_boundaries, rough_metals, rough_glass, rough_plastic, principled, composites)
+    for function in (matt, smooth_boundaries, rough_metals, rough_glass, rough_plastic, principled, burley, composites)
 }
 """The materials of a group are drawn by one kernel."""
 
@@ -137,6 +156,8 @@ def test_every_material_is_there() -> None:
 
 def brightest(material: Material, grazing: bool) -> float:
     """Return the radiance that may be seen: 1, times n² in a body (Nicodemus 1963); the ball is seen from outside."""
+    if isinstance(material, wrt.Burley):
+        return 1.0 + 1.5 + 1.0  # its highlights, a white base at grazing angles, and its sheen are simply added
     if grazing and isinstance(material, (wrt.Dielectric, wrt.RoughDielectric)):
         return max(1.0, material.relative_ior**-2)
     return 1.0

@@ -282,7 +282,19 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
     with pytest.warns(InputWarning, match="iridescence of material 0 is left out"):
         made(tmp_path, {"extensions": {"KHR_materials_iridescence": {}}})
     tree["textures"][0] = {"extensions": {"KHR_texture_basisu": {"source": 0}}}
-    with pytest.warns(InputWarning, match=r"its image is in a format not supported \(KHR_texture_basisu\)"):
+    with pytest.warns(InputWarning, match=r"its image is in a format not supported \(KHR_texture_basisu\); export"):
+        load_shapes(write(tmp_path, "one.gltf", json.dumps(tree)))
+    tree["textures"][0]["source"] = 0  # the same for programs without a decoder
+    tree["images"][0]["uri"] = good
+    assert isinstance(
+        load_shapes(write(tmp_path, "one.gltf", json.dumps(tree)))[0].material.base_color, wrt.ImageTexture
+    )
+
+
+def test_variants_that_are_not_shown_are_named(tmp_path):
+    tree = file_with({})
+    tree["extensions"] = {"KHR_materials_variants": {"variants": [{"name": "red"}, {"name": "blue"}]}}
+    with pytest.warns(InputWarning, match=r"material variants are left out \('red', 'blue'\)"):
         load_shapes(write(tmp_path, "one.gltf", json.dumps(tree)))
 
 

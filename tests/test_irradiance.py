@@ -94,6 +94,36 @@ def test_directional_light(device: str) -> None:
     np.testing.assert_allclose(measured, 2.0 * 2.0 / math.sqrt(5.25), rtol=1e-5)
 
 
+def test_projector(device: str, report: Report) -> None:
+    """E = E₁ c cosθ r / z³ with the image's colour c, where z is along the axis; nothing beside the frame."""
+    place, direction, up = np.array([0.4, 1.2, -0.3]), np.array([-0.3, -1.0, 0.2]), (0.2, 0.1, -1.0)
+    image = wrt.ImageTexture(np.array([[0.1, 0.9], [0.4, 0.2]])[..., None].repeat(3, axis=2), filter="nearest")
+    scene = floor_scene()
+    scene.add_light(wrt.ProjectorLight(place, direction, up, texture=image, irradiance=3.0, fov_degrees=70.0))
+    spp = 1024
+    where, measured, variance = irradiance(scene, device, spp)
+    axis = direction / np.linalg.norm(direction)
+    right = np.cross(axis, up) / np.linalg.norm(np.cross(axis, up))
+
+    def frame(x: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the irradiance that white would give, and the number of the quarter of the frame; 4 outside."""
+        way = np.stack([x, np.zeros_like(x), z], axis=-1) - place
+        depth = way @ axis
+        s, t = (way @ across / depth / math.tan(math.radians(35.0)) for across in (right, np.cross(right, axis)))
+        quarter = np.where(t > 0.0, 0, 2) + np.where(s < 0.0, 0, 1)
+        return 3.0 * place[1] / depth**3, np.where(np.maximum(np.abs(s), np.abs(t)) < 1.0, quarter, 4)
+
+    half = 0.5 * (POINTS[1] - POINTS[0])
+    corners = [frame(where[0] + a * half, where[1] + b * half)[1] for a in (-1, 1) for b in (-1, 1)]
+    whole = np.ptp(corners, axis=0) == 0
+    shares = np.array([0.1, 0.9, 0.4, 0.2, 0.0])[corners[0]]
+    assert all((corners[0][whole] == quarter).sum() > 5 for quarter in range(5))
+    lit = whole & (corners[0] < 4)
+    expected = pixel_mean(lambda x, z: frame(x, z)[0], where) * shares
+    check("projector", measured[lit], variance[lit], expected[lit], spp, report)
+    assert not measured[np.min(corners, axis=0) == 4].any()
+
+
 def rectangle_irradiance(x: NDArray, z: NDArray, height: float, half: tuple[float, float]) -> NDArray:
     """Irradiance of a horizontal rectangle of radiance 1 above (0, 0), facing down.
 

@@ -183,8 +183,8 @@ ONE_WAY = {
 EXCEPT = {
     ("wrt/scene/camera.py", "wrt.kernels.camera.camera"),
     ("wrt/scene/camera.py", "wrt.kernels.camera.models"),
-    ("wrt/scene/lights.py", "wrt.kernels.lights.record"),
-    ("wrt/scene/lights.py", "wrt.kernels.lights.shapes"),
+    ("wrt/scene/lights/__init__.py", "wrt.kernels.lights.record"),
+    ("wrt/scene/lights/__init__.py", "wrt.kernels.lights.shapes"),
     ("wrt/scene/materials/__init__.py", "wrt.kernels.bsdf"),
     ("wrt/scene/materials/__init__.py", "wrt.kernels.bsdf.record"),
     *(("wrt/scene/large_mesh_normals.py", name) for name in ("wrt.backend", "wrt.backend.device")),

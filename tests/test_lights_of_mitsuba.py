@@ -54,9 +54,23 @@ def turned_sky(degrees: float = 70.0) -> wrt.Scene:
     return scene
 
 
+def slides(flipped: bool = False) -> wrt.Scene:
+    """A projector, one without an image, and a spot behind an image."""
+    scene = blocks(stage())
+    pixels = np.random.default_rng(32).random((3, 5, 3)).astype(np.float32) ** 2
+    texture = wrt.ImageTexture(pixels[:, ::-1] if flipped else pixels)
+    aim = {"texture": texture, "up": (0.2, 1.0, 0.1)}
+    scene.add_light(wrt.ProjectorLight((0.6, 1.9, 2.2), (-0.5, -1.2, -2.4), irradiance=(30, 40, 20), **aim))
+    scene.add_light(wrt.ProjectorLight((-1.5, 1.0, 1.0), (1.2, -0.4, -0.9), irradiance=2.0, fov_degrees=50.0))
+    cone = {"inner_degrees": 12.0, "outer_degrees": 30.0, "falloff": "linear"}
+    scene.add_light(wrt.SpotLight((1.0, 2.5, 2.0), (-0.8, -2.2, -1.8), intensity=(9, 6, 12), **aim, **cone))
+    return scene
+
+
 CASES: dict[str, tuple[Callable[..., wrt.Scene], object, int]] = {
     "shapes": (shapes, 1.03, 512),
     "spots": (spots, 36.0, 256),
+    "slides": (slides, True, 256),
     "screens": (screens, True, 512),
     "turned sky": (turned_sky, 75.0, 1024),
 }

@@ -169,6 +169,53 @@ def test_axes_stay_at_right_angles_where_normals_are_smooth(device: str) -> None
     np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), atol=1e-6)
 
 
+# --- Heights, and Mitsuba's conventions --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("convention", ["gltf", "mitsuba"])
+def test_heights_tilt_the_surface_as_far_as_the_texture_is_stretched(convention: str, device: str) -> None:
+    """Two ramps by one map: the normal is that of the displaced plane; Mitsuba's bumps shadow by G1 of GGX besides."""
+    matrix = np.array([[0.5, 0.2], [-0.1, 0.8]])  # (u, v) of x and y in quarters of the square
+    mesh = with_uvs(wrt.quad(*SQUARE), matrix)
+    rows, columns = np.mgrid[0:64, 0:64]
+    # Heights 0.9 u + 0.4 v between the middles of the first and last texels; v points up.
+    heights = 0.3 * (columns + 0.5) / 64 + 0.4 / 3.0 * (1.0 - (rows + 0.5) / 64)
+    bumps = wrt.NormalMap(
+        np.repeat(heights[..., None], 3, axis=2).astype(np.float32), 3.0, heights=True, convention=convention
+    )
+    image = render(lit(mesh, Probe(normal_map=bumps, tangents=True), LIGHT), device)[1:3, 1:3]
+    slopes = np.array([0.9, 0.4]) @ matrix / 4.0  # of height over x and y
+    normal = unit(-slopes[0], -slopes[1], 1.0)
+    share = 1.0
+    if convention == "mitsuba":
+        alpha2 = 0.125 * (1.0 / normal[2] ** 2 - 1.0)
+        share = 2.0 / (1.0 + np.sqrt(1.0 + alpha2 * (1.0 / LIGHT[2] ** 2 - 1.0)))
+    expected = share * (0.5 + 0.5 * LIGHT @ normal)
+    np.testing.assert_allclose(image[..., 2], expected, rtol=2e-5)
+
+
+@pytest.mark.parametrize("name", ["as they are", "v mirrored", "swapped"])
+def test_mitsubas_y_is_across_the_normal_and_u(name: str, device: str) -> None:
+    matrix, along_u, _ = UVS[name]
+    mesh = with_uvs(wrt.quad(*SQUARE), matrix)
+    material = Probe(normal_map=constant_map(0.2, 0.3, 1.0, convention="mitsuba"), tangents=True)
+    image = render(lit(mesh, material, LIGHT), device)
+    u = np.array([*along_u, 0.0])
+    x, y, z = unit(0.2, 0.3, 1.0)
+    normal = x * u + y * np.cross([0.0, 0.0, 1.0], u) + z * np.array([0.0, 0.0, 1.0])
+    share = 2.0 / (1.0 + np.sqrt(1.0 + 0.125 * (1.0 / z**2 - 1.0) * (1.0 / LIGHT[2] ** 2 - 1.0)))
+    np.testing.assert_allclose(image[..., 2], share * (0.5 + 0.5 * LIGHT @ normal), rtol=1e-4)
+
+
+def test_filters_are_for_normals_of_gltf() -> None:
+    for options in ({"heights": True}, {"convention": "mitsuba"}):
+        with pytest.raises(wrt.InputError, match="filter is for normals"):
+            constant_map(0.0, 0.0, 1.0, filter=True, **options)
+
+
+# --- Anisotropy ---------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("camera", [FRONT, BACK], ids=["front", "back"])
 @pytest.mark.parametrize("name", UVS)
 def test_a_brushed_highlight_turns_with_the_texture(name: str, camera: wrt.PerspectiveCamera, device: str) -> None:

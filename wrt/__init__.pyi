@@ -36,10 +36,12 @@ from wrt.scene.lights import DirectionalLight as DirectionalLight
 from wrt.scene.lights import DiskLight as DiskLight
 from wrt.scene.lights import Light as Light
 from wrt.scene.lights import PointLight as PointLight
+from wrt.scene.lights import ProjectorLight as ProjectorLight
 from wrt.scene.lights import RectangleLight as RectangleLight
 from wrt.scene.lights import SphereLight as SphereLight
 from wrt.scene.lights import SpotLight as SpotLight
 from wrt.scene.lights import register_light as register_light
+from wrt.scene.materials import Burley as Burley
 from wrt.scene.materials import Conductor as Conductor
 from wrt.scene.materials import Dielectric as Dielectric
 from wrt.scene.materials import Diffuse as Diffuse

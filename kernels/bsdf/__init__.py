@@ -24,7 +24,7 @@ BSDFS: Registry[Model] = Registry(
     __name__,
     (
         *("diffuse", "mirror", "conductor", "rough_conductor", "dielectric", "glossy", "null", "oren_nayar"),
-        *("plastic", "principled", "rough_dielectric", "rough_plastic", "thin_dielectric"),
+        *("plastic", "principled", "burley", "rough_dielectric", "rough_plastic", "thin_dielectric"),
     ),
     _check,
 )

@@ -21,7 +21,8 @@ class Surface:
     two edges of the triangle in the world, `clearance` is the offset from which rays leave it. `footprint` is the ray
     cone's footprint in the texture (see `texture_footprint`); zero for a point sample. `second_uv` and `alpha` are set
     if Features.uv2_alpha. `normal_variance` is the variance that a filtered normal map leaves to the roughness (see
-    `Bsdf`).
+    `Bsdf`). `smooth_normal` and `bump_alpha2` are the normal before a map of Mitsuba's conventions, and the roughness
+    by which its bumps shadow; 0 for all other surfaces.
     """
 
     position: wp.vec3
@@ -38,6 +39,8 @@ class Surface:
     second_uv: wp.vec2
     alpha: float
     normal_variance: wp.vec2
+    smooth_normal: wp.vec3
+    bump_alpha2: float
 
 
 @wp.func

@@ -21,6 +21,7 @@ from wrt.kernels.media.skin import Skin, no_skin
 from wrt.kernels.sampling.sampler import stream_key
 from wrt.kernels.scene.scene_data import BodyStack, SceneData
 from wrt.kernels.specialise import specialised
+from wrt.kernels.textures.normal_maps import bump_shadow
 
 # How light that both samplings can find is shared between them.
 STRATEGY_MIS = wp.constant(0)
@@ -98,7 +99,7 @@ def make_light_in_medium(features: Features) -> wp.Function:
     return light_in_medium
 
 
-@specialised("models", "media", "grid_media", "light_shapes", *make_lights.fields, *make_visibility.fields)
+@specialised("models", "media", "grid_media", "light_shapes", "tangents", *make_lights.fields, *make_visibility.fields)
 def make_light_at_surface(features: Features) -> wp.Function:
     """Return the device function for the light that a surface scatters towards wo, from both of its sides.
 
@@ -112,7 +113,7 @@ def make_light_at_surface(features: Features) -> wp.Function:
     attenuates_shadows = can_attenuate_shadows(features)
     light_shapes = bool(features.light_shapes)
     light_shape_blocks = make_light_shapes(features.light_shapes).blocks
-    media, grid_media = features.media != "none", features.grid_media
+    media, grid_media, tangents = features.media != "none", features.grid_media, features.tangents
     extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
     transmits = any(model_of(name).transmits for name in features.models)
 
@@ -137,6 +138,8 @@ def make_light_at_surface(features: Features) -> wp.Function:
         above = wp.dot(light.wi, surface.normal) > 0.0
         if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
             arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
+            if wp.static(tangents):
+                arriving = arriving * bump_shadow(surface, light.wi, wi[2])
             if not light.delta:
                 pdf = bsdf_pdf(bsdf, wo, wi)
                 arriving = arriving * mis_weight(strategy, light.pdf, pdf, STRATEGY_LIGHT)

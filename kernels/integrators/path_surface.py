@@ -36,7 +36,7 @@ from wrt.kernels.scene.scene_data import BodyStack, SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import inline_stage
 from wrt.kernels.textures.footprint import sample_footprint
-from wrt.kernels.textures.normal_maps import apply_normal_map
+from wrt.kernels.textures.normal_maps import apply_normal_map, bump_shadow
 
 
 @wp.struct
@@ -276,6 +276,10 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
         side = wp.where(sample.wi[2] > 0.0, 1.0, -1.0)
         direction = to_world(vertex.surface.frame, sample.wi)
         path.is_done = not (wp.dot(direction, vertex.surface.normal) * side > 0.0)
+        if wp.static(tangents):
+            share = bump_shadow(vertex.surface, direction, side)
+            path.throughput = path.throughput * share
+            path.is_done = path.is_done or share == 0.0
         if side > 0.0:
             path.ray.origin = vertex.origin_in_front
         else:

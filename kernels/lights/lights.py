@@ -17,7 +17,7 @@ from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
 from wrt.kernels.lights.record import LightSample
-from wrt.kernels.lights.shapes import make_light_shapes
+from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
 from wrt.kernels.sampling.warps import square_to_triangle
 from wrt.kernels.scene.scene_data import (
@@ -30,7 +30,7 @@ from wrt.kernels.scene.scene_data import (
     ShapeRecord,
 )
 from wrt.kernels.specialise import specialised
-from wrt.kernels.textures.textures import make_slot_value
+from wrt.kernels.textures.textures import make_slot_color, make_slot_value
 
 # --- Triangles -------------------------------------------------------------------------------------
 
@@ -113,10 +113,12 @@ def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, light_tree = features.textured, features.light_tree
     light_shapes = bool(features.light_shapes)
+    textured_lights = textured and are_textured(features.light_shapes)
     sample_light_shape = make_light_shapes(features.light_shapes).sample
     choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(features.instances)
     slot_value = make_slot_value(features.uv2_alpha, features.mipmapped)
+    slot_color = make_slot_color(features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
 
     @wp.func
@@ -163,6 +165,12 @@ def make_lights(features: Features) -> Lights:
         else:
             if wp.static(light_shapes):
                 sample = sample_light_shape(scene, light, receiver, u)
+                if wp.static(textured_lights):
+                    slot = scene.light_shapes[light.shape].slot
+                    if slot >= 0:
+                        uv = wp.vec2(sample.point.u, sample.point.v)
+                        texel = slot_color(scene, scene.slots[slot], uv, wp.vec4(), wp.vec3(1.0))
+                        sample.radiance = wp.cw_mul(sample.radiance, texel)
         return sample
 
     @wp.func

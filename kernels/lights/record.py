@@ -44,6 +44,8 @@ class LightModel(NamedTuple):
             cannot meet.
         shines_back: (light, shape, ray) -> bool: whether it emits towards the origin of a ray that meets it.
         covers: (shape, direction) -> bool: whether a direction leads to it, for lights at infinity.
+        textured: whether the light's texture multiplies the radiance, at the coordinates that `sample` returns as `u`
+            and `v` of `point`.
         middle: the numbers u that sample its centre, for ray trees.
     """
 
@@ -53,3 +55,4 @@ class LightModel(NamedTuple):
     shines_back: wp.Function | None = None
     covers: wp.Function | None = None
     middle: tuple[float, float] = (0.0, 0.0)
+    textured: bool = False

@@ -22,6 +22,9 @@ from wrt.kernels.specialise import specialised
 BUILT_IN = ("spot", "rectangle", "disk", "sphere", "sun")
 """Models in the kernels of all scenes with any light shape: further variants would mean more kernels to compile."""
 
+ON_DEMAND = ("projector",)
+"""Models in the kernels of scenes that use them."""
+
 
 def _check(name: str, model: LightModel) -> None:
     if (model.meet is None) != (model.shines_back is None):
@@ -32,7 +35,7 @@ def _check(name: str, model: LightModel) -> None:
         raise ValueError(f"{name}: a light needs a `pdf` if it has `meet` or `covers`, and only then")
 
 
-LIGHT_SHAPES: Registry[LightModel] = Registry("wrt.kernels.lights", BUILT_IN, _check)
+LIGHT_SHAPES: Registry[LightModel] = Registry("wrt.kernels.lights", (*BUILT_IN, *ON_DEMAND), _check)
 current_name = LIGHT_SHAPES.current_name
 
 _FIRST = wp.constant(-2)
@@ -118,6 +121,11 @@ def make_light_model(names: tuple[str, ...]) -> LightModel:
         shines_back if model_shines_back else next_shines_back,
         covers if model_covers else next_covers,
     )
+
+
+def are_textured(names: tuple[str, ...]) -> bool:
+    """Return whether any of the models `names` has a texture."""
+    return any(LIGHT_SHAPES.model_of(name).textured for name in names)
 
 
 @specialised()

@@ -14,7 +14,7 @@ FALLOFF_GLTF = wp.constant(2)
 
 @wp.func
 def spot_factor(shape: LightShape, cosine: float) -> float:
-    """Return a spot's relative intensity at the cosine of an angle to its axis (formulas: wrt/scene/lights/spot.py)."""
+    """Return a spot's relative intensity at the cosine of an angle to its axis (formulas: `SpotLight`)."""
     inner = shape.size[0]
     outer = shape.size[1]
     if cosine >= inner:
@@ -30,7 +30,8 @@ def spot_factor(shape: LightShape, cosine: float) -> float:
 
 
 @wp.func
-def _sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec2) -> LightSample:
+def sample_spot(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec2) -> LightSample:
+    """Return a sample of a spot light."""
     sample = LightSample()
     way = light.place - receiver.position
     distance2 = wp.dot(way, way)
@@ -43,4 +44,4 @@ def _sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec
     return sample
 
 
-MODEL = LightModel(_sample)
+MODEL = LightModel(sample_spot)

@@ -107,6 +107,8 @@ class NormalMapRecord:
     image: int
     first_level: int
     levels: int  # 0 if it is never filtered
+    heights: int  # whether the image holds heights instead
+    convention: int  # a number of kernels/textures/normal_maps.py
 
 
 @wp.struct
@@ -214,7 +216,9 @@ class LightShape:
 
     Rectangle: a corner, two unit axes, x × y = normal, and its width and height. Disk and sphere: the centre, the
     normal, and the radius twice. Sun: `normal` points to it; 1 − cos and sin² of its angular radius. Spot: `normal`
-    is its axis; cosines of the inner and of the outer cone. Models from outside define their own use of the fields.
+    is its axis; cosines of the inner and of the outer cone; with a texture, `x` and `y` to the right and up. Projector:
+    the same three axes, and half the frame's width and height at unit distance. Models from outside define their own
+    use of the fields.
     """
 
     kind: int
@@ -225,6 +229,7 @@ class LightShape:
     normal: wp.vec3
     size: wp.vec2
     falloff: int
+    slot: int  # of its texture in `slots`; -1 without one
 
 
 @wp.struct

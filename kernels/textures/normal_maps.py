@@ -4,7 +4,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.geometry.rays import Frame, to_local, to_world
-from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.geometry.surface import Surface, uv_edges
 from wrt.kernels.scene.scene_data import (
     NORMALS_AT_POINT,
     NORMALS_FILTERED,
@@ -13,10 +13,15 @@ from wrt.kernels.scene.scene_data import (
     SceneData,
 )
 from wrt.kernels.textures.footprint import texels_across, texture_footprint
-from wrt.kernels.textures.textures import image_color
+from wrt.kernels.textures.textures import image_color, image_gradient
 
 LEAST_ELEVATION = wp.constant(0.02)
 """Sine of the least elevation of the mirror direction over the surface, and of the viewer over the mapped surface."""
+
+
+# Numbers of `wrt.scene.textures.NORMAL_CONVENTIONS`; the third is right-handed.
+CONVENTION_GLTF = wp.constant(0)
+CONVENTION_MITSUBA = wp.constant(1)
 
 
 @wp.struct
@@ -64,6 +69,68 @@ def filtered_slopes(scene: SceneData, normals: NormalMapRecord, uv: wp.vec2, tex
         slopes.mean = slopes.mean * (1.0 - share) + upper.mean * share
         slopes.products = slopes.products * (1.0 - share) + upper.products * share
     return slopes
+
+
+@wp.func
+def slopes_of_heights(scene: SceneData, image: ImageRecord, hit: Hit, surface: Surface) -> wp.vec2:
+    """Return the slopes nx / nz and ny / nz, in the frame, of a surface displaced by an image along its normal.
+
+    With the frame's x along ∂p/∂u, the displaced tangents are (Ux, 0, h_u) and (Vx, Vy, h_v), and their cross product
+    is along (−h_u / Ux, (h_u Vx / Ux − h_v) / Vy, 1) (Blinn 1978, "Simulation of wrinkled surfaces").
+    """
+    uv = uv_edges(scene, hit)
+    a = uv[0]
+    b = uv[1]
+    area = a[0] * b[1] - a[1] * b[0]
+    if area == 0.0:
+        return wp.vec2(0.0)
+    along_u = (surface.e1 * b[1] - surface.e2 * a[1]) / area
+    along_v = (surface.e2 * a[0] - surface.e1 * b[0]) / area
+    u_x = wp.dot(along_u, surface.frame.s)
+    v_x = wp.dot(along_v, surface.frame.s)
+    v_y = wp.dot(along_v, surface.frame.t)
+    if u_x == 0.0 or v_y == 0.0:
+        return wp.vec2(0.0)
+    change = image_gradient(scene, image, surface.uv)
+    return wp.vec2(-change[0] / u_x, (change[0] * v_x / u_x - change[1]) / v_y)
+
+
+@wp.func
+def flipped_normal(surface: Surface, slopes: wp.vec2, direction: wp.vec3) -> Surface:
+    """Return a surface whose mapped normal faces the viewer in Mitsuba's way: else it is mirrored about the smooth one.
+
+    Its s is along the projection of the old one, as in Mitsuba.
+    """
+    frame = surface.frame
+    n = wp.normalize(wp.vec3(slopes[0], slopes[1], 1.0))
+    if wp.dot(to_local(frame, direction), n) >= 0.0:
+        n = wp.vec3(-n[0], -n[1], n[2])
+    surface.smooth_normal = frame.n
+    cos2 = n[2] * n[2]
+    surface.bump_alpha2 = wp.min(0.125 * (1.0 - cos2) / cos2, 1.0)
+    x = wp.normalize(wp.vec3(1.0 - n[0] * n[0], -n[0] * n[1], -n[0] * n[2]))
+    turned = Frame()
+    turned.s = to_world(frame, x)
+    turned.t = to_world(frame, wp.cross(n, x))
+    turned.n = to_world(frame, n)
+    surface.frame = turned
+    return surface
+
+
+@wp.func
+def bump_shadow(surface: Surface, direction: wp.vec3, side: float) -> float:
+    """Return the share of light from a direction that bumps do not shadow, by G1 of GGX; 1 for surfaces without.
+
+    Estevez, Lecocq and Stellpflug (2019), "A microfacet-based shadowing function to solve the bump terminator problem".
+    Nothing arrives where the mapped normal, above which `side` is positive, and the smooth one disagree about the side.
+    """
+    if surface.bump_alpha2 == 0.0:
+        return 1.0
+    cosine = wp.dot(direction, surface.smooth_normal)
+    if cosine * side <= 0.0:
+        return 0.0
+    cos2 = cosine * cosine
+    return 2.0 / (1.0 + wp.sqrt(1.0 + surface.bump_alpha2 * wp.max(1.0 - cos2, 0.0) / cos2))
 
 
 @wp.func
@@ -121,7 +188,9 @@ def apply_normal_map(
         texels = texels_across(texture_footprint(scene, hit, surface, direction, width), image)
     filtered = texels > 0.5
     slopes = Slopes()
-    if filtered:
+    if normals.heights != 0:
+        slopes.mean = slopes_of_heights(scene, image, hit, surface)
+    elif filtered:
         slopes = filtered_slopes(scene, normals, surface.uv, texels)
     else:
         slopes = slopes_at(scene, image, surface.uv)
@@ -130,6 +199,12 @@ def apply_normal_map(
         return surface
     if not surface.front:
         mean = -mean  # a bump is a dent from behind
+    if normals.convention != CONVENTION_GLTF and normals.heights == 0:
+        right = wp.dot(wp.cross(surface.frame.n, surface.frame.s), surface.frame.t) > 0.0
+        if right != surface.front:
+            mean = wp.vec2(mean[0], -mean[1])
+    if normals.convention == CONVENTION_MITSUBA:
+        return flipped_normal(surface, mean, direction)
     unbent = wp.normalize(wp.vec3(mean[0], mean[1], 1.0))
     frame = surface.frame
     n = bent_normal(to_world(frame, unbent), surface.normal, -direction, record.matt != 0)

@@ -122,6 +122,37 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
+def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2:
+    """Return how the red of `image_color` changes along u and along v."""
+    u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
+    v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
+    x = inside_image(u, image.wrap_u) * float(image.width) - 0.5
+    y = (1.0 - inside_image(v, image.wrap_v)) * float(image.height) - 0.5
+    left = wp.floor(x)
+    top = wp.floor(y)
+    columns = neighbors(int(left), image.width, image.wrap_u)
+    rows = neighbors(int(top), image.height, image.wrap_v)
+    # The interpolation is linear along each axis, so differences of its ends are exact.
+    change = wp.vec2(0.0)
+    for k in range(2):
+        end = float(k)
+        share = wp.vec2(end, y - top)
+        across = wp.vec2(x - left, end)
+        if image.palette >= 0:
+            along_x = bilinear_of_codes(scene, image, columns, rows, share)
+            along_y = bilinear_of_codes(scene, image, columns, rows, across)
+        else:
+            along_x = bilinear(scene.texels, image.first, image.width, columns, rows, share)
+            along_y = bilinear(scene.texels, image.first, image.width, columns, rows, across)
+        sign = 2.0 * end - 1.0
+        change += wp.vec2(along_x[0], -along_y[0]) * sign  # rows run down, v runs up
+    change = wp.cw_mul(change, wp.vec2(float(image.width), float(image.height)))
+    return wp.vec2(
+        image.to_u[0] * change[0] + image.to_v[0] * change[1], image.to_u[1] * change[0] + image.to_v[1] * change[1]
+    )
+
+
+@wp.func
 def filtered_color(scene: SceneData, image: ImageRecord, uv: wp.vec2, footprint: wp.vec4) -> wp.vec3:
     """Return the colour around texture coordinates, between the two mip levels nearest to the footprint.
 

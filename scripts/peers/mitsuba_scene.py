@@ -315,6 +315,8 @@ def _light(light: Light) -> dict[str, Any]:
         return {"type": "point", "position": list(light.position), "intensity": _rgb(light.intensity)}
     if isinstance(light, wrt.SpotLight):
         return _spot(light)
+    if isinstance(light, wrt.ProjectorLight):
+        return _projector(light)
     if isinstance(light, (wrt.RectangleLight, wrt.DiskLight, wrt.SphereLight)):
         black = {"type": "diffuse", "reflectance": _rgb(0.0)}
         return {**_form(light), "bsdf": black, "emitter": {"type": "area", "radiance": _rgb(light.radiance)}}
@@ -324,20 +326,35 @@ def _light(light: Light) -> dict[str, Any]:
 
 
 def _spot(light: wrt.SpotLight) -> dict[str, Any]:
-    mi = load_mitsuba()
     if light.falloff != "linear":
         raise NotImplementedError("Mitsuba's spots fade linearly with the angle")
-    position, direction = np.array(light.position), np.array(light.direction)
-    up = np.eye(3)[np.abs(direction).argmin()]
-    return {
+    up = light.up if light.texture is not None else np.eye(3)[np.abs(light.direction).argmin()].tolist()
+    result = {
         "type": "spot",
-        "to_world": mi.ScalarTransform4f().look_at(
-            origin=position.tolist(), target=(position + direction).tolist(), up=up.tolist()
-        ),
+        "to_world": _looking(light.position, light.direction, up),
         "intensity": _rgb(light.intensity),
         "beam_width": light.inner_degrees,
         "cutoff_angle": light.outer_degrees,
     }
+    if light.texture is not None:  # Mitsuba's u points to the left
+        result["texture"] = _color(dataclasses.replace(light.texture, pixels=light.texture.pixels[:, ::-1]))
+    return result
+
+
+def _projector(light: wrt.ProjectorLight) -> dict[str, Any]:
+    texture = wrt.ImageTexture(np.ones((1, 1, 3))) if light.texture is None else light.texture
+    colored = dataclasses.replace(texture, pixels=texture.pixels[::-1] * np.float32(np.array(light.irradiance) / np.pi))
+    return {
+        "type": "projector",
+        "to_world": _looking(light.position, light.direction, light.up),
+        "irradiance": _color(colored),  # Mitsuba's v points down
+        "fov": light.fov_degrees,
+    }
+
+
+def _looking(position: Any, direction: Any, up: Any) -> Any:
+    target = np.array(position) + direction
+    return load_mitsuba().ScalarTransform4f().look_at(origin=list(position), target=target.tolist(), up=list(up))
 
 
 def _form(light: wrt.RectangleLight | wrt.DiskLight | wrt.SphereLight) -> dict[str, Any]:

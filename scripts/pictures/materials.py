@@ -186,6 +186,11 @@ def tiles() -> tuple[Tile, ...]:
             ),
         ),
         Tile(
+            "burley",
+            "coat 1, sheen 1, flatness 0.6",
+            wrt.Burley((0.1, 0.3, 0.28), roughness=0.5, coat=1.0, coat_gloss=0.9, sheen=1.0, flatness=0.6),
+        ),
+        Tile(
             "mix",
             "gold on lacquer, by an image",
             wrt.Mix(wrt.Plastic(0.015), wrt.RoughConductor(0.1, metal="gold"), weight=swirl()),

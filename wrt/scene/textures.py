@@ -125,6 +125,10 @@ class VertexColor:
             object.__setattr__(self, "cutoff", number(self.cutoff, "vertex colours: cutoff", minimum=0.0))
 
 
+NORMAL_CONVENTIONS = ("gltf", "mitsuba", "right-handed")
+"""Conventions of normal maps, in the order of their numbers in `kernels/textures/normal_maps.py`."""
+
+
 @dataclass(frozen=True, eq=False)
 class NormalMap:
     """Shading normals in tangent space, as in glTF 2.0 (section 3.9.3): n = 2c − 1 of a colour c.
@@ -143,6 +147,11 @@ class NormalMap:
         filter: whether to filter highlights.
         name: source of the pixels, for messages.
         wrap: as for an ImageTexture.
+        heights: whether the pixels are heights instead, in red: a bump map, whose slopes follow from how the texture is
+            stretched over the mesh. `scale` is in metres then.
+        convention: "gltf", or "mitsuba" for maps made for it: y points along the cross product of the normal and u,
+            normals that face away from the viewer are mirrored about the mesh's own, and light from near the horizon is
+            reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with the first of these only.
     """
 
     pixels: NDArray[np.float32] | ImageTexture = field(repr=False)
@@ -150,6 +159,8 @@ class NormalMap:
     filter: bool = False
     name: str = "normal map"
     wrap: str | Sequence[str] = "repeat"
+    heights: bool = False
+    convention: str = "gltf"
 
     def __post_init__(self) -> None:
         given = self.pixels.pixels if isinstance(self.pixels, ImageTexture) else self.pixels
@@ -160,6 +171,10 @@ class NormalMap:
         object.__setattr__(self, "scale", number(self.scale, "normal map scale"))
         boolean(self.filter, "normal map filter")
         object.__setattr__(self, "wrap", _two_wraps(self.wrap, f"normal map {self.name}"))
+        boolean(self.heights, "normal map heights")
+        one_of(self.convention, NORMAL_CONVENTIONS, "normal map convention")
+        if self.filter and (self.heights or self.convention != "gltf"):
+            raise InputError("normal map: filter is for normals by the convention of glTF")
 
 
 def _two_wraps(wrap: str | Sequence[str], what: str) -> tuple[str, ...]:

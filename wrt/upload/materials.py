@@ -13,7 +13,16 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.materials import Material, Mix, TwoSided
-from wrt.scene.textures import CHANNELS, WRAPS, ColorSource, FirstAlike, ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import (
+    CHANNELS,
+    NORMAL_CONVENTIONS,
+    WRAPS,
+    ColorSource,
+    FirstAlike,
+    ImageTexture,
+    NormalMap,
+    VertexColor,
+)
 from wrt.upload.tables.material_tables import pack_tables
 from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
 from wrt.upload.textures.pyramid import pyramid
@@ -28,8 +37,8 @@ class MaterialTable:
         materials: the materials.
         numbers: index in `materials` by identity.
         of_shapes: (shapes,) number of each shape's material.
-        emissions: (shapes,) emission of each shape.
-        emission_slots: (shapes,) slot of an emission that varies, otherwise −1; known after the upload.
+        emissions: emission of each shape, then the textures of lights.
+        emission_slots: slot of each that varies, otherwise −1; known after the upload.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
@@ -177,7 +186,7 @@ class _Slots:
         self.rows: list[tuple[Any, ...]] = []
         self.images: list[tuple[Any, ...]] = []
         self.pixels: list[NDArray[np.float32]] = []
-        self.normal_maps: list[tuple[int, int, int]] = []
+        self.normal_maps: list[tuple[int, ...]] = []
         self._pixel_numbers: dict[int, int] = {}
         self._first_alike = FirstAlike()
         self._levels: dict[int, list[int]] = {}
@@ -242,7 +251,8 @@ class _Slots:
             levels = slope_pyramid(normals) if filtered else ()
             for image in (image for level in levels for image in level):
                 self.add_image(image, normal_map)
-            self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2))
+            kind = int(normal_map.heights), NORMAL_CONVENTIONS.index(normal_map.convention)
+            self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2, *kind))
         return self._normal_map_numbers[key]
 
     def image_table(self, texels: Texels, dtype: Any) -> NDArray[Any]:

@@ -22,7 +22,7 @@ from wrt.upload.accel.scene_instances import place
 from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
 from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
-from wrt.upload.lights.table import LightTable, light_table
+from wrt.upload.lights.table import LightTable, light_table, texture_of
 from wrt.upload.materials import MaterialTable, describe_materials
 from wrt.upload.vertex_updates import WorldMeshes
 
@@ -96,8 +96,12 @@ def build_scene(
         raise InputError("the scene has no shapes to render")
     _check_sizes(scene)
     layout = lay_out(scene)
+    environment, sky_lights = resolve_environment(scene.environment)
+    lights = [*scene.lights, *sky_lights]
+    textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
     materials = describe_materials(
-        [shape.material for shape in scene.shapes], [shape.emission for shape in scene.shapes]
+        [shape.material for shape in scene.shapes],
+        [*(shape.emission for shape in scene.shapes), *textures.values()],
     )
     data = scene_data.SceneData()
     textured = materials.textured or materials.tangents or texture_coordinates
@@ -108,11 +112,11 @@ def build_scene(
     bodies = describe_bodies(scene)
     bodies.upload(data, device)
 
-    environment, sky_lights = resolve_environment(scene.environment)
     data.environment, flux = upload_environment(environment, device.name)
-    lights = light_table(scene.shapes, [*scene.lights, *sky_lights], layout, first_triangles, flux)
-    light_tree = _upload_lights(data, lights, device, light_choice)
-    records = _shape_records(scene, materials, bodies, lights, first_triangles)
+    slots = dict(zip(textures, materials.emission_slots[len(scene.shapes) :], strict=True))
+    table = light_table(scene.shapes, lights, layout, first_triangles, flux, slots)
+    light_tree = _upload_lights(data, table, device, light_choice)
+    records = _shape_records(scene, materials, bodies, table, first_triangles)
     data.shapes = backend.array(records, scene_data.ShapeRecord, device.name)
 
     features = Features(
@@ -122,7 +126,7 @@ def build_scene(
         opacity=materials.opacity,
         composite=materials.composite,
         tangents=materials.tangents,
-        light_shapes=lights.shape_models,
+        light_shapes=table.shape_models,
         instances=layout.kind,
         light_tree=light_tree,
         media=bodies.kind,
@@ -204,7 +208,7 @@ def _shape_records(
     records["first_triangle"] = first_triangles
     records["smooth"] = [_is_smooth(shape) for shape in scene.shapes]
     records["first_light"] = lights.first_lights
-    records["emission_slot"] = materials.emission_slots
+    records["emission_slot"] = materials.emission_slots[: len(scene.shapes)]
     for record, shape in zip(records, scene.shapes, strict=True):
         if record["emission_slot"] < 0:
             record["emission"] = shape.emission

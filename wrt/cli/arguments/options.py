@@ -118,10 +118,12 @@ def make_parser() -> argparse.ArgumentParser:
     info.add_argument("--confined", action="store_true", help=CONFINED)
 
     bits = ", with its arrays in a folder beside it. Both render to bit-identical pictures"
-    convert = command("convert", "convert any scene or mesh to a scene file", bits)
+    convert = command("convert", "convert any scene or mesh to a scene file or GLB", bits)
     convert.add_argument("source", metavar="SCENE", help="as for wrt render")
     convert.add_argument(
-        "output", metavar="OUT.toml", help="scene file to write; its arrays go into the folder OUT_files"
+        "output",
+        metavar="OUT.toml",
+        help="scene file to write, with its arrays in the folder OUT_files; or a GLB file for other programs",
     )
     convert.add_argument("--up", choices=AXES, type=choice(AXES), help="as for wrt render")
     convert.add_argument("--force", action="store_true", help="overwrite existing files")

@@ -100,7 +100,9 @@ class GltfImages:
             source = extensions.get(name, {}).get("source", source)
         if source is None:
             kinds = ", ".join(extensions) or "no source"
-            warn(f"{self._path}: texture {info['index']} left out: its image is in a format not supported ({kinds})")
+            hint = "; export it with PNG, JPEG or WebP" if "KHR_texture_basisu" in extensions else ""
+            what = f"texture {info['index']} left out: its image is in a format not supported ({kinds})"
+            warn(f"{self._path}: {what}{hint}")
             return None
         image = self._tree["images"][source]
         return self._firsts.setdefault((image.get("bufferView"), image.get("uri")), source)

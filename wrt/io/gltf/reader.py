@@ -72,6 +72,7 @@ def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents
             if ends_of(tree, buffers) is None:
                 raise InputError(f"{path}: {NO_ANIMATION}")
             pose(tree, buffers, seconds)
+        _name_variants(path, tree)
         lights, cameras = lights_of(tree), cameras_of(tree)
         images = GltfImages(path, tree, buffers)
         materials = GltfMaterials(path, _prepare(path, tree, buffers), images)
@@ -86,6 +87,14 @@ def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents
             warn(f"{path}: {left_out} are left out: only triangles are rendered")
         parts = _parts(path, load(path, text, "glb" if binary else "gltf"), materials)
         return Contents(parts, lights, cameras)
+
+
+def _name_variants(path: Path, tree: Tree) -> None:
+    """Warn of the variants of materials that are not shown."""
+    variants = tree.get("extensions", {}).get("KHR_materials_variants", {}).get("variants", [])
+    if variants:
+        names = ", ".join(repr(str(variant.get("name", number))) for number, variant in enumerate(variants))
+        warn(f"{path}: material variants are left out ({names}); the default materials are shown")
 
 
 def animation_ends(path: Path, data: bytes) -> tuple[float, float] | None:

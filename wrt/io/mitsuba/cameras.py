@@ -191,7 +191,7 @@ def _camera(plugin: Plugin, place: dict[str, Any], stretch: np.ndarray, settings
     if plugin.type == "orthographic":
         # Before `to_world`, the picture is 2 wide.
         return OrthographicCamera(**place, view_height=2.0 * float(stretch[1]) / aspect)
-    slope = math.tan(0.5 * math.radians(_vertical_degrees(plugin, aspect))) * float(stretch[1] / stretch[2])
+    slope = math.tan(0.5 * math.radians(vertical_degrees(plugin, aspect))) * float(stretch[1] / stretch[2])
     lens: dict[str, Any] = {"fov_degrees": 2.0 * math.degrees(math.atan(slope))}
     if plugin.type == "thinlens":
         lens["aperture_radius"] = positive(plugin, "aperture_radius", 0.1) * float(stretch[1])
@@ -204,7 +204,7 @@ def _camera(plugin: Plugin, place: dict[str, Any], stretch: np.ndarray, settings
     return PerspectiveCamera(**place, **lens)
 
 
-def _vertical_degrees(plugin: Plugin, aspect: float) -> float:
+def vertical_degrees(plugin: Plugin, aspect: float) -> float:
     """Return the vertical field of view of the whole film, converted from the axis that `fov_axis` names."""
     if plugin.has("focal_length") and not plugin.has("fov"):
         text = plugin.text("focal_length", "50mm").lower().removesuffix("mm")

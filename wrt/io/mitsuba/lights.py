@@ -1,7 +1,8 @@
-"""Read Mitsuba's emitters without a shape: point, spot and directional lights, and environments."""
+"""Read Mitsuba's emitters without a shape: point, spot and directional lights, projectors, and environments."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io.images import read_image
+from wrt.io.mitsuba.cameras import vertical_degrees
 from wrt.io.mitsuba.daylight import daylight
 from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
-from wrt.scene.lights import DirectionalLight, Light, PointLight, SpotLight
+from wrt.scene.lights import DirectionalLight, Light, PointLight, ProjectorLight, SpotLight
+from wrt.scene.textures import ImageTexture
 from wrt.values import Vec3, sealed, vec3
 
 _TURNED = np.diag([-1.0, 1.0, -1.0])
@@ -26,6 +29,10 @@ _SMOOTH_ROWS = 512
 
 ON_SHAPES = ("area", "directionalarea")
 """Emitters that are part of a shape."""
+
+
+_PLACED = ("point", "spot", "directional", "projector")
+"""Emitters with a place or direction by `to_world`."""
 
 
 class Emitters:
@@ -63,7 +70,7 @@ class Emitters:
         return self.textures.constant(plugin, name, 1.0, shines=True)
 
     def _light(self, plugin: Plugin) -> Light | None:
-        matrix = plugin.transform() if plugin.type in ("point", "spot", "directional") else np.eye(4)
+        matrix = plugin.transform() if plugin.type in _PLACED else np.eye(4)
         position, forward = vec3(matrix[:3, 3]), vec3(matrix[:3, 2])
         if plugin.type == "point":
             return PointLight(plugin.point("position", position), intensity=self._color(plugin, "intensity"))
@@ -71,9 +78,8 @@ class Emitters:
             direction = plugin.point("direction", forward)
             return DirectionalLight(direction, irradiance=self._color(plugin, "irradiance"))
         if plugin.type == "spot":
-            if plugin.named("texture") is not None:
-                plugin.warn("the texture of a spot light is left out")
             cutoff = plugin.number("cutoff_angle", 20.0)
+            texture = self._image_of(plugin, "texture")
             return SpotLight(
                 position,
                 forward,
@@ -81,8 +87,35 @@ class Emitters:
                 inner_degrees=plugin.number("beam_width", 0.75 * cutoff),
                 outer_degrees=cutoff,
                 falloff="linear",
+                texture=_mirrored(texture, u=np.linalg.det(matrix[:3, :3]) > 0.0),
+                up=_across(matrix[:3, 1], forward),
             )
+        if plugin.type == "projector":
+            return self._projector(plugin, matrix)
         return None
+
+    def _projector(self, plugin: Plugin, matrix: NDArray[np.float64]) -> ProjectorLight:
+        """Return a projector, whose image lies as in a camera: v points down."""
+        texture = self._image_of(plugin, "irradiance")
+        scale = plugin.number("scale", 1.0)
+        height, width = (1, 1) if texture is None else texture.pixels.shape[:2]
+        vertical = vertical_degrees(plugin, width / height)
+        across = 2.0 * math.degrees(math.atan(math.tan(0.5 * math.radians(vertical)) * width / height))
+        return ProjectorLight(
+            vec3(matrix[:3, 3]),
+            vec3(matrix[:3, 2]),
+            vec3(matrix[:3, 1]),
+            texture=_mirrored(texture, v=True),
+            color=scale if texture is not None else vec3(scale * np.array(self._color(plugin, "irradiance"))),
+            fov_degrees=across,
+        )
+
+    def _image_of(self, plugin: Plugin, name: str) -> ImageTexture | None:
+        """Return the image of a lamp, or None if there is none."""
+        if plugin.named(name) is None:
+            return None
+        made = self.textures.color(plugin, name, 1.0)
+        return made if isinstance(made, ImageTexture) else ImageTexture(np.full((1, 1, 3), made, np.float32))
 
     def _environment(self, plugin: Plugin) -> Environment | None:
         if plugin.type == "constant":
@@ -107,6 +140,22 @@ class Emitters:
         scale = plugin.number("scale", 1.0)
         plugin.ignore("mis_compensation")
         return ImageEnvironment(sealed(np.ascontiguousarray(pixels)), scale, degrees, file.name, axis)
+
+
+def _mirrored(texture: ImageTexture | None, *, u: bool = False, v: bool = False) -> ImageTexture | None:
+    """Return a texture with its coordinates u or v counted from the other end."""
+    if texture is None or not (u or v):
+        return texture
+    signs = np.where([u, v], -1.0, 1.0)
+    offset = texture.placement @ np.array([float(u), float(v), 1.0])
+    return dataclasses.replace(texture, scale=tuple(signs * texture.scale), offset=tuple(offset.tolist()))
+
+
+def _across(up: NDArray[np.float64], forward: Vec3) -> Vec3:
+    """Return an axis that is given for up, or, should it lie along the direction, another one."""
+    if np.linalg.norm(np.cross(up, forward)) > 1e-6 * np.linalg.norm(up) * np.linalg.norm(forward):
+        return vec3(up)
+    return vec3(np.eye(3)[np.abs(forward).argmin()])
 
 
 def _rows_between(pixels: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -35,7 +35,6 @@ class Plugin:
         type: its plugin, such as "diffuse".
         element: its XML element.
         objects: its child objects with their names, in the order of the file.
-        bends_normals: whether it is or contains a bump or normal map.
     """
 
     def __init__(self, element: Element, document: Document, opened: tuple[Element, ...] = ()) -> None:
@@ -62,11 +61,6 @@ class Plugin:
                 self._values[child.name] = inner
             else:
                 raise child.error(f"<{inner.tag}> is not known here{did_you_mean(inner.tag, OBJECTS + VALUES)}")
-
-        # Computed once, since many objects may share this one.
-        self.bends_normals: bool = self.type in ("bumpmap", "normalmap") or any(
-            x.bends_normals for _, x in self.objects
-        )
 
     @property
     def label(self) -> str:

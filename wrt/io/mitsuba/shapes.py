@@ -13,7 +13,7 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mitsuba import surfaces
 from wrt.io.mitsuba.curves import CURVES, read_curves
-from wrt.io.mitsuba.materials.bumps import UvLayout, uv_layout
+from wrt.io.mitsuba.fields.distances import distance_grid
 from wrt.io.mitsuba.materials.readers import BLACK, UNKNOWN, Materials, Surface, clear, is_black
 from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.media import boundary_of_nothing, filled, medium_of
@@ -76,7 +76,7 @@ class Shapes:
             found = [shape for inner in plugin.of_kind("shape") for shape in self.shapes(inner)]
             plugin.finish()
             return found
-        if plugin.type not in (*_MESHES, *MESH_FILES, *CURVES):
+        if plugin.type not in (*_MESHES, *MESH_FILES, *CURVES, "sdfgrid"):
             plugin.warn("this kind of shape is not known; left out")
             return []
         try:
@@ -111,7 +111,7 @@ class Shapes:
         bsdf = plugin.only("bsdf")
         flat = BLACK if shines(emission) else UNKNOWN
         if bsdf is not None:
-            flat = self.materials.surface(bsdf, UvLayout())
+            flat = self.materials.surface(bsdf)
         inside, outside = (self._medium(plugin.named(name)) for name in ("interior", "exterior"))
         if inside is not None:
             self.interiors.add(inside)
@@ -145,8 +145,6 @@ class Shapes:
             surface = Surface(clear() if shines(emission) or inside is None else boundary_of_nothing(inside))
         elif inside is not None:
             surface = dataclasses.replace(flat, material=filled(plugin, flat.material, inside))
-        if bsdf is not None and bsdf.bends_normals:
-            surface = self.materials.surface(bsdf, uv_layout(mesh))
         if culled:
             surface = surface.without_back()
         name = plugin.element.attributes.get("id") or plugin.type
@@ -186,6 +184,8 @@ class Shapes:
         if plugin.type in MESH_FILES:
             return read_mesh(plugin, self._attribute(plugin))
         matrix = plugin.transform()
+        if plugin.type == "sdfgrid":
+            return distance_grid(plugin).transformed(matrix)
         if plugin.type in ("sphere", "cylinder"):
             matrix = matrix @ _own_transform(plugin)
         if plugin.type in ("rectangle", "cube"):

@@ -37,7 +37,7 @@ from wrt.io.toml.values import Table, check_triangles, choice, points_of, table_
 from wrt.scene import shapes
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
-from wrt.scene.lights import LIGHTS
+from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
 from wrt.scene.medium import MEDIA, Medium
@@ -98,7 +98,7 @@ class _SceneReader(TableReader):
         if "environment" in tree:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
-        self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, LIGHTS), light)))
+        self.each(tree, "lights", lambda light: scene.add_light(self.light(light)))
         with self.at("media"):
             self.read_media(table_of(tree.get("media", {})))
         if "medium" in tree:
@@ -121,6 +121,15 @@ class _SceneReader(TableReader):
             with self.at("motion"):
                 table["motion"] = read_motion(self, table_of(table["motion"]), center)
         made: Camera = self.build(cls, table)
+        return made
+
+    def light(self, table: Table) -> Light:
+        table = dict(table)
+        cls = choice(table, LIGHTS)
+        if isinstance(table.get("texture"), dict):
+            with self.at("texture"):
+                table["texture"] = self.texture(table["texture"])
+        made: Light = self.build(cls, table)
         return made
 
     def environment(self, table: Table) -> Any:

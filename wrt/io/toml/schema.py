@@ -175,6 +175,8 @@ def _value(limits: Limits, name: str) -> Schema:
         return definition("density")
     if kinds == [bool]:
         return BOOLEAN
+    if kinds == [ImageTexture]:
+        return definition("texture")
     if "numpy" in str(hint):
         return array_of({"anyOf": [NUMBER, VECTOR]}, 1)
     options = _words(limits, name, kinds) or _arrays(limits, name, hint) or []

@@ -45,25 +45,30 @@ SCENE = Kind("", lambda _: False)
 
 
 def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
-    """Write a scene file, and beside it a folder with its arrays.
+    """Write a scene file, and beside it a folder with its arrays; or a GLB file.
 
     The folder is named like the file, with `_files` in place of the suffix, or `_files-2` if that exists. The scene
     file is written last, so that an old one stays whole until then. It is not replaced without `force`, and never if
     this process has read it.
 
     Args:
-        path: ends in .toml.
+        path: ends in .toml, or in .glb for other programs: one warning then names what glTF cannot hold.
         scene: the scene.
         force: whether to replace a scene file and its arrays.
 
     Raises:
         InputError: where it cannot be written, or has user-defined materials, which scene files cannot hold.
     """
+    file = Path(path)
+    if file.suffix.lower() == ".glb":
+        from wrt.io.gltf.writer import save_glb
+
+        save_glb(file, scene, force=force)
+        return
     import tomli_w
 
-    file = Path(path)
     if file.suffix.lower() != ".toml":
-        raise InputError(f"{file}: the name of a scene file must end in .toml")
+        raise InputError(f"{file}: the name of a scene file must end in .toml or .glb")
     require_writable(file, SCENE, force=force)
     replaces = force and file.exists()
     arrays = _free_folder(file)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from wrt.scene.materials.body import Null
+from wrt.scene.materials.burley import Burley
 from wrt.scene.materials.composite import Emissive, Mix, TwoSided
 from wrt.scene.materials.dielectrics import Dielectric, RoughDielectric, ThinDielectric
 from wrt.scene.materials.diffuse import Diffuse, OrenNayar
@@ -33,6 +34,7 @@ MATERIALS: dict[str, type[Material]] = {
         Plastic,
         RoughPlastic,
         Principled,
+        Burley,
         Mix,
         TwoSided,
         Emissive,
@@ -64,6 +66,7 @@ def register_material(cls: type[Material], model: Model | None = None) -> None:
 
 __all__ = [
     "MATERIALS",
+    "Burley",
     "Conductor",
     "Dielectric",
     "Diffuse",

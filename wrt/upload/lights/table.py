@@ -12,6 +12,7 @@ from wrt.backend import current_backend
 from wrt.errors import InputError
 from wrt.scene.lights import Light
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.textures import ImageTexture
 from wrt.upload.accel.instancing import Layout, is_moving
 from wrt.upload.lights.bounds import LightBounds
 from wrt.upload.lights.emission import mean_emissions
@@ -31,6 +32,12 @@ def has_light(scene: Scene) -> bool:
         or environment_kind(resolve_environment(scene.environment)[0]) != "none"
         or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
     )
+
+
+def texture_of(light: Light) -> ImageTexture | None:
+    """Return the image that multiplies a light, or None."""
+    texture = getattr(light, "texture", None)
+    return texture if isinstance(texture, ImageTexture) else None
 
 
 @dataclass(frozen=True)
@@ -65,6 +72,7 @@ def light_table(
     layout: Layout,
     first_triangles: NDArray[np.int64],
     environment_flux: float,
+    texture_slots: dict[int, int],
 ) -> LightTable:
     """Return the table of a scene's lights.
 
@@ -77,6 +85,7 @@ def light_table(
         layout: the layout of the shapes.
         first_triangles: (shapes,) number of each shape's first triangle.
         environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
+        texture_slots: slot of a light's texture by the number of the light in `lights`.
 
     Raises:
         InputError: when there are more solid lights than MOST_SOLID_LIGHTS.
@@ -97,7 +106,7 @@ def light_table(
             bounds.append(extent)
             count += len(record)
 
-    shaped = _light_shapes(lights, count)
+    shaped = _light_shapes(lights, count, texture_slots)
     for number, light in enumerate(lights):
         records.append(_record(light, shaped, number))
         bounds.append(_extent(light))
@@ -146,7 +155,7 @@ class _LightShapes:
     sun_count: int
 
 
-def _light_shapes(lights: list[Light], first: int) -> _LightShapes:
+def _light_shapes(lights: list[Light], first: int, texture_slots: dict[int, int]) -> _LightShapes:
     """Return the shapes of lights; `first` is the number of the first light in the table.
 
     Raises:
@@ -176,6 +185,7 @@ def _light_shapes(lights: list[Light], first: int) -> _LightShapes:
     records = np.zeros(len(shaped), k.LightShape.numpy_dtype())
     for row, i in zip(records, shaped, strict=True):
         row["kind"], row["light"] = kinds[models[i]], first + i
+        row["slot"] = texture_slots.get(i, -1)
         for key, value in (lights[i].shape() or {}).items():
             row[key] = value
     of_lights = {i: number for number, i in enumerate(shaped)}

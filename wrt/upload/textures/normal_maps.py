@@ -17,8 +17,13 @@ STEEPEST = 50.0
 
 
 def normals_of(normal_map: NormalMap) -> FloatArray:
-    """Return (H, W, 3) normals in tangent space, not of unit length: 2c − 1, x and y scaled (glTF 2.0, 3.9.3)."""
+    """Return (H, W, 3) normals in tangent space, not of unit length: 2c − 1, x and y scaled (glTF 2.0, 3.9.3).
+
+    Of a map of heights, return these, three times.
+    """
     pixels = np.asarray(normal_map.pixels, np.float32)
+    if normal_map.heights:
+        return np.repeat(pixels[..., :1] * np.float32(normal_map.scale), 3, axis=2)
     normals: FloatArray = np.float32(2.0) * pixels - np.float32(1.0)
     normals[..., :2] *= np.float32(normal_map.scale)
     steep = np.hypot(normals[..., 0], normals[..., 1]) / np.float32(STEEPEST)

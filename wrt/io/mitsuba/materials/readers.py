@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.io.mitsuba.materials.bumps import UvLayout, with_bumps
+from wrt.io.mitsuba.materials.bumps import with_bumps
 from wrt.io.mitsuba.materials.coats import as_in_mitsuba, diffuse_fresnel, scaled
 from wrt.io.mitsuba.materials.indices import refractive_index
 from wrt.io.mitsuba.materials.metals import named_conductor
@@ -89,39 +89,39 @@ class Materials:
 
     def __init__(self, textures: Textures) -> None:
         self.textures = textures
-        self._made: dict[tuple[int, UvLayout | None], Surface] = {}
+        self._made: dict[int, Surface] = {}
 
-    def surface(self, plugin: Plugin, layout: UvLayout) -> Surface:
-        """Return a `bsdf` on a mesh with such texture coordinates.
+    def surface(self, plugin: Plugin) -> Surface:
+        """Return the surface of a `bsdf`.
 
         Raises:
             InputError: naming file and line, when a value in it cannot be used.
         """
-        key = (id(plugin.element), layout if plugin.bends_normals else None)
+        key = id(plugin.element)
         if key not in self._made:
             try:
-                self._made[key] = self._make(plugin, layout)
+                self._made[key] = self._make(plugin)
             except InputError as error:
                 raise plugin.placed(error) from None
             plugin.finish()
         return self._made[key]
 
-    def _make(self, plugin: Plugin, layout: UvLayout) -> Surface:
+    def _make(self, plugin: Plugin) -> Surface:
         if plugin.type in _MAKERS:
             return _MAKERS[plugin.type](self, plugin)
         if plugin.type == "twosided":
-            return self._two_sided(plugin, layout)
+            return self._two_sided(plugin)
         if plugin.type == "mask":
-            inner = self._inner(plugin, layout)
+            inner = self._inner(plugin)
             opacity = self.textures.number(plugin, "opacity", 0.5)
             if inner.material.opacity == 1.0:
                 return dataclasses.replace(inner, material=dataclasses.replace(inner.material, opacity=opacity))
             return dataclasses.replace(inner, material=Mix(nothing(), inner.material, weight=opacity))
         if plugin.type == "blendbsdf":
-            return self._blend(plugin, layout)
+            return self._blend(plugin)
         if plugin.type in ("bumpmap", "normalmap"):
-            inner = self._inner(plugin, layout)
-            return dataclasses.replace(inner, material=with_bumps(plugin, inner.material, layout, self.textures))
+            inner = self._inner(plugin)
+            return dataclasses.replace(inner, material=with_bumps(plugin, inner.material, self.textures))
         if plugin.type == "null":
             return Surface(nothing(), nothing=True)
         if plugin.type in FILTERS:
@@ -130,25 +130,25 @@ class Materials:
         plugin.ignore_all()
         return UNKNOWN
 
-    def _parts(self, plugin: Plugin, layout: UvLayout) -> list[Surface]:
-        return [self.surface(inner, layout) for inner in plugin.of_kind("bsdf")]
+    def _parts(self, plugin: Plugin) -> list[Surface]:
+        return [self.surface(inner) for inner in plugin.of_kind("bsdf")]
 
-    def _inner(self, plugin: Plugin, layout: UvLayout) -> Surface:
-        parts = self._parts(plugin, layout)
+    def _inner(self, plugin: Plugin) -> Surface:
+        parts = self._parts(plugin)
         if len(parts) != 1:
             raise plugin.error(f"takes one bsdf, not {len(parts)}")
         return parts[0]
 
-    def _two_sided(self, plugin: Plugin, layout: UvLayout) -> Surface:
-        parts = self._parts(plugin, layout)
+    def _two_sided(self, plugin: Plugin) -> Surface:
+        parts = self._parts(plugin)
         if len(parts) not in (1, 2):
             raise plugin.error(f"takes one bsdf or two, not {len(parts)}")
         if len(parts) == 1 or parts[0].material == parts[1].material:
             return Surface(parts[0].material)
         return Surface(TwoSided(parts[0].material, parts[1].material))
 
-    def _blend(self, plugin: Plugin, layout: UvLayout) -> Surface:
-        parts = self._parts(plugin, layout)
+    def _blend(self, plugin: Plugin) -> Surface:
+        parts = self._parts(plugin)
         if len(parts) != 2:
             raise plugin.error(f"takes two bsdfs, not {len(parts)}")
         weight = self.textures.number(plugin, "weight", 0.5)

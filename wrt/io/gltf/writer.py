@@ -1,0 +1,312 @@
+"""Writing GLB files: geometry, materials, cameras and lights of a scene, as far as glTF holds them.
+
+Format: Khronos Group 2021, "glTF 2.0 Specification". One warning names what it cannot hold.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError, warn
+from wrt.io.gltf.nearest import nearest
+from wrt.io.gltf.written_materials import Tree, WrittenMaterials, has_vertex_alpha, is_colored
+from wrt.io.safe_read import PathLike
+from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.scene import shapes
+from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.lights import (
+    DirectionalLight,
+    DiskLight,
+    Light,
+    PointLight,
+    RectangleLight,
+    SphereLight,
+    SpotLight,
+)
+from wrt.scene.materials import Diffuse, Null
+from wrt.scene.mesh import Mesh
+from wrt.scene.motion import Motion
+from wrt.scene.scene import Scene, Shape
+
+GLB_SUFFIX = ".glb"
+_FLOAT, _UNSIGNED = 5126, 5125
+_SEGMENTS = 96
+"""Sides of the polygon that stands for a disk that shines."""
+_NEAR = 0.01
+
+GLB = Kind("", lambda _: False)
+"""A GLB file, which a person may have made by other means."""
+
+
+def save_glb(path: PathLike, scene: Scene, *, force: bool = False) -> None:
+    """Write a GLB file.
+
+    Args:
+        path: ends in .glb.
+        scene: the scene; a moving one as it is when the shutter opens.
+        force: whether to replace an existing file.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
+    file = Path(path)
+    require_writable(file, GLB, force=force)
+    writer = _Writer()
+    data = writer.glb(scene)
+    if writer.notes:
+        warn(f"{file}: glTF cannot hold {'; '.join(writer.notes)}")
+    write_atomically(file, lambda temporary: temporary.write_bytes(data), GLB, force=force)
+
+
+class _Writer:
+    """Collects the tree and the binary data of a file; shared objects are written once."""
+
+    def __init__(self) -> None:
+        self.tree: Tree = {"asset": {"version": "2.0", "generator": "wrt"}, "scene": 0}
+        self.data = bytearray()
+        self.notes: dict[str, None] = {}
+        self._known: dict[str, int] = {}
+        self._accessors: dict[tuple[int, str], int] = {}
+        self._kept: list[Any] = []  # whose ids are keys
+        self._materials = WrittenMaterials(self, self.note)
+
+    def note(self, words: str) -> None:
+        """Remember what glTF cannot hold."""
+        self.notes[words] = None
+
+    def glb(self, scene: Scene) -> bytes:
+        """Return the content of the file."""
+        nodes: list[Tree] = []
+        time = 0.0 if scene.camera is None else scene.camera.shutter_open
+        for shape in [*scene.shapes, *self._shining(scene.lights)]:
+            if isinstance(shape.material, Null):
+                self.note("boundaries of media without a surface")
+            else:
+                nodes.append(self._node(shape, time))
+        nodes += [node for light in scene.lights if (node := self._light(light)) is not None]
+        punctual = "KHR_lights_punctual" in self.tree.get("extensions", {})
+        shines = any("emissiveFactor" in material for material in self.tree.get("materials", []))
+        if shines and not punctual and scene.environment is None:
+            # A dark lamp, for programs that light what has none, wrt among them: these meshes light the scene.
+            nodes.append(self._placed_light({"type": "point", "intensity": 0.0}, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
+        if scene.camera is not None:
+            aspect = scene.settings.width / scene.settings.height
+            nodes += [node] if (node := self._camera(scene.camera, aspect)) is not None else []
+        if scene.environment is not None:
+            self.note("the environment")
+        if scene.medium is not None:
+            self.note("the medium around all")
+        self.tree |= {"scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes}
+        used = sorted(_extensions(self.tree))
+        if used:
+            self.tree["extensionsUsed"] = used
+        self.tree["buffers"] = [{"byteLength": len(self.data)}]
+        return _packed(self.tree, bytes(self.data))
+
+    # --- Store --------------------------------------------------------------------------------------
+
+    def view(self, data: bytes) -> int:
+        """Append bytes, and return the number of their buffer view."""
+        self.data += b"\0" * (-len(self.data) % 4)
+        views = self.tree.setdefault("bufferViews", [])
+        views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
+        self.data += data
+        return len(views) - 1
+
+    def once(self, kind: str, entry: Tree) -> int:
+        """Return the number of an entry of a list of the tree, which is appended if new."""
+        key = f"{kind}:{json.dumps(entry, sort_keys=True)}"
+        if key not in self._known:
+            self.tree.setdefault(kind, []).append(entry)
+            self._known[key] = len(self.tree[kind]) - 1
+        return self._known[key]
+
+    def _accessor(self, owner: Any, name: str, array: NDArray[Any]) -> int:
+        """Return the number of an array of an object, which is written once."""
+        key = id(owner), name
+        if key not in self._accessors:
+            self._kept.append(owner)
+            entry: Tree = {"bufferView": self.view(np.ascontiguousarray(array).tobytes()), "count": len(array)}
+            entry |= {"componentType": _UNSIGNED if array.dtype == np.uint32 else _FLOAT}
+            entry["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
+            if name == "POSITION":
+                entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+            self.tree.setdefault("accessors", []).append(entry)
+            self._accessors[key] = len(self.tree["accessors"]) - 1
+        return self._accessors[key]
+
+    # --- Shapes -------------------------------------------------------------------------------------
+
+    def _node(self, shape: Shape, time: float) -> Tree:
+        mesh = shape.mesh
+        if shape.deformation is not None:
+            self.note("changing meshes")
+            mesh = shape.deformation.at(time, mesh)
+        if isinstance(shape.transform, Motion):
+            self.note("motion within the exposure")
+        node: Tree = {"name": shape.name, "mesh": self.once("meshes", {"primitives": [self._primitive(shape, mesh)]})}
+        if shape.transform is not None:
+            node["matrix"] = shape.transform_at(time).T.reshape(-1).tolist()
+        return node
+
+    def _primitive(self, shape: Shape, mesh: Mesh) -> Tree:
+        material = nearest(shape.material, self.note)
+        described = self._materials.described(material, shape.emission, two_sided=shape.two_sided_emission)
+        attributes = {"POSITION": self._accessor(mesh, "POSITION", mesh.vertices)}
+        if mesh.normals is not None:
+            attributes["NORMAL"] = self._accessor(mesh, "NORMAL", _of_unit_length(mesh.normals))
+        if mesh.uvs is not None:
+            for k in range(mesh.uvs.shape[1] // 2):
+                flipped = mesh.uvs[:, 2 * k : 2 * k + 2] * (1.0, -1.0) + (0.0, 1.0)
+                attributes[f"TEXCOORD_{k}"] = self._accessor(mesh, f"TEXCOORD_{k}", flipped.astype(np.float32))
+        colored, alpha = is_colored(material), has_vertex_alpha(material)
+        if mesh.colors is not None and (colored or alpha):
+            if alpha and not colored:
+                self.note("the alpha of vertex colours without these")
+            colors = mesh.colors if alpha else mesh.colors[:, :3]
+            attributes["COLOR_0"] = self._accessor(mesh, f"COLOR_0 {alpha}", colors)
+        return {
+            "attributes": attributes,
+            "indices": self._accessor(mesh, "indices", mesh.faces.astype(np.uint32).reshape(-1)),
+            "material": self.once("materials", described),
+        }
+
+    def _shining(self, lights: list[Light]) -> list[Shape]:
+        """Return meshes for the lights that have a surface."""
+        found = []
+        for light in lights:
+            if isinstance(light, RectangleLight):
+                mesh = shapes.quad(light.origin, light.edge_u, light.edge_v)
+            elif isinstance(light, DiskLight):
+                self.note("round lights: meshes stand for them")
+                mesh = _disk(light)
+            elif isinstance(light, SphereLight):
+                self.note("round lights: meshes stand for them")
+                mesh = shapes.sphere(light.center, light.radius, subdivisions=4)
+            else:
+                continue
+            two_sided = bool(getattr(light, "two_sided", False))
+            found.append(Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.type_name))  # type: ignore[arg-type]
+        return found
+
+    # --- Lights and cameras -------------------------------------------------------------------------
+
+    def _light(self, light: Light) -> Tree | None:
+        described: Tree
+        if isinstance(light, PointLight):
+            described = {"type": "point", **_amount(light.intensity)}
+            return self._placed_light(described, light.position, (0.0, 0.0, -1.0))
+        if isinstance(light, SpotLight):
+            if light.falloff != "gltf":
+                self.note("other falloffs of spots than its own")
+            if light.texture is not None:
+                self.note("images before spots")
+            outer = min(math.radians(light.outer_degrees), 0.5 * math.pi)
+            inner = min(math.radians(light.inner_degrees), outer - 1e-6)
+            cone = {"innerConeAngle": inner, "outerConeAngle": outer}
+            described = {"type": "spot", **_amount(light.intensity), "spot": cone}
+            return self._placed_light(described, light.position, light.direction)
+        if isinstance(light, DirectionalLight):
+            if light.angle_degrees:
+                self.note("the diameter of the sun")
+            described = {"type": "directional", **_amount(light.irradiance)}
+            return self._placed_light(described, (0.0, 0.0, 0.0), light.direction)
+        if not isinstance(light, (RectangleLight, DiskLight, SphereLight)):
+            self.note(f"lights of the type {light.type_name!r}")
+        return None
+
+    def _placed_light(self, described: Tree, position: Any, direction: Any) -> Tree:
+        held = self.tree.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {"lights": []})
+        held["lights"].append(described)
+        up = np.eye(3)[np.abs(direction).argmin()]
+        right = np.cross(direction, up)
+        right /= np.linalg.norm(right)
+        rows = np.stack([right, np.cross(right, direction), np.asarray(direction, np.float64)])
+        reference = {"KHR_lights_punctual": {"light": len(held["lights"]) - 1}}
+        return {"matrix": _looking(rows, position), "extensions": reference}
+
+    def _camera(self, camera: Camera, aspect: float) -> Tree | None:
+        if getattr(camera, "aperture_radius", 0.0) > 0.0:
+            self.note("depth of field")
+        if camera.motion is not None:
+            self.note("motion of the camera")
+        if isinstance(camera, PerspectiveCamera):
+            if camera.shift_x or camera.shift_y:
+                self.note("the shift of a lens")
+            lens = {"yfov": math.radians(camera.fov_degrees), "aspectRatio": aspect, "znear": _NEAR}
+            described = {"type": "perspective", "perspective": lens}
+        elif isinstance(camera, OrthographicCamera):
+            half = 0.5 * camera.view_height
+            box = {"xmag": half * aspect, "ymag": half, "znear": 0.0, "zfar": 1e6}
+            described = {"type": "orthographic", "orthographic": box}
+        else:
+            self.note(f"cameras of the type {camera.type_name!r}")
+            return None
+        number = self.once("cameras", described)
+        return {"name": "camera", "camera": number, "matrix": _looking(camera.frame(), camera.origin)}
+
+
+def _of_unit_length(normals: NDArray[Any]) -> NDArray[np.float32]:
+    """Return normals of length 1, as glTF wants them; those of no length point up."""
+    length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
+    return np.where(length > 0.0, normals / np.maximum(length, 1e-300), (0.0, 1.0, 0.0)).astype(np.float32)
+
+
+def _disk(light: DiskLight) -> Mesh:
+    """Return a polygon of the area of a disk."""
+    normal = np.array(light.normal)
+    x = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    x /= np.linalg.norm(x)
+    angles = 2.0 * math.pi * np.arange(_SEGMENTS) / _SEGMENTS
+    reach = light.radius * math.sqrt(2.0 * math.pi / (_SEGMENTS * math.sin(2.0 * math.pi / _SEGMENTS)))
+    rim = np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * np.cross(normal, x)
+    return shapes.polygon(np.array(light.center) + reach * rim)
+
+
+def _amount(value: Any) -> Tree:
+    """Return the colour and intensity of a light."""
+    color = np.array(value, np.float64)
+    most = float(color.max())
+    return {"color": (color / most).tolist() if most > 0.0 else [0.0, 0.0, 0.0], "intensity": most}
+
+
+def _looking(rows: NDArray[np.float64], origin: Any) -> list[float]:
+    """Return the matrix of a node that looks along −z, from the rows right, up and forward; columns first."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([rows[0], rows[1], -rows[2]], axis=1)
+    matrix[:3, 3] = origin
+    return [float(x) for x in matrix.T.reshape(-1)]
+
+
+def _extensions(tree: Any) -> set[str]:
+    """Return the names of all extensions in a tree."""
+    found: set[str] = set()
+    if isinstance(tree, dict):
+        found |= set(tree.get("extensions", {}))
+    for value in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        found |= _extensions(value)
+    return found
+
+
+def _packed(tree: Tree, data: bytes) -> bytes:
+    """Return a GLB of a tree and its binary data.
+
+    Raises:
+        InputError: when it is larger than the format can hold.
+    """
+    text = json.dumps(tree, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    data += b"\0" * (-len(data) % 4)
+    size = 12 + 8 + len(text) + 8 + len(data)
+    if size >= 2**32:
+        raise InputError("the scene is too large for a GLB file, which holds 4 GB at most")
+    parts = [b"glTF", (2).to_bytes(4, "little"), size.to_bytes(4, "little")]
+    for kind, chunk in ((b"JSON", text), (b"BIN\0", data)):
+        parts += [len(chunk).to_bytes(4, "little"), kind, chunk]
+    return b"".join(parts)

@@ -1,0 +1,1 @@
+"""Grids of Mitsuba's volume files, and the surfaces in them."""

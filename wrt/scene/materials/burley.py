@@ -1,0 +1,104 @@
+"""The principled material of Burley, as Mitsuba has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from wrt.errors import InputError
+from wrt.scene.materials.body import Body
+from wrt.scene.textures import ColorSource
+from wrt.values import boolean, number
+
+_SHARES = (
+    *("metallic", "roughness", "anisotropy", "transmission", "diffuse_transmission", "specular_tint", "sheen"),
+    *("sheen_tint", "flatness", "coat", "coat_gloss"),
+)
+"""Numbers from 0 to 1, which may vary over the surface."""
+
+
+@dataclass(frozen=True)
+class Burley(Body):
+    """The "Disney" material, as Mitsuba's `principled` and `principledthin` have it.
+
+    It is for scenes that were made for it; Principled, the material of glTF, keeps energy better. (Burley,
+    "Physically based shading at Disney" 2012 and "Extending the Disney BRDF to a BSDF" 2015.)
+
+    Attributes:
+        base_color: reflectance of the diffuse base, or of a metal at normal incidence, per channel, 0 to 1.
+        metallic: 0 dielectric, 1 metal.
+        roughness: 0 mirror to 1 matt; its square is the roughness α of GGX.
+        anisotropy: elongation of highlights along u, 0 to 1.
+        transmission: share of a dielectric that is clear instead of diffuse.
+        diffuse_transmission: share of the diffuse light that goes through a thin sheet instead of back; at 1 all.
+        thin_walled: whether the surface is a thin sheet, not the boundary of a body.
+        ior: refractive index of the dielectric, from 1.
+        specular_tint: how far its reflection takes the hue of the base colour.
+        sheen: strength of the light that fibres add at grazing angles.
+        sheen_tint: how far this takes the hue of the base colour.
+        flatness: blends the diffuse base to one that looks like light scattered below the surface.
+        coat: strength of a clear coat, which reflects a quarter as much as varnish.
+        coat_gloss: 0 satin to 1 gloss, of the coat.
+        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
+
+    base_color: ColorSource = 0.5
+    metallic: ColorSource = 0.0
+    roughness: ColorSource = 0.5
+    anisotropy: ColorSource = 0.0
+    transmission: ColorSource = 0.0
+    diffuse_transmission: ColorSource = 0.0
+    thin_walled: bool = False
+    ior: float = 1.5
+    specular_tint: ColorSource = 0.0
+    sheen: ColorSource = 0.0
+    sheen_tint: ColorSource = 0.0
+    flatness: ColorSource = 0.0
+    coat: ColorSource = 0.0
+    coat_gloss: ColorSource = 0.0
+
+    type_name: ClassVar[str] = "burley"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_values(*_SHARES, maximum=1.0)
+        self._check_colors("base_color")
+        boolean(self.thin_walled, "thin_walled")
+        self._set(ior=number(self.ior, "ior", minimum=1.0))
+        if self.diffuse_transmission != 0.0 and not self.thin_walled:
+            raise InputError("diffuse_transmission is for thin sheets; set thin_walled")
+        if self.thin_walled and (self.metallic != 0.0 or self.coat != 0.0):
+            raise InputError("a thin sheet has neither metallic nor coat")
+        if self.interior is not None and not self.is_body:
+            raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
+
+    @property
+    def is_body(self) -> bool:
+        """Whether light gets inside."""
+        return self.transmission != 0.0 and not self.thin_walled
+
+    @property
+    def interior_ior(self) -> float:
+        """Refractive index inside."""
+        return self.ior
+
+    @property
+    def model(self) -> str:
+        """The model for an opaque surface, the boundary of a body, or a sheet."""
+        return "burley:thin" if self.thin_walled else "burley:transmission" if self.is_body else "burley"
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The values that kernels/bsdf/burley.py reads."""
+        return (
+            self.base_color,
+            self.diffuse_transmission if self.thin_walled else self.metallic,
+            *(self.roughness, self.anisotropy, self.transmission, self.ior, self.specular_tint),
+            *(self.sheen, self.sheen_tint, self.flatness, self.coat, self.coat_gloss),
+        )
+
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it is anisotropic."""
+        return self.anisotropy != 0.0
