@@ -247,6 +247,14 @@ MUTANTS: tuple[Mutant, ...] = (
         "tests/test_alias.py",
     ),
     Mutant(
+        "environment-choice",
+        "lights",
+        "kernels/lights/lights.py",
+        "image_pdf(scene.environment, receiver, point) * probability",
+        "image_pdf(scene.environment, receiver, point)",
+        "tests/test_environment_sampling.py -k chosen",
+    ),
+    Mutant(
         "power-heuristic",
         "lights",
         "kernels/integrators/next_event.py",

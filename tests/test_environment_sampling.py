@@ -14,15 +14,21 @@ from support.kernels import map_function, uniforms, upload
 from support.statistics import chi_square_test
 
 import wrt
+from wrt.backend.device import Device
 from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
 from wrt.kernels.lights.environment import point_direction, point_towards, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, octahedral_node, sample_image
-from wrt.kernels.scene.scene_data import EnvironmentData
+from wrt.kernels.lights.lights import make_lights
+from wrt.kernels.scene.scene_data import EnvironmentData, SceneData
 from wrt.upload.lights.environment import upload_environment
 from wrt.upload.lights.environment_sampling import COLUMNS, ROWS, coarsest_side, environment_tables, octahedral_nodes
+from wrt.upload.scene_data import build_scene
 
 N = 2**20
+
+LIGHTS = make_lights(Features((), False, "image"))
 
 
 @wp.kernel(enable_backward=False)
@@ -200,6 +206,51 @@ def test_samples_estimate_the_integral_of_radiance(name: str, device: str, repor
     report(f"{name}: integral of green", float(values.mean()), float(exact))
     # Eleven skies: 3.5 standard errors are exceeded once in 200 runs. The quadrature is good to 1e-4.
     assert abs(values.mean() - exact) <= 3.5 * error + 1e-4 * exact
+
+
+@wp.kernel(enable_backward=False)
+def choose_lights(
+    scene: SceneData,
+    receiver: Receiver,
+    u: wp.array(dtype=wp.vec4),
+    radiance_out: wp.array(dtype=wp.vec3),
+    pdf_out: wp.array(dtype=float),
+    expected_out: wp.array(dtype=float),
+):
+    i = wp.tid()
+    s = LIGHTS.sample_light(scene, receiver, u[i])
+    radiance_out[i] = s.radiance * wp.max(wp.dot(s.wi, receiver.normal), 0.0)
+    pdf_out[i] = s.pdf
+    expected_out[i] = LIGHTS.environment_light_pdf(scene, receiver, point_towards(scene.environment, s.wi))
+
+
+def test_the_environment_is_chosen_as_often_as_paths_are_told(device: str, report: Report) -> None:
+    """Beside a sun: samples state their density with the choice, as rays that end in the environment do.
+
+    Both lights together are estimated right, E = π L + irradiance.
+    """
+    scene = wrt.Scene(environment=wrt.ImageEnvironment(np.full((8, 16, 3), 0.7, np.float32)))
+    scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 0, -1)))
+    scene.add_light(wrt.DirectionalLight((0.0, -1.0, 0.0), irradiance=1.5))
+    data = build_scene(scene, Device(device)).data
+    receiver = Receiver()
+    receiver.normal, receiver.receives = wp.vec3(0.0, 1.0, 0.0), RECEIVES_FRONT
+    n = 2**16
+    out = [wp.empty(n, dtype=dtype, device=device) for dtype in (wp.vec3, float, float)]
+    wp.launch(choose_lights, n, [data, receiver, upload(uniforms(n, 4, seed=11), wp.vec4, device)], out, device=device)
+    radiance, pdf, expected = (array.numpy().astype(np.float64) for array in out)
+    to_sky = pdf > 0.0
+    sun, sky = radiance[~to_sky, 0], radiance[to_sky, 0]
+    report("share of samples to the sky", float(to_sky.mean()))
+    assert 0.3 < to_sky.mean() < 0.9
+    # On the edge of a bin, rounding finds the neighbour's density.
+    close = np.abs(expected / np.maximum(pdf, 1e-9) - 1.0)[to_sky] < 1e-3
+    assert close.mean() > 0.99
+    for name, values, true in (("sun", sun, 1.5), ("sky", sky, np.pi * 0.7)):
+        estimates = np.concatenate([values, np.zeros(n - len(values))])
+        error = float(estimates.std() / np.sqrt(n))
+        report(f"irradiance of the {name}", float(estimates.mean()), true)
+        assert abs(estimates.mean() - true) < 3.5 * error
 
 
 @pytest.mark.parametrize("position", [(0, 0), (0, 7), (3, 0), (3, 5), (5, 3), (5, 7)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Any
 
@@ -24,7 +25,7 @@ GOLD = (1.0, 0.71, 0.29)
 
 
 def albedos_of(device: str) -> Albedos:
-    """Return the kernels' albedos, tested above, for the reference."""
+    """Return the kernels' albedos for the reference: `test_albedo_fits.py` tests them by themselves."""
 
     def each(alpha: tuple[float, float], n: int) -> NDArray:
         return np.broadcast_to(np.array([*alpha, 0.0]), (n, 3))
@@ -40,6 +41,49 @@ def albedos_of(device: str) -> Albedos:
     def sheen(w: NDArray, roughness: float) -> NDArray:
         found = map_function(albedo_fits.sheen_albedo, w[:, 2], np.full(len(w), roughness), device=device)
         return np.asarray(found, np.float64)
+
+    return Albedos(facets, average, sheen)
+
+
+ABOVE = {"facets": (0.004, 0.009), "sheen": 0.022, "averages": 1e-3, "least": 5e-4}
+"""By how much the fits may exceed the albedos and fall short of them: `test_albedo_fits.py` shows these limits."""
+
+
+@functools.cache
+def specular(mu: float, alpha: float) -> tuple[float, float]:
+    """Return W and G by quadrature over the lobe."""
+    white, grazing = reference.load_fits().specular_albedos(mu, alpha, 64)
+    return white, grazing
+
+
+@functools.cache
+def velvet(mu: float, roughness: float) -> float:
+    """Return the albedo of white sheen by quadrature over the lobe."""
+    return float(reference.load_fits().sheen_albedo(mu, roughness, 64))
+
+
+def integrated_albedos(*, highest: bool) -> Albedos:
+    """Return albedos by quadrature over the published lobes, moved to that end of what the fits may return.
+
+    Every value of the model falls as the albedos of its directions rise, and rises with their averages.
+    """
+    slack = np.array(ABOVE["facets"]) if highest else np.full(2, -ABOVE["least"])
+
+    def facets(w: NDArray, alpha: tuple[float, float]) -> tuple[NDArray, NDArray]:
+        assert alpha[0] == alpha[1]
+        found = np.array([specular(mu, alpha[0]) for mu in w[:, 2].tolist()]) + slack
+        return np.minimum(found[:, 0], 1.0), found[:, 1]
+
+    def average(alpha: tuple[float, float]) -> tuple[float, float]:
+        x, weights = reference.load_fits().nodes(32)
+        found = (6.0 * weights * x**5) @ np.array([specular(mu, alpha[0]) for mu in (x**3).tolist()])
+        # Where directions are high, their mean is low: both make the value smallest.
+        found = found - ABOVE["averages"] - ABOVE["least"] if highest else found + ABOVE["facets"]
+        return float(found[0]), float(found[1])
+
+    def sheen(w: NDArray, roughness: float) -> NDArray:
+        found = np.array([velvet(mu, roughness) for mu in w[:, 2].tolist()])
+        return np.asarray(found + np.maximum(found, 1.0) * (ABOVE["sheen"] if highest else -ABOVE["least"]))
 
     return Albedos(facets, average, sheen)
 
@@ -170,6 +214,28 @@ def test_agrees_with_the_extensions_in_double_precision(
     error = float((np.abs(found - expected) / scale).max())
     report(f"{name}: largest relative error", error, "< 1e-4")
     assert error < 1e-4
+
+
+INTEGRATED = {
+    **{name: PLAIN[name] for name in ("plastic", "wood", "half metal")},
+    **{name: EXTENDED[name] for name in ("ior", "specular colour", "body", "coat", "sheen", "coated velvet")},
+}
+
+
+@pytest.mark.parametrize("name", INTEGRATED)
+def test_agrees_with_integrals_of_its_lobes(name: str, device: str, report: Report) -> None:
+    """What diffuse, coat and sheen leave to each other, by quadrature in place of the kernels' albedos."""
+    p = INTEGRATED[name]
+    wo, wi = pairs(80)
+    keep = (wo[:, 2] > 0.01) & (wi[:, 2] > 0.01)
+    wo, wi = wo[keep], wi[keep]
+    found = Case(p).evaluate(wo, wi, device)[0]
+    low, high = (reference.value(p, WRT, wo, wi, integrated_albedos(highest=highest)) for highest in (True, False))
+    width = float(((high - low) / high.clip(min=1e-9)).mean())
+    report(f"{name}: mean width of the interval", width, "< 0.05")
+    assert width < 0.05
+    slack = 1e-4 * high + 1e-7
+    assert ((low - slack <= found) & (found <= high + slack)).all()
 
 
 def test_coat_is_the_extension_where_the_viewer_is_lower(device: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
+from support import rough_glass
 from support.bsdfs import (
     ANGLES,
     Case,
@@ -127,7 +128,7 @@ def test_white_furnace(device: str, report: Report) -> None:
     scores = []
     for ior, alpha, front in WHITE:
         single, multiple = [], []
-        for degrees in (0.0, 30.0, 60.0, 80.0, 89.0):
+        for degrees in (0.0, 30.0, 45.0, 60.0, 80.0, 87.0, 89.0):
             single.append(float(albedo(Case(glass(alpha, ior), front), degrees, device, samples=2**12)[0][0]))
             mean, error = albedo(Case(glass(alpha, ior, multiple_bounces=True), front), degrees, device, samples=2**14)
             multiple.append(float(mean[0]))
@@ -288,21 +289,31 @@ def test_a_rough_glass_ball_in_a_furnace(multiple: bool, device: str, report: Re
         assert image.mean() < 0.9
 
 
-def test_a_lamp_seen_through_ground_glass(device: str, report: Report) -> None:
-    """However it is sampled, its radiance is the integral of f cosθ over the lamp behind the surface."""
-    material = glass(0.4, 1.3, multiple_bounces=True)
+@pytest.mark.parametrize("multiple", [False, True])
+def test_a_lamp_seen_through_ground_glass(multiple: bool, device: str, report: Report) -> None:
+    """However it is sampled, its radiance is the integral of Walter's f cosθ over the lamp behind the surface."""
+    alpha, eta = 0.4, 1.3
+    material = glass(alpha, eta, multiple_bounces=multiple)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 0.0, 3.0), fov_degrees=0.001))
     scene.add(wrt.quad((-50, -50, 0), (100, 0, 0), (0, 100, 0)), material=material)
     low, high, distance = np.array([-0.2, 0.1]), np.array([0.9, 0.8]), 1.0
     lamp = wrt.quad((low[0], low[1], -distance), (high[0] - low[0], 0, 0), (0, high[1] - low[1], 0))
     scene.add(lamp, material=wrt.Diffuse(0.0), emission=1.0)
-    nodes, weights = np.polynomial.legendre.leggauss(64)
+    nodes, weights = np.polynomial.legendre.leggauss(16)
     x, y = (low[i] + (high[i] - low[i]) * 0.5 * (nodes + 1.0) for i in range(2))
-    places = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((64, 64), -distance)], axis=-1).reshape(-1, 3)
+    places = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((16, 16), -distance)], axis=-1).reshape(-1, 3)
     length = np.linalg.norm(places, axis=1)
     solid_angle = np.outer(weights, weights).ravel() * 0.25 * np.prod(high - low) * distance / length**3
-    value, _, _ = Case(material).evaluate(np.array([0.0, 0.0, 1.0]), places / length[:, None], device)
-    expected = float((value[:, 0] * solid_angle).sum())
+    wo, wi = np.array([[0.0, 0.0, 1.0]]), places / length[:, None]
+    value = rough_glass.refracted_value(wo, wi, alpha, eta)
+    if multiple:
+        value = value + rough_glass.refracted_lobe(wo, wi, alpha, eta)
+    expected = float((value * solid_angle).sum())
+    own = Case(material).evaluate(wo, wi, device)[0][:, 0]
+    # The lobes of further bounces are tabulated. At 20° they are 0.2 % of f, beyond the facets' refraction all of it.
+    rtol, bias = (6e-3, 5e-5) if multiple else (5e-5, 0.0)
+    report("f, largest error", float((np.abs(own - value) / value.clip(min=1e-6)).max()), f"< {rtol}")
+    np.testing.assert_allclose(own, value, rtol=rtol, atol=1e-9)
     for strategy in ("mis", "light", "bsdf"):
         renderer = wrt.Renderer(
             scene, sampler="independent", width=8, height=8, seed=3, strategy=strategy, max_depth=2, device=device
@@ -311,7 +322,8 @@ def test_a_lamp_seen_through_ground_glass(device: str, report: Report) -> None:
             pass
         mean = float(renderer.image()[..., 0].astype(np.float64).mean())
         variance = float(renderer.variance()[..., 0].sum()) / 64**2
-        p = float(t_test_mean(mean, variance, 64 * 1024, expected))
+        nearest = float(np.clip(mean, expected * (1.0 - bias), expected * (1.0 + bias)))
+        p = float(t_test_mean(mean, variance, 64 * 1024, nearest))
         report(f"{strategy}: radiance", mean, expected, p=p)
         assert p > 1e-3
 
