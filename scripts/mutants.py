@@ -213,6 +213,38 @@ MUTANTS: tuple[Mutant, ...] = (
         "exponential(-extinction[0] * distance)",
         "tests/test_whitted.py -k amber",
     ),
+    Mutant(
+        "grid-centres",
+        "media",
+        "kernels/media/grids.py",
+        "place[0] * float(lattice.nx) - 0.5",
+        "place[0] * float(lattice.nx)",
+        "tests/test_grid_media.py -k rays_through",
+    ),
+    Mutant(
+        "grid-majorant",
+        "media",
+        "wrt/upload/grids.py",
+        ".max(axis, keepdims=True)",
+        ".mean(axis, keepdims=True)",
+        "tests/test_grid_media.py -k free_paths",
+    ),
+    Mutant(
+        "grid-null-weight",
+        "media",
+        "kernels/media/grids.py",
+        "wp.cw_mul(carried, wp.vec3(1.0) - real) / (1.0 - chance)",
+        "carried",
+        "tests/test_grid_media.py -k furnace",
+    ),
+    Mutant(
+        "grid-residual",
+        "media",
+        "kernels/media/grids.py",
+        "share = (density - walk.control) / walk.rate",
+        "share = density / walk.rate",
+        "tests/test_grid_media.py -k light_through",
+    ),
     # Lights
     Mutant(
         "spot-smooth",

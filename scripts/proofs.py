@@ -36,7 +36,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "plastic": ("plastic",),
     "principled": ("principled", "principled_agreement"),
     "constants": ("presets",),
-    "media": ("phase", "absorption", "scattering"),
+    "media": ("phase", "absorption", "scattering", "grid_media"),
     "lights": ("irradiance", "light_tree", "environment_sampling", "multiple_importance", "alias"),
     "cameras": ("cameras", "lenses", "shutter"),
     "path": ("furnace", "estimators", "against_mitsuba"),
