@@ -98,6 +98,14 @@ def test_light_through_a_ramp(direction: int, device: str, report: Report) -> No
     assert (np.abs(1.02 * expected - mean) > 3.5 * error).any()
 
 
+def test_an_even_density_takes_light_without_noise(device: str) -> None:
+    """As far as the least density of a neighbourhood goes, what is left is known in closed form."""
+    absorption = np.array([0.2, 0.7, 2.0])
+    mean, error = seen_through(on(np.full((5, 20, 9), 2.0), wrt.Medium(tuple(absorption))), device)
+    np.testing.assert_allclose(mean, np.exp(-2.0 * absorption), rtol=1e-5)
+    assert (error < 1e-6).all()
+
+
 def test_light_that_a_ramp_sends_out(device: str, report: Report) -> None:
     """∫ e ρ exp(−b ∫ρ) = e / b (1 − exp(−b ∫ρ)), also where nothing is absorbed."""
     absorption, emission = np.array([0.0, 0.7, 2.0]), np.array([0.5, 1.0, 3.0])
