@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from wrt.io import memory_limits
 from wrt.io.memory_limits import Limit
 
-VOLUMES = Limit("volumes", 2**30, 128)
-"""268 million numbers; and 32 for each byte of the files, as a sparse file can stand for a large box."""
+VOLUMES = Limit("volumes", 2**28, 128)
+"""67 million numbers, such as 400 x 400 x 400, plus 32 for each byte of the files: sparse files are small for their
+box."""
 
 
 @dataclass(frozen=True)
