@@ -167,6 +167,34 @@ def test_a_shadow_through_a_ramp(device: str, report: Report) -> None:
     assert (np.abs(1.05 * expected - mean / plain) > 3.5 * error / plain).all()
 
 
+def test_estimators_agree(device: str, report: Report) -> None:
+    """A lamp found by sampling it, by the phase function, and by both; a factor of 1.05 would be seen."""
+    scene = stage(sky=0.0, origin=(1.8, 1.3, 3.0), fov_degrees=20.0)
+    medium = wrt.Medium.from_albedo((0.9, 0.8, 0.6), (4.0, 8.0, 12.0), 0.5)
+    scene.add(wrt.box(LOWER, UPPER), material=wrt.Null(interior=on(CLOUD, medium)))
+    scene.add(wrt.quad((-3.0, 2.0, -3.0), (6.0, 0.0, 0.0), (0.0, 0.0, 6.0)), material=wrt.Diffuse(0.0), emission=2.0)
+    options: dict[str, Any] = {"size": (32, 32), "spp": 128}
+    found = {
+        strategy: mean_and_error(render(scene, device, strategy=strategy, seed=seed, **options))
+        for seed, strategy in enumerate(("mis", "light", "bsdf"))
+    }
+    mean, error = found["mis"]
+    for other in ("light", "bsdf"):
+        z = (found[other][0] - mean) / np.hypot(error, found[other][1])
+        report(f"{other} against mis", f"{z.round(2)} sigma", 0)
+        assert (np.abs(z) < 3.5).all()
+    assert (3.5 * np.hypot(error, found["light"][1]) < 0.05 * mean).all()
+
+
+def test_path_lets_clouds_absorb_alone(device: str) -> None:
+    """With a grid of albedos, what is absorbed varies."""
+    albedo = np.full((1, 1, 1, 3), (0.0, 0.5, 0.9))
+    medium = on(RAMP[:, None, None], wrt.Medium(0.5, (0.5, 0.5, 1.5)), albedo=albedo)
+    with pytest.warns(UserWarning, match="ignores scattering in media"):
+        mean, error = seen_through(medium, device, integrator="path")
+    assert (np.abs(mean - np.exp(-np.array([1.0, 0.5, 0.2]) * DEPTH)) < 3.5 * error).all()
+
+
 # --- The device function alone --------------------------------------------------------------------
 
 

@@ -69,10 +69,15 @@ class DensityGrid:
         if self.emission is not None:
             put("emission", _cells(self.emission, f"{what}: emission", channels=(0, 3)))
 
-    @property
+    @functools.cached_property
     def greatest(self) -> float:
         """The greatest density."""
         return self.factor * float(self.values.max())
+
+    @functools.cached_property
+    def scatters(self) -> bool | None:
+        """Whether any albedo of its own is above 0; None if it has none."""
+        return None if self.albedo is None else bool(self.albedo.any())
 
     @property
     def to_world(self) -> NDArray[np.float64]:
@@ -128,8 +133,8 @@ class Medium:
     @property
     def scatters(self) -> bool:
         """Whether it scatters light."""
-        if self.density is not None and self.density.albedo is not None:
-            return any(self.extinction) and bool(self.density.albedo.any())
+        if self.density is not None and self.density.scatters is not None:
+            return any(self.extinction) and self.density.scatters
         return any(self.scattering)  # type: ignore[arg-type]
 
     @property
