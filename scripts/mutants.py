@@ -140,6 +140,22 @@ MUTANTS: tuple[Mutant, ...] = (
         "tests/test_normal_filtering.py",
     ),
     Mutant(
+        "bumpy-weight",
+        "normal-maps",
+        "kernels/microfacet/bumpy_ggx.py",
+        "beckmann_weight(bumps, 1.964, -0.811, 0.441)",
+        "beckmann_weight(bumps, 1.864, -0.811, 0.441)",
+        "tests/test_bumpy_ggx.py -k slopes",
+    ),
+    Mutant(
+        "bumpy-choice",
+        "normal-maps",
+        "kernels/microfacet/bumpy_ggx.py",
+        "chosen < found[0]",
+        "chosen < 1.04 * found[0]",
+        "tests/test_bumpy_ggx.py -k follow",
+    ),
+    Mutant(
         "oren-nayar-term",
         "oren-nayar",
         "kernels/bsdf/oren_nayar.py",
