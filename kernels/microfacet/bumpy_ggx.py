@@ -83,6 +83,11 @@ def bumpy_shape(alpha: wp.vec3, as_bumpy: wp.vec3) -> BumpyShape:
     has 2σ² + α² exp(a) m^b in place of α², and (X + Y)/2 exp(c + d ln m + e v) times the weight of the GGX, which has
     α² (1 + GGX_OWN Σ weights) + 2σ² exp(f + g w), w its weight.
     """
+    shape = BumpyShape()
+    shape.ggx = alpha
+    shape.weights = wp.vec4(1.0, 0.0, 0.0, 0.0)
+    if as_bumpy[0] == alpha[0] and as_bumpy[1] == alpha[1]:
+        return shape
     bumps = Bumps()
     own = wp.vec2(alpha[0] * alpha[0], alpha[1] * alpha[1])
     x = wp.max(as_bumpy[0] * as_bumpy[0] - own[0], 0.0) / ENERGY_SHARE
@@ -95,7 +100,6 @@ def bumpy_shape(alpha: wp.vec3, as_bumpy: wp.vec3) -> BumpyShape:
     bumps.mean = 0.5 * (ratio_x + ratio_y)
     bumps.log_m = 0.5 * logarithm(m2)
     bumps.along = 1.0 - wp.sqrt(m2) / (1.0 + bumps.mean)
-    shape = BumpyShape()
     shape.first = beckmann_shape(bumps, -0.966, 0.254)
     shape.second = beckmann_shape(bumps, 0.258, 0.480)
     shape.third = beckmann_shape(bumps, 2.115, 0.592)
