@@ -171,6 +171,30 @@ MUTANTS: tuple[Mutant, ...] = (
         "return wp.max(0.0, _C1 + INV_PI * g)",
         "tests/test_oren_nayar.py",
     ),
+    Mutant(
+        "plastic-square",
+        "plastic",
+        "kernels/bsdf/plastic.py",
+        "transmitted(wi[2], eta) / (eta * eta)",
+        "transmitted(wi[2], eta) / (1.02 * eta * eta)",
+        "tests/test_plastic.py -k albedo",
+    ),
+    Mutant(
+        "plastic-coat",
+        "plastic",
+        "kernels/bsdf/rough_plastic.py",
+        "share * INV_PI * wi[2] + (1.0 - share) * coat",
+        "share * INV_PI * wi[2] + (1.02 - share) * coat",
+        "tests/test_plastic.py -k weight",
+    ),
+    Mutant(
+        "coupled-layers",
+        "principled",
+        "kernels/bsdf/principled.py",
+        "wp.max(left_o, 0.0) * wp.max(left_i, 0.0)",
+        "wp.max(left_o, 0.0) * wp.max(left_o, 0.0)",
+        "tests/test_principled_agreement.py -k integrals",
+    ),
     # Constants
     Mutant(
         "silver-digit",
