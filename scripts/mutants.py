@@ -185,7 +185,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "kernels/bsdf/rough_plastic.py",
         "share * INV_PI * wi[2] + (1.0 - share) * coat",
         "share * INV_PI * wi[2] + (1.02 - share) * coat",
-        "tests/test_plastic.py -k weight",
+        "tests/test_plastic.py -k follow",
     ),
     Mutant(
         "coupled-layers",
