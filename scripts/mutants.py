@@ -140,6 +140,22 @@ MUTANTS: tuple[Mutant, ...] = (
         "tests/test_normal_filtering.py",
     ),
     Mutant(
+        "bumpy-weight",
+        "normal-maps",
+        "kernels/microfacet/bumpy_ggx.py",
+        "beckmann_weight(bumps, 1.964, -0.811, 0.441)",
+        "beckmann_weight(bumps, 1.864, -0.811, 0.441)",
+        "tests/test_bumpy_ggx.py -k slopes",
+    ),
+    Mutant(
+        "bumpy-choice",
+        "normal-maps",
+        "kernels/microfacet/bumpy_ggx.py",
+        "chosen < found[0]",
+        "chosen < 1.04 * found[0]",
+        "tests/test_bumpy_ggx.py -k follow",
+    ),
+    Mutant(
         "oren-nayar-term",
         "oren-nayar",
         "kernels/bsdf/oren_nayar.py",
@@ -154,6 +170,30 @@ MUTANTS: tuple[Mutant, ...] = (
         "return wp.max(0.0, _C1 - INV_PI * g)",
         "return wp.max(0.0, _C1 + INV_PI * g)",
         "tests/test_oren_nayar.py",
+    ),
+    Mutant(
+        "plastic-square",
+        "plastic",
+        "kernels/bsdf/plastic.py",
+        "transmitted(wi[2], eta) / (eta * eta)",
+        "transmitted(wi[2], eta) / (1.02 * eta * eta)",
+        "tests/test_plastic.py -k albedo",
+    ),
+    Mutant(
+        "plastic-coat",
+        "plastic",
+        "kernels/bsdf/rough_plastic.py",
+        "share * INV_PI * wi[2] + (1.0 - share) * coat",
+        "share * INV_PI * wi[2] + (1.02 - share) * coat",
+        "tests/test_plastic.py -k follow",
+    ),
+    Mutant(
+        "coupled-layers",
+        "principled",
+        "kernels/bsdf/principled.py",
+        "wp.max(left_o, 0.0) * wp.max(left_i, 0.0)",
+        "wp.max(left_o, 0.0) * wp.max(left_o, 0.0)",
+        "tests/test_principled_agreement.py -k integrals",
     ),
     # Constants
     Mutant(

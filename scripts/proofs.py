@@ -31,7 +31,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "dielectric": ("fresnel", "dielectric_agreement", "rough_dielectric"),
     "glossy": ("glossy",),
     "microfacets": ("microfacet", "masking", "rough_conductor", "multiple_bounces"),
-    "normal-maps": ("normal_maps", "normal_filtering"),
+    "normal-maps": ("normal_maps", "normal_filtering", "bumpy_ggx"),
     "oren-nayar": ("oren_nayar",),
     "plastic": ("plastic",),
     "principled": ("principled", "principled_agreement"),

@@ -60,6 +60,13 @@ FEATURES = [
         light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
+    # Under filtered normal maps.
+    Features(
+        ("principled:anisotropic:transmission:coat:bumpy", "rough_plastic:bumpy-ggx:smith"),
+        False,
+        "none",
+        tangents=True,
+    ),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)

@@ -267,13 +267,17 @@ def direction(degrees: float, azimuth: float = 0.0) -> NDArray[np.float64]:
 
 
 HIGHLIGHTS = {
-    "even": (even(0.1), 0.1, 0.02),
-    "even, finer": (even(0.05), 0.05, 0.01),
-    "along u": ((0.01, 0.001, 0.0), 0.1, 0.02),
-    "slanted": ((0.008, 0.008, 0.006), 0.1, 0.02),
-    "brushed": ((0.01, 0.001, 0.0), (0.05, 0.15), 0.03),
+    "even": ("beckmann", even(0.1), 0.1, 0.02),
+    "even, finer": ("beckmann", even(0.05), 0.05, 0.01),
+    "along u": ("beckmann", (0.01, 0.001, 0.0), 0.1, 0.02),
+    "slanted": ("beckmann", (0.008, 0.008, 0.006), 0.1, 0.02),
+    "brushed": ("beckmann", (0.01, 0.001, 0.0), (0.05, 0.15), 0.03),
+    "even, ggx": ("ggx", even(0.1), 0.1, 0.03),
+    "even, finer, ggx": ("ggx", even(0.05), 0.05, 0.03),
+    "slanted, ggx": ("ggx", (0.008, 0.008, 0.006), 0.1, 0.03),
 }
-"""Covariance, roughness, and what second order in slopes amounts to: about twice the variance of them all."""
+"""Distribution, covariance, roughness, and what second order in slopes amounts to: about twice the variance of them
+all; for GGX the error of its mixture too (`test_bumpy_ggx.py`)."""
 
 
 @pytest.mark.parametrize("name", HIGHLIGHTS)
@@ -282,13 +286,15 @@ def test_one_filtered_sample_is_the_mean_of_many(name: str, device: str, report:
 
     Without the variance the highlight of the mean normal is far from it.
     """
-    covariance, alpha, tolerance = HIGHLIGHTS[name]
+    distribution, covariance, alpha, tolerance = HIGHLIGHTS[name]
     width = np.degrees(np.sqrt(max(covariance[:2])) + np.max(alpha) / 2.0)
     for degrees, azimuth in ((0.0, 0.0), (width, 0.0), (width, 45.0), (width, 90.0), (width, 135.0)):
         light = direction(degrees, azimuth)
 
         def mean(normal_map: wrt.NormalMap | None, spp: int, light: NDArray = light) -> NDArray:
-            return picture(plane(metal(alpha, normal_map), light, far(64.0, 8)), device, spp, 8)
+            return picture(
+                plane(metal(alpha, normal_map, distribution=distribution), light, far(64.0, 8)), device, spp, 8
+            )
 
         many = mean(wrt.NormalMap(bumps(covariance)), 4096).mean()
         one = mean(wrt.NormalMap(bumps(covariance), filter=True), 1)
@@ -339,7 +345,10 @@ def test_bumps_on_a_tilted_mean_normal(device: str, report: Report) -> None:
 
 @pytest.mark.parametrize("multiple", [False, True])
 def test_reflected_energy_is_kept(multiple: bool, device: str, report: Report) -> None:
-    """Under an even sky a white metal is white, but for what one bounce loses at the roughness that it now has."""
+    """Under an even sky a white metal is white, but for what one bounce loses.
+
+    With multiple bounces it is GGX of the roughness that it now has.
+    """
     values = {}
     for name, alpha, normal_map in (
         ("bumpy", 0.15, wrt.NormalMap(bumps(even(0.1)))),
@@ -353,7 +362,8 @@ def test_reflected_energy_is_kept(multiple: bool, device: str, report: Report) -
         scene.environment = wrt.ConstantEnvironment(1.0)
         values[name] = float(picture(scene, device, 1024, 8).mean())
         report(f"albedo, {name}", values[name])
-    assert abs(values["filtered"] / values["as rough"] - 1.0) < 0.003
+    if multiple:
+        assert abs(values["filtered"] / values["as rough"] - 1.0) < 0.003
     assert abs(values["filtered"] / values["bumpy"] - 1.0) < (0.005 if multiple else 0.03)
 
 
@@ -407,10 +417,9 @@ def test_variance_widens_a_gaussian_by_addition() -> None:
     def widened(distribution: str, shapes: NDArray, variance: NDArray = variance) -> NDArray[np.float64]:
         return map_function(WIDENED[distribution], shapes, variance, device="cpu").astype(np.float64)
 
-    for distribution in ("beckmann", "ggx"):
-        np.testing.assert_allclose(widened(distribution, shapes)[:, :2] ** 2 / 2.0, total, rtol=1e-5)
-        np.testing.assert_array_equal(widened(distribution, shapes, np.zeros((1000, 2))), shapes)
-        np.testing.assert_array_equal(widened(distribution, shapes, np.full((1000, 2), 10.0))[:, :2], 1.0)
+    np.testing.assert_allclose(widened("beckmann", shapes)[:, :2] ** 2 / 2.0, total, rtol=1e-5)
+    np.testing.assert_array_equal(widened("beckmann", shapes, np.zeros((1000, 2))), shapes)
+    np.testing.assert_array_equal(widened("beckmann", shapes, np.full((1000, 2), 10.0))[:, :2], 1.0)
     same = np.column_stack([alpha[:, 0], alpha[:, 0], np.zeros(1000)])
     mean = alpha[:, 0] ** 2 / 2.0 + variance.mean(axis=1)
     np.testing.assert_allclose(widened("blinn-phong", same)[:, 0] ** 2 / 2.0, mean, rtol=1e-5)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from support.bsdfs import (
     ANGLES,
@@ -191,39 +190,6 @@ def test_clear_glass_loses_nothing(front: bool, device: str) -> None:
     for degrees in (0.0, 30.0, 60.0, 85.0):
         mean, error = albedo(Case(P(1.0, roughness=0.0, transmission=1.0), front), degrees, device, samples=2**16)
         assert abs(mean[0] - 1.0) < 1e-3 + 3.0 * error[0]
-
-
-# --- Filtered normal maps -----------------------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class Bumpy(Case):
-    """A material under a normal map that is filtered: the variance of its slopes along x and y is left."""
-
-    variance: tuple[float, float] = (0.0, 0.0)
-
-    def record(self, device: str) -> Any:
-        bsdf = super().record(device)
-        bsdf.normal_variance = wp.vec2(*self.variance)
-        return bsdf
-
-
-def test_bumps_make_it_rougher(device: str) -> None:
-    """α² grows by twice the variance, in the coat as well."""
-    wo, wi = hemisphere(2000, seed=60), hemisphere(2000, seed=61)
-    alpha = math.sqrt(0.04**2 + 2.0 * 0.01)
-    bumpy = Bumpy(P(GOLD, metallic=0.5, roughness=0.2, coat=0.5, coat_roughness=0.2), variance=(0.01, 0.01))
-    rough = Case(P(GOLD, metallic=0.5, roughness=alpha**0.5, coat=0.5, coat_roughness=alpha**0.5))
-    np.testing.assert_allclose(bumpy.evaluate(wo, wi, device)[0], rough.evaluate(wo, wi, device)[0], rtol=1e-4)
-
-
-def test_bumps_turn_with_the_grain(device: str) -> None:
-    wo, wi = hemisphere(2000, seed=60), hemisphere(2000, seed=61)
-    quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    along = P(GOLD, metallic=1.0, roughness=0.3, anisotropy=0.6)
-    across = dataclasses.replace(along, anisotropy_rotation=0.5 * math.pi)
-    found = Bumpy(across, variance=(0.02, 0.0)).evaluate(wo @ quarter, wi @ quarter, device)[0]
-    np.testing.assert_allclose(found, Bumpy(along, variance=(0.0, 0.02)).evaluate(wo, wi, device)[0], rtol=1e-4)
 
 
 # --- Description --------------------------------------------------------------------------------------------

@@ -7,10 +7,10 @@ from conftest import Report
 from support.kernels import map_function, uniforms
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
-from wrt.kernels.sampling.warps import square_to_cosine_hemisphere, square_to_disk, square_to_triangle
+from wrt.kernels.sampling.warps import square_to_cosine_hemisphere, square_to_disk, square_to_sphere, square_to_triangle
 
 N = 2**20
-TESTS = 3
+TESTS = 4
 
 
 def test_disk_is_uniform(device: str, report: Report) -> None:
@@ -41,6 +41,15 @@ def test_hemisphere_is_cosine_distributed(device: str, report: Report) -> None:
     expected = N * integrate_pdf_over_bins(lambda d: np.maximum(d[:, 2], 0.0) / np.pi)
     result = chi_square_test(sphere_histogram(directions), expected, tests=TESTS)
     report("cosine hemisphere", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+
+
+def test_sphere_is_uniform(device: str, report: Report) -> None:
+    directions = map_function(square_to_sphere, uniforms(N, 2, seed=4), device=device)
+    np.testing.assert_allclose(np.linalg.norm(directions.astype(np.float64), axis=1), 1.0, atol=1e-6)
+    counts = sphere_histogram(directions)  # in cells of equal area
+    result = chi_square_test(counts, np.full(counts.shape, N / counts.size), tests=TESTS)
+    report("sphere", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
 
 

@@ -33,6 +33,22 @@ current_name = BSDFS.current_name
 model_of = BSDFS.model_of
 
 
+def filtered_name(name: str) -> str:
+    """Return the name of a model under a filtered normal map: GGX facets on bumps are no GGX (`bumpy_ggx.py`).
+
+    Models of multiple bounces keep GGX, whose lost energy is tabulated: that of the mixture is not, and differs by up
+    to 8 %.
+    """
+    family, *parts = name.split(":")
+    if "multiple" in parts or "bounces" in parts:
+        return name
+    if family == "principled":
+        return ":".join((name, "bumpy"))
+    if family.startswith("rough_"):
+        return ":".join((family, *("bumpy-ggx" if part == "ggx" else part for part in parts)))
+    return name
+
+
 class BsdfFunctions(NamedTuple):
     """The device functions that dispatch on `Bsdf.model`."""
 

@@ -36,7 +36,7 @@ from wrt.kernels.bsdf.lobes.albedo import (
     multiple_bounce_lobe,
 )
 from wrt.kernels.bsdf.lobes.albedo_fits import average_facet_albedo, facet_albedo
-from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen, facet_response
+from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen, bumpy_facet_response, facet_response
 from wrt.kernels.bsdf.lobes.facets import mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
 from wrt.kernels.bsdf.lobes.principled_base import (
@@ -45,6 +45,7 @@ from wrt.kernels.bsdf.lobes.principled_base import (
     Base,
     average_schlick,
     make_base_of,
+    make_bumpy_of,
     make_cos_outside,
     make_split,
     make_turned,
@@ -54,7 +55,7 @@ from wrt.kernels.bsdf.lobes.principled_base import (
 )
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.bsdf.rough_dielectric import facet_normal, refraction_density
-from wrt.kernels.microfacet import ggx
+from wrt.kernels.microfacet import bumpy_ggx, ggx
 from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 from wrt.kernels.specialise import specialised
 
@@ -141,8 +142,9 @@ def _make_diffuse(features: tuple[str, ...]) -> wp.Function:
 
 
 @specialised()
-def _make_refraction(split: wp.Function) -> wp.Function:
+def _make_refraction(split: wp.Function, bumpy_of: wp.Function | None) -> wp.Function:
     """Return (bsdf, base, wo, wi, share) -> Response of facets that refract into a body."""
+    bumpy = bumpy_of is not None
 
     @wp.func
     def refracted(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, share: float) -> Response:
@@ -153,10 +155,16 @@ def _make_refraction(split: wp.Function) -> wp.Function:
         if cos_o > 0.0:
             cos_i = -wp.dot(wi, m)
             s = split(b, cos_o, wp.where(bsdf.front, cos_o, cos_i))
-            density = ggx.d(m, b.shape) * cos_o * refraction_density(cos_o, cos_i, eta)
-            density = density / ggx.projected_area(wo, b.shape)
             # G1(wi) = cosθi / P: the density of visible normals contains that of wo.
-            hidden = -wi[2] / ggx.projected_area(-wi, b.shape)
+            if wp.static(bumpy):
+                shape = bumpy_of(bsdf, b)
+                density = bumpy_ggx.d(m, shape) * cos_o * refraction_density(cos_o, cos_i, eta)
+                density = density / bumpy_ggx.projected_area(wo, shape)
+                hidden = -wi[2] / bumpy_ggx.projected_area(-wi, shape)
+            else:
+                density = ggx.d(m, b.shape) * cos_o * refraction_density(cos_o, cos_i, eta)
+                density = density / ggx.projected_area(wo, b.shape)
+                hidden = -wi[2] / ggx.projected_area(-wi, b.shape)
             r.value = s.transmitted * (density * hidden / (eta * eta))
             r.density = density * (1.0 - s.chosen) * share
         return r
@@ -176,7 +184,9 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
     turned = make_turned(features)
     shares = _make_energy(features).shares
     diffuse = _make_diffuse(features)
-    refracted = _make_refraction(split)
+    bumpy = "bumpy" in features
+    bumpy_of = make_bumpy_of(features) if bumpy else None
+    refracted = _make_refraction(split, bumpy_of)
 
     @wp.func
     def evaluate(bsdf: Bsdf, viewer: wp.vec3, light: wp.vec3) -> Response:
@@ -192,7 +202,10 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             # wo·m is half the length of wo + wi, bit for bit the same when they are swapped.
             cos_m = 0.5 * wp.length(wo + wi)
             s = split(b, cos_m, outside(bsdf, cos_m))
-            facets = facet_response(wo, wi, b.shape)
+            if wp.static(bumpy):
+                facets = bumpy_facet_response(wo, wi, bumpy_of(bsdf, b))
+            else:
+                facets = facet_response(wo, wi, b.shape)
             r.value = s.reflected * facets[0]
             if parts[1] > 0.0:
                 r.value = r.value + diffuse(bsdf, b, wo, wi, white)
@@ -202,7 +215,10 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             through = wp.vec3(wi[0], wi[1], -wi[2])
             cos_m = 0.5 * wp.length(wo + through)
             s = split(b, cos_m, cos_m)
-            facets = facet_response(wo, through, b.shape)
+            if wp.static(bumpy):
+                facets = bumpy_facet_response(wo, through, bumpy_of(bsdf, b))
+            else:
+                facets = facet_response(wo, through, b.shape)
             r.value = s.transmitted * facets[0]
             r.density = facets[1] * (1.0 - s.chosen) * share
         if wp.static(body):
@@ -219,7 +235,10 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         share = parts[0] / wp.max(parts[0] + parts[1], 1.0e-20)
         if u_lobe >= share:
             return square_to_cosine_hemisphere(u)
-        m = ggx.sample_normal(wo, b.shape, u)
+        if wp.static(bumpy):
+            m = bumpy_ggx.sample_normal(wo, bumpy_of(bsdf, b), u)
+        else:
+            m = ggx.sample_normal(wo, b.shape, u)
         wi = mirrored(wo, m)
         if wp.static(transmits):
             cos_o = wp.dot(wo, m)
@@ -260,7 +279,7 @@ def make_principled(*features: str) -> Model:
     if "sheen" in features:
         layer = add_sheen(layer, rows["sheen_color"], rows["sheen_roughness"], body)
     if "coat" in features:
-        layer = add_coat(layer, rows["coat"], rows["coat_roughness"], body)
+        layer = add_coat(layer, rows["coat"], rows["coat_roughness"], body, "bumpy" in features)
     respond, direction = layer.evaluate, layer.direction
 
     @wp.func

@@ -14,11 +14,10 @@ from wrt.kernels.bsdf.lobes.albedo import (
     multiple_bounces_pdf,
     sample_multiple_bounces,
 )
-from wrt.kernels.bsdf.lobes.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.lobes.facets import is_widened, make_alpha_of, make_sample, make_shape_of, mirrored
 from wrt.kernels.bsdf.lobes.fresnel import fresnel_conductor, fresnel_schlick
 from wrt.kernels.bsdf.record import Bsdf, Model
 from wrt.kernels.microfacet import make_microfacet
-from wrt.kernels.microfacet.widening import WIDENED
 from wrt.kernels.specialise import specialised
 
 # Slot 0 is the shape of the distribution: see facets.py.
@@ -59,7 +58,7 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
     """Return the model of a rough metal.
 
     Args:
-        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`.
+        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`, or BUMPY.
         masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
         fresnel: "conductor" with a complex index η + ik, or "schlick" with the reflectance at normal incidence.
         bounces: "single", or "multiple", with which a white surface reflects all light.
@@ -106,7 +105,7 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
         )
         slots = {"schlick": 3, "conductor": 5}[fresnel]
     sample = make_sample(evaluate, pdf, direction)
-    return Model(evaluate, pdf, sample, slots=slots, widens=distribution in WIDENED)
+    return Model(evaluate, pdf, sample, slots=slots, widens=is_widened(distribution))
 
 
 def _with_multiple_bounces(

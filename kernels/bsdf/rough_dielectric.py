@@ -20,11 +20,10 @@ from wrt.kernels.bsdf.lobes.albedo_dielectric import (
     sample_dielectric_lobes,
     side_table,
 )
-from wrt.kernels.bsdf.lobes.facets import make_alpha_of, make_sample, make_shape_of, mirrored
+from wrt.kernels.bsdf.lobes.facets import is_widened, make_alpha_of, make_sample, make_shape_of, mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.microfacet import make_microfacet
-from wrt.kernels.microfacet.widening import WIDENED
 from wrt.kernels.specialise import specialised
 
 # Slot 0 is the shape of the distribution: see facets.py.
@@ -96,7 +95,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
     """Return the model of a rough dielectric.
 
     Args:
-        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`.
+        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`, or BUMPY.
         masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
         bounces: "single", or "multiple", with which no light is lost.
 
@@ -157,7 +156,7 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
             make_alpha_of(distribution), evaluate_single, pdf_single, direction_single
         )
     sample = _or_straight_on(make_sample(evaluate, pdf, direction))
-    return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=distribution in WIDENED, index_slot=int(IOR))
+    return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=is_widened(distribution), index_slot=int(IOR))
 
 
 def _or_straight_on(sample_facets: wp.Function) -> wp.Function:

@@ -25,6 +25,9 @@ DISTRIBUTIONS: dict[str, ModuleType] = {
     "abc": abc,
     "sgd": sgd,
 }
+BUMPY = "bumpy-ggx"
+"""GGX under a filtered normal map: its functions take a `BumpyShape` in place of a vec3 (`bumpy_ggx.py`)."""
+
 MASKINGS = (*SMITH, *WALTER, *GENERAL)
 LEAST_ALPHA = wp.constant(1.0e-4)
 """The least roughness of ggx, beckmann and blinn-phong at which these functions are accurate in float32."""
@@ -50,11 +53,16 @@ class Microfacet(NamedTuple):
 
 @specialised()
 def make_microfacet(distribution: str, masking: str) -> Microfacet:
-    """Return the device functions of a distribution in DISTRIBUTIONS and a masking in MASKINGS.
+    """Return the device functions of a distribution in DISTRIBUTIONS, or BUMPY, and a masking in MASKINGS.
 
     Raises:
         ValueError: if either name is unknown, or the two cannot be combined.
     """
+    if distribution == BUMPY:
+        from wrt.kernels.microfacet import bumpy_ggx
+
+        found = bumpy_ggx.make_bumpy_masking(masking)
+        return Microfacet(bumpy_ggx.d, found.g, found.g1, bumpy_ggx.sample_normal, bumpy_ggx.normal_pdf)
     if distribution not in DISTRIBUTIONS:
         raise ValueError(f"no distribution {distribution!r}: there are {', '.join(DISTRIBUTIONS)}")
     parts = DISTRIBUTIONS[distribution]

@@ -19,7 +19,8 @@ def widened_alpha(alpha: float, variance: float) -> float:
 def widened(shape: wp.vec3, variance: wp.vec2) -> wp.vec3:
     """Return the shape (αu, αv, 0) with variance added along each axis: exact for Gaussian slopes.
 
-    GGX has no finite variance; its α keeps about the width of Beckmann's distribution.
+    GGX has no finite variance; its α keeps about the width of Beckmann's distribution. Filtered normal maps make it
+    another distribution (`bumpy_ggx.py`), so this is for regularisation and multiple bounces.
     """
     return wp.vec3(widened_alpha(shape[0], variance[0]), widened_alpha(shape[1], variance[1]), shape[2])
 

@@ -14,7 +14,7 @@ import wrt
 from support.kernels import uniforms, upload
 from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 from wrt.backend.device import Device
-from wrt.kernels.bsdf import current_name, make_bsdf, model_of
+from wrt.kernels.bsdf import current_name, filtered_name, make_bsdf, model_of
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
 from wrt.kernels.features import identifier
 from wrt.upload.tables.material_tables import pack_tables
@@ -106,6 +106,22 @@ class Case:
         inputs = [self.record(device), upload(wo, wp.vec3, device), upload(u, wp.vec3, device)]
         wp.launch(kernels_of(self.name).sample, len(u), inputs, [out], device=device)
         return out.numpy()
+
+
+@dataclasses.dataclass(frozen=True)
+class Bumpy(Case):
+    """A material under a normal map that is filtered: the variance of its slopes along x and y is left."""
+
+    variance: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def name(self) -> str:
+        return filtered_name(current_name(self.material.model))
+
+    def record(self, device: str) -> Any:
+        bsdf = super().record(device)
+        bsdf.normal_variance = wp.vec2(*self.variance)
+        return bsdf
 
 
 def viewer(degrees: float, azimuth: float = 0.7) -> NDArray[np.float64]:

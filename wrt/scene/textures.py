@@ -137,9 +137,10 @@ class NormalMap:
     load them with `load_image(path, linear=True)`.
 
     From far away, bumps are smaller than a pixel. Many samples average them; with `filter` the pixel's footprint is
-    averaged beforehand (LEAN mapping, Olano and Baker 2010): the mean normal is kept, and the variance around it is
-    added to the roughness. Highlights are then free of noise, but accurate only to second order in the slopes. It acts
-    on surfaces that the camera sees directly and whose material has a roughness.
+    averaged beforehand (LEAN mapping, Olano and Baker 2010): the mean normal is kept, and the variance around it makes
+    the surface rougher. Highlights are then free of noise, but accurate only to second order in the slopes;
+    docs/notes/filtered-highlights.md has their errors. It acts on surfaces that the camera sees directly and whose
+    material has a roughness.
 
     Attributes:
         pixels: (H, W, 3) float32, 0 to 1; row 0 is the top, at v = 1. Also an ImageTexture.

@@ -114,7 +114,7 @@ class MaterialTable:
             record["kind"] = k.MATERIAL_MIX if isinstance(material, Mix) else k.MATERIAL_SIDES
             record["first"], record["second"] = (self.numbers[id(part)] for part in material.parts)
             return
-        name = _bsdf("current_name", material.model)
+        name = model_name(material)
         model = _bsdf("model_of", name)
         if len(material.slots) != model.slots:
             given = f"{type(material).__name__} gives {len(material.slots)} values"
@@ -134,6 +134,14 @@ def _bsdf(function: str, *arguments: Any) -> Any:
     return current_backend().call("wrt.kernels.bsdf", function, *arguments)
 
 
+def model_name(material: Material) -> str:
+    """Return the name of a material's model in kernels, current, and with its normal map filtered if it is."""
+    name: str = _bsdf("current_name", material.model)
+    if material.normal_map is not None and material.normal_map.filter:
+        name = _bsdf("filtered_name", name)
+    return name
+
+
 def describe_materials(materials: list[Material], emissions: Sequence[ColorSource] = ()) -> MaterialTable:
     """Return the table of the shapes' materials and emissions.
 
@@ -143,10 +151,10 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
     table = MaterialTable(emissions=list(emissions))
     table.of_shapes = [table.add(material) for material in materials]
     simple = [material for material in table.materials if not material.parts]
-    table.models = tuple(sorted({_bsdf("current_name", material.model) for material in simple}))
+    table.models = tuple(sorted({model_name(material) for material in simple}))
     for material in simple:
         try:
-            _bsdf("model_of", _bsdf("current_name", material.model))
+            _bsdf("model_of", model_name(material))
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
     values = [value for material in table.materials for value in (*material.slots, material.opacity)]

@@ -14,7 +14,8 @@ from wrt.kernels.bsdf.lobes.facets import mirrored
 from wrt.kernels.bsdf.lobes.sheen import sheen
 from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.math.trigonometry import sine_cosine
-from wrt.kernels.microfacet import LEAST_ALPHA, ggx
+from wrt.kernels.microfacet import LEAST_ALPHA, bumpy_ggx, ggx
+from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import widened_evenly
 from wrt.kernels.sampling.warps import TWO_PI
 from wrt.kernels.specialise import specialised
@@ -76,6 +77,16 @@ def facet_response(wo: wp.vec3, wi: wp.vec3, shape: wp.vec3) -> wp.vec2:
 
 
 @wp.func
+def bumpy_facet_response(wo: wp.vec3, wi: wp.vec3, shape: BumpyShape) -> wp.vec2:
+    """Return `facet_response` of facets on bumps."""
+    d = bumpy_ggx.d(wp.normalize(wo + wi), shape)
+    area_o = bumpy_ggx.projected_area(wo, shape)
+    area_i = bumpy_ggx.projected_area(wi, shape)
+    both = wp.max(area_o * wi[2] + wo[2] * (area_i - wi[2]), 1.0e-30)
+    return wp.vec2(0.25 * d * (wi[2] / both), 0.25 * d / area_o)
+
+
+@wp.func
 def alpha_of(roughness: float) -> float:
     """Return α = roughness² (Burley 2012), clamped."""
     r = wp.clamp(roughness, 0.0, 1.0)
@@ -110,7 +121,7 @@ def _always(bsdf: Bsdf, w: wp.vec3) -> bool:
 
 
 @specialised()
-def add_coat(below: Layer, coat: int, roughness: int, body: bool) -> Layer:
+def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = False) -> Layer:
     """Return a layer under a clear coat: KHR_materials_clearcoat, in a reciprocal form.
 
     Args:
@@ -118,6 +129,7 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool) -> Layer:
         coat: row of the share of the surface that is coated.
         roughness: row of the coat's roughness.
         body: whether the surface bounds a transparent body, which is coated outside only.
+        bumpy: whether bumps make its distribution a `BumpyShape`.
     """
     below_evaluate, below_direction, below_albedo = below
     outside = make_outside(body)
@@ -125,7 +137,17 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool) -> Layer:
     @wp.func
     def shape_of(bsdf: Bsdf) -> wp.vec3:
         alpha = alpha_of(bsdf.slots[wp.static(roughness)][0])
-        return widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+        if wp.static(bumpy):
+            variance = 0.5 * (bsdf.normal_variance[0] + bsdf.normal_variance[1])
+            shape = rough_as_bumpy(wp.vec3(alpha, alpha, 0.0), wp.vec2(variance))
+        else:
+            shape = widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+        return shape
+
+    @wp.func
+    def bumpy_shape_of(bsdf: Bsdf) -> BumpyShape:
+        alpha = alpha_of(bsdf.slots[wp.static(roughness)][0])
+        return bumpy_shape(wp.vec3(alpha, alpha, 0.0), shape_of(bsdf))
 
     @wp.func
     def taken(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
@@ -145,7 +167,10 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool) -> Layer:
         r.value = base.value * (1.0 - wp.max(reflected, taken(bsdf, wi, shape[0])))
         r.density = base.density * (1.0 - share)
         if wi[2] > 0.0 and reflected > 0.0:
-            facets = facet_response(wo, wi, shape)
+            if wp.static(bumpy):
+                facets = bumpy_facet_response(wo, wi, bumpy_shape_of(bsdf))
+            else:
+                facets = facet_response(wo, wi, shape)
             amount = wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * facets[0]
             r.value = r.value + schlick(0.5 * wp.length(wo + wi), wp.vec3(COAT_F0), 1.0) * amount
             r.density += share * facets[1]
@@ -156,7 +181,11 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool) -> Layer:
         shape = shape_of(bsdf)
         share = layer_share(taken(bsdf, wo, shape[0]), below_albedo(bsdf, wo))
         if u_lobe < share:
-            return mirrored(wo, ggx.sample_normal(wo, shape, u))
+            if wp.static(bumpy):
+                m = bumpy_ggx.sample_normal(wo, bumpy_shape_of(bsdf), u)
+            else:
+                m = ggx.sample_normal(wo, shape, u)
+            return mirrored(wo, m)
         return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
 
     @wp.func

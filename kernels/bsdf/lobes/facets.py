@@ -6,7 +6,8 @@ Slot SHAPE of such a model is the shape of its distribution of normals (`kernels
 import warp as wp
 
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, no_sample
-from wrt.kernels.microfacet import LEAST_ALPHA
+from wrt.kernels.microfacet import BUMPY, LEAST_ALPHA
+from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import WIDENED, not_widened
 from wrt.kernels.specialise import specialised
 
@@ -23,9 +24,26 @@ def mirrored(wo: wp.vec3, m: wp.vec3) -> wp.vec3:
     return wp.where(wi[2] > 0.0, wi, wp.vec3(0.0))
 
 
+def is_widened(distribution: str) -> bool:
+    """Return whether variance of slopes makes a distribution rougher."""
+    return distribution == BUMPY or distribution in WIDENED
+
+
+@wp.func
+def _bumpy_shape_of(bsdf: Bsdf) -> BumpyShape:
+    shape = bsdf.slots[SHAPE]
+    alpha = wp.vec3(wp.clamp(shape[0], LEAST_ALPHA, 1.0), wp.clamp(shape[1], LEAST_ALPHA, 1.0), 0.0)
+    return bumpy_shape(alpha, rough_as_bumpy(alpha, bsdf.normal_variance))
+
+
 @specialised()
 def make_shape_of(distribution: str) -> wp.Function:
-    """Return the device function bsdf -> shape of the distribution, clamped, and widened by a filtered normal map."""
+    """Return the device function bsdf -> shape of the distribution, clamped, and widened by a filtered normal map.
+
+    It is a vec3, for BUMPY a `BumpyShape`.
+    """
+    if distribution == BUMPY:
+        return _bumpy_shape_of
     by_alpha = distribution in BY_ALPHA
     isotropic = distribution in ISOTROPIC
     widened = WIDENED.get(distribution, not_widened)

@@ -5,6 +5,7 @@ import warp as wp
 from wrt.kernels.bsdf.lobes.coats import alpha_of, schlick
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
 from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import widened
 from wrt.kernels.specialise import specialised
 
@@ -24,6 +25,7 @@ FEATURE_ROWS = {
     "coat": ("coat", "coat_roughness"),
     "sheen": ("sheen_color", "sheen_roughness"),
     "bounces": (),
+    "bumpy": (),
 }
 """Features that may follow "principled" in a model's name, in this order, and their values besides CORE_ROWS."""
 
@@ -102,6 +104,7 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
     anisotropy = rows.get("anisotropy", -1)
     transmission = rows.get("transmission", -1)
     transmits = transmission >= 0
+    bumpy = "bumpy" in features
     turned = make_turned(features)
 
     @wp.func
@@ -124,13 +127,34 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
             axis = turned(bsdf, wp.vec3(1.0, 0.0, 0.0), 1.0)
             c2 = axis[0] * axis[0]
             variance = wp.vec2(c2 * variance[0] + (1.0 - c2) * variance[1], (1.0 - c2) * variance[0] + c2 * variance[1])
-        b.shape = widened(wp.vec3(along, alpha, 0.0), variance)
+        if wp.static(bumpy):
+            b.shape = rough_as_bumpy(wp.vec3(along, alpha, 0.0), variance)
+        else:
+            b.shape = widened(wp.vec3(along, alpha, 0.0), variance)
         b.transmission = 0.0
         if wp.static(transmits):
             b.transmission = wp.clamp(bsdf.slots[wp.static(transmission)][0], 0.0, 1.0)
         return b
 
     return base_of
+
+
+@specialised()
+def make_bumpy_of(features: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, base) -> BumpyShape of facets on bumps, from `shape`, which is as rough."""
+    anisotropic = "anisotropic" in features
+    anisotropy = rows_of(features).get("anisotropy", -1)
+
+    @wp.func
+    def bumpy_of(bsdf: Bsdf, b: Base) -> BumpyShape:
+        alpha = alpha_of(bsdf.slots[ROUGHNESS][0])
+        along = alpha
+        if wp.static(anisotropic):
+            strength = wp.clamp(bsdf.slots[wp.static(anisotropy)][2], 0.0, 1.0)
+            along = wp.lerp(alpha, 1.0, strength * strength)
+        return bumpy_shape(wp.vec3(along, alpha, 0.0), b.shape)
+
+    return bumpy_of
 
 
 @wp.func
