@@ -60,6 +60,7 @@ FEATURES = [
         light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
+    Features(("burley", "burley:thin", "burley:transmission"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
