@@ -23,6 +23,7 @@ from wrt.backend.lanes import lanes_of
 from wrt.backend.processor import processor_flags
 from wrt.compiling import later
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
+from wrt.describe.system import system_text
 from wrt.kernels.features import Features
 from wrt.rendering import wide_kernel
 from wrt.rendering.wide_kernel import COMPILING_SECONDS, LOADING_SECONDS, WORTH_SECONDS, WideKernel
@@ -130,6 +131,16 @@ def test_build_machines_and_the_switch(
         monkeypatch.setenv(BUILD_MACHINE, machine)
     path = request(MIRROR, 8, builds, tmp_path)
     assert (path is not None, started) == (expected, [tmp_path] * expected)
+
+
+@pytest.mark.parametrize(
+    ("told", "machine", "expected"),
+    [("", "", "for the next"), ("0", "true", f"as {SWITCH} says"), ("", "true", f"as {BUILD_MACHINE} says")],
+)
+def test_the_system_tells_what_holds(told: str, machine: str, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in ((SWITCH, told), (BUILD_MACHINE, machine), (WIDE, "8")):
+        monkeypatch.setenv(name, value)
+    assert expected in system_text()
 
 
 def test_what_is_requested_is_compiled_once(
