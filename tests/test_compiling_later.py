@@ -23,8 +23,10 @@ from wrt.backend.lanes import lanes_of
 from wrt.backend.processor import processor_flags
 from wrt.compiling import later
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
+from wrt.describe.system import system_text
 from wrt.kernels.features import Features
-from wrt.rendering.wide_kernel import COMPILING_SECONDS, LOADING_SECONDS, WideKernel
+from wrt.rendering import wide_kernel
+from wrt.rendering.wide_kernel import COMPILING_SECONDS, LOADING_SECONDS, WORTH_SECONDS, WideKernel
 from wrt.spmd.ir import Unsupported
 
 needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
@@ -85,6 +87,8 @@ def test_a_short_render_asks_once_and_the_shortest_never(monkeypatch: pytest.Mon
     wide = kernel()
     wide._builds = Builds.known()
     wide.prepare(LOADING_SECONDS / 2)
+    monkeypatch.setattr(wide_kernel, "LOADING_SECONDS", 0.0)
+    wide.prepare(WORTH_SECONDS / 2)
     assert asked == []
     for _ in range(3):
         wide.prepare((LOADING_SECONDS + COMPILING_SECONDS) / 2)
@@ -127,6 +131,16 @@ def test_build_machines_and_the_switch(
         monkeypatch.setenv(BUILD_MACHINE, machine)
     path = request(MIRROR, 8, builds, tmp_path)
     assert (path is not None, started) == (expected, [tmp_path] * expected)
+
+
+@pytest.mark.parametrize(
+    ("told", "machine", "expected"),
+    [("", "", "for the next"), ("0", "true", f"as {SWITCH} says"), ("", "true", f"as {BUILD_MACHINE} says")],
+)
+def test_the_system_tells_what_holds(told: str, machine: str, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in ((SWITCH, told), (BUILD_MACHINE, machine), (WIDE, "8")):
+        monkeypatch.setenv(name, value)
+    assert expected in system_text()
 
 
 def test_what_is_requested_is_compiled_once(
@@ -230,7 +244,7 @@ import sys
 from wrt.rendering import wide_kernel
 from wrt.cli import main
 wide_kernel.COMPILED_LOADING_SECONDS = wide_kernel.LOADING_SECONDS = 0.0
-wide_kernel.COMPILING_SECONDS = 1e9
+wide_kernel.COMPILING_SECONDS, wide_kernel.WORTH_SECONDS = 1e9, 0.0
 sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", sys.argv[1], "--quiet"]
 assert main() == 0
 from wrt.backend import current_backend

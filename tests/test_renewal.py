@@ -11,7 +11,8 @@ from support.outputs import run
 
 import wrt
 from wrt.cli import renewal
-from wrt.cli.renewal import FIRST_SECONDS, MOST_TIME, Renewal
+from wrt.cli.renewal import FIRST_SECONDS, MOST_TIME, UNWATCHED_PASS, Renewal
+from wrt.rendering.passes import LONGEST_PASS
 
 LONG = ("--size", "16x16", "--spp", "8")
 
@@ -73,6 +74,9 @@ def test_intervals_can_be_given_and_turned_off():
     assert Renewal(5.0).pass_seconds == 5.0
     assert Renewal(None).pass_seconds is None
     assert Renewal(float("inf")).pass_seconds is None
+    assert Renewal(5.0, watched=False).pass_seconds == 5.0
+    assert Renewal(None, watched=False).pass_seconds == UNWATCHED_PASS
+    assert Renewal(float("inf"), watched=False).pass_seconds == LONGEST_PASS
 
 
 def test_short_renders_and_the_last_second_are_left_alone():
@@ -96,6 +100,7 @@ def often(monkeypatch):
     monkeypatch.setattr(renewal, "SHARE_OF_RENDER", 0.0)
     monkeypatch.setattr(renewal, "MOST_TIME", float("inf"))
     monkeypatch.setattr(renewal, "NEARLY_DONE", -1.0)
+    monkeypatch.setattr(renewal, "UNWATCHED_PASS", None)
 
 
 def watched(monkeypatch, look) -> None:

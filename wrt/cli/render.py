@@ -19,6 +19,7 @@ from wrt.cli.signals import Interrupts
 from wrt.cli.summary import Clock, report, samples_text
 from wrt.errors import InputError, one_line
 from wrt.progress.bar import once, short_warnings
+from wrt.progress.terminal import bar_stream
 
 if TYPE_CHECKING:
     from wrt.rendering.passes import Progress
@@ -120,7 +121,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         short_warnings(say := once(bar.message, said)),
     ):
         renderer, output = _start(options, checkpoint, say)
-        renewal = Renewal(options.save_every)
+        renewal = Renewal(options.save_every, watched=bar_stream() is not None and not options.quiet)
         stopped = False
         try:
             limits = {

@@ -8,6 +8,7 @@ import platform
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
 from wrt.backend.processor import processor_flags
 from wrt.backend.slices import available_threads
+from wrt.compiling import later
 
 
 def system_text() -> str:
@@ -20,6 +21,7 @@ def system_text() -> str:
         "system": f"{platform.system()}, {platform.machine()}",
         "threads": str(available_threads()),
         "CPU kernel": kernel_text(),
+        "compiling": later_text(),
     }
     width = max(map(len, rows))
     return "\n".join(f"{name:<{width}}  {text}" for name, text in rows.items())
@@ -35,3 +37,13 @@ def kernel_text() -> str:
     else:
         why = f"the processor lacks {', '.join(sorted(NEEDED[min(NEEDED)] - processor_flags()))}"
     return f"wide, {lanes} paths at a time ({why})" if lanes else f"scalar ({why})"
+
+
+def later_text() -> str:
+    """Return whether wide kernels are compiled for later renders, and why not."""
+    if not lanes_here():
+        return "during renders"
+    if later.is_wanted():
+        return f"after short renders too, for the next ({later.SWITCH}=0 forbids that)"
+    switched_off = os.environ.get(later.SWITCH) == "0"
+    return f"during renders, as {later.SWITCH if switched_off else later.BUILD_MACHINE} says"

@@ -24,9 +24,12 @@ from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
 from wrt.compiling import later, wide
 
-LOADING_SECONDS, COMPILED_LOADING_SECONDS = 2.0, 0.3
-"""Skip loading if fewer than this many seconds remain to render. Warp must generate the code again (0.5 s); the
-compiled backend need not."""
+LOADING_SECONDS, COMPILED_LOADING_SECONDS = 2.0, 0.02
+"""Skip loading if fewer than this many seconds remain to render. Warp must generate the code again (1 s); the compiled
+backend need not (1 ms)."""
+
+WORTH_SECONDS = 0.3
+"""Compile nothing for the next render if fewer than this many seconds remain of this one: it has nothing to gain."""
 
 COMPILING_SECONDS = 30.0
 """Compile for the next render, at the lowest priority, if fewer than this many seconds remain: it takes 8 to 20 s of
@@ -87,7 +90,7 @@ class WideKernel:
                 self._load()
             elif seconds_left > COMPILING_SECONDS:
                 self._compile()
-            elif not self._is_requested:
+            elif seconds_left > WORTH_SECONDS and not self._is_requested:
                 self._is_requested = True
                 self._request = self._for_later()()
 
