@@ -73,7 +73,6 @@ SEEN_BY_OTHERS = {
     ("panes", "panorama"),
     ("textures", "moving"),
     ("bodies", "moving"),
-    ("plain", "square"),
 }
 """Scenes and cameras that are each in another pair here; their films are in tests/data/digests.json."""
 
