@@ -67,6 +67,7 @@ FEATURES = [
         "none",
         tangents=True,
     ),
+    Features(("burley", "burley:thin", "burley:transmission"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
