@@ -122,6 +122,29 @@ def test_media_of_mitsuba(tmp_path: Path) -> None:
     assert medium.density.albedo is None
 
 
+@pytest.mark.parametrize("wrap", ["repeat", "mirror", "clamp"])
+def test_an_albedo_grid_of_a_homogeneous_medium_is_continued_over_the_shape(wrap: str, tmp_path: Path) -> None:
+    albedo = np.random.default_rng(7).random((2, 3, 4, 3)).astype(np.float32)
+    write_vol(tmp_path / "albedo.vol", albedo)
+    scene = f"""<scene version="3.0.0"><shape type="cube"><bsdf type="null"/>
+        <transform name="to_world"><scale x="0.6" y="0.9" z="0.2"/><translate x="1.2" y="0.5" z="0.5"/></transform>
+        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>
+        <volume type="gridvolume" name="albedo"><string name="filename" value="albedo.vol"/>
+        <string name="wrap_mode" value="{wrap}"/></volume></medium></shape></scene>"""
+    (tmp_path / "scene.xml").write_text(scene)
+    (medium,) = wrt.load(tmp_path / "scene.xml", strict=True).media
+    np.testing.assert_allclose(medium.extinction, 2.0)
+    grid = medium.density
+    assert grid is not None
+    assert grid.albedo is not None
+    # Along x from 0.6 to 1.8, along y from -0.4 to 1.4, along z from 0.3 to 0.7: boxes 0 and 1, -1 to 1, and 0.
+    np.testing.assert_allclose(grid.to_world, [[2, 0, 0, 0], [0, 3, 0, -1], [0, 0, 1, 0], [0, 0, 0, 1]])
+    modes = {"repeat": "wrap", "mirror": "symmetric", "clamp": "edge"}
+    expected = np.pad(albedo, [(0, 0), (3, 3), (0, 4), (0, 0)], mode=modes[wrap])  # type: ignore[call-overload]
+    np.testing.assert_array_equal(grid.albedo, expected)
+    np.testing.assert_array_equal(grid.values, 1.0)
+
+
 def nanovdb(path: Path, *, codec: str = "none", name: str = "density", values: Any = None) -> np.ndarray:
     """Write a NanoVDB file by Warp, some leaves of which are empty, and return its (nx, ny, nz) values."""
     initialize_warp()

@@ -170,8 +170,8 @@ class WrittenMaterials:
         volume: Tree = {"thicknessFactor": 1.0}
         medium = material.interior
         if medium is not None:
-            if medium.scatters or any(medium.emission):  # type: ignore[arg-type]
-                self._note("scattering and emission within bodies")
+            if medium.density is not None or medium.scatters or any(medium.emission):  # type: ignore[arg-type]
+                self._note("media within bodies that scatter, shine or vary")
             absorption = np.array(medium.absorption, np.float64)
             if absorption.any():
                 distance = 1.0 / float(absorption.max())

@@ -23,6 +23,12 @@ from wrt.scene.scene import Scene
 
 _GRIDS = ("gridvolume", "grid")
 
+_BEYOND = 1e-4
+"""A grid reaches this far beyond the shape it fills, in its own lengths."""
+
+_MOST_CONTINUED = 2**26
+"""Most numbers in a grid that is continued."""
+
 
 def medium_of(plugin: Plugin, textures: Textures) -> Medium | None:
     """Return a `homogeneous` or `heterogeneous` medium; for others warn and return None.
@@ -36,7 +42,8 @@ def medium_of(plugin: Plugin, textures: Textures) -> Medium | None:
     varies = plugin.type == "heterogeneous"
     for name in ("sigma_t", "albedo", "sigma_s", "sigma_a"):
         volume = plugin.named(name)
-        grid_is_fine = varies and name in ("sigma_t", "albedo") and volume is not None and volume.type in _GRIDS
+        grid_is_fine = name in (("sigma_t", "albedo") if varies else ("albedo",))
+        grid_is_fine = grid_is_fine and volume is not None and volume.type in _GRIDS
         if volume is not None and volume.kind == "volume" and volume.type != "constvolume" and not grid_is_fine:
             plugin.warn(f"{name!r} cannot vary in a medium; left out")
             return None
@@ -111,22 +118,79 @@ def _albedo(
         return _color(plugin, textures, "albedo", 0.75), density
     if density is not None and density.albedo is not None:
         return (0.0, 0.0, 0.0), density
-    volume, places = _volume(grid)
+    volume, places = _volume(grid, fills_all=plugin.type == "homogeneous")
     colors = np.broadcast_to(volume.values.reshape(*volume.values.shape[:3], -1), (*volume.values.shape[:3], 3))
     one_cell = np.ones((1, 1, 1), np.float32)
+    if plugin.type == "homogeneous":
+        place = DensityGrid(one_cell, **places, name=grid.file().name)
+        return (0.0, 0.0, 0.0), _with_albedo(grid, place, colors)
     same = density is not None and np.allclose(DensityGrid(one_cell, **places).to_world, density.to_world)
     if density is None or not same:
         grid.warn("'albedo' can vary only in the box of 'sigma_t'; its mean is used")
         return tuple(colors.mean(axis=(0, 1, 2)).tolist()), density
-    try:
-        density = dataclasses.replace(density, albedo=colors)
-    except InputError as error:
-        raise grid.placed(error) from None
+    density = _with_albedo(grid, density, colors)
     textures.densities[id(plugin.element)] = density
     return (0.0, 0.0, 0.0), density
 
 
-def _volume(grid: Plugin) -> tuple[Volume, dict[str, Any]]:
+def _with_albedo(grid: Plugin, density: DensityGrid, colors: NDArray[Any]) -> DensityGrid:
+    try:
+        return dataclasses.replace(density, albedo=colors)
+    except InputError as error:
+        raise grid.placed(error) from None
+
+
+def continued(plugin: Plugin, medium: Medium, bounds: NDArray[np.float64], textures: Textures) -> Medium:
+    """Return a homogeneous medium whose albedo varies, continued beyond the box of its grid to fill a shape.
+
+    Args:
+        plugin: the medium.
+        medium: the same, as `medium_of` returns it.
+        bounds: (2, 3) corners of the shape, in the world.
+        textures: which keep the grid, so that equal shapes share it.
+    """
+    density, grid = medium.density, _grid(plugin, "albedo")
+    if plugin.type != "homogeneous" or density is None or grid is None or density.albedo is None:
+        return medium
+    corners = np.stack(np.meshgrid(*bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    inverse = np.linalg.inv(density.to_world)
+    within = corners @ inverse[:3, :3].T + inverse[:3, 3]
+    first = np.floor(within.min(axis=0) - _BEYOND).astype(int)
+    last = np.ceil(within.max(axis=0) + _BEYOND).astype(int)
+    key = id(plugin.element), *first.tolist(), *last.tolist()
+    if key not in textures.continuations:
+        cells = density.albedo.size * int((last - first).prod())
+        if cells > _MOST_CONTINUED:
+            grid.warn("its box is too small beside the shape; its mean is used")
+            albedo = np.broadcast_to(density.albedo.mean(axis=(0, 1, 2)), (1, 1, 1, 3))
+        else:
+            wrap = grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror")
+            albedo = density.albedo
+            for axis in range(3):  # the grid has z first
+                albedo = _along(albedo, 2 - axis, int(first[axis]), int(last[axis]), wrap)
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = np.diag(last - first), first
+        textures.continuations[key] = DensityGrid(
+            density.values, transform=density.to_world @ place, albedo=albedo, name=density.name
+        )
+    return dataclasses.replace(medium, density=textures.continuations[key])
+
+
+def _along(values: NDArray[Any], axis: int, first: int, last: int, wrap: str) -> NDArray[Any]:
+    """Return a grid over the boxes from `first` to `last` along an axis, where box 0 has the values."""
+    pieces = []
+    for k in range(first, last):
+        if wrap == "repeat" or k == 0:
+            pieces.append(values)
+        elif wrap == "mirror":
+            pieces.append(np.flip(values, axis) if k % 2 else values)
+        else:
+            edge = np.take(values, [0 if k < 0 else -1], axis)
+            pieces.append(np.repeat(edge, values.shape[axis], axis))
+    return np.concatenate(pieces, axis)
+
+
+def _volume(grid: Plugin, *, fills_all: bool = False) -> tuple[Volume, dict[str, Any]]:
     """Return a grid, and where its box is as arguments of DensityGrid."""
     file = grid.file()
     try:
@@ -135,7 +199,7 @@ def _volume(grid: Plugin) -> tuple[Volume, dict[str, Any]]:
         raise grid.error(str(error)) from None
     if grid.choice("filter_type", "trilinear", "trilinear", "nearest") == "nearest":
         grid.warn("'nearest' is not known; values are interpolated")
-    if grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror") != "clamp":
+    if grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror") != "clamp" and not fills_all:
         grid.warn("beyond its box there is nothing, whatever its 'wrap_mode'")
     places: dict[str, Any] = {"transform": grid.transform()}
     if grid.boolean("use_grid_bbox", False):

@@ -16,7 +16,7 @@ from wrt.io.mitsuba.curves import CURVES, read_curves
 from wrt.io.mitsuba.fields.distances import distance_grid
 from wrt.io.mitsuba.materials.readers import BLACK, UNKNOWN, Materials, Surface, clear, is_black
 from wrt.io.mitsuba.materials.textures import Textures
-from wrt.io.mitsuba.media import boundary_of_nothing, filled, medium_of
+from wrt.io.mitsuba.media import boundary_of_nothing, continued, filled, medium_of
 from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
 from wrt.io.mitsuba.plugin import Plugin, positive
 from wrt.io.mitsuba.surfaces import Detail, is_closed
@@ -116,6 +116,8 @@ class Shapes:
         if inside is not None:
             self.interiors.add(inside)
         if outside is not None:
+            if outside.density is not None:
+                plugin.warn("beyond the box of its grid, its 'exterior' is empty")
             self.exteriors.append((plugin, outside))
         flip = plugin.boolean("flip_normals", False)
         plugin.ignore("silhouette_sampling_weight")
@@ -137,6 +139,9 @@ class Shapes:
         memory_limits.take(
             memory_limits.MESHES if plugin.type in MESH_FILES else memory_limits.MADE, memory_limits.size_of(mesh)
         )
+        if inside is not None and (medium := plugin.named("interior")) is not None:
+            inside = continued(medium, inside, mesh.bounds.astype(float), self.textures)
+            self.interiors.add(inside)
         if flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)

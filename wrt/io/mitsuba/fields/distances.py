@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from wrt.errors import InputError
 from wrt.io.mitsuba.fields.isosurface import MOST_CELLS, isosurface
-from wrt.io.mitsuba.fields.vol import read_vol
 from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.volume.read import read_volume
 from wrt.scene.mesh import Mesh
 
 _PARTS = 4
@@ -22,12 +22,12 @@ def distance_grid(plugin: Plugin) -> Mesh:
     smooth = plugin.choice("normals", "smooth", "smooth", "analytic") == "smooth"
     plugin.ignore("watertight")
     try:
-        values = read_vol(path)
-        if values.shape[3] != 1:
+        values = read_volume(path).values
+        if values.ndim != 3:
             raise InputError(f"{path.name}: has {values.shape[3]} channels, and distances have one")
         # A surface crosses about as many cells as three sides of the cube have.
-        crossed = 6 * max(values.shape[:3]) ** 2
+        crossed = 6 * max(values.shape) ** 2
         parts = max(1, min(_PARTS, int((MOST_CELLS / crossed) ** (1.0 / 3.0))))
-        return isosurface(values[..., 0].astype(float), parts, smooth=smooth)
+        return isosurface(values.astype(float), parts, smooth=smooth)
     except InputError as error:
         raise plugin.error(str(error)) from None

@@ -34,6 +34,7 @@ class Textures:
 
     def __init__(self) -> None:
         self.densities: dict[int, DensityGrid] = {}
+        self.continuations: dict[tuple[int, ...], DensityGrid] = {}
         self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
         self._made: dict[tuple[int, str], ColorSource] = {}
 
