@@ -26,18 +26,19 @@ class Burley(Body):
 
     Attributes:
         base_color: reflectance of the diffuse base, or of a metal at normal incidence, per channel, 0 to 1.
-        metallic: 0 dielectric, 1 metal.
+        metallic: 0 dielectric, 1 metal; without effect on thin sheets.
         roughness: 0 mirror to 1 matt; its square is the roughness α of GGX.
         anisotropy: elongation of highlights along u, 0 to 1.
         transmission: share of a dielectric that is clear instead of diffuse.
-        diffuse_transmission: share of the diffuse light that goes through a thin sheet instead of back; at 1 all.
+        diffuse_transmission: share of the diffuse light that goes through a thin sheet instead of back; without effect
+            on bodies.
         thin_walled: whether the surface is a thin sheet, not the boundary of a body.
         ior: refractive index of the dielectric, from 1.
         specular_tint: how far its reflection takes the hue of the base colour.
         sheen: strength of the light that fibres add at grazing angles.
         sheen_tint: how far this takes the hue of the base colour.
         flatness: blends the diffuse base to one that looks like light scattered below the surface.
-        coat: strength of a clear coat, which reflects a quarter as much as varnish.
+        coat: strength of a clear coat, which reflects a quarter as much as varnish; without effect on thin sheets.
         coat_gloss: 0 satin to 1 gloss, of the coat.
         interior: medium inside the body, if `transmission` lets light in; in scene files its name.
         priority: where bodies overlap, only the one of the highest priority exists.
@@ -66,10 +67,6 @@ class Burley(Body):
         self._check_colors("base_color")
         boolean(self.thin_walled, "thin_walled")
         self._set(ior=number(self.ior, "ior", minimum=1.0))
-        if self.diffuse_transmission != 0.0 and not self.thin_walled:
-            raise InputError("diffuse_transmission is for thin sheets; set thin_walled")
-        if self.thin_walled and (self.metallic != 0.0 or self.coat != 0.0):
-            raise InputError("a thin sheet has neither metallic nor coat")
         if self.interior is not None and not self.is_body:
             raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
 
