@@ -47,8 +47,8 @@ MISTAKES = {
     '[environment]\ntype = "image"\nfile = "none.hdr"': "environment.file: {folder}/none.hdr: no such file",
     '[environment]\ntype = "image"\nfile = 5': "environment.file: must be a text, not 5",
     "[lights]\ntype = 'point'": "lights: must be an array of tables; write [[lights]]",
-    "[[lights]]\ntype = 'pont'": "lights[0]: type must be one of 'point', 'spot', 'projector', 'directional', 'rectangle', "
-    "'disk', 'sphere', not 'pont' (did you mean",
+    "[[lights]]\ntype = 'pont'": "lights[0]: type must be one of 'point', 'spot', 'projector', 'directional', "
+    "'rectangle', 'disk', 'sphere', not 'pont' (did you mean",
     "[[lights]]\ntype = 'point'\nintensity = 1": "lights[0]: the key 'position' is missing",
     "[[lights]]\ntype = 'point'\nposition = [0, 0, 0]": "lights[0]: a point light takes one of intensity, power and "
     "color",
