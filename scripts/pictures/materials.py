@@ -174,9 +174,9 @@ def tiles() -> tuple[Tile, ...]:
         ),
         # Layered and composite
         Tile(
-            "car-paint",
+            "burley",
             "metallic 0.6, coat 1",
-            wrt.Principled(base_color=(0.5, 0.02, 0.02), metallic=0.6, roughness=0.5, coat=1.0),
+            wrt.Burley((0.5, 0.02, 0.02), metallic=0.6, roughness=0.5, coat=1.0, coat_gloss=0.9),
         ),
         Tile(
             "velvet",
@@ -184,11 +184,6 @@ def tiles() -> tuple[Tile, ...]:
             wrt.Principled(
                 base_color=(0.06, 0.004, 0.015), roughness=1.0, sheen_color=(0.8, 0.25, 0.4), sheen_roughness=0.3
             ),
-        ),
-        Tile(
-            "burley",
-            "coat 1, sheen 1, flatness 0.6",
-            wrt.Burley((0.1, 0.3, 0.28), roughness=0.5, coat=1.0, coat_gloss=0.9, sheen=1.0, flatness=0.6),
         ),
         Tile(
             "mix",
