@@ -35,6 +35,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "oren-nayar": ("oren_nayar",),
     "plastic": ("plastic",),
     "principled": ("principled", "principled_agreement"),
+    "burley": ("burley",),
     "constants": ("presets",),
     "media": ("phase", "absorption", "scattering", "grid_media"),
     "lights": ("irradiance", "light_tree", "environment_sampling", "multiple_importance", "alias"),
