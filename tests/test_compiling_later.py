@@ -219,6 +219,18 @@ def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], bu
     assert started == []
 
 
+def test_notes_of_a_render_that_ends_meanwhile_are_kept(builds: Builds) -> None:
+    """Else the render after it would import Warp."""
+    compiler, other = builds, Builds(builds.path, builds._warp, builds.warp_version)
+    compiler.refresh()
+    tables: dict[str, dict[str, Any]] = {"files": {}, "structs": {}, "modules": {}}
+    other.note({**tables, "calls": {"scalar": {"value": 1}}})
+    compiler.note({**tables, "calls": {"wide": {"value": 2}}})
+    last = Builds(builds.path, builds._warp, builds.warp_version)
+    last.refresh()
+    assert last.notes["calls"] == {"scalar": {"value": 1}, "wide": {"value": 2}}
+
+
 def processes(folder: Path) -> list[int]:
     """Return the compilers whose kernels go into a folder."""
     found = []

@@ -148,6 +148,7 @@ class Builds:
         """Save the notes of `compiled_by_warp` for later processes."""
         if all(self.notes[table].get(name) == note for table in notes for name, note in notes[table].items()):
             return
+        self.refresh()  # other processes may have noted something while this one compiled
         self._add(notes)
         text = json.dumps(self.notes).encode()
         for folder in self.folders:
