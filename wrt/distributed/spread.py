@@ -1,7 +1,7 @@
 """Spread a pass over the workers of a Dask cluster.
 
 Dask decides which worker renders a window, and renders it elsewhere if the worker dies. What is decided here: how large
-windows are, which workers may take part, and when a window that takes too long is given to a second worker. A window's
+windows are, which workers may take part, and when a window that takes too long is given to another worker. A window's
 result does not depend on who renders it, so whichever comes first counts.
 """
 
@@ -52,7 +52,7 @@ class _Window:
 
     Attributes:
         window: the window.
-        futures: of Dask, the first and that of a second worker.
+        futures: of Dask, the first and those of workers that help out.
         since: when it was submitted.
     """
 
@@ -230,19 +230,23 @@ class Spread:
         return bool(strangers)
 
     def _help_late(self, job: Job, going: list[_Window], spp: int, state: State) -> None:
-        """Give windows that take too long to a second worker, and nothing more to the first."""
+        """Give windows that take too long to another worker, and nothing more to the one before.
+
+        The second may be late as well: one that is new waits for the scene from a worker that hangs.
+        """
         now, workers = time.monotonic(), self.workers()
         limit = float("inf")
         if self._seconds:
             limit = max(LATE_FACTOR * statistics.median(self._seconds), LATE_SECONDS)
-        late = [each for each in going if len(each.futures) == 1 and now - each.since > limit]
+        late = [each for each in going if len(each.futures) < len(self._workers) and now - each.since > limit]
         if not late or len(workers) < 2:
             return
         processing = self._client.processing()
         for each in late:
-            worker = next((name for name, keys in processing.items() if each.futures[0].key in keys), None)
+            newest = each.futures[-1]
+            worker = next((name for name, keys in processing.items() if newest.key in keys), None)
             if worker is not None and set(workers) - {worker}:
-                self._late[each.futures[0]] = worker
+                self._late[newest] = worker
                 self._submit(job, each, spp, state, without=worker)
 
     def _leave(self, each: _Window) -> None:
