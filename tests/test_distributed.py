@@ -23,6 +23,7 @@ from wrt.distributed.windows import windows_of_pass
 from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
 
 SIZE = {"width": 20, "height": 30, "max_depth": 3}
 LAYERS = {"layers": ("albedo", "depth", "object", "material")}
@@ -193,6 +194,7 @@ def test_workers_die_come_late_and_stop(workers: int, monkeypatch: pytest.Monkey
     size = {"width": 48, "height": 36, "max_depth": 3, **LAYERS}
     expected = film_of(wrt.Renderer(scene(), **size), 96)
     with (
+        dask.config.set({"distributed.scheduler.worker-ttl": "20 s"}),  # a worker that hangs is given up sooner
         distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
         ) as cluster,
