@@ -19,7 +19,7 @@ BLACK = wrt.Diffuse(0.0)
 
 
 def room(*materials: wrt.Material, lamp: wrt.Material) -> wrt.Scene:
-    """Return a room with open boxes, of which both sides are seen, and a lamp whose back is seen."""
+    """Return a room with open boxes that show both of their sides, and a lamp that shows its back."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.3, 1.1, 4.2), (0.0, 0.8, 0.0), fov_degrees=50.0))
     scene.environment = wrt.ConstantEnvironment((0.2, 0.25, 0.3))
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=materials[0])

@@ -201,7 +201,7 @@ def passed_block(depth: int, passed: int) -> wp.uint32:
 
 @wp.func
 def stream_key(u: wp.vec4, number: int) -> wp.vec4ui:
-    """Return the key of a sequence of further random numbers, of which it is not known how many there will be.
+    """Return the key of a sequence of further random numbers, whose length is not known in advance.
 
     It is a hash of the four numbers in [0, 1) of a block, so it depends on what they depend on. Different `number`s
     give different sequences.

@@ -1,4 +1,4 @@
-"""What ray trees ask of a reflection model: all delta directions at once, of which a path samples one, and jitter."""
+"""What ray trees need from a reflection model: jitter, and all delta directions at once. Paths sample one of them."""
 
 import warp as wp
 

@@ -27,7 +27,7 @@ class GltfImages:
     """The images of one file: each is decoded once per kind of use."""
 
     def __init__(self, path: Path, tree: Tree, buffers: Buffers) -> None:
-        """Take the JSON of a file, of which the images may be removed later, and its binary data."""
+        """Take the JSON of a file and its binary data; images may be removed from the JSON later."""
         self._path, self._buffers = path, buffers
         self._tree = {key: tree.get(key, []) for key in ("images", "textures", "samplers")}
         self._images = TextureImages(path)

@@ -177,7 +177,7 @@ class _Varints:
 
 
 def _octahedral(rows: Bytes) -> NDArray[Any]:
-    """Return unit vectors of their octahedral coordinates: 4 or 8 bytes, of which the last quarter is kept."""
+    """Return unit vectors from octahedral coordinates of 4 or 8 bytes each; the last quarter is kept as it is."""
     kind = np.dtype(np.int8 if rows.shape[1] == 4 else np.int16)
     values = rows.view(kind)
     x, y, one = (values[:, k].astype(np.float64) for k in range(3))
