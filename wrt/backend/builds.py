@@ -49,6 +49,7 @@ class Builds:
         self._warp = warp
         self._clang: Any = None
         self._loaded: dict[str, bytes] = {}
+        self._damaged: set[Path] = set()
         self._lock = threading.RLock()
 
     @classmethod
@@ -77,7 +78,8 @@ class Builds:
                 said, _, text = path.read_bytes().partition(b"\n")
                 if said == digest(text):
                     self._add(json.loads(text))
-                else:
+                elif path not in self._damaged:
+                    self._damaged.add(path)
                     warnings.warn(f"{path}: notes on compiled kernels were damaged; they are replaced", stacklevel=2)
 
     def _add(self, notes: dict[str, dict[str, Any]]) -> None:
