@@ -9,6 +9,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 import wrt
+from wrt.animation.frame_files import FrameFiles
 from wrt.animation.timeline import at_frame, moves
 from wrt.cli import main
 
@@ -77,6 +78,12 @@ def test_missing_frames_are_rendered_on_resuming(
     capsys.readouterr()
     assert main(["render", "box.obj", "--turntable", "3", "-o", "box_%d.png", *SMALL, "--resume", "--seed", "7"]) == 2
     assert "seed" in capsys.readouterr().err
+
+
+def test_only_wanted_frames_are_counted(tmp_path: Path) -> None:
+    files = FrameFiles(tmp_path / "box_%d.png", range(2, 5))
+    files.complete = {0, 1, 2, 3}
+    assert (files.done, files.missing) == (2, [4])
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])

@@ -224,7 +224,6 @@ def test_where_it_cannot_be_had_nothing_is_tried(
         (NEEDED[8] - {"fma"}, "", 0),
         (NEEDED[8], "0", 0),
         (NEEDED[8], "4", 4),
-        (NEEDED[8], "5", 8),
     ],
 )
 def test_lanes_are_those_of_the_processor(
@@ -233,6 +232,13 @@ def test_lanes_are_those_of_the_processor(
     monkeypatch.setattr(lanes, "processor_flags", lambda: flags)
     monkeypatch.setenv(SWITCH, told)
     assert lanes_here() == expected
+
+
+def test_an_unknown_number_of_lanes_is_ignored_with_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[8])
+    monkeypatch.setenv(SWITCH, "5")
+    with pytest.warns(UserWarning, match="WRT_WIDE=5 is ignored: it may be 0, 4, 8, 16 or empty"):
+        assert lanes_here() == 8
 
 
 def test_a_device_other_than_the_cpu_has_none(notes: Noted, renderer: wrt.Renderer) -> None:

@@ -97,6 +97,11 @@ class FrameFiles:
         return self._pattern.with_name(_PLACE.sub(digits, self._pattern.name))
 
     @property
+    def done(self) -> int:
+        """How many of the wanted frames are complete."""
+        return len(self.complete.intersection(self.numbers))
+
+    @property
     def missing(self) -> list[int]:
         """The numbers of the frames that are yet to be rendered."""
         return [number for number in self.numbers if number not in self.complete]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 
 from wrt.backend.processor import processor_flags
 
@@ -21,6 +22,8 @@ def lanes_here() -> int:
     told = os.environ.get(SWITCH, "")
     if told == "0" or told in map(str, WIDTHS):
         return int(told)
+    if told:
+        warnings.warn(f"{SWITCH}={told} is ignored: it may be 0, {', '.join(map(str, WIDTHS))} or empty", stacklevel=2)
     return lanes_of(processor_flags())
 
 

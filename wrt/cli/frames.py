@@ -85,7 +85,7 @@ def _render(options: argparse.Namespace, interrupts: Interrupts, said: set[str])
             if not files.complete:
                 files.remove()
                 raise
-            done = f"{len(files.complete)} of {len(files.numbers)} frames complete, in {files.place}"
+            done = f"{files.done} of {len(files.numbers)} frames complete, in {files.place}"
             say(f"wrt: stopped: {done}; the same command with --resume continues")
             return interrupts.exit_status
         interrupts.disarm()
@@ -232,7 +232,7 @@ def _begin(options: argparse.Namespace, animation: Animation, bar: ProgressBar) 
     found = files.begin(_identity(options, animation.current), resume=options.resume)
     if options.resume and not options.quiet:
         if found:
-            bar.message(f"wrt: resuming: {len(files.complete)} of {len(files.numbers)} frames are complete")
+            bar.message(f"wrt: resuming: {files.done} of {len(files.numbers)} frames are complete")
         else:
             bar.message(f"wrt: no frames of {animation.output} yet; starting from the beginning")
 
