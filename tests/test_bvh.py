@@ -337,32 +337,36 @@ static inline float fmaxf(float a, float b) { return a != a ? b : b != b ? a : a
 static inline int __ffs(unsigned m) { return __builtin_ffs((int)m); }
 """
 
+
+def make_cast(traversal: str, name: str) -> wp.Kernel:
+    """Return a kernel that does what `cast` does, by another form of the header `traversal.h`."""
+    header = at_file_level(traversal, f"{name}_traversal")
+
+    @wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
+    def traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4:
+        header()
+
+    @wp.kernel(enable_backward=False, module=f"test_bvh.{name}")
+    def cast_otherwise(
+        tree: Bvh,
+        origins: wp.array(dtype=wp.vec3),
+        directions: wp.array(dtype=wp.vec3),
+        triangle_out: wp.array(dtype=int),
+        tuv_out: wp.array(dtype=wp.vec3),
+        any_out: wp.array(dtype=int),
+    ):
+        i = wp.tid()
+        found = traverse(tree, origins[i], directions[i], 0.0, 1.0e30, False)
+        triangle_out[i] = wp.cast(found[0], wp.int32)
+        tuv_out[i] = wp.vec3(found[1], found[2], found[3])
+        found = traverse(tree, origins[i], directions[i], 0.0, 1.0e30, True)
+        any_out[i] = int(wp.cast(found[0], wp.int32) >= 0)
+
+    return cast_otherwise
+
+
 # The traversal with the loops that CUDA gets in place of vectors.
-scalar_h = at_file_level(f"#define WRT_VECTORS 0\n{_INTRINSICS}{text_of('traversal.h')}", "scalar_traversal")
-
-
-@wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
-def traverse_scalar(
-    bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
-) -> wp.vec4:
-    scalar_h()
-
-
-@wp.kernel(enable_backward=False, module="test_bvh.scalar")
-def cast_scalar(
-    tree: Bvh,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    triangle_out: wp.array(dtype=int),
-    tuv_out: wp.array(dtype=wp.vec3),
-    any_out: wp.array(dtype=int),
-):
-    i = wp.tid()
-    found = traverse_scalar(tree, origins[i], directions[i], 0.0, 1.0e30, False)
-    triangle_out[i] = wp.cast(found[0], wp.int32)
-    tuv_out[i] = wp.vec3(found[1], found[2], found[3])
-    found = traverse_scalar(tree, origins[i], directions[i], 0.0, 1.0e30, True)
-    any_out[i] = int(wp.cast(found[0], wp.int32) >= 0)
+cast_scalar = make_cast(f"#define WRT_VECTORS 0\n{_INTRINSICS}{text_of('traversal.h')}", "scalar")
 
 
 @pytest.mark.parametrize("name", ["soup", "large triangles", "coincident pairs", "coplanar y", "one far away"])

@@ -13,7 +13,7 @@ import warp as wp
 from conftest import ROOT, Report
 from support.exact_rays import Reason, explain, woop
 from support.kernels import upload
-from test_bvh import HARD, Tree, build, build_indexed, cast_rays, check, rays, soup
+from test_bvh import HARD, Tree, build, build_indexed, cast_rays, check, make_cast, rays, soup
 
 import wrt
 from wrt.backend.device import Device
@@ -80,31 +80,7 @@ def sorted_text() -> str:
     return text.replace("WRT_VECTORS && defined(__AVX2__)", "0")
 
 
-sorted_h = at_file_level(sorted_text(), "sorted_traversal")
-
-
-@wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
-def traverse_sorted(
-    bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool
-) -> wp.vec4:
-    sorted_h()
-
-
-@wp.kernel(enable_backward=False, module="test_tree_layout.sorted")
-def cast_sorted(
-    tree: Bvh,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    triangle_out: wp.array(dtype=int),
-    tuv_out: wp.array(dtype=wp.vec3),
-    any_out: wp.array(dtype=int),
-):
-    i = wp.tid()
-    found = traverse_sorted(tree, origins[i], directions[i], 0.0, 1.0e30, False)
-    triangle_out[i] = wp.cast(found[0], wp.int32)
-    tuv_out[i] = wp.vec3(found[1], found[2], found[3])
-    found = traverse_sorted(tree, origins[i], directions[i], 0.0, 1.0e30, True)
-    any_out[i] = int(wp.cast(found[0], wp.int32) >= 0)
+cast_sorted = make_cast(sorted_text(), "sorted")
 
 
 @pytest.mark.parametrize("octant", range(8))
