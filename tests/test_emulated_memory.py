@@ -6,10 +6,14 @@ import ctypes
 
 import numpy as np
 import pytest
+import warp as wp
+from support.emulated_cuda.backend import GPU, emulated_cuda
 from support.emulated_cuda.libraries import Library, compiled
 from support.emulated_cuda.ptx import NotTranslated, parse
 from support.emulated_cuda.translation import COUNTED, to_cpp
 
+import wrt
+from wrt.backend.device import Device
 from wrt.backend.warp_backend import initialize_warp
 
 HEAD = ".version 9.0\n.target sm_90\n.address_size 64\n"
@@ -229,3 +233,12 @@ def test_instructions_are_counted() -> None:
     counts = dict(zip(COUNTED, library.counts(), strict=True))
     assert counts["instructions"] == 21
     assert (counts["ld param"], counts["st global"], counts["ld global"]) == (1, 1, 0)
+
+
+def test_the_gpu_is_gone_afterwards() -> None:
+    """Without the context, a device is what the machine has."""
+    if wp.get_cuda_device_count() == 0:
+        with pytest.raises(wrt.InputError, match="no CUDA GPU"):
+            Device("cuda")
+    with emulated_cuda():
+        assert (Device("cuda").name, Device("cuda").is_cpu) == (GPU, False)

@@ -20,7 +20,7 @@ class EmulatedCuda:
 
     def pytest_sessionstart(self) -> None:
         """Begin to emulate."""
-        self._open.enter_context(emulated_cuda())
+        self._open.enter_context(emulated_cuda(optimization=0))
 
     def pytest_sessionfinish(self) -> None:
         """Stop emulating."""
