@@ -139,6 +139,25 @@ def test_difficult_rays_hit_the_same(gpu: EmulatedBackend) -> None:
     assert (cuda.closest_hit(far + np.float32(3e38), directions).triangle == -1).all()
 
 
+def test_edges_are_closed_and_surfaces_are_left(gpu: EmulatedBackend) -> None:
+    """Rays to the edges and vertices of a closed mesh hit it; rays from its surface hit what they do on the CPU."""
+    turn = np.linalg.qr(np.random.default_rng(12).normal(size=(3, 3)))[0].astype(np.float32)
+    mesh = wrt.sphere(subdivisions=2)
+    mesh = wrt.Mesh(mesh.vertices @ turn + np.float32([3.1, -1.7, 0.3]), mesh.faces)
+    cpu, cuda = wrt.Intersector(mesh, device="cpu"), wrt.Intersector(mesh, device=GPU)
+    corners = mesh.vertices[mesh.faces]
+    aims = np.concatenate([mesh.vertices, *[0.5 * (corners[:, k] + corners[:, k - 1]) for k in range(3)]])
+    center = np.float32([3.0, -1.6, 0.4])
+    origins, directions = np.tile(center, (len(aims), 1)), aims - center
+    hits = cuda.closest_hit(origins, directions)
+    assert (hits.triangle >= 0).all()
+    np.testing.assert_array_equal(hits.triangle, cpu.closest_hit(origins, directions).triangle)
+    # The point of a hit is beside the surface by a rounding error.
+    points = origins + hits.t[:, None] * directions
+    away = np.random.default_rng(13).normal(size=points.shape).astype(np.float32)
+    np.testing.assert_array_equal(cuda.closest_hit(points, away).triangle, cpu.closest_hit(points, away).triangle)
+
+
 def test_of_coincident_triangles_the_lowest_is_hit(gpu: EmulatedBackend) -> None:
     copies = np.tile(corners_of(40, 7, 0.5), (5, 1, 1))
     mesh = mesh_of(copies)
@@ -176,7 +195,7 @@ def test_trees_cost_what_those_of_the_cpu_cost(name: str, gpu: EmulatedBackend, 
     corners = TREES[name]()
     costs = [areas(build(corners, device)) for device in ("cpu", GPU)]
     report(f"{name}: cost", costs[1], costs[0])
-    assert costs[1] == pytest.approx(costs[0], rel=0.02)
+    assert costs[1] == pytest.approx(costs[0], rel=1e-3)
 
 
 def areas(tree: Tree) -> float:
