@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.digests import Case, cases
+from support.digests import cases
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda
+from support.films_of_devices import FILMS, films_of
 from test_bvh import HARD, Tree, build, check, read_back
 from test_bvh import soup as corners_of
 from test_difficult_triangles import batches, mesh_of
@@ -26,26 +27,6 @@ GPU = "cuda:0"
 
 CASES = cases()
 
-QUICK = ("built-in-cornell-box", "built-in-still-life", "panes-perspective", "moving-moving")
-SLOW = (
-    "plain-disk",
-    "models-fisheye",
-    "distributions-panorama",
-    "principled-perspective",
-    "textures-moving",
-    "bodies-moving",
-    "clouds-perspective",
-    "deforming-moving",
-)
-"""Films: together, every feature of a render kernel. The slow ones take NVRTC 10 to 40 s each."""
-
-AGREE = 1e-3
-"""Relative difference of a pixel's colour: rough and specular surfaces multiply rounding errors by up to a thousand."""
-
-FLIPS = {"models-fisheye": 0.02}
-"""Share of pixels that may disagree, by scene. Of many lights another is chosen where a random number is at a boundary:
-on the CPU, too, a lamp that is moved by 1e-7 changes 1.3 % of the pixels of this scene."""
-
 
 @pytest.fixture(scope="module", params=[90, pytest.param(75, marks=pytest.mark.slow)], ids=["sm_90", "sm_75"])
 def gpu(request: pytest.FixtureRequest) -> Iterator[EmulatedBackend]:
@@ -54,42 +35,19 @@ def gpu(request: pytest.FixtureRequest) -> Iterator[EmulatedBackend]:
         yield backend
 
 
-def film(case: Case, device: str) -> wrt.Renderer:
-    renderer = wrt.Renderer(case.make(), **{"width": 45, "height": 31, "device": device, **case.options})
-    for _ in renderer.passes(spp=4):
-        pass
-    return renderer
-
-
-@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize("name", [*FILMS[:4], *(pytest.param(name, marks=pytest.mark.slow) for name in FILMS[4:])])
 def test_films_agree(name: str, gpu: EmulatedBackend, report: Report) -> None:
-    if gpu.architecture_of(GPU) != 90 and name in SLOW:
+    if gpu.architecture_of(GPU) != 90 and name in FILMS[4:]:
         pytest.skip("no source of ours asks for the architecture: a few films tell as much as all, which take minutes")
-    cpu, before = film(CASES[name], "cpu"), dict(gpu.launches)
-    cuda = film(CASES[name], GPU)
+    before = dict(gpu.launches)
+    films = films_of(name, CASES[name], GPU)
     launched = {kernel for kernel, count in gpu.launches.items() if count > before.get(kernel, 0)}
     assert any(kernel.endswith("render_pass") for kernel in launched)
     assert {"build_subtrees", "write_nodes"} <= launched
-    report(f"{name}: rays", cuda.rays, cpu.rays)
-    assert cuda.rays == cpu.rays
-    assert (cuda.film.counts == cpu.film.counts).all()
-    assert cuda.film.rejected == cpu.film.rejected
-    layers = cuda.layers()
-    for layer, a in [("radiance", cpu.image()), *cpu.layers().items()]:
-        difference = relative(a, layers.get(layer, cuda.image()))
-        report(f"{name}, {layer}: pixels that agree", float((difference <= AGREE).mean()), 1.0 - FLIPS.get(name, 0.0))
-        assert (difference > AGREE).mean() <= FLIPS.get(name, 0.0), layer
-    assert cpu.image().std() > 0.0
-
-
-def relative(a: NDArray, b: NDArray) -> NDArray:
-    """Return the difference of each pixel's brightest channel, of the larger of both or of a thousandth of the mean."""
-    a, b = np.atleast_3d(a).astype(np.float64), np.atleast_3d(b).astype(np.float64)
-    finite = np.isfinite(a)
-    assert (finite == np.isfinite(b)).all()
-    a, b = np.where(finite, a, 0.0), np.where(finite, b, 0.0)
-    size = np.maximum(np.abs(a), np.abs(b))
-    return np.abs(a - b).max(axis=2) / np.maximum(size.max(axis=2), 1e-3 * size.mean() + 1e-30)
+    report(f"{name}: rays", films.rays[1], films.rays[0])
+    for layer, share in films.agreeing.items():
+        report(f"{name}, {layer}: pixels that agree", share)
+    assert films.problems == []
 
 
 @pytest.mark.parametrize("name", ["single", "in turn", "packets"])
