@@ -46,6 +46,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "film": ("film", "film_statistics", "filters"),
     "checkpoints": ("checkpoint", "fingerprint"),
     "colours": ("image_files", "tone_curves"),
+    "cuda": ("emulated_instructions", "emulated_memory", "emulated_cuda"),
 }
 """By subject, the names of files tests/test_NAME.py."""
 

@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parent.parent
 Report = Callable[..., None]
 """report(claim, measured, expected=..., p=...): one row of the table at the end of the run."""
 
+EMULATED = "emulated-cuda"
+
 _MEASURED = "measured"
 
 # Long renders are stopped early, so no wide kernels are compiled for them. Some tests request one.
@@ -24,9 +26,10 @@ os.environ["WRT_BACKGROUND"] = "0"
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--device",
-        choices=["cpu", "cuda", "auto"],
+        choices=["cpu", "cuda", "auto", EMULATED],
         default="auto",
-        help="where kernels run: cpu, cuda (cpu as well), or auto: cuda too where there is one (default)",
+        help="where kernels run: cpu, cuda (cpu as well), auto: cuda too where there is one (default), "
+        "or emulated-cuda: kernel tests alone, as compiled for CUDA, on the CPU",
     )
 
     parser.addoption("--record", type=Path, help="write outcomes and measured rows to this file, for scripts/proofs.py")
@@ -35,6 +38,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         config.pluginmanager.register(Table(config.getoption("--record")))
+    if config.getoption("--device") == EMULATED:
+        from support.emulated_cuda.plugin import EmulatedCuda
+
+        config.pluginmanager.register(EmulatedCuda())
 
 
 LONGEST = (
@@ -92,6 +99,8 @@ def _devices(config: pytest.Config) -> list[str]:
     choice = config.getoption("--device")
     if choice == "cpu":
         return ["cpu"]
+    if choice == EMULATED:
+        return ["cuda:0"]
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR

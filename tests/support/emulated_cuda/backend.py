@@ -1,0 +1,125 @@
+"""A backend with a GPU that is not there: `device="cuda"` runs kernels as NVRTC compiles them, on the CPU."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import wrt.backend
+from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
+from wrt.backend.memory import memory_left
+from wrt.backend.warp_backend import WarpBackend, initialize_warp
+
+ARCH = 90
+"""Hopper."""
+
+GPU = "cuda:0"
+
+
+class EmulatedBackend(WarpBackend):
+    """Warp's backend, with one GPU whose memory is that of the CPU.
+
+    Attributes:
+        launches: how often each kernel was launched on the GPU, by its name in Python.
+    """
+
+    def __init__(self, arch: int = ARCH, *, optimization: int = 1, counts: bool = False) -> None:
+        """Make a GPU of an architecture.
+
+        Args:
+            arch: such as 90.
+            optimization: 0 compiles in a third of the time; 1 runs faster.
+            counts: whether to count instructions.
+        """
+        super().__init__()
+        self.launches: dict[str, int] = {}
+        self._arch, self._optimization, self._counts = arch, optimization, counts
+        self._libraries: dict[tuple[str, bytes], Library] = {}
+        self._lock = threading.RLock()
+
+    def library(self, kernel: Any) -> Library:
+        """Return the compiled module of a kernel."""
+        module = kernel.module
+        key = module.name, module.get_module_hash(BLOCK)
+        with self._lock:
+            if key not in self._libraries:
+                binary = compiled(ptx_of(module, self._arch), optimization=self._optimization, counts=self._counts)
+                self._libraries[key] = Library(binary)
+            return self._libraries[key]
+
+    def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any], *, first: int = 0) -> None:
+        """Run the threads of a grid, beginning with `first`, as Warp launches them."""
+        from warp._src.context import pack_arg
+        from warp._src.types import launch_bounds_t
+
+        declared = kernel.adj.args
+        packed = [pack_arg(kernel, a.type, a.label, v, "cpu") for a, v in zip(declared, arguments, strict=True)]
+        self.launches[kernel.key] = self.launches.get(kernel.key, 0) + 1
+        if count := math.prod(shape):
+            library = self.library(kernel)
+            name = f"{kernel.get_mangled_name()}_cuda_kernel_forward"
+            library.run(name, count, [launch_bounds_t(shape), *packed], first=first)
+
+    def is_loaded(self, kernel: Any, device: str) -> bool:
+        """Return whether a kernel can be launched at once."""
+        if device == "cpu":
+            return super().is_loaded(kernel, device)
+        return (kernel.module.name, kernel.module.get_module_hash(BLOCK)) in self._libraries
+
+    def load(self, kernel: Any, device: str) -> None:
+        """Load a kernel's module, and compile it if necessary."""
+        if device == "cpu":
+            super().load(kernel, device)
+        else:
+            self.library(kernel)
+
+    def launch(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+        """Run threads `first` to first + count − 1 of a kernel."""
+        if device == "cpu":
+            super().launch(kernel, first, count, inputs, device)
+        else:
+            self.run(kernel, (count,), [first, *inputs])
+
+    def gpus(self) -> int:
+        """Return the number of GPUs."""
+        return 1
+
+    def architecture_of(self, gpu: str) -> int:
+        """Return the compute capability of a GPU."""
+        return self._arch
+
+    def memory_of(self, gpu: str) -> int:
+        """Return the bytes of memory of a GPU."""
+        return memory_left()
+
+
+@contextlib.contextmanager
+def emulated_cuda(arch: int = ARCH, *, optimization: int = 1, counts: bool = False) -> Iterator[EmulatedBackend]:
+    """Give this process an `EmulatedBackend` as its backend, and Warp a device "cuda:0" with the CPU's memory."""
+    import warp as wp
+    from warp._src import context
+
+    initialize_warp()
+    backend = EmulatedBackend(arch, optimization=optimization, counts=counts)
+    before, real = wrt.backend._backend, wp.launch
+
+    def launch(
+        kernel: Any, dim: Any, inputs: Any = (), outputs: Any = (), *, device: Any = None, **options: Any
+    ) -> Any:
+        if not str(device).startswith("cuda"):
+            return real(kernel, dim, inputs, outputs, device=device, **options)
+        if options:
+            raise NotImplementedError(f"emulated launches take no {', '.join(options)}")
+        backend.run(kernel, (dim,) if isinstance(dim, int) else tuple(dim), [*inputs, *outputs])
+        return None
+
+    context.runtime.device_map[GPU] = context.runtime.device_map["cpu"]
+    wrt.backend._backend, wp.launch = backend, launch
+    try:
+        yield backend
+    finally:
+        wrt.backend._backend, wp.launch = before, real
+        del context.runtime.device_map[GPU]

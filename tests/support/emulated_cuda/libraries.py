@@ -1,0 +1,102 @@
+"""Compile a Warp module to PTX, that to C++, and that to code for this CPU, with the compilers of Warp."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import itertools
+import os
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from support.emulated_cuda.ptx import NotTranslated, parse
+from support.emulated_cuda.translation import COUNTED, to_cpp
+
+BLOCK = 256
+"""Threads of a block, Warp's default."""
+
+_serial = itertools.count()
+
+
+class Library:
+    """The kernels of a module, translated, compiled and loaded into this process."""
+
+    def __init__(self, binary: bytes) -> None:
+        """Load compiled C++ of `translation.to_cpp`."""
+        from warp._src import context
+
+        self._clang, self._handle = context.runtime.llvm, f"emulated_cuda_{next(_serial)}".encode()
+        if self._clang.wp_load_obj_from_bytes(binary, len(binary), self._handle, False) != 0:
+            raise RuntimeError("Warp cannot load a translated module")
+
+    def run(self, kernel: str, count: int, arguments: list[Any], *, block: int = BLOCK, first: int = 0) -> None:
+        """Run threads `first` to count − 1 of the grid that covers `count` threads, one after another.
+
+        Args:
+            kernel: its name in the PTX.
+            count: threads that have something to do; the last block is full all the same.
+            arguments: ctypes values, as the kernel declares its parameters.
+            block: threads of a block.
+            first: the first thread that runs.
+        """
+        address = self._clang.wp_lookup(self._handle, kernel.replace("$", "_").encode())
+        if not address:
+            raise NotTranslated(f"no kernel {kernel}")
+        blocks = -(-count // block)
+        places = (ctypes.c_void_p * len(arguments))(*[ctypes.addressof(argument) for argument in arguments])
+        whole = blocks * block if first == 0 else count
+        run = ctypes.CFUNCTYPE(
+            None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_uint32
+        )
+        run(address)(ctypes.addressof(places), first, whole, block, blocks)
+
+    def counts(self) -> Any:
+        """Return the counters of a module that counts, see `translation.COUNTED`."""
+        address = self._clang.wp_lookup(self._handle, b"counts")
+        return (ctypes.c_uint64 * len(COUNTED)).from_address(address)
+
+
+def compiled(ptx: str, *, optimization: int = 1, counts: bool = False) -> bytes:
+    """Return PTX as an object file for this CPU; it is kept beside Warp's kernels and found there the next time.
+
+    Raises:
+        NotTranslated: if it contains what the emulator does not know.
+    """
+    from warp._src.build import build_cpu
+
+    cpp = to_cpp(parse(ptx), counts=counts)
+    digest = hashlib.sha256(f"{optimization}\n{cpp}".encode()).hexdigest()
+    kept = _folder() / f"{digest[:32]}.o"
+    if kept.is_file():
+        return kept.read_bytes()
+    with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
+        source, binary = Path(folder) / "module.cpp", Path(folder) / "module.o"
+        source.write_text(cpp, encoding="utf-8")
+        # PTX says where operations are fused; nothing else may be.
+        build_cpu(str(binary), str(source), fuse_fp=False, optimization_level=optimization, extra_flags="-w")
+        data = binary.read_bytes()
+        os.replace(binary, kept)
+    return data
+
+
+def ptx_of(module: Any, arch: int) -> str:
+    """Return a Warp module as NVRTC compiles it for an architecture such as 90; kept like `compiled`."""
+    import warp as wp
+
+    kept = _folder() / f"{module.name[:80]}-{module.get_module_hash(BLOCK).hex()}-{arch}.ptx"
+    if not kept.is_file():
+        with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
+            os.replace(wp.compile_aot_module(module, arch=arch, use_ptx=True, module_dir=Path(folder))[0], kept)
+    return kept.read_text(encoding="latin-1")
+
+
+@cache
+def _folder() -> Path:
+    """Return the folder of what is kept."""
+    import warp as wp
+
+    folder = Path(wp.config.kernel_cache_dir) / "emulated-cuda"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,39 @@
+"""`--device emulated-cuda`: the kernel tests on the emulator, without those that are about the host."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+
+from support.emulated_cuda.backend import emulated_cuda
+
+LEFT_OUT: dict[str, str] = {}
+"""Files, or tests as FILE::NAME, that the emulator cannot run, and why."""
+
+
+class EmulatedCuda:
+    """Gives the process an emulated GPU, and leaves out the tests that it is not for."""
+
+    def __init__(self) -> None:
+        self._open = contextlib.ExitStack()
+
+    def pytest_sessionstart(self) -> None:
+        """Begin to emulate."""
+        self._open.enter_context(emulated_cuda(optimization=0))
+
+    def pytest_sessionfinish(self) -> None:
+        """Stop emulating."""
+        self._open.close()
+
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        """Deselect tests that launch no kernels, and those of LEFT_OUT."""
+        left_out = [item for item in items if not _runs(item)]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if _runs(item)]
+
+
+def _runs(item: pytest.Item) -> bool:
+    if not isinstance(item, pytest.Function) or "device" not in item.fixturenames:
+        return False
+    return not {item.path.name, f"{item.path.name}::{item.originalname}"} & set(LEFT_OUT)

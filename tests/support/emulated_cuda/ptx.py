@@ -1,0 +1,221 @@
+"""Read PTX, as NVRTC writes it, into statements (PTX ISA, NVIDIA)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+
+class NotTranslated(Exception):
+    """A module contains PTX that the emulator does not know."""
+
+
+class Instruction(NamedTuple):
+    """One instruction.
+
+    Attributes:
+        guard: the predicate that it depends on, with a leading "!" if negated; empty if there is none.
+        opcode: its parts between dots, such as ("add", "rn", "f32").
+        operands: as written; those in braces or brackets are one operand.
+    """
+
+    guard: str
+    opcode: tuple[str, ...]
+    operands: tuple[str, ...]
+
+
+class Label(NamedTuple):
+    """A place to jump to, with the targets of a `.branchtargets` table if it names one."""
+
+    name: str
+    targets: tuple[str, ...] = ()
+
+
+class Brace(NamedTuple):
+    """The begin or the end of a block with registers of its own."""
+
+    text: str
+
+
+class Registers(NamedTuple):
+    """Registers `name`0 to `name`(count − 1), or a single one if count is None."""
+
+    kind: str
+    name: str
+    count: int | None
+
+    @property
+    def names(self) -> list[str]:
+        """The names of all."""
+        return [self.name] if self.count is None else [f"{self.name}{i}" for i in range(self.count)]
+
+
+class Variable(NamedTuple):
+    """A variable in memory.
+
+    Attributes:
+        space: "global", "const", "shared" or "local".
+        align: its alignment in bytes.
+        kind: the type of an element, such as "b8".
+        name: its name.
+        count: elements; None if it is not an array.
+        values: what its first elements start with; all others are 0.
+    """
+
+    space: str
+    align: int
+    kind: str
+    name: str
+    count: int | None
+    values: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Its bytes."""
+        return bits_of(self.kind) // 8 * (1 if self.count is None else self.count)
+
+
+Statement = Instruction | Label | Brace | Registers | Variable
+
+
+class Entry(NamedTuple):
+    """A kernel."""
+
+    name: str
+    parameters: tuple[str, ...]
+    body: tuple[Statement, ...]
+
+
+class Module(NamedTuple):
+    """What a PTX file declares."""
+
+    target: str
+    variables: tuple[Variable, ...]
+    entries: tuple[Entry, ...]
+
+
+def bits_of(kind: str) -> int:
+    """Return the width of a type such as "f32"; a predicate has one bit."""
+    return 1 if kind == "pred" else int(kind.lstrip("busf"))
+
+
+_IGNORED = (
+    ".version",
+    ".address_size",
+    ".file",
+    ".loc ",
+    ".pragma",
+    ".maxntid",
+    ".minnctapersm",
+    ".maxnreg",
+    ".reqntid",
+)
+_LABEL = re.compile(r"([\w$]+):\s*(?!:)(.*)")
+_REGISTERS = re.compile(r"\.reg \.(\w+)\s+(.*);")
+_VARIABLE = re.compile(
+    r"(?:\.(?:visible|weak|extern|common) )*\.(global|const|shared|local)\s+(?:\.align (\d+) )?\.(\w+)\s+([\w$]+)"
+    r"(?:\[(\d*)\])?(?:\s*=\s*(.*))?;"
+)
+
+
+def parse(text: str) -> Module:
+    """Parse a module.
+
+    Raises:
+        NotTranslated: on functions, and on what is no PTX.
+    """
+    lines = _Lines(text)
+    target, variables, entries = "", [], []
+    for line in lines:
+        if line.startswith(".target"):
+            target = line.split()[1].rstrip(",")
+        elif re.match(r"(?:\.(?:visible|weak) )*\.entry ", line):
+            entries.append(_entry(line, lines))
+        elif not line.startswith(_IGNORED):
+            variables.append(_variable(lines.statement(line)))
+    return Module(target, tuple(variables), tuple(entries))
+
+
+class _Lines:
+    """The lines of a file without comments and empty ones."""
+
+    def __init__(self, text: str) -> None:
+        self._rest = iter(text.rstrip("\0").split("\n"))
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self._rest:
+            text = line.split("//", 1)[0].strip()
+            if text:
+                yield " ".join(text.split())
+
+    def until(self, line: str, end: str) -> str:
+        """Return a line together with those that follow, up to one that contains `end`."""
+        while end not in line:
+            line += " " + next(iter(self))
+        return line
+
+    def statement(self, line: str) -> str:
+        """Return a line with the rest of its statement."""
+        return self.until(line, ";")
+
+
+def _entry(line: str, lines: _Lines) -> Entry:
+    head = lines.until(line, ")")
+    name = re.search(r"\.entry ([\w$]+)", head)
+    assert name is not None
+    inside = head.partition("(")[2].rpartition(")")[0]
+    parameters = tuple(re.split(r"[\s\[]", part.strip().rpartition(".")[2])[1] for part in inside.split(",") if part)
+    return Entry(name[1], parameters, tuple(_body(lines)))
+
+
+def _body(lines: _Lines) -> Iterator[Statement]:
+    depth = 0
+    for line in lines:
+        if line in ("{", "}"):
+            depth += 1 if line == "{" else -1
+            if depth == 0:
+                return
+            if depth > 1 or line == "}":
+                yield Brace(line)
+        elif found := _LABEL.fullmatch(line):
+            rest = found[2]
+            if rest.startswith(".branchtargets"):
+                targets = lines.statement(rest).removeprefix(".branchtargets").rstrip(";")
+                yield Label(found[1], tuple(target.strip() for target in targets.split(",")))
+                continue
+            yield Label(found[1])
+            if rest:
+                yield _statement(lines.statement(rest))
+        elif not line.startswith(_IGNORED):
+            yield _statement(lines.statement(line))
+
+
+def _statement(text: str) -> Statement:
+    if found := _REGISTERS.fullmatch(text):
+        name, _, count = found[2].rstrip(">").partition("<")
+        return Registers(found[1], name.strip(), int(count) if count else None)
+    if text.startswith("."):
+        return _variable(text)
+    return instruction(text)
+
+
+def instruction(text: str) -> Instruction:
+    """Parse one instruction, such as "@%p1 add.s32 %r1, %r2, 3;"."""
+    text = " ".join(text.rstrip("; ").split())
+    guard = ""
+    if text.startswith("@"):
+        guard, _, text = text[1:].partition(" ")
+    opcode, _, rest = text.partition(" ")
+    operands = re.split(r",(?![^{\[]*[}\]])", rest) if rest else []
+    return Instruction(guard, tuple(opcode.split(".")), tuple(operand.strip() for operand in operands))
+
+
+def _variable(text: str) -> Variable:
+    found = _VARIABLE.fullmatch(text)
+    if found is None:
+        raise NotTranslated(text[:100])
+    space, align, kind, name, count, start = found.groups()
+    values = () if start is None else tuple(value.strip() for value in start.strip("{} ").split(","))
+    size = bits_of(kind) // 8
+    return Variable(space, int(align or size), kind, name, None if count is None else int(count or 0), values)

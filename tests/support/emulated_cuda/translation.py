@@ -1,0 +1,135 @@
+"""Translate a module of PTX to C++: for each kernel, a function that runs a range of its threads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from support.emulated_cuda.operands import Operands, name_of, unsigned
+from support.emulated_cuda.operations import SPACES, translate
+from support.emulated_cuda.ptx import (
+    Brace,
+    Entry,
+    Instruction,
+    Label,
+    Module,
+    NotTranslated,
+    Registers,
+    Statement,
+    Variable,
+    bits_of,
+)
+
+PRELUDE = (Path(__file__).parent / "prelude.h").read_text(encoding="utf-8")
+
+COUNTED = ("instructions", *(f"{what} {space}" for what in ("ld", "st") for space in SPACES), "other")
+"""What a module that counts has in its array `counts`."""
+
+_THREAD = "char* const* P, char* shared, const u32 tid_x, const u32 ntid_x, const u32 ctaid_x, const u32 nctaid_x"
+
+
+def to_cpp(module: Module, *, counts: bool = False) -> str:
+    """Return a module as C++.
+
+    Each kernel becomes `void NAME(char* const* P, u64 first, u64 last, u32 block, u32 blocks)`, which runs the threads
+    `first` to last − 1 of a grid of `blocks` blocks of `block` threads. P has the addresses of the arguments.
+
+    Args:
+        module: the PTX.
+        counts: whether to count instructions in the array `counts`, see COUNTED.
+
+    Raises:
+        NotTranslated: listing everything in it that the emulator does not know.
+    """
+    addresses, shared, out = {}, 0, [PRELUDE]
+    if counts:
+        out.append(f'extern "C" {{ u64 counts[{len(COUNTED)}]; }}')
+    used = {op for entry in module.entries for op in _names(entry.body)}
+    for variable in module.variables:
+        if variable.space == "shared":
+            shared = -(-shared // variable.align) * variable.align
+            addresses[variable.name] = str(shared)
+            shared += variable.size
+        elif variable.name in used:
+            out.append(_variable(variable))
+            addresses[variable.name] = f"(u64){name_of(variable.name)}"
+    unknown: list[str] = []
+    for entry in module.entries:
+        out += _entry(entry, addresses, shared, unknown, counts)
+    if unknown:
+        raise NotTranslated(", ".join(dict.fromkeys(unknown)))
+    return "\n".join(out) + "\n"
+
+
+def _names(body: tuple[Statement, ...]) -> Iterator[str]:
+    """Yield the names in operands, of variables among others."""
+    for statement in body:
+        if isinstance(statement, Instruction):
+            for operand in statement.operands:
+                yield operand.strip("[]").partition("+")[0]
+
+
+def _variable(variable: Variable) -> str:
+    kind = unsigned(bits_of(variable.kind))
+    values = [f"({kind}){_constant(value, variable.kind)}" for value in variable.values]
+    start = f" = {{{', '.join(values)}}}" if values else ""
+    count = 1 if variable.count is None else variable.count
+    return f"alignas({variable.align}) static {kind} {name_of(variable.name)}[{count}]{start};"
+
+
+def _constant(value: str, kind: str) -> str:
+    return Operands({}).value(value, "u" + kind[1:] if kind[0] in "fb" else kind)
+
+
+def _entry(entry: Entry, addresses: dict[str, str], shared: int, unknown: list[str], counts: bool) -> Iterator[str]:
+    """Yield the function of a thread of a kernel, and the one that runs many; add to `unknown`."""
+    parameters = {name: f"(u64)P[{i}]" for i, name in enumerate(entry.parameters)}
+    operands = Operands({**addresses, **parameters})
+    operands.tables = {s.name: s.targets for s in entry.body if isinstance(s, Label) and s.targets}
+    for statement in entry.body:
+        if isinstance(statement, Variable) and statement.space == "shared":
+            shared = -(-shared // statement.align) * statement.align
+            operands.addresses[statement.name] = str(shared)
+            shared += statement.size
+    yield f"static void {name_of(entry.name)}_thread({_THREAD}) {{"
+    for statement in entry.body:
+        try:
+            yield _statement(statement, operands, counts)
+        except NotTranslated as error:
+            unknown.append(str(error))
+    yield "}"
+    yield f"""extern "C" void {name_of(entry.name)}(char* const* P, u64 first, u64 last, u32 block, u32 blocks) {{
+    alignas(64) char shared[{max(shared, 1)}];
+    for (u64 i = first; i < last; ++i) {name_of(entry.name)}_thread(P, shared, i % block, block, i / block, blocks);
+}}"""
+
+
+def _statement(statement: Statement, operands: Operands, counts: bool) -> str:
+    if isinstance(statement, Brace):
+        return statement.text
+    if isinstance(statement, Label):
+        return "" if statement.targets else f"{name_of(statement.name)}:;"
+    if isinstance(statement, Registers):
+        operands.registers |= dict.fromkeys(statement.names, bits_of(statement.kind))
+        return f"{unsigned(bits_of(statement.kind))} {', '.join(map(name_of, statement.names))};"
+    if isinstance(statement, Variable):
+        if statement.space == "shared":
+            return ""
+        if statement.space != "local":
+            raise NotTranslated(f"{statement.space} {statement.name} in a kernel")
+        name = name_of(statement.name)
+        operands.addresses[statement.name] = f"(u64){name}"
+        return f"alignas({statement.align}) char {name}[{statement.size}];"
+    body = translate(statement, operands)
+    if counts:
+        body = f"++counts[{_counter(statement)}]; {body}"
+    guard = f"if ({operands.value(statement.guard, 'pred')}) " if statement.guard else ""
+    issued = "++counts[0]; " if counts else ""  # whether its predicate holds or not
+    return f"{issued}{guard}{{ {body} }}"
+
+
+def _counter(instruction: Instruction) -> int:
+    """Return the place in COUNTED that an instruction belongs to besides the first."""
+    space = next((part for part in instruction.opcode[1:] if part in SPACES), "")
+    name = f"{instruction.opcode[0]} {space}"
+    return COUNTED.index(name if name in COUNTED else "other")

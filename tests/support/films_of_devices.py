@@ -1,0 +1,91 @@
+"""The same film by two devices: how far they agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import wrt
+from support.digests import Case
+
+FILMS = (
+    "built-in-cornell-box",
+    "built-in-still-life",
+    "panes-perspective",
+    "moving-moving",
+    "plain-disk",
+    "models-fisheye",
+    "distributions-panorama",
+    "principled-perspective",
+    "textures-moving",
+    "bodies-moving",
+    "clouds-perspective",
+    "deforming-moving",
+)
+"""Names in `digests.cases()`: together, every feature of a render kernel. From the fifth on they compile for long."""
+
+AGREE = 1e-3
+"""Relative difference of a pixel's colour: rough and specular surfaces multiply rounding errors by up to a thousand."""
+
+FLIPS = {"models-fisheye": 0.02}
+"""Share of pixels that may disagree, by film. Of many lights another is chosen where a random number is at a boundary:
+on the CPU, too, a lamp that is moved by 1e-7 changes 1.3 % of the pixels of this scene."""
+
+
+@dataclass(frozen=True)
+class Films:
+    """A film by the CPU and by another device.
+
+    Attributes:
+        name: the case.
+        rays: of the CPU, and of the device.
+        counts_agree: whether every pixel has as many samples, and as many that were rejected.
+        agreeing: by layer, the share of pixels that differ by no more than AGREE.
+    """
+
+    name: str
+    rays: tuple[int, int]
+    counts_agree: bool
+    agreeing: dict[str, float]
+
+    @property
+    def problems(self) -> list[str]:
+        """What does not agree."""
+        least = 1.0 - FLIPS.get(self.name, 0.0)
+        found = [f"{layer}: {share:.2%} of pixels" for layer, share in self.agreeing.items() if share < least]
+        if self.rays[0] != self.rays[1]:
+            found.append(f"{self.rays[1]} rays instead of {self.rays[0]}")
+        return found if self.counts_agree else [*found, "numbers of samples"]
+
+
+def films_of(name: str, case: Case, device: str) -> Films:
+    """Render a case of `digests.cases` on the CPU and on a device."""
+    cpu, other = (_rendered(case, each) for each in ("cpu", device))
+    counts = bool((cpu.film.counts == other.film.counts).all()) and cpu.film.rejected == other.film.rejected
+    layers = other.layers()
+    pairs = {"radiance": (cpu.image(), other.image())} if cpu.renders_light else {}
+    pairs |= {layer: (values, layers[layer]) for layer, values in cpu.layers().items()}
+    agreeing = {layer: float((relative_difference(*pair) <= AGREE).mean()) for layer, pair in pairs.items()}
+    return Films(name, (cpu.rays, other.rays), counts, agreeing)
+
+
+def _rendered(case: Case, device: str) -> wrt.Renderer:
+    renderer = wrt.Renderer(case.make(), **{"width": 45, "height": 31, "device": device, **case.options})
+    for _ in renderer.passes(spp=4):
+        pass
+    assert not renderer.renders_light or renderer.image().std() > 0.0
+    return renderer
+
+
+def relative_difference(a: NDArray, b: NDArray) -> NDArray:
+    """Return each pixel's largest difference, relative to its brightest channel or to a thousandth of the mean."""
+    a, b = np.atleast_3d(a).astype(np.float64), np.atleast_3d(b).astype(np.float64)
+    finite = np.isfinite(a)
+    if (finite != np.isfinite(b)).any():
+        return np.full(a.shape[:2], np.inf)
+    a, b = np.where(finite, a, 0.0), np.where(finite, b, 0.0)
+    size = np.maximum(np.abs(a), np.abs(b))
+    difference: NDArray = np.abs(a - b).max(axis=2) / np.maximum(size.max(axis=2), 1e-3 * size.mean() + 1e-30)
+    return difference

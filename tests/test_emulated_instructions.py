@@ -1,0 +1,252 @@
+"""The emulator of CUDA computes what the PTX manual says (`support/emulated_cuda`).
+
+Each row is compiled as a kernel whose thread i takes the operands of its i-th case. Results are those of the manual's
+tables and pseudo-code, or exact fractions rounded in Python.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from support.emulated_cuda.libraries import Library, compiled
+from support.ptx_reference import Row, random_rows, rounding_rows
+
+from wrt.backend.warp_backend import initialize_warp
+
+NAN, INF, TINY = math.nan, math.inf, 2.0**-149
+LOW, HIGH = -(2**31), 2**31 - 1
+
+HEAD = ".version 9.0\n.target sm_90\n.address_size 64\n"
+REGISTERS = {"pred": "pred", "16": "b16", "32": "b32", "64": "b64", "f32": "f32", "f64": "f64"}
+
+ROWS: list[Row] = [
+    # Shifts by the width and more; bit fields beyond the end; counting bits.
+    ("shl.b32", "b32 u32 -> u32", [(1, 31, 1 << 31), (1, 32, 0), (3, 31, 1 << 31), (1, 2**32 - 1, 0)]),
+    ("shl.b64", "b64 u32 -> u64", [(1, 63, 1 << 63), (1, 64, 0)]),
+    ("shl.b16", "b16 u32 -> u16", [(1, 15, 1 << 15), (1, 16, 0), (0xFFFF, 8, 0xFF00)]),
+    ("shr.u32", "u32 u32 -> u32", [(1 << 31, 31, 1), (1 << 31, 32, 0), (1 << 31, 255, 0)]),
+    ("shr.s32", "s32 u32 -> s32", [(LOW, 31, -1), (LOW, 32, -1), (LOW, 1000, -1), (HIGH, 40, 0)]),
+    ("shr.s64", "s64 u32 -> s64", [(-8, 1, -4), (-8, 64, -1), (8, 64, 0)]),
+    ("shr.s16", "s16 u32 -> s16", [(-4, 1, -2), (-4, 16, -1)]),
+    ("brev.b32", "b32 -> u32", [(1, 1 << 31), (0x12345678, 0x1E6A2C48), (0, 0)]),
+    ("brev.b64", "b64 -> u64", [(1, 1 << 63), (1 << 32, 1 << 31)]),
+    ("clz.b32", "b32 -> u32", [(0, 32), (1, 31), (2**32 - 1, 0)]),
+    ("clz.b64", "b64 -> u32", [(0, 64), (1, 63)]),
+    ("popc.b32", "b32 -> u32", [(0, 0), (2**32 - 1, 32), (0x80000001, 2)]),
+    ("popc.b64", "b64 -> u32", [(2**64 - 1, 64), (1 << 40, 1)]),
+    ("bfind.u32", "u32 -> u32", [(0, 2**32 - 1), (1, 0), (1 << 31, 31)]),
+    ("bfind.s32", "s32 -> u32", [(-1, 2**32 - 1), (-2, 0), (LOW, 30), (HIGH, 30)]),
+    ("bfind.shiftamt.u32", "u32 -> u32", [(0, 2**32 - 1), (1, 31), (1 << 31, 0)]),
+    # Whole numbers.
+    ("add.s32", "s32 s32 -> s32", [(HIGH, 1, LOW)]),
+    ("sub.u64", "u64 u64 -> u64", [(0, 1, 2**64 - 1)]),
+    ("mul.lo.s32", "s32 s32 -> s32", [(HIGH, 2, -2), (-3, 5, -15)]),
+    ("mul.lo.u16", "u16 u16 -> u16", [(0xFFFF, 0xFFFF, 1)]),
+    ("mul.hi.u32", "u32 u32 -> u32", [(2**32 - 1, 2**32 - 1, 2**32 - 2)]),
+    ("mul.hi.s32", "s32 s32 -> s32", [(-1, 1, -1), (LOW, LOW, 1 << 30)]),
+    ("mul.hi.u64", "u64 u64 -> u64", [(2**64 - 1, 2**64 - 1, 2**64 - 2)]),
+    ("mul.hi.s64", "s64 s64 -> s64", [(-1, 1, -1)]),
+    ("mul.wide.s32", "s32 s32 -> s64", [(LOW, 2, -(2**32)), (-1, -1, 1)]),
+    ("mul.wide.u32", "u32 u32 -> u64", [(2**32 - 1, 2, 2**33 - 2)]),
+    ("mul.wide.u16", "u16 u16 -> u32", [(0xFFFF, 0xFFFF, 0xFFFE0001)]),
+    ("mul.wide.s16", "s16 s16 -> s32", [(-1, 3, -3)]),
+    ("mad.lo.s32", "s32 s32 s32 -> s32", [(HIGH, 2, 3, 1), (-3, 5, 1, -14)]),
+    ("mad.wide.u32", "u32 u32 u64 -> u64", [(2**32 - 1, 2**32 - 1, 2**33, 1)]),
+    ("mad.hi.s32", "s32 s32 s32 -> s32", [(-1, 1, 1, 0)]),
+    ("div.s32", "s32 s32 -> s32", [(-7, 2, -3), (7, -2, -3), (LOW, -1, LOW)]),
+    ("rem.s32", "s32 s32 -> s32", [(-7, 2, -1), (7, -2, 1), (LOW, -1, 0)]),
+    ("div.u32", "u32 u32 -> u32", [(2**32 - 1, 2, 2**31 - 1)]),
+    ("rem.u64", "u64 u64 -> u64", [(2**64 - 1, 10, 5)]),
+    ("neg.s32", "s32 -> s32", [(5, -5), (LOW, LOW)]),
+    ("abs.s32", "s32 -> s32", [(-5, 5), (LOW, LOW), (7, 7)]),
+    ("not.b32", "b32 -> u32", [(0, 2**32 - 1)]),
+    ("not.b16", "b16 -> u16", [(1, 0xFFFE)]),
+    ("cnot.b32", "b32 -> u32", [(0, 1), (7, 0)]),
+    ("min.s32", "s32 s32 -> s32", [(-1, 1, -1)]),
+    ("min.u32", "u32 u32 -> u32", [(2**32 - 1, 1, 1)]),
+    ("max.s64", "s64 s64 -> s64", [(-1, 1, 1)]),
+    ("max.u16", "u16 u16 -> u16", [(0xFFFF, 1, 0xFFFF)]),
+    ("xor.b32", "b32 b32 -> u32", [(0b1100, 0b1010, 0b0110)]),
+    ("and.b64", "b64 b64 -> u64", [(2**64 - 1, 1 << 63, 1 << 63)]),
+    ("or.b16", "b16 b16 -> u16", [(0xF0, 0x0F, 0xFF)]),
+    # Numbers: signs of zero, NaN, infinity, saturation, flushing.
+    ("min.f32", "f32 f32 -> f32", [(NAN, 1.0, 1.0), (1.0, NAN, 1.0), (0.0, -0.0, -0.0), (-0.0, 0.0, -0.0)]),
+    ("max.f32", "f32 f32 -> f32", [(NAN, 1.0, 1.0), (1.0, NAN, 1.0), (0.0, -0.0, 0.0), (-0.0, 0.0, 0.0)]),
+    ("min.f64", "f64 f64 -> f64", [(NAN, NAN, NAN), (-0.0, 0.0, -0.0), (3.0, 2.0, 2.0)]),
+    ("max.f64", "f64 f64 -> f64", [(NAN, -1.0, -1.0), (-0.0, 0.0, 0.0)]),
+    ("add.sat.f32", "f32 f32 -> f32", [(0.5, 0.75, 1.0), (-0.5, 0.25, 0.0), (0.25, 0.5, 0.75), (NAN, 1.0, 0.0)]),
+    ("mul.ftz.f32", "f32 f32 -> f32", [(2.0**-126, 0.5, 0.0), (-TINY, 2.0**100, -0.0), (3.0, 2.0, 6.0)]),
+    ("mul.f32", "f32 f32 -> f32", [(2.0**-126, 0.5, 2.0**-127), (INF, 0.0, NAN)]),
+    ("fma.rn.f32", "f32 f32 f32 -> f32", [(1 + 2.0**-12, 1 - 2.0**-12, -1.0, -(2.0**-24)), (INF, 0.0, 1.0, NAN)]),
+    ("mad.rn.f64", "f64 f64 f64 -> f64", [(1 + 2.0**-27, 1 - 2.0**-27, -1.0, -(2.0**-54))]),
+    ("div.rn.f32", "f32 f32 -> f32", [(1.0, 0.0, INF), (-1.0, 0.0, -INF), (0.0, 0.0, NAN), (1.0, -INF, -0.0)]),
+    ("sqrt.rn.f32", "f32 -> f32", [(-1.0, NAN), (-0.0, -0.0), (2.0, float(np.sqrt(np.float32(2.0))))]),
+    ("rcp.rn.f32", "f32 -> f32", [(3.0, float(np.float32(1) / np.float32(3))), (-0.0, -INF)]),
+    ("rsqrt.approx.f32", "f32 -> f32", [(4.0, 0.5), (0.0, INF), (-1.0, NAN)]),
+    ("ex2.approx.f32", "f32 -> f32", [(3.0, 8.0), (-INF, 0.0)]),
+    ("lg2.approx.f32", "f32 -> f32", [(8.0, 3.0), (0.0, -INF), (-1.0, NAN)]),
+    ("sin.approx.f32", "f32 -> f32", [(0.0, 0.0)]),
+    ("cos.approx.f32", "f32 -> f32", [(0.0, 1.0)]),
+    ("abs.f32", "f32 -> f32", [(-0.0, 0.0), (-2.0, 2.0)]),
+    ("neg.f64", "f64 -> f64", [(0.0, -0.0)]),
+    ("copysign.f32", "f32 f32 -> f32", [(-1.0, 3.0, -3.0), (1.0, -3.0, 3.0)]),  # the first gives the sign
+    # Conversions.
+    ("cvt.rzi.s32.f32", "f32 -> s32", [(-1.9, -1), (3e9, HIGH), (-3e9, LOW), (NAN, 0), (INF, HIGH)]),
+    ("cvt.rni.s32.f32", "f32 -> s32", [(0.5, 0), (1.5, 2), (2.5, 2), (-1.5, -2)]),
+    ("cvt.rmi.s32.f32", "f32 -> s32", [(-0.5, -1), (0.5, 0)]),
+    ("cvt.rpi.s32.f32", "f32 -> s32", [(-0.5, 0), (0.5, 1)]),
+    ("cvt.rzi.u32.f32", "f32 -> u32", [(-1.0, 0), (5e9, 2**32 - 1), (NAN, 0), (3e9, 3000000000)]),
+    ("cvt.rzi.s64.f32", "f32 -> s64", [(NAN, -(2**63)), (1e30, 2**63 - 1), (-1e30, -(2**63)), (-7.5, -7)]),
+    ("cvt.rzi.u64.f64", "f64 -> u64", [(NAN, 1 << 63), (1e30, 2**64 - 1), (-1.0, 0), (2.0**63, 1 << 63)]),
+    ("cvt.rzi.s32.f64", "f64 -> s32", [(NAN, LOW), (-1e10, LOW), (1e10, HIGH)]),
+    ("cvt.rzi.u16.f32", "f32 -> u16", [(70000.0, 65535), (-3.0, 0), (12.7, 12)]),
+    ("cvt.rzi.s8.f32", "f32 -> s16", [(300.0, 127), (-300.0, -128)]),
+    ("cvt.rni.f32.f32", "f32 -> f32", [(2.5, 2.0), (-0.4, -0.0)]),
+    ("cvt.rmi.f32.f32", "f32 -> f32", [(-2.5, -3.0)]),
+    ("cvt.rpi.f64.f64", "f64 -> f64", [(2.1, 3.0)]),
+    ("cvt.rzi.f32.f32", "f32 -> f32", [(-2.9, -2.0)]),
+    ("cvt.sat.f32.f32", "f32 -> f32", [(2.0, 1.0), (-1.0, 0.0), (NAN, 0.0), (0.25, 0.25)]),
+    ("cvt.rn.f32.f64", "f64 -> f32", [(1 + 2.0**-24, 1.0), (1 + 3 * 2.0**-25, 1 + 2.0**-23), (1e300, INF)]),
+    ("cvt.rz.f32.f64", "f64 -> f32", [(1 + 1.9 * 2.0**-23, 1 + 2.0**-23), (-1 - 1.9 * 2.0**-23, -1 - 2.0**-23)]),
+    ("cvt.rp.f32.f64", "f64 -> f32", [(1 + 2.0**-40, 1 + 2.0**-23), (-1 - 2.0**-40, -1.0)]),
+    ("cvt.rm.f32.s32", "s32 -> f32", [(2**24 + 1, 2.0**24), (-(2**24) - 1, -(2.0**24) - 2)]),
+    ("cvt.rn.f32.s32", "s32 -> f32", [(2**24 + 1, 2.0**24), (2**24 + 3, 2.0**24 + 4), (-1, -1.0)]),
+    ("cvt.rn.f32.u32", "u32 -> f32", [(2**32 - 1, 2.0**32)]),
+    ("cvt.rn.f64.u64", "u64 -> f64", [(2**64 - 1, 2.0**64)]),
+    ("cvt.f64.f32", "f32 -> f64", [(0.5, 0.5), (TINY, TINY)]),
+    ("cvt.s64.s32", "s32 -> s64", [(-1, -1)]),
+    ("cvt.u64.u32", "u32 -> u64", [(2**32 - 1, 2**32 - 1)]),
+    ("cvt.s32.s8", "s32 -> s32", [(0x1FF, -1), (0x80, -128)]),
+    ("cvt.u32.u16", "u32 -> u32", [(0x1FFFF, 0xFFFF)]),
+    ("cvt.s32.s16", "u16 -> s32", [(0xFFFF, -1)]),
+    ("cvt.sat.u8.s32", "s32 -> u16", [(300, 255), (-5, 0), (17, 17)]),
+    ("cvt.sat.s16.s32", "s32 -> s16", [(40000, 32767), (-40000, -32768)]),
+    ("cvt.sat.s32.u32", "u32 -> s32", [(2**32 - 1, HIGH)]),
+    ("cvt.u32.u64", "u64 -> u32", [(2**32 + 7, 7)]),
+]  # fmt: skip
+
+# Comparisons: a NaN is neither less nor equal nor greater; the forms that end in u are true of it.
+_PAIRS: list[tuple[float, float]] = [
+    (1.0, 2.0),
+    (2.0, 2.0),
+    (3.0, 2.0),
+    (NAN, 2.0),
+    (2.0, NAN),
+    (-0.0, 0.0),
+    (INF, INF),
+]
+_COMPARISONS: dict[str, Callable[[float, float], bool]] = {
+    "eq": lambda a, b: a == b,
+    "ne": lambda a, b: a != b,
+    "lt": lambda a, b: a < b,
+    "le": lambda a, b: a <= b,
+    "gt": lambda a, b: a > b,
+    "ge": lambda a, b: a >= b,
+}
+
+
+def _compared(how: str, a: float, b: float) -> bool:
+    if math.isnan(a) or math.isnan(b):
+        return how.endswith("u") or how == "nan"
+    return how == "num" or (how != "nan" and _COMPARISONS[how.removesuffix("u")](a, b))
+
+
+ROWS += [
+    (f"setp.{how}.{kind}", f"{kind} {kind} -> pred", [(a, b, _compared(how, a, b)) for a, b in _PAIRS])
+    for kind in ("f32", "f64")
+    for how in (*_COMPARISONS, *(f"{name}u" for name in _COMPARISONS), "num", "nan")
+]
+ROWS += [
+    ("setp.lt.s32", "s32 s32 -> pred", [(-1, 1, True), (1, -1, False)]),
+    ("setp.lt.u32", "u32 u32 -> pred", [(2**32 - 1, 1, False), (1, 2**32 - 1, True)]),
+    ("setp.lo.u64", "u64 u64 -> pred", [(1, 2**64 - 1, True)]),
+    ("setp.hs.u32", "u32 u32 -> pred", [(2, 2, True)]),
+    ("setp.eq.b32", "b32 b32 -> pred", [(2**32 - 1, 2**32 - 1, True)]),
+    ("setp.ne.s16", "s16 s16 -> pred", [(-1, -1, False), (-1, 1, True)]),
+    ("setp.lt.and.s32", "s32 s32 pred -> pred", [(-1, 1, True, True), (-1, 1, False, False), (1, 1, True, False)]),
+    ("setp.lt.or.s32", "s32 s32 pred -> pred", [(1, 1, True, True), (1, 1, False, False)]),
+    ("setp.lt.xor.s32", "s32 s32 pred -> pred", [(-1, 1, True, False), (1, 1, True, True)]),
+    ("selp.b32", "b32 b32 pred -> u32", [(1, 2, True, 1), (1, 2, False, 2)]),
+    ("selp.f32", "f32 f32 pred -> f32", [(NAN, 2.0, True, NAN), (1.0, -0.0, False, -0.0)]),
+    ("selp.b64", "b64 b64 pred -> u64", [(1 << 40, 2, True, 1 << 40)]),
+    ("and.pred", "pred pred -> pred", [(True, True, True), (True, False, False)]),
+    ("or.pred", "pred pred -> pred", [(False, True, True), (False, False, False)]),
+    ("xor.pred", "pred pred -> pred", [(True, True, False), (True, False, True)]),
+    ("not.pred", "pred -> pred", [(True, False), (False, True)]),
+    ("mov.b32", "f32 -> u32", [(1.0, 0x3F800000), (-0.0, 1 << 31)]),
+    ("mov.b64", "u64 -> f64", [(0x3FF0000000000000, 1.0)]),
+]  # fmt: skip
+
+
+ROWS += random_rows() + rounding_rows()
+
+_CODES = {"s": {16: "h", 32: "i", 64: "q"}, "u": {16: "H", 32: "I", 64: "Q"}, "b": {16: "H", 32: "I", 64: "Q"}}
+
+
+def _register(kind: str) -> str:
+    return kind if kind in REGISTERS else REGISTERS[kind[1:]]
+
+
+def _packed(value: Any, kind: str) -> bytes:
+    """Return a value in 8 bytes."""
+    if kind == "pred":
+        return struct.pack("<Q", int(value))
+    code = {"f32": "f", "f64": "d"}.get(kind) or _CODES[kind[0]][int(kind[1:])]
+    return struct.pack(f"<{code}", value).ljust(8, b"\0")
+
+
+def _row_kernel(name: str, row: Row) -> str:
+    opcode, kinds, _ = row
+    given, _, result = kinds.partition("->")
+    kinds_in, kind_out = given.split(), result.strip()
+    text = [f".visible .entry {name}(.param .u64 {name}_param_0, .param .u64 {name}_param_1)", "{"]
+    text += [f".reg .{_register(kind)} %x{i};" for i, kind in enumerate([kind_out, *kinds_in])]
+    text += [".reg .b32 %r<3>;", ".reg .b64 %rd<5>;", ".reg .pred %p<2>;", "mov.u32 %r0, %tid.x;"]
+    text += [f"ld.param.u64 %rd0, [{name}_param_0];", f"ld.param.u64 %rd1, [{name}_param_1];"]
+    text += [f"mad.wide.u32 %rd2, %r0, {8 * len(kinds_in)}, %rd0;", "mad.wide.u32 %rd3, %r0, 8, %rd1;"]
+    for i, kind in enumerate(kinds_in):
+        if kind == "pred":
+            text += [f"ld.global.u32 %r1, [%rd2+{8 * i}];", f"setp.ne.u32 %x{i + 1}, %r1, 0;"]
+        else:
+            text.append(f"ld.global.{kind} %x{i + 1}, [%rd2+{8 * i}];")
+    text.append(f"{opcode} {', '.join(f'%x{i}' for i in range(len(kinds_in) + 1))};")
+    if kind_out == "pred":
+        text += ["selp.u32 %r2, 1, 0, %x0;", "st.global.u32 [%rd3], %r2;"]
+    else:
+        text.append(f"st.global.{kind_out} [%rd3], %x0;")
+    return "\n".join([*text, "ret;", "}"])
+
+
+@pytest.fixture(scope="module", params=[0, 1], ids=["O0", "O1"])
+def rows(request: pytest.FixtureRequest) -> Library:
+    initialize_warp()
+    return Library(
+        compiled(
+            HEAD + "\n".join(_row_kernel(f"row_{i}", row) for i, row in enumerate(ROWS)), optimization=request.param
+        )
+    )
+
+
+@pytest.mark.parametrize("i", range(len(ROWS)), ids=[row[0] for row in ROWS])
+def test_instruction(i: int, rows: Library) -> None:
+    opcode, kinds, cases = ROWS[i]
+    given, _, result = kinds.partition("->")
+    kinds_in, kind_out = given.split(), result.strip()
+    data = ctypes.create_string_buffer(
+        b"".join(_packed(value, kind) for case in cases for value, kind in zip(case, kinds_in, strict=False))
+    )
+    out = ctypes.create_string_buffer(8 * len(cases))
+    rows.run(f"row_{i}", len(cases), [ctypes.c_uint64(ctypes.addressof(x)) for x in (data, out)], block=len(cases))
+    for k, case in enumerate(cases):
+        found, expected = out.raw[8 * k : 8 * k + 8], _packed(case[-1], kind_out)
+        if isinstance(case[-1], float) and math.isnan(case[-1]):
+            number = struct.unpack("<f" if kind_out == "f32" else "<d", found[: 4 if kind_out == "f32" else 8])[0]
+            assert math.isnan(number), (opcode, case)
+        else:
+            assert found == expected, (opcode, case, found.hex())
