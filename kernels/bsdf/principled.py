@@ -37,6 +37,7 @@ from wrt.kernels.bsdf.lobes.albedo import (
 )
 from wrt.kernels.bsdf.lobes.albedo_fits import average_facet_albedo, facet_albedo
 from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen, bumpy_facet_response, facet_response
+from wrt.kernels.bsdf.lobes.dispersion import dispersive
 from wrt.kernels.bsdf.lobes.facets import mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
 from wrt.kernels.bsdf.lobes.principled_base import (
@@ -268,9 +269,12 @@ def make_principled(*features: str) -> Model:
     """Return the model with some of FEATURE_ROWS, in that order; "transmission" is for bodies, "thin" for sheets.
 
     Raises:
-        ValueError: if a feature is unknown or out of order.
+        ValueError: if a feature is unknown or out of order, or does not go with the others.
     """
-    if [f for f in FEATURE_ROWS if f in features] != list(features) or {"transmission", "thin"} <= set(features):
+    contradicts = {"transmission", "thin"} <= set(features) or (
+        "dispersion" in features and "transmission" not in features
+    )
+    if [f for f in FEATURE_ROWS if f in features] != list(features) or contradicts:
         raise ValueError(f"no principled model of {', '.join(features)}: features are {', '.join(FEATURE_ROWS)}")
     rows = rows_of(features)
     body = "transmission" in features
@@ -313,6 +317,6 @@ def make_principled(*features: str) -> Model:
                     s.eta = seen_index(bsdf)
         return s
 
-    return Model(
-        evaluate, pdf, sample, slots=len(rows), transmits=transmits, widens=True, index_slot=int(IOR) if body else -1
-    )
+    index_slot = int(IOR) if body else -1
+    model = Model(evaluate, pdf, sample, len(rows), transmits=transmits, widens=True, index_slot=index_slot)
+    return dispersive(model, rows["channels"])._replace(slots=len(rows)) if "dispersion" in features else model

@@ -22,6 +22,8 @@ FEATURE_ROWS = {
     "anisotropic": ("anisotropy", "rotation"),
     "transmission": ("transmission",),
     "thin": ("transmission",),
+    # Probabilities of the channels: `kernels/bsdf/lobes/dispersion.py`.
+    "dispersion": ("channels",),
     "coat": ("coat", "coat_roughness"),
     "sheen": ("sheen_color", "sheen_roughness"),
     "bounces": (),

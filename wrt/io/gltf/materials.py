@@ -1,8 +1,8 @@
 """Materials of glTF files.
 
 Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and the extensions KHR_materials_anisotropy,
-_clearcoat, _emissive_strength, _ior, _pbrSpecularGlossiness, _sheen, _specular, _transmission, _unlit and _volume.
-Ignored: the occlusion texture, since a path tracer computes occlusion, and backface culling.
+_clearcoat, _dispersion, _emissive_strength, _ior, _pbrSpecularGlossiness, _sheen, _specular, _transmission, _unlit and
+_volume. Ignored: the occlusion texture, since a path tracer computes occlusion, and backface culling.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from wrt.io.gltf.buffers import Tree
 from wrt.io.gltf.images import GltfImages, placement_of
 from wrt.io.mesh.parts import Part
 from wrt.scene.materials import Emissive, Material, Principled
+from wrt.scene.materials.dispersion import MOST as MOST_DISPERSION
 from wrt.scene.medium import Medium
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor, shines
 
@@ -28,7 +29,6 @@ _LEAST_LEFT = 1e-6
 
 _NOT_SUPPORTED = {
     "KHR_materials_iridescence": "iridescence",
-    "KHR_materials_dispersion": "dispersion",
     "KHR_materials_diffuse_transmission": "diffuse transmission",
 }
 
@@ -237,6 +237,9 @@ def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
         values["thin_walled"] = volume.get("thicknessFactor", 0.0) == 0.0
         if not values["thin_walled"] and share > 0.0:
             values["interior"] = _interior(volume)
+        if not values["thin_walled"]:
+            dispersion = extensions.get("KHR_materials_dispersion", {}).get("dispersion", 0.0)
+            values["dispersion"] = min(max(float(dispersion), 0.0), MOST_DISPERSION)
     if found := extensions.get("KHR_materials_clearcoat", {}):
         values["coat"] = read.number(found.get("clearcoatTexture"), "r", found.get("clearcoatFactor", 0.0))
         values["coat_roughness"] = read.number(

@@ -154,6 +154,8 @@ class WrittenMaterials:
             extensions["KHR_materials_transmission"] = found
             if not material.thin_walled:
                 extensions["KHR_materials_volume"] = self._volume(material)
+                if material.dispersion:
+                    extensions["KHR_materials_dispersion"] = {"dispersion": float(material.dispersion)}
             if material.priority:
                 self._note("priorities of bodies")
         if material.anisotropy != 0.0:
