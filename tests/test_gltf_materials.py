@@ -183,6 +183,40 @@ def test_a_volume_is_a_body_and_no_sheet(tmp_path):
     np.testing.assert_allclose(np.exp(-0.5 * np.array(interior.absorption)), [0.25, 0.5, 1.0], rtol=1e-6)
 
 
+def test_dispersion_is_that_of_a_body(tmp_path):
+    dispersion = {"KHR_materials_dispersion": {"dispersion": 0.36}}
+    sheet = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
+    body = sheet | {"KHR_materials_volume": {"thicknessFactor": 0.1}}
+    assert made(tmp_path, {"extensions": dispersion | body}).dispersion == 0.36
+    assert made(tmp_path, {"extensions": dispersion | sheet}).dispersion == 0.0
+    assert made(tmp_path, {"extensions": dispersion}).dispersion == 0.0
+    assert made(tmp_path, {"extensions": body | {"KHR_materials_dispersion": {}}}).dispersion == 0.0
+
+
+def test_iridescence_is_a_film(tmp_path):
+    def film(**values):
+        return made(tmp_path, {"extensions": {"KHR_materials_iridescence": values}})
+
+    plain = film(iridescenceFactor=0.5)
+    assert (plain.film, plain.film_ior, plain.film_thickness) == (0.5, 1.3, 400.0)
+    assert not film(iridescenceIOR=2.0).has_film
+    thick = {"iridescenceThicknessMinimum": 200.0, "iridescenceThicknessMaximum": 800.0}
+    assert film(iridescenceFactor=1.0, **thick).film_thickness == 800.0
+    for least, most in ((200.0, 800.0), (800.0, 200.0)):
+        found = film(
+            iridescenceFactor=0.5,
+            iridescenceTexture={"index": 0},
+            iridescenceIOR=1.8,
+            iridescenceThicknessMinimum=least,
+            iridescenceThicknessMaximum=most,
+            iridescenceThicknessTexture={"index": 0},
+        )
+        assert (found.film.channel, found.film.factor, found.film_ior) == ("r", (0.5,) * 3, 1.8)
+        thickness = found.film_thickness
+        nanometres = thickness.pixels[:, :, "rgb".index(thickness.channel)] * thickness.factor[0]
+        np.testing.assert_allclose(nanometres, least + (most - least) * PIXELS[:, :, 1], rtol=1e-5)
+
+
 def test_emission_with_a_texture_and_without_light(tmp_path):
     emission = made(tmp_path, {"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": {"index": 0}}).emission
     np.testing.assert_allclose(emission.pixels, linear_from_srgb(PIXELS[:, :, :3]), atol=1e-6)
@@ -279,8 +313,8 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
         with pytest.warns(InputWarning, match=message):
             (shape,) = load_shapes(write(tmp_path, "one.gltf", json.dumps(tree)))
         assert shape.material.base_color == (0.5, 0.5, 0.5)
-    with pytest.warns(InputWarning, match="iridescence of material 0 is left out"):
-        made(tmp_path, {"extensions": {"KHR_materials_iridescence": {}}})
+    with pytest.warns(InputWarning, match="diffuse transmission of material 0 is left out"):
+        made(tmp_path, {"extensions": {"KHR_materials_diffuse_transmission": {}}})
     tree["textures"][0] = {"extensions": {"KHR_texture_basisu": {"source": 0}}}
     with pytest.warns(InputWarning, match=r"its image is in a format not supported \(KHR_texture_basisu\); export"):
         load_shapes(write(tmp_path, "one.gltf", json.dumps(tree)))

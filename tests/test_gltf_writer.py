@@ -39,6 +39,10 @@ MATERIALS = {
     "glass": wrt.Principled(
         1.0, roughness=0.0, transmission=1.0, ior=1.25, interior=wrt.Medium.from_color((0.5, 0.75, 1.0), 0.5)
     ),
+    "prism": wrt.Principled(1.0, transmission=1.0, ior=2.5, dispersion=0.5),
+    "soap": wrt.Principled(
+        film=wrt.ImageTexture(picture(linear=True), channel="g"), film_thickness=350.0, film_ior=1.5
+    ),
     "sheet": wrt.Principled(0.5, transmission=0.5, thin_walled=True, specular=0.5, specular_color=(1.5, 1.0, 0.5)),
     "layers": wrt.Principled(coat=0.5, coat_roughness=0.25, sheen_color=(0.5, 0.25, 0.0), sheen_roughness=0.5),
     "brushed": wrt.Principled(metallic=1.0, anisotropy=0.5, anisotropy_rotation=0.75),
@@ -58,6 +62,17 @@ def again(scene: wrt.Scene, path: Path) -> tuple[wrt.Scene, list[str]]:
         wrt.save_scene(path, scene, force=True)
     messages = [str(each.message) for each in caught]
     return load_file(path), messages
+
+
+def test_a_film_of_varying_thickness_keeps_its_thickness(tmp_path: Path) -> None:
+    thickness = dataclasses.replace(NUMBERS, factor=(700.0,) * 3)
+    scene = wrt.Scene()
+    scene.add(QUAD, material=wrt.Principled(film_thickness=thickness))
+    material = again(scene, tmp_path / "film.glb")[0].shapes[0].material
+    read = material.film_thickness
+    found = read.pixels[..., "rgb".index(read.channel)] * read.factor[0]
+    step = np.ptp(thickness.pixels) * 700.0 / 255.0
+    np.testing.assert_allclose(found, thickness.pixels[..., 1] * 700.0, atol=0.5 * step + 1e-3)
 
 
 def same(a: object, b: object, name: str) -> None:

@@ -1,11 +1,13 @@
 """A smooth boundary between two transparent media.
 
 Fresnel's exact equations, or Schlick's approximation of them, give the probabilities of reflection and refraction.
-Refraction scales radiance by (n_i / n_t)², because the solid angle of a beam changes.
+Refraction scales radiance by (n_i / n_t)², because the solid angle of a beam changes. With dispersion each channel has
+an index of its own (`kernels/bsdf/lobes/dispersion.py`).
 """
 
 import warp as wp
 
+from wrt.kernels.bsdf.lobes.dispersion import alone, channel_at, component, shares_of
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric, fresnel_schlick
 from wrt.kernels.bsdf.record import (
     Bsdf,
@@ -22,6 +24,7 @@ from wrt.kernels.specialise import specialised
 IOR = wp.constant(0)  # n_inside / n_outside
 REFLECTANCE = wp.constant(1)  # factor of reflected light
 TRANSMITTANCE = wp.constant(2)  # factor of refracted light
+CHANNELS = wp.constant(3)  # of dispersion only: probabilities of the channels
 
 
 @wp.func
@@ -56,15 +59,15 @@ def schlick(cos_i: float, eta: float) -> float:
 
 
 @specialised()
-def make_dielectric(fresnel: str = "exact") -> Model:
-    """Return the model with Fresnel's equations ("exact") or Schlick's approximation ("schlick").
+def make_dielectric(*options: str) -> Model:
+    """Return the model with Fresnel's equations, or Schlick's approximation ("schlick"), and "dispersive" or not.
 
     Raises:
-        ValueError: for another name.
+        ValueError: for other options.
     """
-    if fresnel not in ("exact", "schlick"):
-        raise ValueError(f"no dielectric of {fresnel!r}")
-    reflectance_of = fresnel_dielectric if fresnel == "exact" else schlick
+    if options not in ((), ("schlick",), ("dispersive",), ("schlick", "dispersive")):
+        raise ValueError(f"no dielectric of {options!r}")
+    reflectance_of = schlick if "schlick" in options else fresnel_dielectric
 
     @wp.func
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
@@ -87,6 +90,47 @@ def make_dielectric(fresnel: str = "exact") -> Model:
         lobes.eta = eta
         return lobes
 
-    return Model(
+    model = Model(
         zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular, index_slot=int(IOR)
     )
+    return _dispersive(model, reflectance_of) if "dispersive" in options else model
+
+
+def _dispersive(model: Model, reflectance_of: wp.Function) -> Model:
+    """Return the model with an index for each channel: all are reflected together, but one alone is refracted.
+
+    The probability of reflection is the mean over the channels. Ray trees, which choose nothing, bend all as green.
+    """
+    specular_one = model.specular
+
+    @wp.func
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        shares = bsdf.slots[CHANNELS]
+        index = bsdf.slots[IOR]
+        reflected = wp.vec3(
+            reflectance_of(wo[2], seen_from(index[0], bsdf.front)),
+            reflectance_of(wo[2], seen_from(index[1], bsdf.front)),
+            reflectance_of(wo[2], seen_from(index[2], bsdf.front)),
+        )
+        mean = wp.dot(shares, reflected)
+        if u_lobe < mean:
+            return mirror_sample(wo, wp.cw_mul(bsdf.slots[REFLECTANCE], reflected) / mean)
+        through = shares_of(wp.cw_mul(shares, wp.vec3(1.0) - reflected))
+        channel = channel_at(through, u[0])
+        eta = seen_from(component(index, channel), bsdf.front)
+        s = mirror_sample(wo, wp.vec3(0.0))
+        if component(reflected, channel) < 1.0:
+            # The probability is the channel's times its transmittance, which cancels.
+            s.wi = refracted(wo, eta)
+            s.weight = alone(
+                channel, component(bsdf.slots[TRANSMITTANCE], channel) / (component(shares, channel) * eta * eta)
+            )
+            s.eta = eta
+        return s
+
+    @wp.func
+    def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+        bsdf.slots[IOR] = wp.vec3(bsdf.slots[IOR][1])
+        return specular_one(bsdf, wo)
+
+    return model._replace(sample=sample, specular=specular, slots=4, channels_slot=int(CHANNELS))

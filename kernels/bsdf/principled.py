@@ -37,6 +37,7 @@ from wrt.kernels.bsdf.lobes.albedo import (
 )
 from wrt.kernels.bsdf.lobes.albedo_fits import average_facet_albedo, facet_albedo
 from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen, bumpy_facet_response, facet_response
+from wrt.kernels.bsdf.lobes.dispersion import dispersive
 from wrt.kernels.bsdf.lobes.facets import mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
 from wrt.kernels.bsdf.lobes.principled_base import (
@@ -44,6 +45,7 @@ from wrt.kernels.bsdf.lobes.principled_base import (
     IOR,
     Base,
     average_schlick,
+    film_on,
     make_base_of,
     make_bumpy_of,
     make_cos_outside,
@@ -56,8 +58,12 @@ from wrt.kernels.bsdf.lobes.principled_base import (
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.bsdf.rough_dielectric import facet_normal, refraction_density
 from wrt.kernels.microfacet import bumpy_ggx, ggx
-from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
+from wrt.kernels.sampling.warps import INV_PI, lattice_point, square_to_cosine_hemisphere
 from wrt.kernels.specialise import specialised
+
+FILM_FACETS = wp.constant(4)
+FILM_CAUTION = wp.constant(0.15)
+"""So many facets tell a film's albedo to this share of what it changes, which the layer below does not get."""
 
 
 class _Energy(NamedTuple):
@@ -75,11 +81,43 @@ class _Energy(NamedTuple):
     shares: wp.Function
 
 
+@wp.func
+def film_albedo(b: Base, w: wp.vec3, white: wp.vec2, facets: int, caution: float) -> wp.vec3:
+    """Return the albedo of a dielectric's facets under a film, from that of white ones.
+
+    A few visible facets stand for all. A share `caution` of what the film changes is added, times the root of the
+    roughness.
+    """
+    plain = b.f0 * (white[0] - white[1]) + wp.vec3(b.f90 * white[1])
+    up = wp.vec3(w[0], w[1], wp.max(wp.abs(w[2]), 1.0e-4))
+    more = caution * wp.sqrt(wp.max(b.shape[0], b.shape[1]))
+    change = wp.vec3(0.0)
+    k = int(0)
+    while k < facets:
+        m = ggx.sample_normal(up, b.shape, lattice_point(k, facets))
+        found = film_on(b, wp.dot(up, m), b.f0, b.f90)
+        change += found + wp.vec3(wp.abs(found[0]), wp.abs(found[1]), wp.abs(found[2])) * more
+        k += 1
+    return plain + change * (white[0] / float(facets))
+
+
+@wp.func
+def average_film_albedo(b: Base, white: wp.vec2) -> wp.vec3:
+    """Return the mean of that over the hemisphere, 2 ∫ E μ dμ, by Gauss's quadrature with three nodes."""
+    average = wp.vec3(0.0)
+    for node in range(3):
+        mu = wp.where(node == 0, 0.2123405, wp.where(node == 1, 0.5905331, 0.9114120))
+        weight = wp.where(node == 0, 0.1396540, wp.where(node == 1, 0.4584822, 0.4018638))
+        average += film_albedo(b, wp.vec3(wp.sqrt(1.0 - mu * mu), 0.0, mu), white, 2, -FILM_CAUTION) * weight
+    return average
+
+
 @specialised()
 def _make_energy(features: tuple[str, ...]) -> _Energy:
     body = "transmission" in features
     transmits = body or "thin" in features
     bounces = "bounces" in features
+    filmed = "film" in features
 
     @wp.func
     def missing(bsdf: Bsdf, b: Base, w: wp.vec3) -> float:
@@ -96,6 +134,10 @@ def _make_energy(features: tuple[str, ...]) -> _Energy:
         dielectric = schlick_albedo(white, wp.max(b.f0), b.f90)
         below = (1.0 - b.metallic) * (1.0 - dielectric) * wp.max(b.color)
         facets = wp.lerp(dielectric, schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
+        if wp.static(filmed):
+            reflected = film_albedo(b, wo, white, 1, 0.0)
+            below = (1.0 - b.metallic) * (1.0 - wp.min(reflected)) * wp.max(b.color)
+            facets = wp.lerp(wp.max(reflected), schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
         if wp.static(transmits):
             facets += below * b.transmission
         if wp.static(body):
@@ -110,9 +152,21 @@ def _make_energy(features: tuple[str, ...]) -> _Energy:
     return _Energy(missing, bounced, shares)
 
 
+@wp.func
+def _diffuse_below_film(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, white: wp.vec2) -> wp.vec3:
+    one = wp.vec3(1.0)
+    average = one - average_film_albedo(b, average_facet_albedo(b.shape))
+    left_o = wp.max(one - film_albedo(b, wo, white, FILM_FACETS, FILM_CAUTION), wp.vec3(0.0))
+    left_i = wp.max(one - film_albedo(b, wi, facet_albedo(wi, b.shape), FILM_FACETS, FILM_CAUTION), wp.vec3(0.0))
+    let_out = wp.cw_div(wp.cw_mul(left_o, left_i), wp.max(average, wp.vec3(1.0e-4)))
+    return wp.cw_mul(b.color, let_out) * ((1.0 - b.metallic) * (1.0 - b.transmission) * INV_PI * wi[2])
+
+
 @specialised()
 def _make_diffuse(features: tuple[str, ...]) -> wp.Function:
     """Return (bsdf, base, wo, wi, white) -> f cosθi of the diffuse layer and of light that facets blocked."""
+    if "film" in features:
+        return _diffuse_below_film
     bounces = "bounces" in features
     energy = _make_energy(features)
     missing, bounced = energy.missing, energy.bounced
@@ -179,7 +233,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
     thin = "thin" in features
     transmits = body or thin
     base_of = make_base_of(features)
-    split = make_split(transmits)
+    split = make_split(transmits, "film" in features)
     outside = make_cos_outside(body)
     turned = make_turned(features)
     shares = _make_energy(features).shares
@@ -268,9 +322,12 @@ def make_principled(*features: str) -> Model:
     """Return the model with some of FEATURE_ROWS, in that order; "transmission" is for bodies, "thin" for sheets.
 
     Raises:
-        ValueError: if a feature is unknown or out of order.
+        ValueError: if a feature is unknown or out of order, or does not go with the others.
     """
-    if [f for f in FEATURE_ROWS if f in features] != list(features) or {"transmission", "thin"} <= set(features):
+    given = set(features)
+    contradicts = {"transmission", "thin"} <= given or {"film", "bounces"} <= given
+    contradicts = contradicts or ("dispersion" in given and "transmission" not in given)
+    if [f for f in FEATURE_ROWS if f in features] != list(features) or contradicts:
         raise ValueError(f"no principled model of {', '.join(features)}: features are {', '.join(FEATURE_ROWS)}")
     rows = rows_of(features)
     body = "transmission" in features
@@ -313,6 +370,6 @@ def make_principled(*features: str) -> Model:
                     s.eta = seen_index(bsdf)
         return s
 
-    return Model(
-        evaluate, pdf, sample, slots=len(rows), transmits=transmits, widens=True, index_slot=int(IOR) if body else -1
-    )
+    index_slot = int(IOR) if body else -1
+    model = Model(evaluate, pdf, sample, len(rows), transmits=transmits, widens=True, index_slot=index_slot)
+    return dispersive(model, rows["channels"])._replace(slots=len(rows)) if "dispersion" in features else model

@@ -73,6 +73,8 @@ class Model(NamedTuple):
         straight: (bsdf, wo) -> vec3, the share of light that comes straight through from −wo, for models that transmit
             in no other way and sample this as delta; None for all others. Shadow rays then pass.
         index_slot: the row of the refractive index inside over outside, for nested bodies; −1 for none.
+        channels_slot: the row of the probabilities of the channels, if that index is one for each channel
+            (`kernels/bsdf/lobes/dispersion.py`); −1 without dispersion.
     """
 
     evaluate: wp.Function
@@ -87,6 +89,7 @@ class Model(NamedTuple):
     jitters: bool = False
     straight: wp.Function | None = None
     index_slot: int = -1
+    channels_slot: int = -1
 
 
 @wp.func

@@ -1,7 +1,7 @@
 """A rough metal of mirror microfacets, f = F D G / (4 cosθi cosθo).
 
 Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007, eq. 20. Optionally with multiple bounces between
-facets (`kernels/bsdf/lobes/albedo.py`).
+facets (`kernels/bsdf/lobes/albedo.py`), or with a thin film on them (`kernels/bsdf/lobes/thin_film.py`).
 """
 
 import warp as wp
@@ -16,6 +16,7 @@ from wrt.kernels.bsdf.lobes.albedo import (
 )
 from wrt.kernels.bsdf.lobes.facets import is_widened, make_alpha_of, make_sample, make_shape_of, mirrored
 from wrt.kernels.bsdf.lobes.fresnel import fresnel_conductor, fresnel_schlick
+from wrt.kernels.bsdf.lobes.thin_film import filmed_conductor, filmed_schlick
 from wrt.kernels.bsdf.record import Bsdf, Model
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.specialise import specialised
@@ -26,9 +27,10 @@ F0 = wp.constant(2)  # of "schlick"
 ETA = wp.constant(2)  # of "conductor"
 K = wp.constant(3)
 AVERAGE = wp.constant(4)  # mean reflectance over the hemisphere, 2 ∫ F μ dμ; for multiple bounces only
+# After F0 or K, of a film: its thickness, nm, and its index.
 
 FRESNELS = ("conductor", "schlick")
-BOUNCES = ("single", "multiple")
+BOUNCES = ("single", "multiple", "film")
 
 
 @wp.func
@@ -39,6 +41,19 @@ def _reflectance_conductor(bsdf: Bsdf, cos_i: float) -> wp.vec3:
 @wp.func
 def _reflectance_schlick(bsdf: Bsdf, cos_i: float) -> wp.vec3:
     return wp.cw_mul(bsdf.slots[REFLECTANCE], fresnel_schlick(cos_i, bsdf.slots[F0]))
+
+
+@wp.func
+def _reflectance_filmed_conductor(bsdf: Bsdf, cos_i: float) -> wp.vec3:
+    slots = bsdf.slots
+    found = filmed_conductor(cos_i, slots[ETA], slots[K], slots[K + 1][0], slots[K + 2][0])
+    return wp.cw_mul(slots[REFLECTANCE], found)
+
+
+@wp.func
+def _reflectance_filmed_schlick(bsdf: Bsdf, cos_i: float) -> wp.vec3:
+    slots = bsdf.slots
+    return wp.cw_mul(slots[REFLECTANCE], filmed_schlick(cos_i, slots[F0], slots[F0 + 1][0], slots[F0 + 2][0]))
 
 
 @wp.func
@@ -61,7 +76,7 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
         distribution: a name in `kernels.microfacet.DISTRIBUTIONS`, or BUMPY.
         masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
         fresnel: "conductor" with a complex index η + ik, or "schlick" with the reflectance at normal incidence.
-        bounces: "single", or "multiple", with which a white surface reflects all light.
+        bounces: "single"; "multiple", with which a white surface reflects all light; or "film", single with a film.
 
     Raises:
         ValueError: if a name is unknown, or distribution and masking do not go together.
@@ -73,6 +88,8 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
     shape_of = make_shape_of(distribution)
     conductor = fresnel == "conductor"
     reflectance = _reflectance_conductor if conductor else _reflectance_schlick
+    if bounces == "film":
+        reflectance = _reflectance_filmed_conductor if conductor else _reflectance_filmed_schlick
 
     @wp.func
     def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -104,6 +121,8 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
             make_alpha_of(distribution), average, evaluate_single, pdf_single, direction_single
         )
         slots = {"schlick": 3, "conductor": 5}[fresnel]
+    if bounces == "film":
+        slots += 2
     sample = make_sample(evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=slots, widens=is_widened(distribution))
 

@@ -15,11 +15,13 @@ import warp as wp
 from wrt.kernels.bsdf.dielectric import seen_from
 from wrt.kernels.bsdf.lobes.albedo import missing_energy
 from wrt.kernels.bsdf.lobes.albedo_dielectric import (
+    DIELECTRIC_TABLE_SIZE,
     dielectric_lobes,
     dielectric_lobes_pdf,
     sample_dielectric_lobes,
     side_table,
 )
+from wrt.kernels.bsdf.lobes.dispersion import dispersive
 from wrt.kernels.bsdf.lobes.facets import is_widened, make_alpha_of, make_sample, make_shape_of, mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
@@ -30,6 +32,7 @@ from wrt.kernels.specialise import specialised
 IOR = wp.constant(1)  # n_inside / n_outside
 REFLECTANCE = wp.constant(2)  # factor of reflected light
 TRANSMITTANCE = wp.constant(3)  # factor of refracted light
+CHANNELS = 4  # of dispersion only: probabilities of the channels
 
 INDEX_MATCHED = wp.constant(1.0e-3)
 """|eta − 1| below which a boundary is ignored. Half vectors lose digits as 1 / |eta − 1|. Such a boundary reflects at
@@ -37,7 +40,7 @@ most 2.5e-7 of the light at normal incidence and 1 % up to 86 degrees, and bends
 of slope."""
 
 BELOW_ONE = wp.constant(0.99999994)
-BOUNCES = ("single", "multiple")
+OPTIONS = ((), ("multiple",), ("dispersive",), ("multiple", "dispersive"))
 
 
 @wp.func
@@ -91,19 +94,20 @@ def refraction_density(cos_o: float, cos_i: float, eta: float) -> float:
 
 
 @specialised()
-def make_rough_dielectric(distribution: str, masking: str, bounces: str = "single") -> Model:
+def make_rough_dielectric(distribution: str, masking: str, *options: str) -> Model:
     """Return the model of a rough dielectric.
 
     Args:
         distribution: a name in `kernels.microfacet.DISTRIBUTIONS`, or BUMPY.
         masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
-        bounces: "single", or "multiple", with which no light is lost.
+        options: "multiple" for multiple bounces, with which no light is lost; "dispersive" for an index and a table for
+            each channel.
 
     Raises:
         ValueError: if a name is unknown, or distribution and masking do not go together.
     """
-    if bounces not in BOUNCES:
-        raise ValueError(f"no rough dielectric of {bounces!r} bounces")
+    if options not in OPTIONS:
+        raise ValueError(f"no rough dielectric of {options!r}")
     parts = make_microfacet(distribution, masking)
     d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
     shape_of = make_shape_of(distribution)
@@ -151,12 +155,13 @@ def make_rough_dielectric(distribution: str, masking: str, bounces: str = "singl
         return wp.where(wi[2] < 0.0, wp.normalize(wi), wp.vec3(0.0))
 
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
-    if bounces == "multiple":
+    if "multiple" in options:
         evaluate, pdf, direction = _with_multiple_bounces(
             make_alpha_of(distribution), evaluate_single, pdf_single, direction_single
         )
     sample = _or_straight_on(make_sample(evaluate, pdf, direction))
-    return Model(evaluate, pdf, sample, slots=4, transmits=True, widens=is_widened(distribution), index_slot=int(IOR))
+    model = Model(evaluate, pdf, sample, slots=4, transmits=True, widens=is_widened(distribution), index_slot=int(IOR))
+    return dispersive(model, CHANNELS, DIELECTRIC_TABLE_SIZE) if "dispersive" in options else model
 
 
 def _or_straight_on(sample_facets: wp.Function) -> wp.Function:

@@ -20,16 +20,19 @@ from wrt.kernels.integrators.next_event import DirectLight, emitter_hit_weight, 
 from wrt.kernels.integrators.path_state import PathState, begin_indirect
 from wrt.kernels.integrators.russian_roulette import russian_roulette
 from wrt.kernels.lights.lights import hit_triangle_pdf, make_lights
-from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index
+from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.scene.materials import (
     MOST_PASSED,
     PASSED_THROUGH,
+    disperses,
     has_panes,
     make_bsdf_at,
     make_choose_material,
     make_is_pane,
     make_with_index,
+    make_with_indices,
+    make_with_throughput,
     material_of_side,
 )
 from wrt.kernels.scene.scene_data import BodyStack, SceneData
@@ -167,8 +170,9 @@ def make_surface_emission(features: Features) -> wp.Function:
 @specialised()
 def make_prepare_bsdf(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, widening) -> SurfaceVertex with its normal and BSDF."""
-    panes, nested = has_panes(features.models), features.nested
+    panes, nested, dispersive = has_panes(features.models), features.nested, disperses(features.models)
     tangents, regularized = features.tangents, features.regularized
+    with_indices, with_throughput = make_with_indices(features.models), make_with_throughput(features.models)
     bsdf_is_delta = make_bsdf(features.models).is_delta
     bsdf_at = make_bsdf_at(features)
     with_index = make_with_index(features.models)
@@ -190,7 +194,13 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
             if scene.shapes[surface.shape].body >= 0:
                 body_in_front = innermost(scene, path.medium_stack)
                 body_behind = innermost(scene, vertex.medium_stack_behind)
-                bsdf = with_index(bsdf, relative_index(scene, surface, body_in_front, body_behind))
+                if wp.static(dispersive):
+                    index = relative_index(scene, surface, body_in_front, body_behind)
+                    bsdf = with_indices(bsdf, index, relative_indices(scene, surface, body_in_front, body_behind))
+                else:
+                    bsdf = with_index(bsdf, relative_index(scene, surface, body_in_front, body_behind))
+        if wp.static(dispersive):
+            bsdf = with_throughput(bsdf, path.throughput)
         vertex.wo = to_local(surface.frame, -path.ray.direction)
         if wp.static(panes):
             vertex.is_pane = is_pane(bsdf)

@@ -13,7 +13,7 @@ from wrt.kernels.geometry.rays import Ray, to_local, to_world
 from wrt.kernels.geometry.surface import leave
 from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
-from wrt.kernels.scene.materials import make_bsdf_at
+from wrt.kernels.scene.materials import disperses, make_bsdf_at, make_with_throughput
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 
@@ -40,6 +40,7 @@ def make_follow_specular(features: Features) -> wp.Function:
     bsdfs = make_bsdf(features.models)
     bsdf_sample, bsdf_is_delta = bsdfs.sample, bsdfs.is_delta
     bsdf_at = make_bsdf_at(features)
+    dispersive, with_throughput = disperses(features.models), make_with_throughput(features.models)
     sample_4d = make_sample_4d(features.sampler)
 
     @wp.func
@@ -56,6 +57,8 @@ def make_follow_specular(features: Features) -> wp.Function:
             if chain.first.hit.triangle != NO_HIT:
                 surface = chain.first.surface
                 bsdf = bsdf_at(scene, chain.first.material, surface)
+                if wp.static(dispersive):
+                    bsdf = with_throughput(bsdf, chain.tint)
                 if bsdf_is_delta(bsdf):
                     u = sample_4d(sampler, vertex_block(bounces + 1, BLOCK_BSDF))
                     s = bsdf_sample(bsdf, to_local(surface.frame, -chain.direction), wp.vec2(u[0], u[1]), u[2])

@@ -196,6 +196,18 @@ def relative_index(scene: SceneData, surface: Surface, before: int, after: int) 
     return body.ior / outside
 
 
+@wp.func
+def relative_indices(scene: SceneData, surface: Surface, before: int, after: int) -> wp.vec3:
+    """Return the same for each channel."""
+    body = scene.bodies[scene.shapes[surface.shape].body]
+    other = wp.where(surface.front, before, after)
+    outside = wp.vec3(body.exterior_ior)
+    if other >= 0:
+        if scene.bodies[other].ior > 0.0:
+            outside = wp.vec3(scene.bodies[other].ior) + scene.bodies[other].spread
+    return wp.cw_div(wp.vec3(body.ior) + body.spread, outside)
+
+
 @specialised()
 def make_count_crossings(instances: str) -> wp.Kernel:
     """Return the kernel that traces rays from a point through the whole scene, to find the bodies that contain it.

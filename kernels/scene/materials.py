@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.bsdf import model_of
+from wrt.kernels.bsdf.lobes.dispersion import shares_of
 from wrt.kernels.bsdf.record import Bsdf, slot_values
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.surface import Surface
@@ -202,6 +203,59 @@ def make_with_index(names: tuple[str, ...]) -> wp.Function:
     return chain
 
 
+@specialised()
+def make_with_indices(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, index, indices) -> Bsdf, where `indices` are those of the channels.
+
+    Models without dispersion take the one `index`. Front and back are swapped by it too, for all channels alike.
+    """
+    if not names:
+        return _same_bsdf_of_channels
+    number = model_number(names[0], names)
+    slot = model_of(names[0]).index_slot
+    dispersive = model_of(names[0]).channels_slot >= 0
+    next_with_indices = make_with_indices(names[1:])
+    if slot < 0:
+        return next_with_indices
+
+    @wp.func
+    def chain(bsdf: Bsdf, index: float, indices: wp.vec3) -> Bsdf:
+        if bsdf.model == wp.static(number):
+            swapped = index < 1.0
+            if swapped:
+                bsdf.front = not bsdf.front
+            if wp.static(dispersive):
+                inverse = wp.vec3(1.0 / indices[0], 1.0 / indices[1], 1.0 / indices[2])
+                bsdf.slots[wp.static(slot)] = wp.where(swapped, inverse, indices)
+            else:
+                bsdf.slots[wp.static(slot)] = wp.vec3(wp.where(swapped, 1.0 / index, index))
+            return bsdf
+        return next_with_indices(bsdf, index, indices)
+
+    return chain
+
+
+@specialised()
+def make_with_throughput(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, throughput) -> Bsdf, whose channels are chosen by a path's throughput."""
+    if not names:
+        return _same_bsdf_of_path
+    number = model_number(names[0], names)
+    slot = model_of(names[0]).channels_slot
+    next_with_throughput = make_with_throughput(names[1:])
+    if slot < 0:
+        return next_with_throughput
+
+    @wp.func
+    def chain(bsdf: Bsdf, throughput: wp.vec3) -> Bsdf:
+        if bsdf.model == wp.static(number):
+            bsdf.slots[wp.static(slot)] = shares_of(throughput)
+            return bsdf
+        return next_with_throughput(bsdf, throughput)
+
+    return chain
+
+
 @wp.func
 def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
     return wp.vec3(0.0)
@@ -215,6 +269,21 @@ def _no_pane(bsdf: Bsdf) -> bool:
 @wp.func
 def _same_bsdf(bsdf: Bsdf, index: float) -> Bsdf:
     return bsdf
+
+
+@wp.func
+def _same_bsdf_of_channels(bsdf: Bsdf, index: float, indices: wp.vec3) -> Bsdf:
+    return bsdf
+
+
+@wp.func
+def _same_bsdf_of_path(bsdf: Bsdf, throughput: wp.vec3) -> Bsdf:
+    return bsdf
+
+
+def disperses(names: tuple[str, ...]) -> bool:
+    """Return whether any of these models refracts each channel by an index of its own."""
+    return any(model_of(name).channels_slot >= 0 for name in names)
 
 
 def has_panes(names: tuple[str, ...]) -> bool:

@@ -136,13 +136,15 @@ BodyStack = wp.types.vector(length=MOST_BODIES, dtype=int)
 class BodyRecord:
     """The interior of a closed surface.
 
-    `medium` is −1 if it is clear; `ior` is 0 if light is not refracted on entry.
+    `medium` is −1 if it is clear; `ior` is 0 if light is not refracted on entry. `spread` is what the index of each
+    channel differs from it by.
     """
 
     medium: int
     priority: int
     ior: float
     exterior_ior: float
+    spread: wp.vec3
 
 
 @wp.struct

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from wrt.scene.materials.presets import (
     ALIASES,
+    DIELECTRIC_ABBE,
     DIELECTRIC_F0,
     DIELECTRIC_IOR,
     METAL_F0,
@@ -17,6 +18,7 @@ from wrt.values import Vec3
 
 _HOFFMAN = "Hoffman 2014, Physics and Math of Shading, SIGGRAPH course Physically Based Shading in Theory and Practice"
 _CORNELL = "Cornell University, CS 4620, Light Reflection and Advanced Shading"
+_KHRONOS = "Khronos Group 2024, KHR_materials_dispersion"
 _MEASURED = (
     "from spectra under D65: Johnson and Christy 1972 and 1974, Rakić 1995, Rakić et al. 1998, Weaver et al. 1975, "
     "Inagaki et al. 1981, Querry 1985, Karlsson and Ribbing 1982"
@@ -41,6 +43,11 @@ def list_presets() -> str:
                 for name in DIELECTRIC_F0
                 if ALIASES.get(name, name) not in DIELECTRIC_IOR
             ),
+        ),
+        (
+            "dispersion = NAME, by the Abbe number",
+            _KHRONOS,
+            ((name, f"{abbe:g}", f"{20.0 / abbe:.3f}") for name, abbe in DIELECTRIC_ABBE.items()),
         ),
     )
     paragraphs = []

@@ -19,6 +19,7 @@ from wrt.scene.materials.body import Body, bodies_of
 from wrt.scene.medium import Medium
 from wrt.scene.scene import Scene
 from wrt.upload.grids import upload_media
+from wrt.values import Vec3
 
 CAMERA_RAYS = 15
 """Rays that test whether the camera is inside a body; the majority decides."""
@@ -30,13 +31,13 @@ class BodyTable:
 
     Attributes:
         of_shapes: (shapes,) number of the body that each shape bounds; −1 for none.
-        records: (medium, priority, index inside, index outside) of each body.
+        records: (medium, priority, index inside, index outside, spread of the first over the channels) of each body.
         media: all media that affect light.
         medium: number of the medium outside all bodies; −1 for none.
     """
 
     of_shapes: list[int] = field(default_factory=list)
-    records: list[tuple[int, int, float, float]] = field(default_factory=list)
+    records: list[tuple[int, int, float, float, Vec3]] = field(default_factory=list)
     media: list[Medium] = field(default_factory=list)
     medium: int = -1
 
@@ -55,7 +56,7 @@ class BodyTable:
     @property
     def nested(self) -> bool:
         """True if any body has a priority."""
-        return any(priority != 0 for _, priority, _, _ in self.records)
+        return any(priority != 0 for _, priority, *_ in self.records)
 
     def number(self, medium: Medium | None) -> int:
         """Return the number of a medium; −1 if it does not affect light."""
@@ -95,7 +96,8 @@ def describe_bodies(scene: Scene) -> BodyTable:
             if body is not None:
                 outside = getattr(body, "exterior_ior", 1.0)
                 inside = body.interior_ior or 0.0
-                table.records.append((table.number(body.interior), body.priority, inside, outside))
+                spread = body.interior_spread
+                table.records.append((table.number(body.interior), body.priority, inside, outside, spread))
         table.of_shapes.append(numbers[key])
     if table.nested:
         for shape in scene.shapes:
@@ -112,9 +114,9 @@ def describe_bodies(scene: Scene) -> BodyTable:
 def _body(material: Material, name: str) -> Body | None:
     """Return the body that a material or its parts bound."""
     bodies = list(bodies_of(material))
-    insides = {(body.interior, body.priority, body.interior_ior) for body in bodies}
+    insides = {(body.interior, body.priority, body.interior_ior, body.interior_spread) for body in bodies}
     if len(insides) > 1:
-        raise InputError(f"{name}: the parts of a material must have the same interior, priority and ior")
+        raise InputError(f"{name}: the parts of a material must have the same interior, priority, ior and dispersion")
     return bodies[0] if bodies else None
 
 

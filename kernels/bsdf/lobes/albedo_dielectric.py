@@ -35,6 +35,7 @@ from wrt.kernels.sampling.warps import lattice_point
 from wrt.kernels.specialise import specialised
 
 SIDE_SIZE = wp.constant(TABLE_SIZE)
+DIELECTRIC_TABLE_SIZE = 2 * TABLE_SIZE + 2
 
 
 @wp.func

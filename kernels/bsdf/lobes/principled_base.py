@@ -4,6 +4,7 @@ import warp as wp
 
 from wrt.kernels.bsdf.lobes.coats import alpha_of, schlick
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
+from wrt.kernels.bsdf.lobes.thin_film import film_change
 from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import widened
@@ -22,6 +23,10 @@ FEATURE_ROWS = {
     "anisotropic": ("anisotropy", "rotation"),
     "transmission": ("transmission",),
     "thin": ("transmission",),
+    # Probabilities of the channels: `kernels/bsdf/lobes/dispersion.py`.
+    "dispersion": ("channels",),
+    # Share of the surface, thickness in nm, index: `kernels/bsdf/lobes/thin_film.py`.
+    "film": ("film", "film_thickness", "film_ior"),
     "coat": ("coat", "coat_roughness"),
     "sheen": ("sheen_color", "sheen_roughness"),
     "bounces": (),
@@ -39,16 +44,22 @@ def name_of(features: tuple[str, ...]) -> str:
 
 
 def rows_of(features: tuple[str, ...]) -> dict[str, int]:
-    """Return the row numbers that the model with these features reads, by name."""
+    """Return the row numbers that the model with these features reads, by name.
+
+    A film's index has no row where there are rotations: it is the third number of that row.
+    """
     names = list(CORE_ROWS)
     for feature in features:
-        names += FEATURE_ROWS[feature]
+        names += [row for row in FEATURE_ROWS[feature] if row != "film_ior" or "anisotropic" not in features]
     return {name: number for number, name in enumerate(names)}
 
 
 @wp.struct
 class Base:
-    """A metal or dielectric at one point; `f0` and `f90` are the dielectric's, `transmission` its clear share."""
+    """A metal or dielectric at one point; `f0` and `f90` are the dielectric's, `transmission` its clear share.
+
+    `film` is the share of the surface under a film, the film's index, and its thickness, µm.
+    """
 
     shape: wp.vec3
     color: wp.vec3
@@ -56,6 +67,7 @@ class Base:
     f0: wp.vec3
     f90: float
     transmission: float
+    film: wp.vec3
 
 
 @wp.func
@@ -105,6 +117,8 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
     transmission = rows.get("transmission", -1)
     transmits = transmission >= 0
     bumpy = "bumpy" in features
+    filmed, film = "film" in features, rows.get("film", -1)
+    film_row, film_part = (rows.get("rotation", -1), 2) if anisotropic else (rows.get("film_ior", -1), 0)
     turned = make_turned(features)
 
     @wp.func
@@ -134,6 +148,10 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
         b.transmission = 0.0
         if wp.static(transmits):
             b.transmission = wp.clamp(bsdf.slots[wp.static(transmission)][0], 0.0, 1.0)
+        if wp.static(filmed):
+            index = bsdf.slots[wp.static(film_row)][wp.static(film_part)]
+            thickness = wp.max(bsdf.slots[wp.static(film + 1)][0], 0.0)
+            b.film = wp.vec3(wp.clamp(bsdf.slots[wp.static(film)][0], 0.0, 1.0), index, 1.0e-3 * thickness)
         return b
 
     return base_of
@@ -191,22 +209,42 @@ class Split:
     chosen: float
 
 
+@wp.func
+def film_on(b: Base, cos_m: float, f0: wp.vec3, f90: float) -> wp.vec3:
+    """Return by how much the film changes Schlick's reflectance of f0 and f90, so that this stays from 0 to 1."""
+    plain = schlick(cos_m, f0, f90)
+    with_film = plain + film_change(b.film, cos_m, f0 / wp.max(f90, 1.0e-6)) * f90
+    return wp.min(wp.max(with_film, wp.vec3(0.0)), wp.vec3(1.0)) - plain
+
+
 @specialised()
-def make_split(transmits: bool) -> wp.Function:
+def make_split(transmits: bool, filmed: bool = False) -> wp.Function:
     """Return the device function (base, wo·m, cosine outside) -> Split; see `make_cos_outside`."""
 
     @wp.func
     def split(b: Base, cos_m: float, cos_outside: float) -> Split:
         s = Split()
         dielectric = schlick(cos_m, b.f0, b.f90)
+        if wp.static(filmed):
+            if b.metallic < 1.0:
+                dielectric += film_on(b, cos_m, b.f0, b.f90)
         s.chosen = 1.0
         if wp.static(transmits):
             boundary = wp.vec3(1.0)
             if cos_outside >= 0.0:
                 boundary = schlick(cos_outside, b.f0, b.f90)
+                if wp.static(filmed):
+                    boundary += film_on(b, cos_outside, b.f0, b.f90)
             dielectric = wp.lerp(dielectric, boundary, b.transmission)
-            s.transmitted = b.color * ((1.0 - b.metallic) * b.transmission * (1.0 - wp.max(boundary)))
-        s.reflected = wp.lerp(dielectric, schlick(cos_m, b.color, 1.0), b.metallic)
+            if wp.static(filmed):
+                s.transmitted = wp.cw_mul(b.color, wp.vec3(1.0) - boundary) * ((1.0 - b.metallic) * b.transmission)
+            else:
+                s.transmitted = b.color * ((1.0 - b.metallic) * b.transmission * (1.0 - wp.max(boundary)))
+        metal = schlick(cos_m, b.color, 1.0)
+        if wp.static(filmed):
+            if b.metallic > 0.0:
+                metal += film_on(b, cos_m, b.color, 1.0)
+        s.reflected = wp.lerp(dielectric, metal, b.metallic)
         if wp.static(transmits):
             through = wp.max(s.transmitted)
             if through > 0.0:

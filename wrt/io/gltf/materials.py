@@ -1,8 +1,8 @@
 """Materials of glTF files.
 
 Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and the extensions KHR_materials_anisotropy,
-_clearcoat, _emissive_strength, _ior, _pbrSpecularGlossiness, _sheen, _specular, _transmission, _unlit and _volume.
-Ignored: the occlusion texture, since a path tracer computes occlusion, and backface culling.
+_clearcoat, _dispersion, _emissive_strength, _ior, _iridescence, _pbrSpecularGlossiness, _sheen, _specular,
+_transmission, _unlit and _volume. Ignored: the occlusion texture, since a path tracer computes occlusion, and backface culling.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from wrt.io.gltf.buffers import Tree
 from wrt.io.gltf.images import GltfImages, placement_of
 from wrt.io.mesh.parts import Part
 from wrt.scene.materials import Emissive, Material, Principled
+from wrt.scene.materials.dispersion import MOST as MOST_DISPERSION
+from wrt.scene.materials.film import HIGHEST_INDEX as HIGHEST_FILM_INDEX
+from wrt.scene.materials.film import THICKEST_FILM
 from wrt.scene.medium import Medium
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor, shines
 
@@ -27,8 +30,6 @@ _LEAST_LEFT = 1e-6
 """Least transmittance of a medium; 0 would need infinite absorption."""
 
 _NOT_SUPPORTED = {
-    "KHR_materials_iridescence": "iridescence",
-    "KHR_materials_dispersion": "dispersion",
     "KHR_materials_diffuse_transmission": "diffuse transmission",
 }
 
@@ -237,6 +238,9 @@ def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
         values["thin_walled"] = volume.get("thicknessFactor", 0.0) == 0.0
         if not values["thin_walled"] and share > 0.0:
             values["interior"] = _interior(volume)
+        if not values["thin_walled"]:
+            dispersion = extensions.get("KHR_materials_dispersion", {}).get("dispersion", 0.0)
+            values["dispersion"] = min(max(float(dispersion), 0.0), MOST_DISPERSION)
     if found := extensions.get("KHR_materials_clearcoat", {}):
         values["coat"] = read.number(found.get("clearcoatTexture"), "r", found.get("clearcoatFactor", 0.0))
         values["coat_roughness"] = read.number(
@@ -249,6 +253,7 @@ def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
             values["sheen_roughness"] = read.number(
                 found.get("sheenRoughnessTexture"), "a", found.get("sheenRoughnessFactor", 0.0)
             )
+    values |= _film(extensions.get("KHR_materials_iridescence", {}), read)
     if found := extensions.get("KHR_materials_anisotropy", {}):
         strength = float(found.get("anisotropyStrength", 0.0))
         texture = (
@@ -257,6 +262,27 @@ def _extended(extensions: Tree, read: _Reader) -> dict[str, Any]:
         values["anisotropy"] = strength if texture is None else texture
         values["anisotropy_rotation"] = found.get("anisotropyRotation", 0.0)
     return values
+
+
+def _film(found: Tree, read: _Reader) -> dict[str, Any]:
+    """Return a film; the green of its texture leads from the least thickness to the greatest."""
+    if not found.get("iridescenceFactor", 0.0) > 0.0:
+        return {}
+    least, most = (
+        float(np.clip(found.get(f"iridescenceThickness{end}", usual), 0.0, THICKEST_FILM))
+        for end, usual in (("Minimum", 100.0), ("Maximum", 400.0))
+    )
+    thickness: ColorSource = most
+    texture = read.texture(found.get("iridescenceThicknessTexture"), "data", channel="g")
+    if texture is not None and max(least, most) > 0.0:
+        factor = max(least, most)
+        pixels = (least + (most - least) * texture.pixels) / np.float32(factor)
+        thickness = replace(texture, pixels=pixels.astype(np.float32), factor=(factor,) * 3)
+    return {
+        "film": read.number(found.get("iridescenceTexture"), "r", found["iridescenceFactor"]),
+        "film_thickness": thickness,
+        "film_ior": float(np.clip(found.get("iridescenceIOR", 1.3), 1.0, HIGHEST_FILM_INDEX)),
+    }
 
 
 def _interior(volume: Tree) -> Medium | None:

@@ -49,7 +49,9 @@ def nearest(material: Material, note: Note) -> Principled:
         note("other backs of surfaces")
         return _covered(nearest(material.front, note), material, note)
     values = _values(material, note)
-    inside = {name: getattr(material, name) for name in ("interior", "priority") if hasattr(material, name)}
+    inside = {
+        name: getattr(material, name) for name in ("interior", "priority", "dispersion") if hasattr(material, name)
+    }
     if not (values.get("transmission") and not values.get("thin_walled", False)):
         inside = {}
     return Principled(**values, **inside, opacity=material.opacity, normal_map=material.normal_map)

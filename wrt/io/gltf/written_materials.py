@@ -154,6 +154,8 @@ class WrittenMaterials:
             extensions["KHR_materials_transmission"] = found
             if not material.thin_walled:
                 extensions["KHR_materials_volume"] = self._volume(material)
+                if material.dispersion:
+                    extensions["KHR_materials_dispersion"] = {"dispersion": float(material.dispersion)}
             if material.priority:
                 self._note("priorities of bodies")
         if material.anisotropy != 0.0:
@@ -180,9 +182,14 @@ class WrittenMaterials:
         return volume
 
     def _layers(self, extensions: Tree, material: Principled) -> None:
-        """Add coat and sheen."""
+        """Add film, coat and sheen."""
+        if material.has_film:
+            found: Tree = {"iridescenceIOR": float(material.film_ior)}
+            self._number(found, "iridescenceFactor", "iridescenceTexture", material.film, "r")
+            self._film_thickness(found, material.film_thickness)
+            extensions["KHR_materials_iridescence"] = found
         if material.coat != 0.0:
-            found: Tree = {}
+            found = {}
             self._number(found, "clearcoatFactor", "clearcoatTexture", material.coat, "r")
             self._number(found, "clearcoatRoughnessFactor", "clearcoatRoughnessTexture", material.coat_roughness, "g")
             extensions["KHR_materials_clearcoat"] = found
@@ -191,6 +198,21 @@ class WrittenMaterials:
             self._color(found, "sheenColorFactor", "sheenColorTexture", material.sheen_color)
             self._number(found, "sheenRoughnessFactor", "sheenRoughnessTexture", material.sheen_roughness, "a")
             extensions["KHR_materials_sheen"] = found
+
+    def _film_thickness(self, into: Tree, thickness: ColorSource) -> None:
+        """Add the thickness of a film, in an image the range of its values in green."""
+        most = color_of(thickness)[0]
+        if isinstance(thickness, VertexColor):
+            self._note("numbers by vertex colours")
+        if isinstance(thickness, ImageTexture):
+            plane = thickness.pixels[..., CHANNELS.index(thickness.channel or "r")]
+            low, high = float(plane.min()), float(plane.max())
+            into["iridescenceThicknessMinimum"], most = low * most, high * most
+            if high > low:
+                packed = np.ones((*plane.shape, 3), np.float32)
+                packed[..., 1] = (plane - low) / (high - low)
+                into["iridescenceThicknessTexture"] = self._texture(thickness, packed, linear=True)
+        into["iridescenceThicknessMaximum"] = most
 
     # --- Values -------------------------------------------------------------------------------------
 

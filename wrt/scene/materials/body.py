@@ -9,7 +9,7 @@ from typing import ClassVar
 from wrt.errors import InputError
 from wrt.scene.materials.material import Material
 from wrt.scene.medium import Medium
-from wrt.values import integer
+from wrt.values import Vec3, integer
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,11 @@ class Body(Material):
     def interior_ior(self) -> float | None:
         """Refractive index inside; None where light enters and leaves without refraction."""
         return None
+
+    @property
+    def interior_spread(self) -> Vec3:
+        """What the refractive index of each channel differs from that one by."""
+        return (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

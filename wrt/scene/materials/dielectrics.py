@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.scene.materials.body import Body
+from wrt.scene.materials.dispersion import SHARES, channel_indices, channel_spread, checked_dispersion
 from wrt.scene.materials.material import Material
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.scene.materials.presets import dielectric_ior
 from wrt.scene.textures import ColorSource
-from wrt.values import boolean, number, one_of
+from wrt.values import Vec3, boolean, number, one_of
 
 
 def refractive_index(value: float | str, name: str) -> float:
@@ -83,12 +84,43 @@ class _Boundary(Material):
 
 @dataclass(frozen=True)
 class _BodyBoundary(_Boundary, Body):
-    """The boundary of a body, not of a pane."""
+    """The boundary of a body, not of a pane.
+
+    Attributes:
+        dispersion: 20 over the Abbe number of the inside, or a name such as "diamond" (`wrt materials --presets`).
+    """
+
+    dispersion: float | str = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(dispersion=checked_dispersion(self.dispersion))
+        if self.dispersion and float(self.ior) < 1.0:
+            raise InputError(f"dispersion needs an ior of 1 or more, not {self.ior}")
 
     @property
     def interior_ior(self) -> float:
         """Refractive index inside."""
         return float(self.ior)
+
+    @property
+    def interior_spread(self) -> Vec3:
+        """What the refractive index of each channel differs from that one by."""
+        return channel_spread(float(self.ior), float(self.dispersion))
+
+    @property
+    def relative_iors(self) -> Vec3:
+        """Refractive index inside over outside, per channel."""
+        red, green, blue = channel_indices(float(self.ior), float(self.dispersion))
+        outside = float(self.exterior_ior)
+        return red / outside, green / outside, blue / outside
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        """The values of a boundary; with dispersion an index for each channel, and the channels' probabilities."""
+        if not self.dispersion:
+            return super().slots
+        return (self.relative_iors, self.specular_reflectance, self.specular_transmittance, SHARES)
 
 
 @dataclass(frozen=True)
@@ -102,6 +134,8 @@ class Dielectric(_BodyBoundary):
         exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
         specular_reflectance: multiplies reflected light; 1 in nature.
         specular_transmittance: multiplies refracted light; 1 in nature.
+        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
+            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
         fresnel: "exact" for Fresnel's equations, or "schlick" for Schlick's approximation (1994) by the angle in the
             medium of lower index.
         interior: medium inside the body, in scene files its name; by default the body is clear.
@@ -119,7 +153,8 @@ class Dielectric(_BodyBoundary):
     @property
     def model(self) -> str:
         """The exact model, or that of Schlick's approximation."""
-        return "dielectric" if self.fresnel == "exact" else "dielectric:schlick"
+        options = ("schlick",) * (self.fresnel == "schlick") + ("dispersive",) * bool(self.dispersion)
+        return ":".join(("dielectric", *options))
 
 
 @dataclass(frozen=True)
@@ -155,6 +190,8 @@ class RoughDielectric(_BodyBoundary):
             energy. Otherwise that light is lost, as in most renderers, and rough glass is too dark.
         specular_reflectance: multiplies reflected light; 1 in nature.
         specular_transmittance: multiplies refracted light; 1 in nature.
+        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
+            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
         interior: medium inside the body, in scene files its name; by default the body is clear.
         priority: where bodies overlap, only the one of the highest priority exists.
     """
@@ -176,8 +213,8 @@ class RoughDielectric(_BodyBoundary):
     @property
     def model(self) -> str:
         """The combination of distribution, masking and number of bounces."""
-        name = f"rough_dielectric:{self.distribution}:{self.masking}"
-        return f"{name}:multiple" if self.multiple_bounces else name
+        options = ("multiple",) * self.multiple_bounces + ("dispersive",) * bool(self.dispersion)
+        return ":".join(("rough_dielectric", self.distribution, str(self.masking), *options))
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
@@ -190,6 +227,8 @@ class RoughDielectric(_BodyBoundary):
         if not self.multiple_bounces:
             return None
         _, *surface = albedo_table_key(self.alpha, self.distribution, self.masking)
+        if self.dispersion:
+            return ("dispersive", *surface, *self.relative_iors)
         return ("dielectric", *surface, self.relative_ior)
 
     @property

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.scene.materials.film import Filmed
 from wrt.scene.materials.material import Material, color_source, positive_color
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.scene.materials.presets import ALIASES, METAL_F0, SEMICONDUCTOR_F0, metal_f0, metal_ior, reflectance_f0
@@ -140,7 +141,7 @@ class Glossy(Material):
 
 
 @dataclass(frozen=True)
-class Conductor(Material):
+class Conductor(Filmed):
     """A perfectly smooth metal: mirror reflection weighted by Fresnel's equations.
 
     Give its complex refractive index, for the exact equations; its reflectance at normal incidence, for Schlick's
@@ -153,6 +154,9 @@ class Conductor(Material):
             `materials.presets`, such as "gold", "silicon" or "gems".
         metal: a name in `materials.presets.METAL_IOR`, "silicon" or a chemical symbol, instead of the others. It is
             replaced by its eta and k, or by its f0 if only that is known.
+        film_thickness: thickness in nanometres of a thin film on the metal, such as an oxide, whose colours come from
+            interference; 0 is no film.
+        film_ior: its refractive index, from 1.
     """
 
     eta: ColorLike | None = None
@@ -170,12 +174,13 @@ class Conductor(Material):
     @property
     def model(self) -> str:
         """The exact model, or that of Schlick's approximation."""
-        return "conductor" if self.f0 is None else "conductor:schlick"
+        options = ("schlick",) * (self.f0 is not None) + ("film",) * self.has_film
+        return ":".join(("conductor", *options))
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """η and k, or F0."""
-        return _index_or_f0(self)
+        """η and k, or F0; then those of a film."""
+        return *_index_or_f0(self), *self.film_slots
 
 
 def _index_or_f0(metal: Conductor | RoughConductor) -> tuple[ColorSource, ...]:
@@ -188,7 +193,7 @@ def _index_or_f0(metal: Conductor | RoughConductor) -> tuple[ColorSource, ...]:
 
 
 @dataclass(frozen=True)
-class RoughConductor(Material):
+class RoughConductor(Filmed):
     """A rough metal: microfacets that are perfect mirrors.
 
     f = F D G / (4 cosθi cosθo) (Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007). The metal is
@@ -208,6 +213,7 @@ class RoughConductor(Material):
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
             rough metals brighter and more saturated. Otherwise that light is lost, as in most renderers.
         reflectance: multiplies reflected light per channel, 0 to 1, at each bounce; 1 in nature.
+        film_thickness, film_ior: as for `Conductor`.
     """
 
     alpha: ColorSource = 0.1
@@ -230,18 +236,20 @@ class RoughConductor(Material):
         self._check_colors("reflectance")
         if boolean(self.multiple_bounces, "multiple_bounces"):
             albedo_table_key(self.alpha, self.distribution, self.masking)
+            self._refuse_film()
 
     @property
     def model(self) -> str:
-        """The combination of distribution, masking, Fresnel term and number of bounces."""
+        """The combination of distribution, masking, Fresnel term, and number of bounces or film."""
         fresnel = "conductor" if self.f0 is None else "schlick"
         name = f"rough_conductor:{self.distribution}:{self.masking}:{fresnel}"
-        return f"{name}:multiple" if self.multiple_bounces else name
+        options = (":multiple" if self.multiple_bounces else "") + (":film" if self.has_film else "")
+        return name + options
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """The shape of the distribution, `reflectance`, η and k or F0; for multiple bounces the mean reflectance."""
-        values = (shape_of(self.alpha, self.distribution), self.reflectance, *_index_or_f0(self))
+        """The shape of the distribution, `reflectance`, η and k or F0; then a film, or the mean reflectance."""
+        values = (shape_of(self.alpha, self.distribution), self.reflectance, *_index_or_f0(self), *self.film_slots)
         if self.multiple_bounces and self.f0 is None:
             return *values, average_reflectance(self.eta, self.k)  # type: ignore[arg-type]
         return values

@@ -59,6 +59,15 @@ DIELECTRIC_IOR: dict[str, tuple[float, float]] = {
 """Lowest and highest refractive index of dielectrics (Cornell University, CS 4620, Light Reflection and Advanced
 Shading), as printed: that of water varies with wavelength, that of optical glass with its type."""
 
+DIELECTRIC_ABBE: dict[str, float] = {
+    "rutile": 9.8,
+    "polycarbonate": 32.0,
+    "diamond": 55.0,
+    "water": 55.0,
+    "crown glass": 59.0,
+}
+"""Abbe number of dielectrics (Khronos Group 2024, KHR_materials_dispersion), as printed. Dispersion is 20 over it."""
+
 # Computed by scripts/metal_presets.py from the spectra in scripts/data/metals.txt.
 METAL_IOR: dict[str, tuple[Vec3, Vec3]] = {
     "silver": ((0.0555, 0.0547, 0.0429), (4.4446, 3.5374, 2.5799)),
@@ -173,6 +182,18 @@ def dielectric_ior(name: str) -> float:
         return sum(DIELECTRIC_IOR[key]) / 2.0
     amplitude = math.sqrt(sum(DIELECTRIC_F0[key]) / 2.0)
     return (1.0 + amplitude) / (1.0 - amplitude)
+
+
+def dielectric_abbe_number(name: str) -> float:
+    """Return the Abbe number of a dielectric.
+
+    Args:
+        name: a name in DIELECTRIC_ABBE, in upper or lower case.
+
+    Raises:
+        InputError: for an unknown name.
+    """
+    return DIELECTRIC_ABBE[_key(name, DIELECTRIC_ABBE, "dielectric with an Abbe number")]
 
 
 def _key(name: object, known: Iterable[str], what: str) -> str:

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
 from wrt.scene.materials.body import Body
+from wrt.scene.materials.dispersion import SHARES, channel_indices, channel_spread, checked_dispersion
+from wrt.scene.materials.film import Filmed
 from wrt.scene.materials.material import value_source
 from wrt.scene.materials.microfacet import LEAST_ALPHA
 from wrt.scene.materials.presets import dielectric_ior
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import FLOAT32_MAX, boolean, number
+from wrt.values import FLOAT32_MAX, Vec3, boolean, number
 
-_SHARES = ("metallic", "roughness", "specular", "transmission", "coat", "coat_roughness", "sheen_roughness")
+_SHARES = ("metallic", "roughness", "specular", "transmission", "film", "coat", "coat_roughness", "sheen_roughness")
 """Numbers from 0 to 1, which may vary over the surface."""
 
 
 @dataclass(frozen=True)
-class Principled(Body):
+class Principled(Filmed, Body):
     """A material with few intuitive parameters: the metallic-roughness workflow of glTF 2.0.
 
     `metallic` blends between a dielectric (plastic, paint, wood, stone, glass) and a metal; sheen and a clear coat may
@@ -45,6 +47,12 @@ class Principled(Body):
             back.
         thin_walled: whether the surface is a thin sheet, not the boundary of a body; transmitted light is then not
             refracted.
+        dispersion: how much more blue is refracted than red, where light enters a body: 20 over the Abbe number, or a
+            name such as "diamond" (`wrt materials --presets`). `ior` is then that of yellow light. 0 is none.
+        film: share of the surface under a thin film, whose colours come from interference, as on soap bubbles, oil and
+            the wings of insects.
+        film_thickness: its thickness in nanometres; 0 is no film.
+        film_ior: its refractive index, from 1.
         coat: coverage of a clear coat of index 1.5.
         coat_roughness: as `roughness`, of the coat.
         sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
@@ -66,6 +74,8 @@ class Principled(Body):
     anisotropy_rotation: float = 0.0
     transmission: ColorSource = 0.0
     thin_walled: bool = False
+    dispersion: float | str = field(default=0.0, kw_only=True)
+    film: ColorSource = field(default=1.0, kw_only=True)
     coat: ColorSource = 0.0
     coat_roughness: ColorSource = 0.0
     sheen_color: ColorSource = 0.0
@@ -82,6 +92,7 @@ class Principled(Body):
         self._check_colors("specular_color", "emission", maximum=FLOAT32_MAX)
         self._set(
             ior=_refractive_index(self.ior),
+            dispersion=checked_dispersion(self.dispersion),
             anisotropy=_anisotropy(self.anisotropy),
             anisotropy_rotation=number(self.anisotropy_rotation, "anisotropy_rotation"),
         )
@@ -93,6 +104,7 @@ class Principled(Body):
             raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
         if self.multiple_bounces:
             _ = self.table_key
+            self._refuse_film()
 
     @property
     def is_body(self) -> bool:
@@ -100,9 +112,19 @@ class Principled(Body):
         return self.transmission != 0.0 and not self.thin_walled
 
     @property
+    def has_film(self) -> bool:
+        """Whether there is a film anywhere."""
+        return self.film != 0.0 and super().has_film
+
+    @property
     def interior_ior(self) -> float:
         """Refractive index inside."""
         return float(self.ior)
+
+    @property
+    def interior_spread(self) -> Vec3:
+        """What the refractive index of each channel differs from that one by."""
+        return channel_spread(float(self.ior), float(self.dispersion))
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -111,6 +133,8 @@ class Principled(Body):
         present = {
             "anisotropic": self.needs_tangents,
             through: self.transmission != 0.0,
+            "dispersion": self.dispersion != 0.0 and self.is_body,
+            "film": self.has_film,
             "coat": self.coat != 0.0,
             "sheen": self.sheen_color != (0.0, 0.0, 0.0),
             "bounces": self.multiple_bounces,
@@ -126,14 +150,21 @@ class Principled(Body):
     def slots(self) -> tuple[ColorSource, ...]:
         """The values that kernels/bsdf/principled.py reads for these features."""
         values: list[ColorSource] = [self.base_color, self.metallic, self.roughness]
-        values += [self.specular, self.specular_color, float(self.ior)]
+        values += [self.specular, self.specular_color]
         features = self.features
+        ior = float(self.ior)
+        values += [channel_indices(ior, float(self.dispersion)) if "dispersion" in features else ior]
         if "anisotropic" in features:
             turn = self.anisotropy_rotation
             along_u = (1.0, 0.5, self.anisotropy) if isinstance(self.anisotropy, float) else self.anisotropy
-            values += [along_u, (math.cos(turn), math.sin(turn), 0.0)]
+            # A film's index lies where a row has place for it: with its own there could be more than sixteen.
+            values += [along_u, (math.cos(turn), math.sin(turn), self.film_ior if "film" in features else 0.0)]
         if "transmission" in features or "thin" in features:
             values += [self.transmission]
+        if "dispersion" in features:
+            values += [SHARES]
+        if "film" in features:
+            values += [self.film, *(self.film_slots[:1] if "anisotropic" in features else self.film_slots)]
         if "coat" in features:
             values += [self.coat, self.coat_roughness]
         if "sheen" in features:

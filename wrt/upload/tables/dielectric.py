@@ -38,3 +38,18 @@ def dielectric_table(
     sides = [missing_table(distribution, shape, device, kernel, eta, grazing=GRAZING) for eta in indices]
     transmittances = [mean_transmittance(eta) for eta in indices]
     return np.concatenate([*sides, transmittances]).astype(np.float32)
+
+
+def dispersive_table(
+    distribution: str,
+    masking: str,
+    shape: tuple[float, float, float] | None,
+    red: float,
+    green: float,
+    blue: float,
+    device: Device,
+) -> NDArray[np.float32]:
+    """Return the tables for the indices of the three channels, one after the other."""
+    return np.concatenate(
+        [dielectric_table(distribution, masking, shape, index, device) for index in (red, green, blue)]
+    )

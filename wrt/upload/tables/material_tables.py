@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wrt.backend.device import Device
 from wrt.upload.tables.albedo import reflection_table
 from wrt.upload.tables.coat import coat_table
-from wrt.upload.tables.dielectric import dielectric_table
+from wrt.upload.tables.dielectric import dielectric_table, dispersive_table
 
 TableKey = tuple[Hashable, ...]
 """A material's `table_key`: the kind of table, a key of MAKERS, then the arguments of that function."""
@@ -19,6 +19,7 @@ MAKERS: dict[str, Callable[..., NDArray[np.float32]]] = {
     "coat": coat_table,
     "reflection": reflection_table,
     "dielectric": dielectric_table,
+    "dispersive": dispersive_table,
 }
 """Functions (*arguments, device) -> floats by kind of table."""
 

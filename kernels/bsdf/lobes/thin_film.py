@@ -1,0 +1,197 @@
+"""Reflectance of a surface under a thin transparent film, whose two faces reflect waves that interfere.
+
+Airy's sum for one wavelength and one polarisation (Born and Wolf, section 7.6), with ρ the amplitude that the film's
+outer face reflects, q that of its inner face, and D the difference of paths:
+
+    r = (ρ + q e^{iφ}) / (1 + ρ q e^{iφ}),    φ = 2π D / λ,    D = 2 n₂ d cosθ₂.
+
+With c = −ρ q, |r|² = 1 − A (1 + 2 Σ Re(c^m e^{imφ})), m ≥ 1, where A = (1 − ρ²)(1 − |q|²) / (1 − |c|²). A channel sees
+the mean over wavelengths, where S(m D), the transform of its weight, takes the place of e^{imφ} (Belcour and Barla, "A
+practical extension to microfacet theory for the modeling of varying iridescence", 2017, section 4). Indices are the
+same for all wavelengths of a channel. A sum of Gaussians approximates S to 0.02 (`scripts/thin_film_fit.py`), and
+ends where terms are below LEAST_TERM.
+"""
+
+import warp as wp
+
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_dielectric, fresnel_schlick
+from wrt.kernels.math.exponential import exponential
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.sampling.warps import TWO_PI
+
+FARTHEST = wp.constant(40.0)
+"""Differences of paths beyond this, µm, count as this: S is 0 there."""
+
+LEAST_TERM = wp.constant(1.0e-3)
+MOST_TERMS = wp.constant(32)
+
+MOST_F0 = wp.constant(0.9999)
+"""Reflectance at normal incidence beyond which an index would be infinite."""
+
+_TWO_PI_SQUARED = wp.constant(19.739208802178716)
+
+
+@wp.struct
+class Channels:
+    """A complex number for each channel."""
+
+    re: wp.vec3
+    im: wp.vec3
+
+
+@wp.struct
+class FilmWaves:
+    """One polarisation: A and c per channel."""
+
+    a: wp.vec3
+    c: Channels
+
+
+@wp.func
+def times(x: Channels, y: Channels) -> Channels:
+    """Return the product per channel."""
+    z = Channels()
+    z.re = wp.cw_mul(x.re, y.re) - wp.cw_mul(x.im, y.im)
+    z.im = wp.cw_mul(x.re, y.im) + wp.cw_mul(x.im, y.re)
+    return z
+
+
+@wp.func
+def _gaussian(d: float, wavenumber: float, width: float) -> wp.vec2:
+    wave = sine_cosine(TWO_PI * d * wavenumber)
+    dw = d * width
+    return wave * exponential(-_TWO_PI_SQUARED * dw * dw)
+
+
+@wp.func
+def sensitivity(d: float) -> Channels:
+    """Return S of a difference of paths in µm."""
+    a = _gaussian(d, 1.6356, 0.0624)
+    b = _gaussian(d, 1.7311, 0.1068)
+    c = _gaussian(d, 1.8295, 0.1143)
+    e = _gaussian(d, 2.1923, 0.1093)
+    f = _gaussian(d, 2.2181, 0.1006)
+    w_a = wp.vec3(0.69745, -0.13080, 0.01335)
+    w_b = wp.vec3(1.76072, -0.18515, -0.05130)
+    w_c = wp.vec3(-1.47746, 1.39148, -0.10073)
+    w_e = wp.vec3(-0.57756, 0.27577, 0.56201)
+    w_f = wp.vec3(0.59684, -0.35130, 0.57667)
+    s = Channels()
+    s.re = w_a * a[1] + w_b * b[1] + w_c * c[1] + w_e * e[1] + w_f * f[1]
+    s.im = w_a * a[0] + w_b * b[0] + w_c * c[0] + w_e * e[0] + w_f * f[0]
+    return s
+
+
+@wp.func
+def _inner_face(outer: float, x: wp.vec2, y: wp.vec2) -> wp.vec3:
+    # q = (x − y) / (x + y) for complex x and y. Returned are A, and c = −ρ q.
+    sum2 = (x[0] + y[0]) * (x[0] + y[0]) + (x[1] + y[1]) * (x[1] + y[1])
+    inverse = 1.0 / wp.max(sum2, 1.0e-30)
+    through = 4.0 * (x[0] * y[0] + x[1] * y[1]) * inverse  # 1 − |q|²
+    re = -outer * (wp.dot(x, x) - wp.dot(y, y)) * inverse
+    im = -outer * 2.0 * (x[1] * y[0] - x[0] * y[1]) * inverse
+    a = (1.0 - outer * outer) * through / wp.max(1.0 - re * re - im * im, 1.0e-12)
+    return wp.vec3(wp.clamp(a, 0.0, 1.0), re, im)
+
+
+@wp.func
+def _terms(waves: FilmWaves, power: Channels, s: Channels) -> wp.vec3:
+    return wp.cw_mul(waves.a, wp.cw_mul(power.re, s.re) - wp.cw_mul(power.im, s.im))
+
+
+@wp.func
+def _size(waves: FilmWaves, power: Channels) -> float:
+    return wp.max(wp.cw_mul(waves.a, wp.cw_mul(power.re, power.re) + wp.cw_mul(power.im, power.im)))
+
+
+@wp.func
+def film_reflectance(cos_i: float, index: float, thickness: float, eta: wp.vec3, k: wp.vec3) -> wp.vec3:
+    """Return the reflectance of a film on a dielectric or metal for unpolarised light, per channel, 0 to 1.
+
+    Args:
+        cos_i: cosine outside, greater than 0.
+        index: the film's refractive index over that outside.
+        thickness: the film's, times the index outside, µm.
+        eta: real part of the index of what is below, over that outside.
+        k: imaginary part of that; 0 for dielectrics.
+    """
+    sin2 = wp.max(1.0 - cos_i * cos_i, 0.0)
+    cos2 = 1.0 - sin2 / (index * index)
+    if cos2 <= 0.0:
+        return wp.vec3(1.0)
+    cos_film = wp.sqrt(cos2)
+    outer_s = (cos_i - index * cos_film) / (cos_i + index * cos_film)
+    outer_p = (index * cos_i - cos_film) / (index * cos_i + cos_film)
+    s = FilmWaves()
+    p = FilmWaves()
+    for i in range(3):
+        # n₃ cosθ₃ = √(n₃² − sin²θ), with both parts positive
+        square = wp.vec2(eta[i] * eta[i] - k[i] * k[i], 2.0 * eta[i] * k[i])
+        re = square[0] - sin2
+        length = wp.sqrt(re * re + square[1] * square[1])
+        below = wp.vec2(wp.sqrt(wp.max(0.5 * (length + re), 0.0)), wp.sqrt(wp.max(0.5 * (length - re), 0.0)))
+        face = _inner_face(outer_s, wp.vec2(index * cos_film, 0.0), below)
+        s.a[i] = face[0]
+        s.c.re[i] = face[1]
+        s.c.im[i] = face[2]
+        face = _inner_face(outer_p, square * cos_film, below * index)
+        p.a[i] = face[0]
+        p.c.re[i] = face[1]
+        p.c.im[i] = face[2]
+
+    d = 2.0 * index * thickness * cos_film
+    total = (s.a + p.a) * 0.5
+    s_power = s.c
+    p_power = p.c
+    m = int(1)
+    while m <= MOST_TERMS and wp.max(_size(s, s_power), _size(p, p_power)) > LEAST_TERM * LEAST_TERM:
+        seen = sensitivity(wp.min(float(m) * d, FARTHEST))
+        total += _terms(s, s_power, seen) + _terms(p, p_power, seen)
+        s_power = times(s_power, s.c)
+        p_power = times(p_power, p.c)
+        m += 1
+    reflected = wp.vec3(1.0) - total
+    return wp.vec3(wp.clamp(reflected[0], 0.0, 1.0), wp.clamp(reflected[1], 0.0, 1.0), wp.clamp(reflected[2], 0.0, 1.0))
+
+
+@wp.func
+def film_change(film: wp.vec3, cos_i: float, f0: wp.vec3) -> wp.vec3:
+    """Return by how much a film changes the reflectance of a surface whose index is real, per channel.
+
+    Without a film it is 0, and where its thickness or its contrast vanishes it tends to 0.
+
+    Args:
+        film: the share of the surface with a film, its index over that outside, and its thickness, µm.
+        cos_i: cosine outside.
+        f0: reflectance of the surface at normal incidence, which tells its index.
+    """
+    if film[0] <= 0.0 or film[2] <= 0.0:
+        return wp.vec3(0.0)
+    index = wp.vec3(_index_of(f0[0]), _index_of(f0[1]), _index_of(f0[2]))
+    cosine = wp.clamp(cos_i, 1.0e-4, 1.0)
+    bare = wp.vec3(
+        fresnel_dielectric(cosine, index[0]),
+        fresnel_dielectric(cosine, index[1]),
+        fresnel_dielectric(cosine, index[2]),
+    )
+    return (film_reflectance(cosine, film[1], film[2], index, wp.vec3(0.0)) - bare) * film[0]
+
+
+@wp.func
+def _index_of(f0: float) -> float:
+    root = wp.sqrt(wp.clamp(f0, 0.0, MOST_F0))
+    return (1.0 + root) / (1.0 - root)
+
+
+@wp.func
+def filmed_conductor(cos_i: float, eta: wp.vec3, k: wp.vec3, thickness: float, index: float) -> wp.vec3:
+    """Return the reflectance of a metal with complex index eta + i k under a film; its thickness is in nm."""
+    return film_reflectance(wp.max(cos_i, 1.0e-4), index, 1.0e-3 * wp.max(thickness, 0.0), eta, k)
+
+
+@wp.func
+def filmed_schlick(cos_i: float, f0: wp.vec3, thickness: float, index: float) -> wp.vec3:
+    """Return the same of a metal by Schlick's approximation, with the reflectance f0 at normal incidence."""
+    film = wp.vec3(1.0, index, 1.0e-3 * wp.max(thickness, 0.0))
+    reflected = fresnel_schlick(cos_i, f0) + film_change(film, cos_i, f0)
+    return wp.min(wp.max(reflected, wp.vec3(0.0)), wp.vec3(1.0))

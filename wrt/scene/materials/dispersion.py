@@ -1,0 +1,61 @@
+"""Dispersion: how much more transparent materials refract blue than red.
+
+Dispersion is 20 / V, as in glTF, where V = (n_d − 1) / (n_F − n_C) is the Abbe number: the index at 587.6 nm over its
+change from 656.3 nm to 486.1 nm. By the first terms of Cauchy's equation, n(λ) = A + B / λ², the index at any other
+wavelength follows (Khronos Group 2024, "KHR_materials_dispersion"). A channel has one index, that of the dominant
+wavelength of its primary.
+"""
+
+from __future__ import annotations
+
+from wrt.errors import InputError
+from wrt.scene.materials.presets import dielectric_abbe_number
+from wrt.values import Vec3, number
+
+PRIMARIES: Vec3 = (611.5, 549.1, 464.3)
+"""Dominant wavelengths of the primaries of Rec. 709 as seen from its white, nm: where lines from there through the
+primaries meet the spectral locus of the CIE 1931 observer."""
+
+LINE_C, LINE_D, LINE_F = 656.3, 587.6, 486.1
+"""Fraunhofer's lines, nm."""
+
+MOST = 1000.0
+"""The greatest dispersion, an Abbe number of 0.02; indices stay finite."""
+
+
+def channel_spread(ior: float, dispersion: float) -> Vec3:
+    """Return the index of each channel less that at 587.6 nm; no index falls below 1, or below `ior`, if that is less.
+
+    Args:
+        ior: the index at 587.6 nm, n_d.
+        dispersion: 20 over the Abbe number; 0 for none.
+    """
+    over_all = (ior - 1.0) * dispersion / 20.0  # n_F − n_C
+    least = min(ior, 1.0)
+
+    def spread(wavelength: float) -> float:
+        share = (wavelength**-2 - LINE_D**-2) / (LINE_F**-2 - LINE_C**-2)
+        return max(ior + over_all * share, least) - ior
+
+    red, green, blue = PRIMARIES
+    return spread(red), spread(green), spread(blue)
+
+
+def channel_indices(ior: float, dispersion: float) -> Vec3:
+    """Return the refractive index of each channel; see `channel_spread`."""
+    red, green, blue = channel_spread(ior, dispersion)
+    return ior + red, ior + green, ior + blue
+
+
+def checked_dispersion(value: float | str) -> float:
+    """Return a dispersion, given as a number or the name of a medium."""
+    if not isinstance(value, str):
+        return number(value, "dispersion", minimum=0.0, maximum=MOST)
+    try:
+        return 20.0 / dielectric_abbe_number(value)
+    except InputError as error:
+        raise InputError(f"dispersion: {error}") from None
+
+
+SHARES: Vec3 = (1.0 / 3.0,) * 3
+"""Probabilities of the channels where no path says otherwise."""
