@@ -1,4 +1,4 @@
-"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, lights, loading, versions, as found.
+"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, lights, loading, readers, versions, found.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
     python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
@@ -7,6 +7,7 @@
     python scripts/benchmark.py lights [--lights N ...] [--seconds S]
     python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
     python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
+    python scripts/benchmark.py readers [FOLDER ...] [--formats NAME ...] [--triangles N] [--repeats N]
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
@@ -23,7 +24,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import checkouts, compiling, found, lights, loading, rays, render, scaling
+from benchmarks import checkouts, compiling, found, lights, loading, rays, readers, render, scaling
 from benchmarks.measure import machine
 from benchmarks.report import SECTIONS, write_documents
 
@@ -34,6 +35,7 @@ MODULES = {
     "compile": compiling,
     "lights": lights,
     "loading": loading,
+    "readers": readers,
     "found": found,
     "checkouts": checkouts,
 }
@@ -62,6 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "compile": compiling.benchmark_compile,
         "lights": lights.benchmark_lights,
         "loading": loading.benchmark_loading,
+        "readers": readers.benchmark_readers,
         "found": found.benchmark_found,
         "checkouts": checkouts.benchmark_checkouts,
     }

@@ -123,6 +123,12 @@ def sheet(verdicts: Sequence[Verdict], size: int) -> Any:
     return drawn
 
 
+def save_sheet(verdicts: Sequence[Verdict], options: argparse.Namespace) -> None:
+    """Write the sheet of the last of the files."""
+    number = (len(verdicts) - 1) // PER_SHEET
+    sheet(verdicts[number * PER_SHEET :], options.size).save(f"{options.sheet}-{number + 1}.png")
+
+
 def table(verdicts: Sequence[Verdict]) -> str:
     """Return the verdicts in Markdown: the names of files read as they are, and a table of the others."""
     plain = ", ".join(f"`{each.name}`" for each in verdicts if each.state == "as it is")
@@ -158,11 +164,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if re.search(options.only, name):
             verdicts.append(examined(path, name, size=options.size, spp=options.spp))
             print(f"{name}: {verdicts[-1].state}; {'; '.join(verdicts[-1].messages)}", flush=True)
+            if options.sheet is not None and len(verdicts) % PER_SHEET == 0:
+                save_sheet(verdicts, options)
     counts = {state: sum(each.state == state for each in verdicts) for state in sorted({v.state for v in verdicts})}
     print(f"{len(verdicts)} files: {', '.join(f'{count} {state}' for state, count in counts.items())}")
-    if options.sheet is not None:
-        for k in range(0, len(verdicts), PER_SHEET):
-            sheet(verdicts[k : k + PER_SHEET], options.size).save(f"{options.sheet}-{k // PER_SHEET + 1}.png")
+    if options.sheet is not None and len(verdicts) % PER_SHEET:
+        save_sheet(verdicts, options)
     if options.table is not None:
         options.table.write_text(table(verdicts), "utf-8")
     return int(any(verdict.state == "broken" for verdict in verdicts))

@@ -84,6 +84,15 @@ def test_quantised_and_sparse_numbers_are_the_same_as_plain_ones(tmp_path):
     np.testing.assert_allclose(mesh.uvs, [[0, 1], [1, 1], [1, 0], [0, 0.8]], atol=1e-6)
 
 
+def test_a_view_longer_than_its_buffer_hurts_only_accessors_that_reach_beyond(tmp_path):
+    tree = square()
+    tree["bufferViews"][-1]["byteLength"] += 1000
+    np.testing.assert_allclose(corners(tmp_path, tree), POINTS[FACES])
+    tree["accessors"][1]["count"] += 300
+    with pytest.raises(wrt.InputError, match=r"mesh\.gltf"):
+        corners(tmp_path, tree)
+
+
 def test_fans_are_triangles_and_lines_are_told(tmp_path):
     tree = square()
     tree["meshes"][0]["primitives"] = [{"attributes": {"POSITION": 0}, "mode": 6}]

@@ -7,6 +7,7 @@ import struct
 
 import numpy as np
 import pytest
+from PIL import Image
 from support.meshes import SQUARE, area, area_vector, gltf_box, write
 
 import wrt
@@ -199,12 +200,15 @@ def test_ply_quads_keep_their_shape_and_colors(tmp_path):
     np.testing.assert_array_equal(colors, [[1, 0, 0]] * 2 + [[0, 0, 1]] * 2)
 
 
-def test_off_colors_are_left_out_and_those_of_vertices_told(tmp_path):
-    text = "COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255\n0 1 0 255 0 0 255\n3 0 1 2\n"
-    with pytest.warns(InputWarning, match="vertex colours of the OFF file are left out"):
-        assert len(load_mesh(write(tmp_path, "c.off", text)).faces) == 1
-    text = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 0.0 1.0 0.0\n"
-    assert load_shapes(write(tmp_path, "f.off", text))[0].material.reflectance == DEFAULT_REFLECTANCE
+def test_ply_names_its_image_by_the_word_of_meshlab(tmp_path):
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "red_A.png")
+    head = "ply\nformat ascii 1.0\ncomment TextureFile <this>_A.png\n"
+    head += "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
+    head += "property list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
+    body = "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 1 0 0 1\n3 2 1 0 6 0 1 1 0 0 0\n"
+    (shape,) = load_shapes(write(tmp_path, "red.ply", head + body))
+    assert isinstance(shape.material.reflectance, wrt.ImageTexture)
+    np.testing.assert_array_equal(shape.material.reflectance.pixels[0, 0], (1, 0, 0))
 
 
 # glTF ---------------------------------------------------------------------------------------------

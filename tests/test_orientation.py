@@ -98,6 +98,15 @@ def test_teapot_stands():
     assert guess_up(shapes_of(quarter_turn(mesh)), "y") == "z"
 
 
+def test_a_sheet_that_would_be_part_of_the_floor_is_stood_up():
+    lying = wrt.quad((0, 0, 0), (0, 0, 1), (1, 0, 0))
+    assert guess_up(shapes_of(lying), "y") == "z"
+    assert guess_up(shapes_of(lying, lying), "y") == "z"
+    assert guess_up(shapes_of(quarter_turn(lying)), "z") == "y"
+    assert guess_up(shapes_of(quarter_turn(lying)), "y") == "y"
+    assert guess_up(shapes_of(lying, wrt.quad((0, 0.01, 0), (0, 0, 1), (1, 0, 0))), "y") == "y"
+
+
 @pytest.mark.parametrize(
     "mesh",
     [
@@ -107,11 +116,9 @@ def test_teapot_stands():
         wrt.box((0, 0, 0), (1, 0.01, 1)),
         wrt.box((0, 0, 0), (1, 1, 0.01)),
         wrt.sphere(subdivisions=4),
-        wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)),
-        wrt.quad((0, 0, 0), (0, 0, 1), (1, 0, 0)),
         CYLINDER.rotated((0.0, 0.0, 1.0), 90.0),
     ],
-    ids=["cube", "beam", "tower", "plate", "pane", "ball", "upright", "lying", "along x"],
+    ids=["cube", "beam", "tower", "plate", "pane", "ball", "along x"],
 )
 def test_in_doubt_the_default_stays(mesh):
     for default in ("y", "z"):

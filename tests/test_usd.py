@@ -199,6 +199,58 @@ def test_a_dome_lights_the_scene_in_place_of_the_studio(tmp_path):
     assert len(loaded.shapes) == 2
 
 
+def test_images_within_an_archive_are_read(tmp_path):
+    from pxr import UsdUtils
+
+    wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
+    whole = load_file(write(tmp_path, "all.usda", USD))
+    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "all.usda"), str(tmp_path / "all.usdz"))
+    (tmp_path / "red.png").unlink()
+    packed = load_file(tmp_path / "all.usdz")
+    for one, other in zip(whole.shapes, packed.shapes, strict=True):
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+    images = [
+        [s.material.base_color for s in each.shapes if isinstance(s.material, wrt.Principled)]
+        for each in (whole, packed)
+    ]
+    images = [[i for i in each if isinstance(i, wrt.ImageTexture)] for each in images]
+    np.testing.assert_array_equal(images[0][0].pixels, images[1][0].pixels)
+
+
+def volume(mesh):
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(np.float64), 1, 0)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "size", "expected"),
+    [
+        ("Cylinder", 'double radius = 2\ndouble height = 3\ntoken axis = "X"', (3, 4, 4), 12 * math.pi),
+        ("Cone", 'double radius = 1\ndouble height = 3\ntoken axis = "Y"', (2, 3, 2), math.pi),
+        ("Capsule", "double radius = 1\ndouble height = 2", (2, 2, 4), (2 + 4 / 3) * math.pi),
+        ("Cube", "double size = 2", (2, 2, 2), 8.0),
+    ],
+)
+def test_solids_are_closed_and_face_outwards(tmp_path, kind, values, size, expected):
+    text = f'#usda 1.0\n(\nmetersPerUnit = 1\n)\ndef {kind} "A"\n{{\n{values}\n}}\n'
+    (shape,) = load_file(write(tmp_path, "solid.usda", text)).shapes
+    low, high = shape.mesh.bounds
+    np.testing.assert_allclose(high - low, size, rtol=3e-3)  # of 64 sides
+    assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
+
+
+def test_values_of_a_type_that_a_mesh_does_not_have_are_left_out(tmp_path):
+    for wrong in (
+        "int normals = 3",
+        'string normals = "up"',
+        "color3f primvars:displayColor = (1, 0, 0)",
+        "int[] primvars:st = [1]",
+    ):
+        text = USD.replace("        texCoord2f[] primvars:st", f"        {wrong}\n        texCoord2f[] primvars:was")
+        wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
+        assert len(load_file(write(tmp_path, "wrong.usda", text)).shapes) == 4
+
+
 def test_what_is_wrong_is_told_in_one_line(tmp_path, monkeypatch):
     with pytest.raises(wrt.InputError, match=r"bad\.usda: not a USD file that can be read"):
         load_file(write(tmp_path, "bad.usda", "#usda 1.0\ndef Xform {"))

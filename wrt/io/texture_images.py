@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.images import FLOAT_SUFFIXES, open_image, pixels_of, read_float
+from wrt.io.ktx2 import IDENTIFIER, open_ktx2
 from wrt.io.safe_read import first_line, read_file
 from wrt.values import sealed
 
@@ -90,8 +91,7 @@ class TextureImages:
                 if isinstance(found, Path) and found.suffix.lower() not in FLOAT_SUFFIXES:
                     found = read_file(found)
                 if isinstance(found, bytes):
-                    found = open_image(io.BytesIO(found))
-                    found.load()
+                    found = _opened(found)
                 self._opened[key] = found
             except Exception as error:  # noqa: BLE001 - decoders raise undocumented exceptions on damaged images
                 self._leave_out(key, label, error)
@@ -100,6 +100,14 @@ class TextureImages:
     def _leave_out(self, key: Hashable, label: str, error: Exception) -> None:
         self._opened[key] = None
         warn(f"{self._path}: {label} left out: it cannot be decoded: {first_line(error)}")
+
+
+def _opened(data: bytes) -> Image:
+    if data.startswith(IDENTIFIER):
+        return open_ktx2(data)
+    image = open_image(io.BytesIO(data))
+    image.load()
+    return image
 
 
 def _decoded(image: Image | Path, kind: str) -> NDArray[np.float32]:

@@ -23,6 +23,7 @@ _LAND_FACES = 0.5  # mean upward normal above which an open surface is terrain; 
 _DIRECTIONS = 24  # corners of the polygon that approximates a convex hull; a disc comes out 1.1 % too small
 _FACES = 200_000  # sampled for the centre
 _POINTS = 500_000  # sampled for the outline
+_SHEET = 1e-6  # largest thickness of a sheet, relative to its width: some rounding errors of float32
 
 _Float = NDArray[np.floating[Any]]
 
@@ -36,6 +37,7 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     default is overruled only if the mesh falls along it and stands much better along the other axis: boxes, balls and
     plates, upright or lying, stay as they are. So does terrain, an open surface that faces upwards and touches the
     ground at few points. An object with a flat back and no foot, such as a mask, is taken to lie; give its axis.
+    A flat sheet without thickness, which could not be told from the floor that it lies on, is stood up.
 
     Args:
         shapes: the parts of one mesh, in one space.
@@ -48,10 +50,13 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     if surface is None:
         return default
     center, facing = surface
-    if facing["xyz".index(default)] > _LAND_FACES:
-        return default
     step = 1 + sum(len(shape.mesh.vertices) for shape in shapes) // _POINTS
     points = np.concatenate([shape.mesh.vertices[::step] for shape in shapes])
+    extent = np.ptp(points, axis=0)
+    if extent["xyz".index(default)] <= _SHEET * extent.max():
+        return other
+    if facing["xyz".index(default)] > _LAND_FACES:
+        return default
     cover, lean = _standing(points, center, "xyz".index(other))
     if cover < _STANDS_COVER or lean < _STANDS_LEAN:
         return default

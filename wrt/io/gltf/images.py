@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import warn
+from wrt.io import ktx2
 from wrt.io.gltf.buffers import Buffers, Tree
 from wrt.io.texture_images import Source, TextureImages
 from wrt.scene.textures import ImageTexture
@@ -32,6 +33,7 @@ class GltfImages:
         self._tree = {key: tree.get(key, []) for key in ("images", "textures", "samplers")}
         self._images = TextureImages(path)
         self._firsts: dict[tuple[int | None, str | None], int] = {}  # images by where their bytes are
+        self._needs_ktx2 = False
 
     def texture(self, info: Tree | None, kind: str, *, placed: bool, **options: Any) -> ImageTexture | None:
         """Return the texture of a reference, or None if there is none.
@@ -98,14 +100,23 @@ class GltfImages:
         source: int | None = entry.get("source")
         for name in ("EXT_texture_webp", "EXT_texture_avif"):
             source = extensions.get(name, {}).get("source", source)
+        if source is None and "KHR_texture_basisu" in extensions:
+            if not ktx2.has_decoder():
+                self._warn_of_ktx2()
+                return None
+            source = extensions["KHR_texture_basisu"]["source"]
         if source is None:
             kinds = ", ".join(extensions) or "no source"
-            hint = "; export it with PNG, JPEG or WebP" if "KHR_texture_basisu" in extensions else ""
             what = f"texture {info['index']} left out: its image is in a format not supported ({kinds})"
-            warn(f"{self._path}: {what}{hint}")
+            warn(f"{self._path}: {what}")
             return None
         image = self._tree["images"][source]
         return self._firsts.setdefault((image.get("bufferView"), image.get("uri")), source)
+
+    def _warn_of_ktx2(self) -> None:
+        if not self._needs_ktx2:
+            warn(f"{self._path}: textures in KTX2 images are left out, which need a decoder: {ktx2.HINT}")
+        self._needs_ktx2 = True
 
     def _bytes(self, number: int) -> Source:
         image = self._tree["images"][number]

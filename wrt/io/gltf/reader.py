@@ -159,6 +159,9 @@ def _prepare(path: Path, tree: Tree, buffers: Buffers) -> list[Tree]:
         if not str(name).startswith(_KNOWN_EXTENSIONS):
             raise InputError(f"{path}: requires the glTF extension {name}, which is not supported; export without it")
     materials = tree.get("materials", [])
+    for view in tree.get("bufferViews", []):  # some are longer than their data, which hurts no accessor
+        room = tree["buffers"][view["buffer"]]["byteLength"] - view.get("byteOffset", 0)
+        view["byteLength"] = min(view["byteLength"], max(room, 0))
     for node in tree.get("nodes", []):
         node.pop("camera", None)  # trimesh drops nodes with a camera
     prepare_nodes(tree, buffers)

@@ -26,6 +26,8 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     """
     data = as_utf8(data)
     header = data[: data.find(b"end_header")]
+    if b"<this>" in header:  # MeshLab's word for the name of the file itself
+        data = header.replace(b"<this>", path.stem.encode()) + data[len(header) :]
     try:
         # Coordinates at corners part vertices. Ones at vertices need not, and trimesh would leave
         # the normals and colours behind.

@@ -6,14 +6,17 @@ UsdTransform2d and UsdPrimvarReader.
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wrt.errors import InputError, warn
-from wrt.io.images import read_image
-from wrt.io.texture_images import TextureImages
+from wrt.io.images import FLOAT_SUFFIXES, read_image
+from wrt.io.safe_read import first_line, read_file
+from wrt.io.texture_images import Source, TextureImages
 from wrt.io.usd.lights import Matrix, radiance_of
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.materials import Material, Principled
@@ -55,7 +58,10 @@ class UsdMaterials:
         asset = UsdLux.DomeLight(prim).GetTextureFileAttr().Get()
         if not asset or not asset.path:
             return ConstantEnvironment(vec3(radiance))
-        file = self._file(asset)
+        file = self._path.parent / _name(asset)
+        if "[" in _name(asset):
+            warn(f"{self._path}: {_name(asset)}: the image of a dome within an archive is left out; unpack it")
+            return ConstantEnvironment(vec3(radiance))
         if not file.is_file():
             warn(f"{self._path}: {str(file)!r}, which it refers to: no such file; the dome has one colour")
             return ConstantEnvironment(vec3(radiance))
@@ -63,13 +69,6 @@ class UsdMaterials:
         axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
         axis, degrees = axis_and_degrees(axes @ np.diag([-1.0, 1.0, -1.0]))
         return ImageEnvironment(pixels, 1.0, degrees, file.name, axis)
-
-    def _file(self, asset: Any) -> Path:
-        """Return the file of an asset, which must not be a part of an archive."""
-        name = str(asset.resolvedPath or asset.path).replace("\\", "/")
-        if "[" in name:
-            raise InputError(f"{self._path}: {name}: images within a USDZ archive are not supported; unpack it")
-        return self._path.parent / name
 
     def _make(self, bound: Any, laid: bool) -> Material | None:
         shader, _, _ = bound.ComputeSurfaceSource()
@@ -105,8 +104,24 @@ class UsdMaterials:
 
     def pixels(self, asset: Any, kind: str) -> Any:
         """Return the pixels of an image, or None with a warning."""
-        file = self._file(asset)
-        return self._images.pixels(str(file), kind, f"image {file.name}", lambda: file)
+        name = _name(asset)
+        return self._images.pixels(name, kind, f"image {_short(name)}", lambda: self._located(name))
+
+    def _located(self, name: str) -> Source:
+        """Return the file of an image, or its bytes within a USDZ archive."""
+        archive, within, inner = name.partition("[")
+        if not within:
+            return self._path.parent / name
+        inner = inner.removesuffix("]")
+        if "[" in inner or Path(inner).suffix.lower() in FLOAT_SUFFIXES:
+            raise InputError(f"{self._path}: {name}: archives and images of floats within an archive are not supported")
+        try:
+            with zipfile.ZipFile(io.BytesIO(read_file(self._path.parent / archive))) as opened:
+                if opened.getinfo(inner).compress_type != zipfile.ZIP_STORED:
+                    raise InputError(f"{self._path}: {name}: it is compressed, which USDZ forbids")
+                return opened.read(inner)
+        except (KeyError, zipfile.BadZipFile) as error:
+            raise InputError(f"{self._path}: {name}: {first_line(error)}") from None
 
 
 class _Inputs:
@@ -169,8 +184,18 @@ class _Inputs:
         if channel in _CHANNELS[:3]:
             options["channel"] = channel
             scale = scale[_CHANNELS.index(channel)] * np.ones(3)
-        file = Path(asset.path).name
-        return ImageTexture(pixels, file, factor=vec3(scale), wrap=wraps, **_placement(image), **options)
+        return ImageTexture(
+            pixels, _short(_name(asset)), factor=vec3(scale), wrap=wraps, **_placement(image), **options
+        )
+
+
+def _name(asset: Any) -> str:
+    """Return the path of an asset; of one within a USDZ archive, that of the archive and in brackets the rest."""
+    return str(asset.resolvedPath or asset.path).replace("\\", "/")
+
+
+def _short(name: str) -> str:
+    return Path(name.removesuffix("]")).name
 
 
 def _constant(shader: Any, name: str, default: Any) -> Any:

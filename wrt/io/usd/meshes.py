@@ -12,11 +12,14 @@ from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.mesh.parts import Part
 from wrt.io.mesh.polygons import triangulate
-from wrt.io.mitsuba.surfaces import cylinder
 from wrt.io.usd.materials import UsdMaterials
+from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box, quad, sphere
 
 _ROUND_SEGMENTS = 64
+
+SOLIDS = ("Cube", "Sphere", "Plane", "Cylinder", "Cone", "Capsule")
+"""Types of prims that `solid` makes triangles of."""
 
 
 def mesh_parts(path: Path, prim: Any, materials: UsdMaterials) -> list[Part]:
@@ -44,10 +47,11 @@ def mesh_parts(path: Path, prim: Any, materials: UsdMaterials) -> list[Part]:
     triangles, owner = triangulate(points, corners, counts)
     if str(mesh.GetOrientationAttr().Get()) == "leftHanded":
         triangles = triangles[:, ::-1]
-    normals = _values(mesh.GetNormalsAttr().Get(), str(mesh.GetNormalsInterpolation()), corners, counts)
+    normals = _values(mesh.GetNormalsAttr().Get(), 3, str(mesh.GetNormalsInterpolation()), corners, counts)
     primvars = UsdGeom.PrimvarsAPI(prim)
     uvs, colors = (
-        _primvar(primvars.FindPrimvarWithInheritance(name), corners, counts) for name in ("st", "displayColor")
+        _primvar(primvars.FindPrimvarWithInheritance(name), width, corners, counts)
+        for name, width in (("st", 2), ("displayColor", 3))
     )
     return [
         _part(path, prim, points, corners, triangles[np.isin(owner, faces)], normals, uvs, colors, bound, materials)
@@ -56,7 +60,7 @@ def mesh_parts(path: Path, prim: Any, materials: UsdMaterials) -> list[Part]:
 
 
 def solid(path: Path, prim: Any, materials: UsdMaterials) -> Part:
-    """Return a cube, sphere, plane or cylinder as triangles."""
+    """Return one of SOLIDS as triangles."""
     from pxr import UsdGeom
 
     kind = str(prim.GetTypeName())
@@ -67,7 +71,7 @@ def solid(path: Path, prim: Any, materials: UsdMaterials) -> Part:
     elif kind == "Sphere":
         made = sphere(radius=float(UsdGeom.Sphere(prim).GetRadiusAttr().Get()))
     else:
-        given = (UsdGeom.Plane if kind == "Plane" else UsdGeom.Cylinder)(prim)
+        given = getattr(UsdGeom, kind)(prim)
         letter = str(given.GetAxisAttr().Get())
         axis[:3, :3] = {"X": np.roll(np.eye(3), 1, axis=0), "Y": np.roll(np.eye(3), 2, axis=0)}.get(letter, np.eye(3))
         if kind == "Plane":
@@ -75,14 +79,46 @@ def solid(path: Path, prim: Any, materials: UsdMaterials) -> Part:
             made = quad((-0.5 * w, -0.5 * h, 0.0), (w, 0.0, 0.0), (0.0, h, 0.0))
         else:
             radius, height = (float(each.Get()) for each in (given.GetRadiusAttr(), given.GetHeightAttr()))
-            scaled = np.diag([radius, radius, height, 1.0])
-            scaled[2, 3] = -0.5 * height
-            made = cylinder(_ROUND_SEGMENTS).transformed(scaled)
-            warn(f"{path}: {prim.GetPath()}: a cylinder is open at its ends")
+            made = _turned(_profile(kind, radius, 0.5 * height))
     made = made.transformed(axis)
     part = Part(str(prim.GetPath()), made.vertices, made.faces, made.normals, made.uvs)
     _dress(part, prim, materials)
     return part
+
+
+def _profile(kind: str, radius: float, half: float) -> NDArray[np.float64]:
+    """Return (P, 2) distances from the axis and heights of a round solid, from its lower end to its upper one."""
+    if kind == "Capsule":
+        angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND_SEGMENTS // 2)  # of an even number, so that none is 0
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle) + np.copysign(half, angle)], axis=1)
+    top = radius if kind == "Cylinder" else 0.0
+    return np.array([(0.0, -half), (radius, -half), (top, half), (0.0, half)])[: 4 if top else 3]
+
+
+def _turned(profile: NDArray[np.float64]) -> Mesh:
+    """Return the closed surface of a profile that is turned about z; its first and last point lie on the axis."""
+    angle = np.arange(_ROUND_SEGMENTS) * (2.0 * np.pi / _ROUND_SEGMENTS)
+    middle = profile[1:-1, None]
+    rings = np.stack(
+        np.broadcast_arrays(middle[..., 0] * np.cos(angle), middle[..., 0] * np.sin(angle), middle[..., 1]), 2
+    )
+    ends = np.zeros((2, 3))
+    ends[:, 2] = profile[[0, -1], 1]
+    last = len(rings) * _ROUND_SEGMENTS
+    here = np.arange(_ROUND_SEGMENTS)
+    following = np.roll(here, -1)
+    faces = [np.stack([following, here, np.full_like(here, last)], axis=1)]
+    for start in range(0, last - _ROUND_SEGMENTS, _ROUND_SEGMENTS):
+        a, b, c, d = (
+            start + here,
+            start + following,
+            start + _ROUND_SEGMENTS + following,
+            start + _ROUND_SEGMENTS + here,
+        )
+        faces += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
+    top = last - _ROUND_SEGMENTS
+    faces.append(np.stack([top + here, top + following, np.full_like(here, last + 1)], axis=1))
+    return Mesh(np.concatenate([rings.reshape(-1, 3), ends]), np.concatenate(faces))
 
 
 def _subsets(prim: Any, count: int) -> list[tuple[NDArray[np.int64], Any]]:
@@ -130,21 +166,25 @@ def _dress(part: Part, bound: Any, materials: UsdMaterials) -> None:
         part.material, part.colors = material, None
 
 
-def _primvar(primvar: Any, corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any] | None:
+def _primvar(primvar: Any, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any] | None:
     """Return the values of a primvar at each corner, or None."""
     if not primvar or not primvar.HasValue():
         return None
     values = primvar.ComputeFlattened()
-    return _values(values, str(primvar.GetInterpolation()), corners, counts)
+    return _values(values, width, str(primvar.GetInterpolation()), corners, counts)
 
 
 def _values(
-    values: Any, interpolation: str, corners: NDArray[np.int64], counts: NDArray[np.int64]
+    values: Any, width: int, interpolation: str, corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[Any] | None:
-    """Return (C, width) values at each corner of the faces, or None where their number does not fit."""
-    if values is None or not len(values):
+    """Return (C, width) values at each corner of the faces, or None where their number or type does not fit."""
+    try:
+        rows = np.array(() if values is None else values, np.float64)
+    except (TypeError, ValueError):  # of a type that the schema does not have
         return None
-    rows = np.array(values, np.float64).reshape(len(values), -1)
+    rows = np.atleast_2d(rows)
+    if rows.ndim != 2 or rows.shape[1] != width:
+        return None
     places = {
         "faceVarying": np.arange(len(corners)),
         "vertex": corners,

@@ -18,14 +18,13 @@ from wrt.io.mesh.parts import Contents, Part, placed
 from wrt.io.safe_read import first_line, require_file
 from wrt.io.usd.lights import LIGHT_KINDS, camera_of, light_of
 from wrt.io.usd.materials import UsdMaterials
-from wrt.io.usd.meshes import mesh_parts, solid
+from wrt.io.usd.meshes import SOLIDS, mesh_parts, solid
 from wrt.scene.camera import Camera
 from wrt.scene.environment import Environment
 from wrt.scene.lights import Light
 
 Matrix = NDArray[np.float64]
 
-_SOLIDS = ("Cube", "Sphere", "Plane", "Cylinder")
 _SILENT = ("Xform", "Scope", "Material", "Shader", "GeomSubset", "NodeGraph", "SkelRoot", "", "DomeLight")
 """Types that hold others, or are read with those that use them."""
 
@@ -94,7 +93,7 @@ class _Reader:
             if prim.IsA(UsdGeom.PointInstancer):
                 self._add_instances(stage, UsdGeom.PointInstancer(prim), matrix)
                 walk.PruneChildren()
-            elif kind == "Mesh" or kind in _SOLIDS:
+            elif kind == "Mesh" or kind in SOLIDS:
                 self._add(prim, matrix)
             elif kind == "Camera":
                 cameras.append(camera_of(UsdGeom.Camera(prim), matrix, self._scale))
@@ -136,7 +135,7 @@ class _Reader:
             own = UsdGeom.XformCache(time)
             above = np.array(own.GetLocalToWorldTransform(prototype.GetParent())).T
             for prim in Usd.PrimRange(prototype, Usd.TraverseInstanceProxies()):
-                if str(prim.GetTypeName()) != "Mesh" and str(prim.GetTypeName()) not in _SOLIDS:
+                if str(prim.GetTypeName()) != "Mesh" and str(prim.GetTypeName()) not in SOLIDS:
                     continue
                 within = np.linalg.inv(above) @ np.array(own.GetLocalToWorldTransform(prim)).T
                 for place in np.flatnonzero(which == number).tolist():
