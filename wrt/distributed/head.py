@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
+from wrt.distributed.dask_cluster import DaskCluster
 from wrt.distributed.spread import Spread
 from wrt.distributed.worker import Job, Rendered
 from wrt.errors import InputError
@@ -61,7 +62,7 @@ class DistributedRenderer(Renderer):
         film = current_backend().kernels("wrt.kernels.film.film")
         with self.device.compiling() as compile:
             compile(film.film_noise)
-        self._spread = Spread(self._client, self.scene)
+        self._spread = Spread(DaskCluster(self._client), self.scene)
         self._kernel = _Remote(self)  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
         self._options = {**options, "seed": self.seed, "strategy": self.strategy, "light_choice": self.light_choice}
