@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.distributed.dask_cluster import DaskCluster
-from wrt.distributed.spread import Spread
+from wrt.distributed.spread import Pass, Spread
 from wrt.distributed.worker import Job, Rendered
 from wrt.errors import InputError
 from wrt.parts.cut import put, take
@@ -139,14 +139,8 @@ class _Remote:
         renderer, (spp,) = self._renderer, inputs
         film, crop = renderer.film, renderer.crop
         samples = spp - int(film.counts.min())
-        renderer.spread.run(
-            renderer.job,
-            crop,
-            samples,
-            spp,
-            lambda window: _state(film, crop, window),
-            lambda window, rendered: _keep(film, crop, window, rendered),
-        )
+        do = Pass(renderer.job, crop, samples, spp, seconds_left, lambda window: _state(film, crop, window))
+        renderer.spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
 
 
 def _state(film: Film, crop: CropWindow, window: CropWindow) -> dict[str, NDArray[Any]] | None:

@@ -34,6 +34,27 @@ Keep = Callable[[CropWindow, Rendered], object]
 State = Callable[[CropWindow], "dict[str, NDArray[Any]] | None"]
 
 
+@dataclass(frozen=True)
+class Pass:
+    """What is to be rendered.
+
+    Attributes:
+        job: what the windows have in common.
+        crop: the picture.
+        samples: how many samples a pixel lacks at most.
+        spp: samples per pixel in the end.
+        seconds_left: time that the picture still takes, of which this pass is a share.
+        state: returns the arrays of the film for a window, None where it is empty.
+    """
+
+    job: Job
+    crop: CropWindow
+    samples: int
+    spp: int
+    seconds_left: float
+    state: State
+
+
 @dataclass(eq=False)
 class _Window:
     """A window that is to be rendered.
@@ -64,31 +85,23 @@ class Spread:
         self.crew = Crew(cluster, dataclasses.replace(scene, settings=settings), self._ended.set)
         self._seconds_of_sample = 0.0
 
-    def run(self, job: Job, crop: CropWindow, samples: int, spp: int, state: State, keep: Keep) -> None:
-        """Bring every pixel of `crop` to `spp` samples.
-
-        Args:
-            job: what the windows have in common.
-            crop: the picture.
-            samples: how many samples a pixel lacks at most.
-            spp: samples per pixel in the end.
-            state: returns the arrays of the film for a window, None where it is empty.
-            keep: called with each window and what became of it.
+    def run(self, do: Pass, keep: Keep) -> None:
+        """Render a pass; `keep` is called with each window and what became of it.
 
         Raises:
             InputError: where a worker cannot render the scene.
             OSError: where workers died of a window.
         """
         coming = windows_of_pass(
-            crop, lambda: len(self.crew.members), lambda: self._seconds_of_sample * max(samples, 1)
+            do.crop, lambda: len(self.crew.members), lambda: self._seconds_of_sample * max(do.samples, 1)
         )
         going: list[_Window] = []
-        left = pixels_of((crop,))
+        left = pixels_of((do.crop,))
         try:
             while left:
-                self.crew.update(job)
-                self._submit(job, coming, going, spp, state)
-                self._wait(job)
+                self.crew.update(do.job)
+                self._submit(do, coming, going)
+                self._wait(do.job)
                 for each in list(going):
                     rendered = self._rendered(each)
                     if rendered is not None:
@@ -96,33 +109,33 @@ class Spread:
                         self._leave(each)
                         keep(each.window, rendered)
                         left -= pixels_of((each.window,))
-                        self._measure(each.window, rendered, samples)
+                        self._measure(each.window, rendered, do.samples)
         finally:
             self._cluster.cancel([one.future for each in going for one in each.tries])
             for each in going:
                 for one in each.tries:
                     one.member.tries.remove(one)
 
-    def _submit(self, job: Job, coming: Iterator[CropWindow], going: list[_Window], spp: int, state: State) -> None:
+    def _submit(self, do: Pass, coming: Iterator[CropWindow], going: list[_Window]) -> None:
         """Give windows to workers that can take them, late ones first."""
         for each in going:
             if all(self.crew.is_late(one.member) for one in each.tries):
                 having = {one.member for one in each.tries}
-                member = next((member for member in self.crew.free(job) if member not in having), None)
+                member = next((member for member in self.crew.free(do.job) if member not in having), None)
                 if member is not None:
-                    self._give(member, job, each, spp, state)
-        while free := self.crew.free(job):
+                    self._give(do, each, member)
+        while free := self.crew.free(do.job):
             window = next(coming, None)
             if window is None:
                 return
             going.append(_Window(window))
-            self._give(free[0], job, going[-1], spp, state)
+            self._give(do, going[-1], free[0])
 
-    def _give(self, member: Member, job: Job, each: _Window, spp: int, state: State) -> None:
+    def _give(self, do: Pass, each: _Window, member: Member) -> None:
         x0, y0, x1, y1 = each.window
-        name = f"wrt-{job.digest[:8]}-{x0},{y0},{x1},{y1}-to-{spp}"
-        here = self.crew.job_of(member, job)
-        future = self.crew.call(member, name, render_window, here, each.window, state(each.window), spp)
+        name = f"wrt-{do.job.digest[:8]}-{x0},{y0},{x1},{y1}-to-{do.spp}"
+        job, state = self.crew.job_of(member, do.job), do.state(each.window)
+        future = self.crew.call(member, name, render_window, job, each.window, state, do.spp, do.seconds_left)
         each.tries.append(Try(member, future, time.monotonic()))
         member.tries.append(each.tries[-1])
 

@@ -77,19 +77,28 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
         packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
     """
     from wrt._version import __version__
+    from wrt.backend import NotCompiled, current_backend
     from wrt.backend.arithmetic import arithmetic_of
     from wrt.backend.device import Device
 
+    if job.options["device"] != "cpu" and current_backend().builds is not None:
+        _go_over_to_warp()
     device = Device(job.options["device"])
     kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}
     if packed is not None:
         with _rendering:
             if job.digest not in _renderers:
-                _build(job, unpack(packed))
+                try:
+                    _build(job, unpack(packed))
+                except NotCompiled:
+                    _go_over_to_warp()
+                    _build(job, unpack(packed))
     return Ready(kind, job.digest if job.digest in _renderers else "")
 
 
-def render_window(job: Job, window: CropWindow, state: dict[str, NDArray[Any]] | None, spp: int) -> Rendered | None:
+def render_window(
+    job: Job, window: CropWindow, state: dict[str, NDArray[Any]] | None, spp: int, seconds_left: float
+) -> Rendered | None:
     """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
 
     Args:
@@ -97,10 +106,12 @@ def render_window(job: Job, window: CropWindow, state: dict[str, NDArray[Any]] |
         window: the window, in pixels of the whole picture.
         state: arrays of a film for its pixels, to go on from.
         spp: samples per pixel in the end.
+        seconds_left: time that the picture still takes: whether to load the wide kernel, or to have it compiled.
 
     Returns:
         The window, or None if the worker has not built the scene.
     """
+    from wrt.backend import NotCompiled
     from wrt.parts.render import render_windows
 
     with _rendering:
@@ -108,10 +119,23 @@ def render_window(job: Job, window: CropWindow, state: dict[str, NDArray[Any]] |
         if renderer is None:
             return None
         _renderers.move_to_end(job.digest)
-        if renderer.scene.camera != job.camera:
-            renderer.set_camera(job.camera)
-        arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state)
+        try:
+            if renderer.scene.camera != job.camera:
+                renderer.set_camera(job.camera)
+            done = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
+        except NotCompiled:
+            _go_over_to_warp()
+            return None
+    arrays, seconds, rays = done
     return Rendered(arrays, rays, seconds)
+
+
+def _go_over_to_warp() -> None:
+    """Leave the backend of compiled kernels, with what it has built."""
+    from wrt.backend import leave_compiled
+
+    _renderers.clear()
+    leave_compiled()
 
 
 def _build(job: Job, scene: Scene) -> None:
