@@ -77,8 +77,9 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
         packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
     """
     from wrt._version import __version__
-    from wrt.backend import NotCompiled, current_backend
+    from wrt.backend import current_backend
     from wrt.backend.arithmetic import arithmetic_of
+    from wrt.backend.builds import NotCompiled
     from wrt.backend.device import Device
 
     if job.options["device"] != "cpu" and current_backend().builds is not None:
@@ -111,7 +112,7 @@ def render_window(
     Returns:
         The window, or None if the worker has not built the scene.
     """
-    from wrt.backend import NotCompiled
+    from wrt.backend.builds import NotCompiled
     from wrt.parts.render import render_windows
 
     with _rendering:
