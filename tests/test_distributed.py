@@ -151,13 +151,13 @@ def test_a_worker_of_another_kind_renders_nothing(
 
     monkeypatch.setattr("wrt.backend.arithmetic.arithmetic_of", arithmetic)
     renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
-    renderer.spread.kind.update(arithmetic_of(one.device))
+    renderer.spread.crew.kind.update(arithmetic_of(one.device))
     with pytest.warns(
         wrt.errors.InputWarning, match=rf"^worker {strange} renders nothing, these differ: processor \(z80"
     ):
         found = film_of(renderer, 9)
     assert_same(found, film_of(one, 9))
-    assert renderer.spread.refused == {strange}
+    assert set(renderer.spread.crew.refused) == {strange}
     monkeypatch.setattr("wrt._version.__version__", "0.0.1")  # of both workers, since they are here
     renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE, **LAYERS)
     with (
@@ -188,13 +188,13 @@ def test_errors_are_one_line(client: Any, monkeypatch: pytest.MonkeyPatch, capsy
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("workers", [1, 3, 7])
 def test_workers_die_come_late_and_stop(workers: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
     size = {"width": 48, "height": 36, "max_depth": 3, **LAYERS}
     expected = film_of(wrt.Renderer(scene(), **size), 96)
     with (
-        dask.config.set({"distributed.scheduler.worker-ttl": "20 s"}),  # a worker that hangs is given up sooner
+        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs is there to the end
         distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
         ) as cluster,
@@ -218,8 +218,9 @@ def test_workers_die_come_late_and_stop(workers: int, monkeypatch: pytest.Monkey
                 happened.append("stopped")
 
         monkeypatch.setattr(head, "_keep", keep_and_hurt)
-        monkeypatch.setattr("wrt.distributed.spread.GATHER_SECONDS", 1.0)
-        monkeypatch.setattr("wrt.distributed.spread.LATE_SECONDS", 1.0)
+        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.05)  # many windows
+        monkeypatch.setattr("wrt.distributed.dask_cluster.ANSWER_SECONDS", 1.0)
+        monkeypatch.setattr("wrt.distributed.crew.LATE_SECONDS", 1.0)
         try:
             renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **size)
             found = film_of(renderer, 96, pass_seconds=1.0)

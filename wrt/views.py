@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import operator
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -88,7 +89,7 @@ def render_views(
     from wrt.api import load
     from wrt.rendering.renderer import Renderer
 
-    coming = iter(cameras)
+    coming, count = iter(cameras), operator.length_hint(cameras, 0)
     first = next(coming, None)
     if first is None:
         return
@@ -108,7 +109,7 @@ def render_views(
         layers=layers,
     )
     views = _Views(renderer, {"spp": spp, "noise": noise}, renderer.settings.denoise if denoise is None else denoise)
-    yield from views.all(_joined(first, coming))
+    yield from views.all(_joined(first, coming), count)
 
 
 def _joined(first: Camera, rest: Iterator[Camera]) -> Iterator[Camera]:
@@ -126,13 +127,16 @@ class _Views:
         # Bodies around the camera belong to the built scene, which all share; a GPU has no threads that could idle.
         alone = renderer.built_features.bodies or not renderer.device.is_cpu
         self._idle = [renderer, *(sharing(renderer) for _ in range(0 if alone else TOGETHER - 1))]
+        self._count, self._seconds_of_view = 0, 0.0
+        self._together = len(self._idle)
         self._setting = threading.Lock()
         self._ended = threading.Event()
 
-    def all(self, cameras: Iterator[Camera]) -> Iterator[View]:
-        """Yield the views of cameras in order."""
+    def all(self, cameras: Iterator[Camera], count: int) -> Iterator[View]:
+        """Yield the views of cameras in order; there are `count`, or 0 if that is not known."""
+        self._count = count
         begun: collections.deque[Future[View]] = collections.deque()
-        together = len(self._idle)
+        together = self._together
         with ThreadPoolExecutor(together, thread_name_prefix="wrt-view") as pool:
             try:
                 for index, camera in enumerate(cameras):
@@ -160,18 +164,29 @@ class _Views:
         from wrt.rendering.passes import LONGEST_PASS
 
         renderer = self._idle.pop()
+        before = renderer.seconds_render
         try:
             with self._setting:  # renderers that share a scene share its camera
                 try:
                     renderer.set_camera(camera)
                 except InputError as error:
                     raise InputError(f"camera {index}: {error}") from None
+            renderer._kernel.seconds_after = self._seconds_after(index)
             for _ in renderer.passes(**self._limits, pass_seconds=LONGEST_PASS):
                 if self._ended.is_set():
                     break
+            self._seconds_of_view = renderer.seconds_render - before
             image = renderer.denoised() if self._denoise else renderer.image()
             alpha = renderer.alpha()
             whole = image if alpha is None else np.dstack([image, alpha])
             return View(index, camera, whole, renderer.layers(), renderer.spp)
         finally:
             self._idle.append(renderer)
+
+    def _seconds_after(self, index: int) -> float:
+        """Return how long the views after this one will take, at least as many as before while they are not counted.
+
+        A view alone is mostly too short to load or to compile the wide kernel.
+        """
+        views = self._count - index - 1 if self._count else index
+        return max(views, 0) * self._seconds_of_view / self._together

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from wrt.backend import prefer_compiled
 from wrt.backend.slices import available_threads
 from wrt.errors import InputError, one_line
 
@@ -18,6 +19,15 @@ CONNECT_SECONDS = 10
 
 WORKER_SECONDS = 60
 """Time to wait for the first worker."""
+
+QUIET = {
+    "distributed.admin.tick.interval": "1 s",
+    "distributed.admin.system-monitor.interval": "10 s",
+    "distributed.worker.profile.enabled": False,
+    "distributed.scheduler.active-memory-manager.start": False,
+    "distributed.scheduler.work-stealing": False,
+}
+"""Settings of Dask for a cluster of our own: what it observes by default takes 3 % of a core of each worker."""
 
 _LOCAL = re.compile(r"local(?::([1-9]\d{0,3}))?")
 
@@ -46,6 +56,7 @@ def client_of(where: Any) -> Any:
         InputError: without the extra wrt[dask], a scheduler, or a worker.
     """
     try:
+        import dask
         import distributed
     except ImportError:
         raise InputError("rendering on a cluster needs Dask: pip install 'wrt[dask]'") from None
@@ -55,14 +66,16 @@ def client_of(where: Any) -> Any:
     try:
         local = _LOCAL.fullmatch(str(where))
         if local:
-            with _without_interrupts():
-                return distributed.Client(
+            with _without_interrupts(), dask.config.set(QUIET):
+                client = distributed.Client(
                     n_workers=int(local[1] or available_threads()),
                     threads_per_worker=1,
                     processes=True,
-                    dashboard_address=":0",
+                    dashboard_address=None,
                     silence_logs=logging.CRITICAL,
                 )
+            client.run(prefer_compiled)  # in processes of wrt's own, without waiting for Warp
+            return client
         client = distributed.Client(str(where), timeout=CONNECT_SECONDS)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"{where}: there is no scheduler of Dask ({one_line(str(error))})") from None

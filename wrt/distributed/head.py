@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
-from wrt.distributed.spread import Spread
+from wrt.distributed.dask_cluster import DaskCluster
+from wrt.distributed.spread import Pass, Spread
 from wrt.distributed.worker import Job, Rendered
 from wrt.errors import InputError
 from wrt.parts.cut import put, take
@@ -61,7 +62,7 @@ class DistributedRenderer(Renderer):
         film = current_backend().kernels("wrt.kernels.film.film")
         with self.device.compiling() as compile:
             compile(film.film_noise)
-        self._spread = Spread(self._client, self.scene)
+        self._spread = Spread(DaskCluster(self._client), self.scene)
         self._kernel = _Remote(self)  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
         self._options = {**options, "seed": self.seed, "strategy": self.strategy, "light_choice": self.light_choice}
@@ -138,14 +139,8 @@ class _Remote:
         renderer, (spp,) = self._renderer, inputs
         film, crop = renderer.film, renderer.crop
         samples = spp - int(film.counts.min())
-        renderer.spread.run(
-            renderer.job,
-            crop,
-            samples,
-            spp,
-            lambda window: _state(film, crop, window),
-            lambda window, rendered: _keep(film, crop, window, rendered),
-        )
+        do = Pass(renderer.job, crop, samples, spp, seconds_left, lambda window: _state(film, crop, window))
+        renderer.spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
 
 
 def _state(film: Film, crop: CropWindow, window: CropWindow) -> dict[str, NDArray[Any]] | None:

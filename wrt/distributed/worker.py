@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import NDArray
+
+from wrt.distributed.cluster import unpack
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -30,7 +34,7 @@ class Job:
         digest: of the scene without its camera, and of the options.
         options: keyword arguments of `wrt.Renderer`.
         camera: the camera, since a worker need not build a scene again for another one.
-        threads: CPU threads of a window; by default those of the Dask worker.
+        threads: CPU threads of a worker; by default those that Dask gives it.
     """
 
     digest: str
@@ -39,61 +43,120 @@ class Job:
     threads: int | None
 
 
+class Ready(NamedTuple):
+    """What a worker answers to `prepare`.
+
+    Attributes:
+        kind: what its digits depend on, by name: versions, device, processor and libraries.
+        digest: that of the job, if the worker has built the scene; else "".
+    """
+
+    kind: dict[str, str]
+    digest: str
+
+
 class Rendered(NamedTuple):
     """A window that a worker has rendered.
 
     Attributes:
         arrays: the arrays of a film for its pixels.
         rays: the rays that were traced.
-        seconds: the time that it took, without building the scene.
-        worker: the worker's address.
-        kind: what the digits depend on, by name: versions, device, processor and libraries.
+        seconds: the time that it took.
     """
 
     arrays: dict[str, NDArray[Any]]
     rays: int
     seconds: float
-    worker: str
-    kind: dict[str, str]
 
 
-def render_window(
-    job: Job, scene: Scene, window: CropWindow, state: dict[str, NDArray[Any]] | None, spp: int
-) -> Rendered:
-    """Bring the pixels of a window to `spp` samples each; called on a worker, one window at a time.
+def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
+    """Build a scene, unless it is built already; called on a worker.
 
     Args:
         job: what the windows have in common.
-        scene: the scene, as the worker keeps it.
+        packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
+    """
+    from wrt._version import __version__
+    from wrt.backend import current_backend
+    from wrt.backend.arithmetic import arithmetic_of
+    from wrt.backend.builds import NotCompiled
+    from wrt.backend.device import Device
+
+    if job.options["device"] != "cpu" and current_backend().builds is not None:
+        _go_over_to_warp()
+    device = Device(job.options["device"])
+    kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}
+    if packed is not None:
+        with _rendering:
+            if job.digest not in _renderers:
+                try:
+                    _build(job, unpack(packed))
+                except NotCompiled:
+                    _go_over_to_warp()
+                    _build(job, unpack(packed))
+    return Ready(kind, job.digest if job.digest in _renderers else "")
+
+
+def render_window(
+    job: Job, window: CropWindow, state: dict[str, NDArray[Any]] | None, spp: int, seconds_left: float
+) -> Rendered | None:
+    """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
+
+    Args:
+        job: what the windows have in common.
         window: the window, in pixels of the whole picture.
         state: arrays of a film for its pixels, to go on from.
         spp: samples per pixel in the end.
-    """
-    from distributed import get_worker
+        seconds_left: time that the picture still takes: whether to load the wide kernel, or to have it compiled.
 
-    from wrt._version import __version__
-    from wrt.backend.arithmetic import arithmetic_of
+    Returns:
+        The window, or None if the worker has not built the scene.
+    """
+    from wrt.backend.builds import NotCompiled
     from wrt.parts.render import render_windows
 
-    worker: Any = get_worker()
     with _rendering:
-        renderer = _renderer(job, scene, job.threads or worker.state.nthreads)
-        if renderer.scene.camera != job.camera:
-            renderer.set_camera(job.camera)
-        arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state)
-        device = renderer.device
-        kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}
-    return Rendered(arrays, rays, seconds, worker.address, kind)
+        renderer = _renderers.get(job.digest)
+        if renderer is None:
+            return None
+        _renderers.move_to_end(job.digest)
+        try:
+            if renderer.scene.camera != job.camera:
+                renderer.set_camera(job.camera)
+            done = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
+        except NotCompiled:
+            _go_over_to_warp()
+            return None
+    arrays, seconds, rays = done
+    return Rendered(arrays, rays, seconds)
 
 
-def _renderer(job: Job, scene: Scene, threads: int) -> Renderer:
-    """Return the renderer that this worker keeps for a job, or build it."""
+def _go_over_to_warp() -> None:
+    """Leave the backend of compiled kernels, with what it has built."""
+    from wrt.backend import leave_compiled
+
+    _renderers.clear()
+    leave_compiled()
+
+
+def _build(job: Job, scene: Scene) -> None:
     from wrt.rendering.renderer import Renderer
 
-    if job.digest not in _renderers:
-        while len(_renderers) >= KEPT:
-            _renderers.popitem(last=False)
-        # Its own film is not used, and has one pixel.
-        _renderers[job.digest] = Renderer(scene, **{**job.options, "crop": (0, 0, 1, 1)}, threads=threads)
-    _renderers.move_to_end(job.digest)
-    return _renderers[job.digest]
+    while len(_renderers) >= KEPT:
+        _renderers.popitem(last=False)
+    # Its own film is not used, and has one pixel.
+    threads = job.threads or _threads()
+    _renderers[job.digest] = Renderer(scene, **{**job.options, "crop": (0, 0, 1, 1)}, threads=threads)
+
+
+def _threads() -> int | None:
+    """Return the threads that Dask gives this worker, None where there is no Dask."""
+    if "distributed" not in sys.modules:
+        return None
+    from distributed import get_worker
+
+    try:
+        worker: Any = get_worker()
+    except ValueError:
+        return None
+    return int(worker.state.nthreads)

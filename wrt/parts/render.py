@@ -73,6 +73,7 @@ def render_windows(
     *,
     state: dict[str, NDArray[Any]] | None = None,
     watch: Watch = lambda window, progress: None,
+    seconds_left: float | None = None,
 ) -> tuple[dict[str, NDArray[Any]], float, int]:
     """Bring the pixels of windows to `spp` samples each.
 
@@ -82,6 +83,7 @@ def render_windows(
         spp: samples per pixel in the end.
         state: arrays of a film for the pixels of the windows, to go on from; by default an empty one.
         watch: called after each pass.
+        seconds_left: if given, there is one pass, which nothing interrupts, and the caller renders for so long.
 
     Returns:
         The arrays of a film for the pixels of the windows, one window after the other; the seconds of rendering, and
@@ -94,8 +96,11 @@ def render_windows(
         if state is not None:
             one.film.restore({name: array[first : first + one.film.pixels] for name, array in state.items()})
         first += one.film.pixels
-        for progress in one.passes(spp=spp, pass_seconds=LONGEST_PASS):
-            watch(index, progress)
+        if seconds_left is not None:
+            one._trace(spp, seconds_left)
+        else:
+            for progress in one.passes(spp=spp, pass_seconds=LONGEST_PASS):
+                watch(index, progress)
         found.append(one.film.arrays())
         seconds += one.seconds_render
         rays += one.rays

@@ -17,11 +17,13 @@ class RenderKernel:
     Attributes:
         scalar: the kernel that runs a thread for each pixel.
         records: its arguments that hold arrays, to be set before the first pass.
+        seconds_after: time that other pictures of the same kernel take after this one.
     """
 
     def __init__(self, device: Device, features: Any, width: int, height: int) -> None:
         """Create the kernels for the features of a scene and a film of width x height pixels."""
         self.records: tuple[Any, ...] = ()
+        self.seconds_after = 0.0
         self._device, self._features = device, features
         self._width, self._height = width, height
         self.scalar = current_backend().call("wrt.kernels.render", "make_render_kernel", features)
@@ -36,12 +38,12 @@ class RenderKernel:
 
     def expect(self, seconds: float) -> None:
         """Load the wide kernel before the first pass, if that is quick, for a render that takes so long at least."""
-        self._wide_kernel().expect(seconds)
+        self._wide_kernel().expect(seconds + self.seconds_after)
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
         wide = self._wide_kernel()
-        wide.prepare(seconds_left)
+        wide.prepare(seconds_left + self.seconds_after)
         if wide.kernel is None:
             spared = int(wide.is_being_compiled)
             self._device.launch(self.scalar, self._width * self._height, inputs, spared=spared, cancellable=True)

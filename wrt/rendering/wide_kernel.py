@@ -11,6 +11,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 import time
 import weakref
 from collections.abc import Callable
@@ -42,6 +43,10 @@ thread idle)."""
 MOST_BYTES = 2**31 - 1
 """Largest array that the kernel can read, because its offsets are 32-bit numbers."""
 
+_LOADING = threading.Lock()
+"""Held by the thread that loads a wide kernel: Warp generates code in one thread at a time, and renderers of the same
+scene share a kernel."""
+
 _UNLIKE_PATHS = ("whitted", "ao", "aov")
 """Integrators whose kernels do not trace paths."""
 
@@ -71,8 +76,17 @@ class WideKernel:
     def prepare(self, seconds_left: float) -> None:
         """Load the kernel if enough seconds remain to render; if it is not compiled, have it compiled.
 
-        Where many seconds remain, it is compiled for this render, else for the next one.
+        Where many seconds remain, it is compiled for this render, else for the next one. While another thread does
+        so, this one goes on without.
         """
+        if self._possible is False or self.kernel is not None or not _LOADING.acquire(blocking=False):
+            return
+        try:
+            self._prepare(seconds_left)
+        finally:
+            _LOADING.release()
+
+    def _prepare(self, seconds_left: float) -> None:
         if self._possible is False or self.kernel is not None:
             return
         if self._compiler is not None:
@@ -97,8 +111,10 @@ class WideKernel:
     def expect(self, seconds: float) -> None:
         """Load the kernel if it is compiled, loads quickly, and at least so many seconds are to be rendered."""
         quick = self._device.backend.builds is not None and seconds > COMPILED_LOADING_SECONDS
-        if quick and self.kernel is None and self._is_usable() and self._is_compiled():
-            self._load()
+        if quick:
+            with _LOADING:
+                if self.kernel is None and self._is_usable() and self._is_compiled():
+                    self._load()
 
     @property
     def lanes(self) -> int:
@@ -123,7 +139,8 @@ class WideKernel:
                 self._compile()
             if self._compiler is not None:
                 self._compiler.wait()
-            self.prepare(math.inf)
+            with _LOADING:
+                self._prepare(math.inf)
 
     def _is_usable(self) -> bool:
         if self._possible is None:

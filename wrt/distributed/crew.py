@@ -1,0 +1,210 @@
+"""The workers that render: which there are, which have the scene, and which do not answer."""
+
+from __future__ import annotations
+
+import statistics
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from wrt._version import __version__
+from wrt.distributed.cluster import Cluster, NoAnswer, pack
+from wrt.distributed.worker import Job, Ready, prepare
+from wrt.errors import InputError, InputWarning
+from wrt.scene.scene import Scene
+
+AHEAD = 2
+"""Windows for each worker at a time: one that it renders, and one that waits for it."""
+
+COUNT_SECONDS, COUNT_AGAIN_SECONDS = 1.0, 0.2
+"""Intervals at which workers are counted, and while there are none."""
+
+SILENT_SECONDS = 60.0
+"""Time for which a worker gets nothing after a result of it has not come."""
+
+LATE_FACTOR, LATE_SECONDS = 4.0, 3.0
+"""A window is late after this many times the median of the others, and this many seconds."""
+
+MOST_DEATHS = 3
+"""Workers that may die while they render the same window, and for each worker while they build the scene."""
+
+
+@dataclass(eq=False)
+class Try:
+    """A window on a worker.
+
+    Attributes:
+        member: the worker.
+        future: the call.
+        since: when it was submitted.
+        in_vain: whether another worker has rendered the window meanwhile.
+    """
+
+    member: Member
+    future: Any
+    since: float
+    in_vain: bool = False
+
+
+@dataclass(eq=False)
+class Member:
+    """A worker.
+
+    Attributes:
+        address: its address.
+        digest: of the scene that it has built.
+        preparing: the call that builds one.
+        tries: the windows that it has and has not rendered, the first of which it renders.
+        answered: when it last sent a result.
+        silent_until: until when it gets nothing, because a result of it has not come.
+    """
+
+    address: str
+    digest: str = ""
+    preparing: Any = None
+    tries: list[Try] = field(default_factory=list)
+    answered: float = 0.0
+    silent_until: float = 0.0
+
+    def busy_since(self) -> float:
+        """Return when it began with the window that it renders; infinite if it has none."""
+        return max(self.tries[0].since, self.answered) if self.tries else float("inf")
+
+
+class Crew:
+    """The workers of a cluster.
+
+    A worker gets the scene by a call, and windows after it has built the scene: none waits for data that another has.
+
+    Attributes:
+        kind: what the digits of the picture depend on, by name, as the first worker has it.
+        refused: workers of another kind, which render nothing.
+        members: the other workers by address.
+    """
+
+    def __init__(self, cluster: Cluster, scene: Scene, ended: Callable[[], object]) -> None:
+        """Prepare to render a scene; `ended` is called when a worker has ended something."""
+        self.kind: dict[str, str] = {"wrt": __version__}
+        self.refused: dict[str, str] = {}
+        self.members: dict[str, Member] = {}
+        self._cluster, self._scene, self._ended = cluster, scene, ended
+        self._packed: list[Any] | None = None
+        self._counted, self._calls, self._deaths = 0.0, 0, 0
+        self._seconds: deque[float] = deque(maxlen=32)  # of the latest windows
+
+    def update(self, job: Job) -> None:
+        """Count the workers, and give the scene to those that do not have it.
+
+        Raises:
+            InputError: if the scene cannot be rendered, or by no worker.
+            OSError: if workers die of it.
+        """
+        if time.monotonic() - self._counted > (COUNT_SECONDS if self.members else COUNT_AGAIN_SECONDS):
+            self._count()
+        for member in list(self.members.values()):
+            for each in [each for each in member.tries if each.in_vain and each.future.done()]:
+                member.tries.remove(each)
+                member.answered = time.monotonic()
+            if member.digest != job.digest:
+                self._prepare(member, job)
+
+    def _count(self) -> None:
+        addresses = set(self._cluster.addresses())
+        for address in set(self.members) - addresses:
+            gone = self.members.pop(address)
+            self._deaths += gone.preparing is not None
+        for address in addresses - set(self.members) - set(self.refused):
+            self.members[address] = Member(address)
+        self._counted = time.monotonic()
+        if self._deaths > MOST_DEATHS * max(len(self.members), 1):
+            raise OSError("workers died while they built the scene, perhaps for lack of memory; see their logs")
+
+    def _prepare(self, member: Member, job: Job) -> None:
+        """Ask a worker whether it has built the scene, send the scene if not, and see to the answer."""
+        if member.preparing is None:
+            if member.silent_until > time.monotonic():
+                return
+            member.preparing = self.call(member, f"wrt-{job.digest[:8]}-hello", prepare, self.job_of(member, job), None)
+        if not member.preparing.done():
+            return
+        future, member.preparing = member.preparing, None
+        try:
+            ready: Ready = self._cluster.result(future)
+        except NoAnswer:
+            self.has_not_answered(member)
+            return
+        except (ImportError, AttributeError) as error:
+            self._refuse(member, f"it has another wrt, or none: {error}")
+            return
+        except TypeError as error:
+            raise InputError(f"the workers cannot render this scene: {error}") from error
+        differences = [
+            f"{name} ({ready.kind.get(name)} there, {value} here)"
+            for name, value in self.kind.items()
+            if ready.kind.get(name) != value
+        ]
+        if differences:
+            self._refuse(member, f"these differ: {', '.join(differences)}")
+            return
+        self.kind = ready.kind
+        if ready.digest:
+            member.digest, self._deaths = ready.digest, 0
+            return
+        if self._packed is None:
+            self._packed = pack(self._cluster, self._scene)
+        name = f"wrt-{job.digest[:8]}-scene"
+        member.preparing = self.call(member, name, prepare, self.job_of(member, job), self._packed)
+
+    def _refuse(self, member: Member, why: str) -> None:
+        warnings.warn(f"worker {member.address} renders nothing, {why}", InputWarning, stacklevel=2)
+        self.refused[member.address] = why
+        del self.members[member.address]
+        if not self.members:
+            raise InputError(f"no worker can render this picture: {member.address}, {why}")
+
+    def job_of(self, member: Member, job: Job) -> Job:
+        """Return a job for the device of a worker."""
+        device = self._cluster.device_of(member.address)
+        return job if device is None else replace(job, options={**job.options, "device": device})
+
+    def call(self, member: Member, name: str, function: Any, *arguments: Any) -> Any:
+        """Call a function on a worker."""
+        self._calls += 1
+        return self._cluster.submit(member.address, self._ended, f"{name}-{self._calls}", function, *arguments)
+
+    def free(self, job: Job) -> list[Member]:
+        """Return the workers that can take a window, those with the fewest first."""
+        now = time.monotonic()
+        usable = [
+            member
+            for member in self.members.values()
+            if member.digest == job.digest
+            and len(member.tries) < AHEAD
+            and member.silent_until <= now
+            and not self.is_late(member)
+        ]
+        return sorted(usable, key=lambda member: len(member.tries))
+
+    def is_late(self, member: Member) -> bool:
+        """Return whether a worker takes so long for a window that it may hang."""
+        if not self._seconds:
+            return False
+        limit = max(LATE_FACTOR * statistics.median(self._seconds), LATE_SECONDS)
+        return time.monotonic() - member.busy_since() > limit
+
+    def is_there(self, member: Member) -> bool:
+        """Return whether the cluster still has a worker."""
+        return self.members.get(member.address) is member
+
+    def answered(self, done: Try) -> None:
+        """Note that a worker has sent what it has rendered."""
+        member, now = done.member, time.monotonic()
+        self._seconds.append(now - max(done.since, member.answered))
+        member.answered, member.silent_until = now, 0.0
+
+    def has_not_answered(self, member: Member) -> None:
+        """Note that a worker does not send what it has rendered."""
+        member.silent_until = time.monotonic() + SILENT_SECONDS
