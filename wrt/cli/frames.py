@@ -203,7 +203,7 @@ def _renderer_of(options: argparse.Namespace, animation: Animation, scene: Scene
     """Return a renderer for a frame: the one before, if only the camera is another."""
     from wrt import backend
     from wrt.cli.load import make_renderer
-    from wrt.rendering.picture_file import check_layers
+    from wrt.rendering.picture import check_layers
 
     before, renderer = animation.scene, animation.current
     assert scene.camera is not None

@@ -126,7 +126,7 @@ def _merge(options: argparse.Namespace, interrupts: Interrupts) -> int:
     from wrt.io.safe_write import require_writable
     from wrt.parts.merge import merge as merge_parts
     from wrt.rendering.checkpoint import CHECKPOINT
-    from wrt.rendering.picture_file import check_layers
+    from wrt.rendering.picture import check_layers
 
     output = check_output(options.output, force=options.force)
     checkpoint = None if options.checkpoint is None else Path(options.checkpoint)

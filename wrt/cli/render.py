@@ -187,7 +187,7 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
     """Read the input and compile the kernels; return the renderer and the path of the picture."""
     with no_collections():
         from wrt.develop.picture import require_tone
-        from wrt.rendering.picture_file import check_layers
+        from wrt.rendering.picture import check_layers
 
         with importing_renderer(options.input):
             scene = backend.prepare(lambda: load_input(options))

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.device import Device
-from wrt.develop.picture import Developed
-from wrt.developing import Exposure
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike
 from wrt.parts.cut import put
 from wrt.parts.part import Part
 from wrt.rendering.checkpoint import write_checkpoint
 from wrt.rendering.film import Film
-from wrt.rendering.picture_file import write_picture
+from wrt.rendering.picture import Picture
 
 NAMED = 3
 """Missing parts that a message names."""
 
 
-class Merged:
+class Merged(Picture):
     """The picture of a render whose parts were merged: that of one machine, bit for bit.
 
     Attributes:
@@ -42,7 +39,7 @@ class Merged:
         x0, y0, x1, y1 = first.crop
         self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers)
         self.seconds_render = 0.0
-        self._materials: list[int] = first.materials.tolist()
+        self._numbers: list[int] = first.materials.tolist()
 
     @property
     def width(self) -> int:
@@ -54,40 +51,12 @@ class Merged:
         """Height of the rendered part of the picture, pixels."""
         return self.film.height
 
-    @property
-    def spp(self) -> int:
-        """Samples in each pixel."""
-        return int(self.film.counts.min())
-
-    @property
-    def renders_light(self) -> bool:
-        """False if there are only layers; see `wrt.Renderer.renders_light`."""
-        return self.integrator != "aov"
-
-    def image(self) -> NDArray[np.float32]:
-        """Return (H, W, 3) float32 linear radiance."""
-        return self.film.mean()
-
     def denoised(self) -> NDArray[np.float32]:
         """Raise InputError, since denoising needs the scene."""
         raise InputError("merged parts are not denoised, which needs the scene; resume from a checkpoint of them")
 
-    def alpha(self) -> NDArray[np.float32] | None:
-        """Return (H, W) float32 coverage of a transparent picture, None for others; see `wrt.Renderer.alpha`."""
-        return self._film_layers()["alpha"] if self.settings.transparent else None
-
-    def layers(self) -> dict[str, NDArray[Any]]:
-        """Return the layers by name; see `wrt.Renderer.layers`."""
-        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
-
-    def _film_layers(self) -> dict[str, NDArray[Any]]:
-        return self.film.aovs.arrays(self.film.counts, self._materials)
-
-    def save(
-        self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
-    ) -> Developed | None:
-        """Write the picture; see `wrt.Renderer.save`."""
-        return write_picture(self, Path(path), tone, exposure, force=force)
+    def _materials(self) -> list[int]:
+        return self._numbers
 
     def save_checkpoint(self, path: PathLike) -> None:
         """Write a checkpoint, from which `wrt.Renderer.resume` goes on with the scene.

@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,16 +16,13 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
-from wrt.develop.picture import Developed
-from wrt.developing import Exposure
 from wrt.errors import InputError
-from wrt.io.safe_read import PathLike
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
 from wrt.rendering.passes import Limits, Progress, run_passes
-from wrt.rendering.picture_file import write_picture
+from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import UNBIASED, RenderSettings, Scene, Shape
@@ -47,7 +43,7 @@ STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
 
 
-class Renderer(Resumable):
+class Renderer(Picture, Resumable):
     """Renders a scene pass after pass; the picture improves with each and is available at any time.
 
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
@@ -187,11 +183,6 @@ class Renderer(Resumable):
         return self.settings.crop or (0, 0, self.width, self.height)
 
     @property
-    def renders_light(self) -> bool:
-        """True if there is a picture of radiance; integrator "aov" renders only layers."""
-        return self.integrator != "aov"
-
-    @property
     def threads(self) -> int:
         """CPU threads in use; 1 on CUDA."""
         return self.device.threads
@@ -205,11 +196,6 @@ class Renderer(Resumable):
     def seconds_compile_beside(self) -> float:
         """Seconds that another process has spent compiling the wide kernel during rendering."""
         return self._kernel.seconds_beside
-
-    @property
-    def spp(self) -> int:
-        """Smallest number of samples of a pixel."""
-        return int(self.film.counts.min())
 
     @property
     def rays(self) -> int:
@@ -297,10 +283,6 @@ class Renderer(Resumable):
         self._kernel.wait_for_wide()
         return time.perf_counter() - started
 
-    def image(self) -> NDArray[np.float32]:
-        """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture."""
-        return self.film.mean()
-
     def denoised(self) -> NDArray[np.float32]:
         """Return `image` without most of its noise, by Open Image Denoise; the film keeps its samples.
 
@@ -324,13 +306,6 @@ class Renderer(Resumable):
         if self._guides is None:
             self._guides = Guides(self)
         return self._guides.layers()
-
-    def alpha(self) -> NDArray[np.float32] | None:
-        """Return (H, W) float32 coverage of a transparent picture, 0 to 1; None for others.
-
-        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
-        """
-        return self._film_layers()["alpha"] if self.settings.transparent else None
 
     def device_image(self) -> Any:
         """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
@@ -399,29 +374,8 @@ class Renderer(Resumable):
         """
         return self.film.variance()
 
-    def layers(self) -> dict[str, NDArray[Any]]:
-        """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
-
-        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
-        """
-        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
-
-    def _film_layers(self) -> dict[str, NDArray[Any]]:
-        numbers = material_numbers([shape.material for shape in self.scene.shapes])
-        return self.film.aovs.arrays(self.film.counts, numbers)
-
-    def save(
-        self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
-    ) -> Developed | None:
-        """Write the picture as `wrt render` does, with its layers, and the settings as metadata.
-
-        A PNG is developed with `tone` and `exposure` (see `wrt.develop_image`), by default those of the settings; the
-        result says how.
-
-        Raises:
-            InputError: see `wrt.save_image`, also for `force`; and when there are layers and the file is not .exr.
-        """
-        return write_picture(self, Path(path), tone, exposure, force=force)
+    def _materials(self) -> list[int]:
+        return material_numbers([shape.material for shape in self.scene.shapes])
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
