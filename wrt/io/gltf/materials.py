@@ -2,7 +2,8 @@
 
 Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and the extensions KHR_materials_anisotropy,
 _clearcoat, _dispersion, _emissive_strength, _ior, _iridescence, _pbrSpecularGlossiness, _sheen, _specular,
-_transmission, _unlit and _volume. Ignored: the occlusion texture, since a path tracer computes occlusion, and backface culling.
+_transmission, _unlit and _volume. Ignored: the occlusion texture, since a path tracer computes occlusion, and backface
+culling.
 """
 
 from __future__ import annotations
