@@ -36,6 +36,8 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "plastic": ("plastic",),
     "principled": ("principled", "principled_agreement"),
     "burley": ("burley",),
+    "dispersion": ("dispersion",),
+    "thin-films": ("thin_film",),
     "constants": ("presets",),
     "media": ("phase", "absorption", "scattering", "grid_media"),
     "lights": ("irradiance", "light_tree", "environment_sampling", "multiple_importance", "alias"),

@@ -67,6 +67,9 @@ FEATURES = [
         "none",
         tangents=True,
     ),
+    # Each channel in its own way: dispersion, among bodies within bodies too, and thin films.
+    Features(("conductor:film", "dielectric:dispersive", "rough_conductor:ggx:smith:conductor:film"), False, "none"),
+    Features(("principled:transmission:dispersion:film:coat",), False, "none", media="absorbing", nested=True),
     Features(("burley", "burley:thin", "burley:transmission"), False, "none"),
     *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
     *(

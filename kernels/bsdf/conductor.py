@@ -48,8 +48,8 @@ def specular_schlick(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
 @wp.func
 def sample_filmed(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return the mirror direction, weighted by the complex index under a film."""
-    slots = bsdf.slots
-    return mirror_sample(wo, filmed_conductor(wo[2], slots[ETA], slots[K], slots[2][0], slots[3][0]))
+    thickness = bsdf.slots[2][0]
+    return mirror_sample(wo, filmed_conductor(wo[2], bsdf.slots[ETA], bsdf.slots[K], thickness, bsdf.slots[3][0]))
 
 
 @wp.func

@@ -27,7 +27,9 @@ F0 = wp.constant(2)  # of "schlick"
 ETA = wp.constant(2)  # of "conductor"
 K = wp.constant(3)
 AVERAGE = wp.constant(4)  # mean reflectance over the hemisphere, 2 ∫ F μ dμ; for multiple bounces only
-# After F0 or K, of a film: its thickness, nm, and its index.
+# After these, of a film: its thickness, nm, and its index.
+FILM_ON_F0, FILM_ON_F0_INDEX = wp.constant(3), wp.constant(4)
+FILM_ON_K, FILM_ON_K_INDEX = wp.constant(4), wp.constant(5)
 
 FRESNELS = ("conductor", "schlick")
 BOUNCES = ("single", "multiple", "film")
@@ -45,15 +47,17 @@ def _reflectance_schlick(bsdf: Bsdf, cos_i: float) -> wp.vec3:
 
 @wp.func
 def _reflectance_filmed_conductor(bsdf: Bsdf, cos_i: float) -> wp.vec3:
-    slots = bsdf.slots
-    found = filmed_conductor(cos_i, slots[ETA], slots[K], slots[K + 1][0], slots[K + 2][0])
-    return wp.cw_mul(slots[REFLECTANCE], found)
+    thickness = bsdf.slots[FILM_ON_K][0]
+    index = bsdf.slots[FILM_ON_K_INDEX][0]
+    found = filmed_conductor(cos_i, bsdf.slots[ETA], bsdf.slots[K], thickness, index)
+    return wp.cw_mul(bsdf.slots[REFLECTANCE], found)
 
 
 @wp.func
 def _reflectance_filmed_schlick(bsdf: Bsdf, cos_i: float) -> wp.vec3:
-    slots = bsdf.slots
-    return wp.cw_mul(slots[REFLECTANCE], filmed_schlick(cos_i, slots[F0], slots[F0 + 1][0], slots[F0 + 2][0]))
+    thickness = bsdf.slots[FILM_ON_F0][0]
+    found = filmed_schlick(cos_i, bsdf.slots[F0], thickness, bsdf.slots[FILM_ON_F0_INDEX][0])
+    return wp.cw_mul(bsdf.slots[REFLECTANCE], found)
 
 
 @wp.func

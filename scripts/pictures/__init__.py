@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from . import cameras, city, integrators, lights, materials, media, motion, presets, studio, tone, tutorial
+from . import cameras, city, integrators, lights, materials, media, motion, presets, spectral, studio, tone, tutorial
 from .picture import Drawing
 
 GROUPS: dict[str, dict[str, Drawing]] = {
     "materials": materials.PICTURES,
     "presets": presets.PICTURES,
+    "spectral": spectral.PICTURES,
     "cameras": cameras.PICTURES,
     "lights": lights.PICTURES,
     "city": city.PICTURES,

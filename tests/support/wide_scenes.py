@@ -113,6 +113,26 @@ def principled() -> wrt.Scene:
     return room(wrt.Principled(0.5), all_of_it, thin, wrt.Principled(0.9, metallic=1.0, roughness=0.2))
 
 
+def spectral() -> wrt.Scene:
+    """What treats each channel in its own way: bodies that disperse light, and surfaces under thin films."""
+    film = {"film_thickness": 400.0, "film_ior": 1.6}
+    clear = wrt.Principled(0.9, roughness=0.3, transmission=0.8, dispersion=2.0, coat=0.5, **film)
+    scene = room(wrt.Principled(0.5, roughness=0.3, **film), wrt.RoughDielectric(1.6, alpha=0.2, dispersion=2.0), clear)
+    ball = wrt.sphere(subdivisions=2)
+    for i, material in enumerate(
+        (
+            wrt.Dielectric(1.5, dispersion=2.0, priority=1),
+            wrt.RoughDielectric(1.3, dispersion=2.0, priority=2),
+            wrt.RoughConductor(0.3, metal="gold", **film),
+            wrt.Conductor(metal="silver", **film),
+        )
+    ):
+        place = np.diag([0.6, 0.5, 0.6, 1.0])
+        place[:3, 3] = 0.7 * i - 1.0, 0.8, 0.2 * i
+        scene.add(ball, material=material, transform=place)
+    return scene
+
+
 def textures() -> wrt.Scene:
     """Images with levels, masks, normal maps, vertex colours, mixtures, and a sky that is an image."""
     image = wrt.ImageTexture(noise(1, 32), scale=3.0, filter="trilinear")
@@ -220,6 +240,7 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     "models": (models, {"sampler": "stratified"}, ("perspective", "fisheye")),
     "distributions": (distributions, {"sampler": "independent"}, ("panorama",)),
     "principled": (principled, {"sampler": "blue-noise"}, ("perspective",)),
+    "spectral": (spectral, {"sampler": "independent"}, ("perspective",)),
     "textures": (
         textures,
         {"layers": tuple(LAYERS), "clamp_indirect": 2.0, "regularization": 0.2},

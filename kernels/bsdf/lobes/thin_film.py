@@ -41,10 +41,19 @@ class Channels:
 
 @wp.struct
 class FilmWaves:
-    """One polarisation: A and c per channel."""
+    """One polarisation: A, and the real and imaginary part of c, per channel."""
 
     a: wp.vec3
-    c: Channels
+    re: wp.vec3
+    im: wp.vec3
+
+
+@wp.func
+def _c_of(waves: FilmWaves) -> Channels:
+    c = Channels()
+    c.re = waves.re
+    c.im = waves.im
+    return c
 
 
 @wp.func
@@ -132,23 +141,25 @@ def film_reflectance(cos_i: float, index: float, thickness: float, eta: wp.vec3,
         below = wp.vec2(wp.sqrt(wp.max(0.5 * (length + re), 0.0)), wp.sqrt(wp.max(0.5 * (length - re), 0.0)))
         face = _inner_face(outer_s, wp.vec2(index * cos_film, 0.0), below)
         s.a[i] = face[0]
-        s.c.re[i] = face[1]
-        s.c.im[i] = face[2]
+        s.re[i] = face[1]
+        s.im[i] = face[2]
         face = _inner_face(outer_p, square * cos_film, below * index)
         p.a[i] = face[0]
-        p.c.re[i] = face[1]
-        p.c.im[i] = face[2]
+        p.re[i] = face[1]
+        p.im[i] = face[2]
 
     d = 2.0 * index * thickness * cos_film
     total = (s.a + p.a) * 0.5
-    s_power = s.c
-    p_power = p.c
+    s_c = _c_of(s)
+    p_c = _c_of(p)
+    s_power = s_c
+    p_power = p_c
     m = int(1)
     while m <= MOST_TERMS and wp.max(_size(s, s_power), _size(p, p_power)) > LEAST_TERM * LEAST_TERM:
         seen = sensitivity(wp.min(float(m) * d, FARTHEST))
         total += _terms(s, s_power, seen) + _terms(p, p_power, seen)
-        s_power = times(s_power, s.c)
-        p_power = times(p_power, p.c)
+        s_power = times(s_power, s_c)
+        p_power = times(p_power, p_c)
         m += 1
     reflected = wp.vec3(1.0) - total
     return wp.vec3(wp.clamp(reflected[0], 0.0, 1.0), wp.clamp(reflected[1], 0.0, 1.0), wp.clamp(reflected[2], 0.0, 1.0))

@@ -156,7 +156,7 @@ class Conductor(Filmed):
             replaced by its eta and k, or by its f0 if only that is known.
         film_thickness: thickness in nanometres of a thin film on the metal, such as an oxide, whose colours come from
             interference; 0 is no film.
-        film_ior: its refractive index, from 1.
+        film_ior: refractive index of that film, from 1.
     """
 
     eta: ColorLike | None = None

@@ -51,8 +51,8 @@ class Principled(Filmed, Body):
             name such as "diamond" (`wrt materials --presets`). `ior` is then that of yellow light. 0 is none.
         film: share of the surface under a thin film, whose colours come from interference, as on soap bubbles, oil and
             the wings of insects.
-        film_thickness: its thickness in nanometres; 0 is no film.
-        film_ior: its refractive index, from 1.
+        film_thickness: thickness of that film in nanometres; 0 is no film.
+        film_ior: refractive index of the film, from 1.
         coat: coverage of a clear coat of index 1.5.
         coat_roughness: as `roughness`, of the coat.
         sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
