@@ -15,6 +15,7 @@ from wrt.io.mesh.polygons import triangulate
 from wrt.io.usd.materials import UsdMaterials
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box, quad, sphere
+from wrt.scene.textures import VertexColor
 
 _ROUND_SEGMENTS = 64
 
@@ -160,10 +161,12 @@ def _part(
 
 
 def _dress(part: Part, bound: Any, materials: UsdMaterials) -> None:
-    """Give a part its material; where there is one, the colour for display does not count."""
-    material = materials.bound_to(bound, laid=part.uvs is not None)
+    """Give a part its material; where there is one, the colour for display counts only if that reads it."""
+    material = materials.bound_to(bound, laid=part.uvs is not None, colored=part.colors is not None)
     if material is not None:
-        part.material, part.colors = material, None
+        part.material = material
+        if not any(isinstance(value, VertexColor) for value in vars(material).values()):
+            part.colors = None
 
 
 def _primvar(primvar: Any, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any] | None:
