@@ -104,7 +104,7 @@ class UsdMaterials:
             else:
                 values["opacity"] = 1.0 if opacity >= cutoff else 0.0
         normal = read.texture("normal", "data")
-        if normal is not None:
+        if normal is not None and laid:
             values["normal_map"] = NormalMap(normal, name=normal.name)
         return Principled(**values)
 
@@ -144,7 +144,7 @@ class _Inputs:
         """Return a colour."""
         texture = self.texture(name, "color")
         if texture is not None:
-            return texture
+            return texture if self._laid else vec3(_first(texture))
         reader = self._source(name)
         if reader is not None and str(reader.GetIdAttr().Get()) == "UsdPrimvarReader_float3":
             if self._colored and str(_constant(reader, "varname", "")) == "displayColor":
@@ -155,6 +155,9 @@ class _Inputs:
     def number(self, name: str, default: float, **options: Any) -> ColorSource:
         """Return a number from 0 to 1."""
         texture = self.texture(name, "data", **options)
+        if texture is not None and not self._laid:
+            value = float(_first(texture)["rgb".index(texture.channel or "r")])
+            return value if texture.cutoff is None else float(value >= texture.cutoff)
         return float(np.clip(self.constant(name, default), 0.0, 1.0)) if texture is None else texture
 
     def _source(self, name: str) -> Any:
@@ -171,7 +174,7 @@ class _Inputs:
 
         given = self._shader.GetInput(name)
         sources = given.GetConnectedSources()[0] if given else []
-        if not sources or not self._laid:
+        if not sources:
             return None
         image = UsdShade.Shader(sources[0].source.GetPrim())
         if str(image.GetIdAttr().Get()) != "UsdUVTexture":
@@ -206,6 +209,11 @@ class _Inputs:
         return ImageTexture(
             pixels, _short(_name(asset)), factor=vec3(scale), wrap=wraps, **_placement(image), **options
         )
+
+
+def _first(texture: ImageTexture) -> Any:
+    """Return (3,) the colour at (0, 0), which a mesh without coordinates has everywhere."""
+    return np.clip(np.array(texture.pixels[-1, 0], np.float64) * np.array(texture.factor), 0.0, 1.0)
 
 
 def _name(asset: Any) -> str:
