@@ -1,4 +1,4 @@
-"""3MF and COLLADA files are read by trimesh's extras, and STEP is told apart."""
+"""COLLADA files are read by trimesh's extra, 3MF files without one, and STEP is told apart."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def test_an_archive_that_would_fill_the_memory_is_refused(tmp_path):
 def test_without_the_extra_it_is_named(tmp_path, monkeypatch):
     from trimesh.exchange.load import mesh_loaders
 
-    monkeypatch.delitem(mesh_loaders, "3mf", raising=False)
-    with pytest.raises(wrt.InputError, match=r"\.3mf files need further libraries: pip install 'wrt\[formats\]'"):
-        load_mesh(write(tmp_path, "box.3mf", b"PK"))
+    monkeypatch.delitem(mesh_loaders, "dae", raising=False)
+    with pytest.raises(wrt.InputError, match=r"\.dae files need further libraries: pip install 'wrt\[formats\]'"):
+        load_mesh(write(tmp_path, "box.dae", "<COLLADA>"))
 
 
 def test_step_is_told(tmp_path):

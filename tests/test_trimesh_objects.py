@@ -49,7 +49,8 @@ SAMPLES: dict[str, dict[str, float]] = {
     "text.stl": {},
     "box.stl": {},
     "box.off": {},
-    "quads.off": {},
+    # trimesh has the second triangles of all quads behind the first ones; they are compared by their number.
+    "quads.off": {"vertices": 1.0, "normals": 2.0},
     # trimesh takes options before the image's name as part of the name, and so finds no image for map_Kd.
     "textured.obj": {"material.base_color": np.inf},
 }
@@ -155,7 +156,7 @@ PBR = {
 def test_physically_based_materials_are_those_of_their_glb_file(case, tmp_path):
     mesh = laid(trimesh.visual.material.PBRMaterial(**PBR[case]))
     mesh.export(tmp_path / "box.glb")
-    file, made = wrt.load(tmp_path / "box.glb"), wrt.load(mesh, up="y")
+    file, made = load_file(tmp_path / "box.glb"), load_object(mesh)  # the studio of glTF has another light
     assert isinstance(made.shapes[0].material, wrt.Principled)
     found = differences(file, made)
     # Coordinates are saved in single precision, the factor in decimals.
@@ -166,7 +167,7 @@ def test_colors_of_a_physically_based_material_are_linear_and_multiply_it(tmp_pa
     mesh = laid(trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 128, 64, 255], alphaMode="BLEND"))
     mesh.visual.vertex_attributes["color"] = np.tile(np.uint8([[200, 100, 50, 128]]), (8, 1))
     mesh.export(tmp_path / "box.glb")
-    found = differences(wrt.load(tmp_path / "box.glb"), wrt.load(mesh, up="y"))
+    found = differences(load_file(tmp_path / "box.glb"), load_object(mesh))
     assert all(amount < 1e-6 for amount in found.values()), found
     colors = load_object(mesh).shapes[0].mesh.colors[0]
     np.testing.assert_allclose(colors, [200 / 255, 100 * 128 / 255**2, 50 * 64 / 255**2, 128 / 255], rtol=1e-6)

@@ -239,7 +239,56 @@ def test_solids_are_closed_and_face_outwards(tmp_path, kind, values, size, expec
     assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
+def test_a_material_may_read_the_colors_for_display(tmp_path):
+    reader = """
+        color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
+        token outputs:surface
+        }
+        def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float3"
+            string inputs:varname = "displayColor"
+            color3f inputs:fallback = (0.1, 0.2, 0.3)
+            float3 outputs:result
+        }
+        def Shader "Unused"
+        {
+    """
+    text = USD.replace("color3f inputs:diffuseColor.connect = </World/Red/Image.outputs:rgb>", reader, 1)
+    text = text.replace("        texCoord2f[] primvars:st", "        COLORS\n        texCoord2f[] primvars:st", 1)
+    colored = text.replace("COLORS", "color3f[] primvars:displayColor = [(0, 0.5, 1)]")
+    square = max(load_file(write(tmp_path, "a.usda", colored)).shapes[:2], key=lambda shape: len(shape.mesh.faces))
+    assert square.material.base_color == wrt.VertexColor()
+    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
+    square = max(
+        load_file(write(tmp_path, "b.usda", text.replace("COLORS", ""))).shapes[:2], key=lambda s: len(s.mesh.faces)
+    )
+    assert square.material.base_color == pytest.approx((0.1, 0.2, 0.3))
+    assert square.mesh.colors is None
+
+
+def test_coordinates_may_have_another_name_or_none(tmp_path):
+    wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
+    square = max(
+        load_file(write(tmp_path, "a.usda", USD.replace("primvars:st ", "primvars:map1 "))).shapes[:2],
+        key=lambda shape: len(shape.mesh.faces),
+    )
+    assert isinstance(square.material.base_color, wrt.ImageTexture)
+    assert np.ptp(square.mesh.uvs) == 1.0
+    without = USD.replace("texCoord2f[] primvars:st ", "float2[] unused ").replace('interpolation = "faceVarying"', "")
+    square = max(load_file(write(tmp_path, "b.usda", without)).shapes[:2], key=lambda shape: len(shape.mesh.faces))
+    assert square.material.base_color == pytest.approx((0.5, 0, 0), abs=0.01)  # as at (0, 0)
+
+
+def test_a_layer_that_is_not_there_is_told(tmp_path):
+    text = USD.replace('def Xform "World"', 'def Xform "World" (references = @look.usda@</World>)')
+    wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
+    with pytest.warns(wrt.errors.InputWarning, match=r"look\.usda', which it refers to, cannot be opened"):
+        load_file(write(tmp_path, "all.usda", text))
+
+
 def test_values_of_a_type_that_a_mesh_does_not_have_are_left_out(tmp_path):
+    wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
     for wrong in (
         "int normals = 3",
         'string normals = "up"',
@@ -247,7 +296,6 @@ def test_values_of_a_type_that_a_mesh_does_not_have_are_left_out(tmp_path):
         "int[] primvars:st = [1]",
     ):
         text = USD.replace("        texCoord2f[] primvars:st", f"        {wrong}\n        texCoord2f[] primvars:was")
-        wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
         assert len(load_file(write(tmp_path, "wrong.usda", text)).shapes) == 4
 
 

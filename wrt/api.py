@@ -240,7 +240,7 @@ def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage
     if up not in (None, "y") and (scene.lights or scene.camera):
         name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
-    return stage.present(source, scene, up or "y")
+    return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
 
 
 def render(

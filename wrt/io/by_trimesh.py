@@ -1,19 +1,14 @@
-"""3MF and COLLADA files, which trimesh reads with libraries of an extra."""
+"""COLLADA files, which trimesh reads with a library of an extra."""
 
 from __future__ import annotations
 
 import io
-import zipfile
 from pathlib import Path
 
 from wrt.errors import InputError
-from wrt.io import memory_limits
 from wrt.io.mesh.parts import Contents
 from wrt.io.mesh.trimesh_loaders import Beside, quiet
 from wrt.io.safe_read import first_line
-
-_PER_BYTE = 4
-"""Memory of a byte of text once it is parsed, roughly."""
 
 
 def read_by_trimesh(path: Path, data: bytes) -> Contents:
@@ -30,13 +25,6 @@ def read_by_trimesh(path: Path, data: bytes) -> Contents:
     kind = path.suffix.lower().removeprefix(".")
     if kind not in mesh_loaders:
         raise InputError(f"{path}: .{kind} files need further libraries: pip install 'wrt[formats]'")
-    if kind == "3mf":
-        try:
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                size = sum(each.file_size for each in archive.infolist())
-        except zipfile.BadZipFile as error:
-            raise InputError(f"{path}: not a 3MF file: {first_line(error)}") from None
-        memory_limits.take(memory_limits.MESHES, _PER_BYTE * size)
     beside = Beside(path, images=False)
     with quiet():
         try:

@@ -1,6 +1,6 @@
 """Load mesh files and trimesh objects as scenes.
 
-trimesh loads OBJ, PLY, STL, OFF, glTF and GLB, and by an extra 3MF and COLLADA; Pixar's library loads USD; NumPy
+trimesh loads OBJ, PLY, STL, glTF and GLB, and by an extra COLLADA; Pixar's library loads USD; NumPy
 archives hold plain arrays. Axes and units are kept, but those of USD, because formats disagree about them and most do
 not state them.
 """
@@ -23,6 +23,7 @@ from wrt.io.mesh.parts import Contents, Part
 from wrt.io.mesh.ply import read_ply
 from wrt.io.mesh.repair import to_shapes
 from wrt.io.mesh.stl import read_stl
+from wrt.io.mesh.threemf import read_3mf
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import CREASE_DEGREES
@@ -41,7 +42,7 @@ _READERS: dict[str, Callable[[Path, bytes], Contents]] = {
     ".off": _of_parts(read_off),
     ".gltf": read_gltf,
     ".glb": read_gltf,
-    ".3mf": read_by_trimesh,
+    ".3mf": read_3mf,
     ".dae": read_by_trimesh,
 }
 

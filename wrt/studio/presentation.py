@@ -23,6 +23,9 @@ from wrt.studio.views import VIEWS, azimuth_of, view_angles, view_direction
 SETTINGS = RenderSettings(width=960, height=720, spp=128)
 KEY_RADIANCE = 12.5
 FILL_RADIANCE = 0.36
+NEUTRAL_KEY, NEUTRAL_FILL = 6.0, 0.7
+"""The same for glTF, whose viewers light by a bright neutral environment: metals reflect it, and shadows are faint."""
+
 GROUND_REFLECTANCE = 0.55
 FOV_DEGREES = 24.0
 MARGIN = 1.3
@@ -54,6 +57,7 @@ def present(
     environment: Environment | None = None,
     backdrop: bool = True,
     reach: Reach | None = None,
+    neutral: bool = False,
 ) -> Scene:
     """Return a studio scene around `shapes`, which stand on a sweep and are lit softly from the upper left.
 
@@ -71,6 +75,7 @@ def present(
         environment: lights the shapes instead of the studio's lamp and backdrop; the floor is then flat.
         backdrop: whether there is a sweep or floor.
         reach: what an animation of the shapes shows; the studio and the camera are as for all of that.
+        neutral: whether more of the light comes from all sides, as in viewers of glTF.
 
     Raises:
         InputError: if the axis or the view is unknown, or there are no shapes.
@@ -114,10 +119,11 @@ def present(
         if backdrop and elevation >= 0.0:
             scene.add(_floor(floor, size), material=Diffuse(GROUND_REFLECTANCE), name="ground")
         return scene
-    scene.environment = ConstantEnvironment(FILL_RADIANCE)
+    scene.environment = ConstantEnvironment(NEUTRAL_FILL if neutral else FILL_RADIANCE)
     if backdrop and elevation >= 0.0:
         scene.add(_sweep(floor, size, turn), material=Diffuse(GROUND_REFLECTANCE), name="ground")
-    scene.shapes.append(_key_light(center, size, turn, below=elevation < 0.0))
+    key = NEUTRAL_KEY if neutral else KEY_RADIANCE
+    scene.shapes.append(_key_light(center, size, turn, key, below=elevation < 0.0))
     return scene
 
 
@@ -129,7 +135,7 @@ def _turn(axis: tuple[float, float, float], degrees: float) -> NDArray[np.float6
     return turn
 
 
-def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], *, below: bool) -> Shape:
+def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], radiance: float, *, below: bool) -> Shape:
     """Return a lamp as wide as the object, in front at the upper left, or the lower left; it makes soft shadows."""
     toward = turn[:3, :3] @ np.array([-0.75, -1.15 if below else 1.15, 0.8])
     toward /= np.linalg.norm(toward)
@@ -139,7 +145,7 @@ def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], *, be
     place = center + 1.9 * size * toward
     corner = place - 0.5 * size * side - 0.5 * size * lift
     lamp = quad(tuple(corner), tuple(size * lift), tuple(size * side))
-    return Shape(lamp, Diffuse(0.0), KEY_RADIANCE, name="key light")
+    return Shape(lamp, Diffuse(0.0), radiance, name="key light")
 
 
 def _floor(floor: np.ndarray, size: float) -> Mesh:

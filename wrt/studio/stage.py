@@ -100,13 +100,14 @@ class Stage:
         shutter = {name: getattr(old, name) for name in ("shutter_open", "shutter_close", "shutter_ramp")}
         return dataclasses.replace(camera, **shutter)
 
-    def present(self, source: object, scene: Scene, up: str) -> Scene:
+    def present(self, source: object, scene: Scene, up: str, *, neutral: bool = False) -> Scene:
         """Return the content of a mesh file in a studio, or with its own lights.
 
         Args:
             source: the file or object, for messages.
             scene: its content.
             up: the axis that points up.
+            neutral: whether the studio's light is that of glTF's viewers.
         """
         shapes, camera = scene.shapes, scene.camera
         if self.material is not None:
@@ -128,6 +129,7 @@ class Stage:
             environment=self.environment,
             backdrop=not self.transparent,
             reach=self.reach,
+            neutral=neutral,
         )
         made.settings.transparent = self.transparent
         return made

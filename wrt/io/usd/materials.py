@@ -20,7 +20,7 @@ from wrt.io.texture_images import Source, TextureImages
 from wrt.io.usd.lights import Matrix, radiance_of
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.materials import Material, Principled
-from wrt.scene.textures import ColorSource, ImageTexture, NormalMap
+from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import vec3
 
 _WRAPS = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "clamp"}
@@ -28,24 +28,30 @@ _CHANNELS = ("r", "g", "b", "a")
 
 
 class UsdMaterials:
-    """The materials of one file; each is made once for meshes with texture coordinates, and once for others."""
+    """The materials of one file; each is made once for meshes that have the same of coordinates and colours."""
 
     def __init__(self, path: Path) -> None:
         """Take the file, for messages and the images beside it."""
         self._path = path
         self._images = TextureImages(path)
-        self._made: dict[tuple[str, bool], Material | None] = {}
+        self._made: dict[tuple[str, bool, bool], Material | None] = {}
 
-    def bound_to(self, prim: Any, *, laid: bool) -> Material | None:
-        """Return the material that is bound to a prim, or None; `laid` says whether it has texture coordinates."""
+    def bound_to(self, prim: Any, *, laid: bool, colored: bool) -> Material | None:
+        """Return the material that is bound to a prim, or None.
+
+        Args:
+            prim: the mesh, or a part of one.
+            laid: whether it has texture coordinates.
+            colored: whether it has colours for display.
+        """
         from pxr import UsdShade
 
         bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
         if not bound:
             return None
-        key = (str(bound.GetPath()), laid)
+        key = (str(bound.GetPath()), laid, colored)
         if key not in self._made:
-            self._made[key] = self._make(bound, laid)
+            self._made[key] = self._make(bound, laid, colored)
         return self._made[key]
 
     def dome(self, prim: Any, matrix: Matrix) -> Environment:
@@ -70,12 +76,12 @@ class UsdMaterials:
         axis, degrees = axis_and_degrees(axes @ np.diag([-1.0, 1.0, -1.0]))
         return ImageEnvironment(pixels, 1.0, degrees, file.name, axis)
 
-    def _make(self, bound: Any, laid: bool) -> Material | None:
+    def _make(self, bound: Any, laid: bool, colored: bool) -> Material | None:
         shader, _, _ = bound.ComputeSurfaceSource()
         if not shader or str(shader.GetIdAttr().Get()) != "UsdPreviewSurface":
             warn(f"{self._path}: {bound.GetPath()}: only UsdPreviewSurface is supported; left out")
             return None
-        read = _Inputs(self, shader, laid)
+        read = _Inputs(self, shader, laid, colored)
         values: dict[str, Any] = {
             "base_color": read.color("diffuseColor", (0.18,) * 3),
             "roughness": read.number("roughness", 0.5),
@@ -98,7 +104,7 @@ class UsdMaterials:
             else:
                 values["opacity"] = 1.0 if opacity >= cutoff else 0.0
         normal = read.texture("normal", "data")
-        if normal is not None:
+        if normal is not None and laid:
             values["normal_map"] = NormalMap(normal, name=normal.name)
         return Principled(**values)
 
@@ -127,8 +133,8 @@ class UsdMaterials:
 class _Inputs:
     """The inputs of one shader: constants, and textures that are connected."""
 
-    def __init__(self, owner: UsdMaterials, shader: Any, laid: bool) -> None:
-        self._owner, self._shader, self._laid = owner, shader, laid
+    def __init__(self, owner: UsdMaterials, shader: Any, laid: bool, colored: bool) -> None:
+        self._owner, self._shader, self._laid, self._colored = owner, shader, laid, colored
 
     def constant(self, name: str, default: Any) -> Any:
         """Return the value of an input that does not vary."""
@@ -138,13 +144,29 @@ class _Inputs:
         """Return a colour."""
         texture = self.texture(name, "color")
         if texture is not None:
-            return texture
+            return texture if self._laid else vec3(_first(texture))
+        reader = self._source(name)
+        if reader is not None and str(reader.GetIdAttr().Get()) == "UsdPrimvarReader_float3":
+            if self._colored and str(_constant(reader, "varname", "")) == "displayColor":
+                return VertexColor()
+            default = _constant(reader, "fallback", default)
         return vec3(np.maximum(np.array(self.constant(name, default), np.float64), 0.0))
 
     def number(self, name: str, default: float, **options: Any) -> ColorSource:
         """Return a number from 0 to 1."""
         texture = self.texture(name, "data", **options)
+        if texture is not None and not self._laid:
+            value = float(_first(texture)["rgb".index(texture.channel or "r")])
+            return value if texture.cutoff is None else float(value >= texture.cutoff)
         return float(np.clip(self.constant(name, default), 0.0, 1.0)) if texture is None else texture
+
+    def _source(self, name: str) -> Any:
+        """Return the shader that is connected to an input, or None."""
+        from pxr import UsdShade
+
+        given = self._shader.GetInput(name)
+        sources = given.GetConnectedSources()[0] if given else []
+        return UsdShade.Shader(sources[0].source.GetPrim()) if sources else None
 
     def texture(self, name: str, kind: str, **options: Any) -> ImageTexture | None:
         """Return the texture that is connected to an input, or None."""
@@ -152,7 +174,7 @@ class _Inputs:
 
         given = self._shader.GetInput(name)
         sources = given.GetConnectedSources()[0] if given else []
-        if not sources or not self._laid:
+        if not sources:
             return None
         image = UsdShade.Shader(sources[0].source.GetPrim())
         if str(image.GetIdAttr().Get()) != "UsdUVTexture":
@@ -187,6 +209,11 @@ class _Inputs:
         return ImageTexture(
             pixels, _short(_name(asset)), factor=vec3(scale), wrap=wraps, **_placement(image), **options
         )
+
+
+def _first(texture: ImageTexture) -> Any:
+    """Return (3,) the colour at (0, 0), which a mesh without coordinates has everywhere."""
+    return np.clip(np.array(texture.pixels[-1, 0], np.float64) * np.array(texture.factor), 0.0, 1.0)
 
 
 def _name(asset: Any) -> str:

@@ -15,6 +15,7 @@ from wrt.io.mesh.polygons import triangulate
 from wrt.io.usd.materials import UsdMaterials
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box, quad, sphere
+from wrt.scene.textures import VertexColor
 
 _ROUND_SEGMENTS = 64
 
@@ -47,11 +48,13 @@ def mesh_parts(path: Path, prim: Any, materials: UsdMaterials) -> list[Part]:
     triangles, owner = triangulate(points, corners, counts)
     if str(mesh.GetOrientationAttr().Get()) == "leftHanded":
         triangles = triangles[:, ::-1]
-    normals = _values(mesh.GetNormalsAttr().Get(), 3, str(mesh.GetNormalsInterpolation()), corners, counts)
     primvars = UsdGeom.PrimvarsAPI(prim)
+    normals = _primvar(primvars.GetPrimvar("normals"), 3, corners, counts)  # comes before the attribute
+    if normals is None:
+        normals = _values(mesh.GetNormalsAttr().Get(), 3, str(mesh.GetNormalsInterpolation()), corners, counts)
     uvs, colors = (
         _primvar(primvars.FindPrimvarWithInheritance(name), width, corners, counts)
-        for name, width in (("st", 2), ("displayColor", 3))
+        for name, width in ((_coordinates(primvars), 2), ("displayColor", 3))
     )
     return [
         _part(path, prim, points, corners, triangles[np.isin(owner, faces)], normals, uvs, colors, bound, materials)
@@ -160,10 +163,20 @@ def _part(
 
 
 def _dress(part: Part, bound: Any, materials: UsdMaterials) -> None:
-    """Give a part its material; where there is one, the colour for display does not count."""
-    material = materials.bound_to(bound, laid=part.uvs is not None)
+    """Give a part its material; where there is one, the colour for display counts only if that reads it."""
+    material = materials.bound_to(bound, laid=part.uvs is not None, colored=part.colors is not None)
     if material is not None:
-        part.material, part.colors = material, None
+        part.material = material
+        if not any(isinstance(value, VertexColor) for value in vars(material).values()):
+            part.colors = None
+
+
+def _coordinates(primvars: Any) -> str:
+    """Return the name of a mesh's texture coordinates: "st", or else the first of that role."""
+    if primvars.FindPrimvarWithInheritance("st"):
+        return "st"
+    others = (each for each in primvars.FindPrimvarsWithInheritance() if each.GetTypeName().role == "TextureCoordinate")
+    return next((str(each.GetPrimvarName()) for each in others), "st")
 
 
 def _primvar(primvar: Any, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any] | None:

@@ -6,6 +6,7 @@ unit is: the scene has y up and metres. Values are those of the stage's default 
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from wrt.scene.lights import Light
 
 Matrix = NDArray[np.float64]
 
+_MISSING = re.compile(r"Could not open asset @([^@]*)@")
 _SILENT = ("Xform", "Scope", "Material", "Shader", "GeomSubset", "NodeGraph", "SkelRoot", "", "DomeLight")
 """Types that hold others, or are read with those that use them."""
 
@@ -42,11 +44,14 @@ def read_usd(path: Path) -> tuple[Contents, Environment | None]:
     require_file(path)
     notes = UsdUtils.CoalescingDiagnosticDelegate()  # or they are printed
     try:
-        return _read(path, Usd.Stage.Open(str(path), Usd.Stage.LoadAll))
+        read = _read(path, Usd.Stage.Open(str(path), Usd.Stage.LoadAll))
     except Tf.ErrorException as error:
         raise InputError(f"{path}: not a USD file that can be read: {first_line(error)}") from None
     finally:
-        notes.TakeUncoalescedDiagnostics()
+        told = [str(note.commentary) for note in notes.TakeUncoalescedDiagnostics()]
+    for name in dict.fromkeys(name for text in told for name in _MISSING.findall(text)):
+        warn(f"{path}: {name!r}, which it refers to, cannot be opened; it is left out")
+    return read
 
 
 def _read(path: Path, stage: Any) -> tuple[Contents, Environment | None]:
