@@ -21,6 +21,7 @@ from wrt.distributed import head, worker
 from wrt.distributed.clients import client_of
 from wrt.distributed.processes import devices_of
 from wrt.distributed.windows import windows_of_pass
+from wrt.parts import render
 from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
@@ -122,6 +123,15 @@ def test_a_worker_keeps_what_it_has_built_for_other_cameras(client: Any, monkeyp
     other = scene()
     other.camera = camera
     assert_same(seen, film_of(wrt.Renderer(other, **SIZE, **LAYERS), 2))
+
+
+def test_a_window_knows_how_long_the_picture_takes(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alone it would be too short to load the wide kernel."""
+    left, windows = [], render.render_windows
+    monkeypatch.setattr(render, "render_windows", lambda *a, **k: left.append(k["seconds_left"]) or windows(*a, **k))
+    film_of(wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE), 64, pass_seconds=1e-3)
+    assert left[0] == 0.0
+    assert max(left) > 0.0
 
 
 def test_workers_do_not_prepare_to_denoise(client: Any, one: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
