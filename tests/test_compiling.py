@@ -340,3 +340,17 @@ def test_seconds_of_another_process_are_counted_until_it_ends(monkeypatch: pytes
     seconds = wide.seconds
     time.sleep(0.1)
     assert wide.seconds == seconds > 0.15
+
+
+def test_one_thread_loads_a_wide_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others go on without: Warp generates the code of a kernel in one thread at a time."""
+    from wrt.rendering import wide_kernel
+
+    prepared: list[float] = []
+    monkeypatch.setattr(wide_kernel.WideKernel, "_prepare", lambda _, seconds: prepared.append(seconds))
+    wide = wide_kernel.WideKernel(Device("cpu"), None, ())
+    with wide_kernel._LOADING:
+        wide.prepare(1e9)
+    assert not prepared
+    wide.prepare(1e9)
+    assert prepared == [1e9]

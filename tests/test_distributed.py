@@ -19,7 +19,9 @@ import wrt.distributed
 from wrt.cli import main
 from wrt.distributed import head, worker
 from wrt.distributed.clients import client_of
+from wrt.distributed.processes import devices_of
 from wrt.distributed.windows import windows_of_pass
+from wrt.parts import render
 from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
@@ -123,6 +125,15 @@ def test_a_worker_keeps_what_it_has_built_for_other_cameras(client: Any, monkeyp
     assert_same(seen, film_of(wrt.Renderer(other, **SIZE, **LAYERS), 2))
 
 
+def test_a_window_knows_how_long_the_picture_takes(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alone it would be too short to load the wide kernel."""
+    left, windows = [], render.render_windows
+    monkeypatch.setattr(render, "render_windows", lambda *a, **k: left.append(k["seconds_left"]) or windows(*a, **k))
+    film_of(wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE), 64, pass_seconds=1e-3)
+    assert left[0] == 0.0
+    assert max(left) > 0.0
+
+
 def test_workers_do_not_prepare_to_denoise(client: Any, one: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is for the whole picture, at the end."""
 
@@ -185,6 +196,43 @@ def test_errors_are_one_line(client: Any, monkeypatch: pytest.MonkeyPatch, capsy
     renderer = wrt.distributed.DistributedRenderer(scene(), client=client, device="cuda:9", **SIZE)
     with pytest.raises(wrt.InputError, match=r"device 'cuda:9': "):
         film_of(renderer, 1)
+
+
+def test_processes_of_several_devices_render_one_picture(one: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two processes, each with a core here; one is killed meanwhile."""
+    processes = wrt.distributed.Processes(["cpu", "cpu"])
+    try:
+        renderer = wrt.distributed.DistributedRenderer(scene(), client=processes, threads=1, **SIZE, **LAYERS)
+        seen, keep = [], head._keep
+
+        def keep_and_kill(*arguments: Any) -> None:
+            keep(*arguments)
+            seen.append(arguments[2])
+            if len(seen) == 9:
+                victims = [process.pid for process in processes._pools["0:cpu"]._processes.values()]
+                os.kill(victims[0], signal.SIGKILL)
+
+        monkeypatch.setattr(head, "_keep", keep_and_kill)
+        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.0)
+        assert_same(film_of(renderer, 3, 9), film_of(sharing(one), 3, 9))
+        assert len(seen) > 9
+        assert processes.addresses() == ["1:cpu"]
+    finally:
+        processes.close()
+
+
+def test_names_of_several_devices(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    backend = "wrt.backend.warp_backend.WarpBackend.gpus"
+    monkeypatch.setattr(backend, lambda _: 0)
+    assert main(["render", "cornell-box", "--device", "cuda:0,1", "--quiet"]) == 2
+    assert capsys.readouterr().err == "wrt: error: device 'cuda:0,1': no CUDA GPU was found; use cpu\n"
+    monkeypatch.setattr(backend, lambda _: 3)
+    assert devices_of("cuda:all") == ["cuda:0", "cuda:1", "cuda:2"]
+    assert devices_of("cuda:2,0") == ["cuda:2", "cuda:0"]
+    assert [devices_of(name) for name in ("cpu", "cuda", "cuda:1", "cuda:0,", "cuda:0-2")] == [None] * 5
+    for name, why in (("cuda:0,3", "only 3 CUDA GPUs"), ("cuda:1,1", "named twice")):
+        with pytest.raises(wrt.InputError, match=why):
+            devices_of(name)
 
 
 @pytest.mark.slow

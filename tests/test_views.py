@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import itertools
 import json
 import math
 import sys
@@ -17,6 +18,7 @@ from test_checkpoint import scene
 
 import wrt
 from wrt.rendering import renderer as renderers
+from wrt.rendering.render_kernel import RenderKernel
 
 SIZE = {"width": 16, "height": 12, "max_depth": 3}
 LAYERS = ("albedo", "depth", "object", "material")
@@ -57,6 +59,25 @@ def test_views_of_a_scene_with_media_begin_in_their_own_bodies() -> None:
         pictures[camera] = single.image()
     for view in wrt.render_views(fog, [inside, outside] * 3, width=24, height=16, spp=2):
         np.testing.assert_array_equal(view.image, pictures[view.camera])
+
+
+def test_a_view_knows_that_others_follow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alone it would be too short to load the wide kernel."""
+    after: dict[int, list[float]] = {0: [], 1: []}
+    launch = RenderKernel.launch
+    for known, cameras in enumerate((iter(lambda: CAMERAS[0], None), CAMERAS)):
+
+        def noted(kernel: RenderKernel, *arguments: object, known: int = known) -> None:
+            after[known].append(kernel.seconds_after)
+            launch(kernel, *arguments)
+
+        monkeypatch.setattr(RenderKernel, "launch", noted)
+        views = wrt.render_views(scene(), cameras, spp=1, **SIZE)
+        assert len(list(itertools.islice(views, len(CAMERAS)))) == len(CAMERAS)
+        views.close()
+    assert after[0][0] == after[1][0] == 0.0  # nothing is known
+    assert max(after[0]) > 0.0
+    assert max(after[1]) > 0.0
 
 
 def test_leaving_the_loop_ends_rendering() -> None:

@@ -53,6 +53,16 @@ def make_renderer(options: argparse.Namespace, scene: Scene) -> Renderer:
         from wrt.distributed.head import DistributedRenderer
 
         make = functools.partial(DistributedRenderer, client=_client(options.dask))
+    elif options.device.startswith("cuda:") and not options.device[5:].isdecimal():
+        from wrt.distributed.processes import devices_of
+
+        devices = devices_of(options.device) or [options.device]
+        if len(devices) == 1:
+            options.device = devices[0]
+        else:
+            from wrt.distributed.head import DistributedRenderer
+
+            make = functools.partial(DistributedRenderer, client=_processes(tuple(devices)))
     width, height = options.size or (None, None)
     renderer: Renderer = make(
         scene,
@@ -70,6 +80,14 @@ def make_renderer(options: argparse.Namespace, scene: Scene) -> Renderer:
         layers=None if options.layers is None else layer_names(options.layers),
     )
     return renderer
+
+
+@functools.cache
+def _processes(devices: tuple[str, ...]) -> Any:
+    """Return the processes of several GPUs, the same for all inputs."""
+    from wrt.distributed.processes import Processes
+
+    return Processes(devices)
 
 
 @functools.cache

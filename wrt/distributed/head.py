@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.distributed.dask_cluster import DaskCluster
+from wrt.distributed.processes import Processes
 from wrt.distributed.spread import Pass, Spread
 from wrt.distributed.worker import Job, Rendered
 from wrt.errors import InputError
@@ -45,8 +46,8 @@ class DistributedRenderer(Renderer):
 
         Args:
             scene: the scene; later changes to it have no effect.
-            client: a `distributed.Client`.
-            device: of the workers: "cpu", or "cuda".
+            client: a `distributed.Client`, or the `Processes` of several GPUs.
+            device: of the workers: "cpu", or "cuda"; processes have their own.
             threads: CPU threads of a worker process, by default as many as Dask gives it; it renders one window at a
                 time.
             options: as for `wrt.Renderer`.
@@ -62,7 +63,8 @@ class DistributedRenderer(Renderer):
         film = current_backend().kernels("wrt.kernels.film.film")
         with self.device.compiling() as compile:
             compile(film.film_noise)
-        self._spread = Spread(DaskCluster(self._client), self.scene)
+        cluster = self._client if isinstance(self._client, Processes) else DaskCluster(self._client)
+        self._spread = Spread(cluster, self.scene)
         self._kernel = _Remote(self)  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
         self._options = {**options, "seed": self.seed, "strategy": self.strategy, "light_choice": self.light_choice}

@@ -337,7 +337,12 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
     )
     _add_limits(add)
     add_studio_options(parser)
-    add("--device", metavar="NAME", default="cpu", help="device to render on: cpu, cuda or cuda:N (default: cpu)")
+    add(
+        "--device",
+        metavar="NAME",
+        default="cpu",
+        help="device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)",
+    )
     add("--threads", metavar="N", type=whole(1), help="number of CPU threads (default: one per core)")
     add(
         "--dask",
