@@ -530,7 +530,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "kernels/native/low_discrepancy.h",
         "columns[dimension - 2][__ffs(rest) - 1]",
         "columns[dimension - 2][__ffs(rest) & 31]",
-        "tests/test_emulated_cuda.py -k 'films_agree and cornell'",
+        "tests/test_emulated_cuda.py -k 'films_agree and moving'",
     ),
     Mutant(
         "cuda-reversed-bits",

@@ -219,9 +219,85 @@ def test_what_is_unknown_is_refused(text: str) -> None:
         to_cpp(parse(ptx))
 
 
-def test_functions_are_refused() -> None:
+def test_functions_of_other_modules_are_refused() -> None:
     with pytest.raises(NotTranslated):
-        parse(HEAD + ".func helper()\n{\nret;\n}\n")
+        parse(HEAD + ".extern .func (.param .b32 func_retval0) vprintf (\n.param .b64 vprintf_param_0\n)\n;\n")
+
+
+FUNCTIONS = HEAD + """
+.func (.param .align 4 .b8 func_retval0[8]) both(
+    .param .align 4 .b8 both_param_0[8],
+    .param .b32 both_param_1
+)
+;
+.func (.param .align 4 .b8 func_retval0[8]) both(
+    .param .align 4 .b8 both_param_0[8],
+    .param .b32 both_param_1
+)
+{
+    .reg .b32 %r<6>;
+    ld.param.u32 %r1, [both_param_0];
+    ld.param.u32 %r2, [both_param_0+4];
+    ld.param.u32 %r3, [both_param_1];
+    mad.lo.s32 %r4, %r1, %r3, %r2;
+    st.param.b32 [func_retval0+0], %r4;
+    mov.u32 %r5, %tid.x;
+    st.param.b32 [func_retval0+4], %r5;
+    ret;
+}
+.func write(
+    .param .b64 write_param_0
+)
+{
+    .reg .b64 %rd<2>;
+    ld.param.u64 %rd1, [write_param_0];
+    st.u32 [%rd1], 7;
+    ret;
+}
+.visible .entry calls(.param .u64 calls_param_0)
+{
+    .reg .b64 %rd<3>;
+    .reg .b32 %r<6>;
+    ld.param.u64 %rd1, [calls_param_0];
+    mov.u32 %r1, %tid.x;
+    mad.wide.u32 %rd1, %r1, 12, %rd1;
+    { // callseq 0, 0
+    .reg .b32 temp_param_reg;
+    .param .align 4 .b8 param0[8];
+    st.param.b32 [param0+0], 5;
+    st.param.b32 [param0+4], %r1;
+    .param .b32 param1;
+    st.param.b32 [param1+0], 100;
+    .param .align 4 .b8 retval0[8];
+    call.uni (retval0),
+    both,
+    (
+    param0,
+    param1
+    );
+    ld.param.b32 %r2, [retval0+0];
+    ld.param.b32 %r3, [retval0+4];
+    } // callseq 0
+    st.global.u32 [%rd1], %r2;
+    st.global.u32 [%rd1+4], %r3;
+    add.s64 %rd2, %rd1, 8;
+    {
+    .param .b64 param0;
+    st.param.b64 [param0+0], %rd2;
+    call.uni write, (param0);
+    }
+    ret;
+}
+"""  # fmt: skip
+
+
+@pytest.mark.parametrize("optimization", [0, 1])
+def test_functions_are_called(optimization: int) -> None:
+    initialize_warp()
+    out = np.zeros((3, 3), np.uint32)
+    library = Library(compiled(FUNCTIONS, optimization=optimization))
+    library.run("calls", 3, [ctypes.c_uint64(out.ctypes.data)], block=3)
+    assert out.tolist() == [[500 + i, i, 7] for i in range(3)]
 
 
 def test_instructions_are_counted() -> None:

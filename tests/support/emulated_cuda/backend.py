@@ -50,8 +50,8 @@ class EmulatedBackend(WarpBackend):
                 self._libraries[key] = Library(binary)
             return self._libraries[key]
 
-    def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any], *, first: int = 0) -> None:
-        """Run the threads of a grid, beginning with `first`, as Warp launches them."""
+    def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
+        """Run a grid, as Warp launches it."""
         from warp._src.context import pack_arg
         from warp._src.types import launch_bounds_t
 
@@ -59,9 +59,11 @@ class EmulatedBackend(WarpBackend):
         packed = [pack_arg(kernel, a.type, a.label, v, "cpu") for a, v in zip(declared, arguments, strict=True)]
         self.launches[kernel.key] = self.launches.get(kernel.key, 0) + 1
         if count := math.prod(shape):
-            library = self.library(kernel)
-            name = f"{kernel.get_mangled_name()}_cuda_kernel_forward"
-            library.run(name, count, [launch_bounds_t(shape), *packed], first=first)
+            self.run_grid(kernel, count, [launch_bounds_t(shape), *packed])
+
+    def run_grid(self, kernel: Any, count: int, packed: list[Any]) -> None:
+        """Run the threads of a grid with packed arguments."""
+        self.library(kernel).run(entry_of(kernel), count, packed)
 
     def is_loaded(self, kernel: Any, device: str) -> bool:
         """Return whether a kernel can be launched at once."""
@@ -96,14 +98,27 @@ class EmulatedBackend(WarpBackend):
         return memory_left()
 
 
+def entry_of(kernel: Any) -> str:
+    """Return the name of a kernel in PTX."""
+    return f"{kernel.get_mangled_name()}_cuda_kernel_forward"
+
+
 @contextlib.contextmanager
-def emulated_cuda(arch: int = ARCH, *, optimization: int = 1, counts: bool = False) -> Iterator[EmulatedBackend]:
-    """Give this process an `EmulatedBackend` as its backend, and Warp a device "cuda:0" with the CPU's memory."""
+def emulated_cuda(
+    arch: int = ARCH, *, optimization: int = 1, counting: EmulatedBackend | None = None
+) -> Iterator[EmulatedBackend]:
+    """Give this process an `EmulatedBackend` as its backend, and Warp a device "cuda:0" with the CPU's memory.
+
+    Args:
+        arch: the GPU's architecture.
+        optimization: see `EmulatedBackend`.
+        counting: a backend to use instead of a new one.
+    """
     import warp as wp
     from warp._src import context
 
     initialize_warp()
-    backend = EmulatedBackend(arch, optimization=optimization, counts=counts)
+    backend = counting or EmulatedBackend(arch, optimization=optimization)
     before, real = wrt.backend._backend, wp.launch
 
     def launch(

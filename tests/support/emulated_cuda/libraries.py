@@ -31,26 +31,27 @@ class Library:
         if self._clang.wp_load_obj_from_bytes(binary, len(binary), self._handle, False) != 0:
             raise RuntimeError("Warp cannot load a translated module")
 
-    def run(self, kernel: str, count: int, arguments: list[Any], *, block: int = BLOCK, first: int = 0) -> None:
-        """Run threads `first` to count − 1 of the grid that covers `count` threads, one after another.
+    def run(
+        self, kernel: str, count: int, arguments: list[Any], *, block: int = BLOCK, threads: range | None = None
+    ) -> None:
+        """Run the grid that covers `count` threads, one after another.
 
         Args:
             kernel: its name in the PTX.
             count: threads that have something to do; the last block is full all the same.
             arguments: ctypes values, as the kernel declares its parameters.
             block: threads of a block.
-            first: the first thread that runs.
+            threads: those of the grid that run, by default all.
         """
         address = self._clang.wp_lookup(self._handle, kernel.replace("$", "_").encode())
         if not address:
             raise NotTranslated(f"no kernel {kernel}")
         blocks = -(-count // block)
         places = (ctypes.c_void_p * len(arguments))(*[ctypes.addressof(argument) for argument in arguments])
-        whole = blocks * block if first == 0 else count
-        run = ctypes.CFUNCTYPE(
-            None, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_uint32
-        )
-        run(address)(ctypes.addressof(places), first, whole, block, blocks)
+        threads = range(blocks * block) if threads is None else threads
+        numbers = (ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_uint32)
+        run = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *numbers)
+        run(address)(ctypes.addressof(places), threads.start, threads.stop, block, blocks)
 
     def counts(self) -> Any:
         """Return the counters of a module that counts, see `translation.COUNTED`."""

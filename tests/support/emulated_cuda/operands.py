@@ -32,12 +32,14 @@ class Operands:
         registers: their widths in bits.
         addresses: C++ for the addresses of variables and parameters.
         tables: the targets of tables of branches.
+        functions: names of the functions that may be called.
     """
 
     def __init__(self, addresses: dict[str, str]) -> None:
         self.registers: dict[str, int] = {}
         self.addresses = addresses
         self.tables: dict[str, tuple[str, ...]] = {}
+        self.functions: frozenset[str] = frozenset()
 
     def value(self, text: str, kind: str) -> str:
         """Return an operand as a value of a type.
@@ -84,8 +86,8 @@ class Operands:
 
 
 def members(text: str) -> list[str]:
-    """Return the members of an operand in braces, or the operand alone."""
-    return [member.strip() for member in text.strip("{} ").split(",")]
+    """Return the members of an operand in braces or parentheses, or the operand alone."""
+    return [member.strip() for member in text.strip("{}() ").split(",") if member.strip()]
 
 
 def _read(text: str, width: int, kind: str) -> str:

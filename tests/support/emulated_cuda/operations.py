@@ -322,6 +322,17 @@ def _branch(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
     return f"switch ({o.value(ops[0], 'u32')}) {{ {cases} }}"
 
 
+def _call(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
+    results = members(ops[0]) if ops[0].startswith("(") else []
+    name, *rest = ops[1:] if ops[0].startswith("(") else ops
+    if name not in o.functions or len(rest) > 1 or len(results) > 1:
+        return None
+    given = [f"(char*){o.value(argument, 'u64')}" for argument in (members(rest[0]) if rest else [])]
+    result = f"(char*){o.value(results[0], 'u64')}" if results else "nullptr"
+    arguments = f"char* const given[] = {{{', '.join([*given, 'nullptr'])}}};"
+    return f"{arguments} {name_of(name)}_called({result}, given, shared, tid_x, ntid_x, ctaid_x, nctaid_x);"
+
+
 def _end(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     return "__builtin_trap();" if opcode[0] == "trap" else "return;"
 
@@ -343,7 +354,8 @@ _FAMILIES: dict[str, Callable[[Operands, tuple[str, ...], tuple[str, ...]], str 
     "selp": _select,
     "cvt": _convert,
     **dict.fromkeys(("bra", "brx"), _branch),
-    **dict.fromkeys(("ret", "exit", "trap"), _end),
+    "call": _call,
+    **dict.fromkeys(("ret", "trap"), _end),
     **dict.fromkeys(("membar", "fence"), _nothing),
     **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind", "bfe", "bfi", "prmt", "lop3"), _bits),
     **dict.fromkeys(

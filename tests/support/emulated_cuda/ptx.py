@@ -17,7 +17,7 @@ class Instruction(NamedTuple):
     Attributes:
         guard: the predicate that it depends on, with a leading "!" if negated; empty if there is none.
         opcode: its parts between dots, such as ("add", "rn", "f32").
-        operands: as written; those in braces or brackets are one operand.
+        operands: as written; those in braces, brackets or parentheses are one operand.
     """
 
     guard: str
@@ -55,7 +55,7 @@ class Variable(NamedTuple):
     """A variable in memory.
 
     Attributes:
-        space: "global", "const", "shared" or "local".
+        space: "global", "const", "shared", "local", or "param" for what a function is called with.
         align: its alignment in bytes.
         kind: the type of an element, such as "b8".
         name: its name.
@@ -80,11 +80,19 @@ Statement = Instruction | Label | Brace | Registers | Variable
 
 
 class Entry(NamedTuple):
-    """A kernel."""
+    """A kernel, or a function that kernels call.
+
+    Attributes:
+        name: its name.
+        parameters: names of its parameters.
+        body: its statements.
+        results: names of what a function returns, one at most.
+    """
 
     name: str
     parameters: tuple[str, ...]
     body: tuple[Statement, ...]
+    results: tuple[str, ...] = ()
 
 
 class Module(NamedTuple):
@@ -93,6 +101,7 @@ class Module(NamedTuple):
     target: str
     variables: tuple[Variable, ...]
     entries: tuple[Entry, ...]
+    functions: tuple[Entry, ...] = ()
 
 
 def bits_of(kind: str) -> int:
@@ -114,7 +123,7 @@ _IGNORED = (
 _LABEL = re.compile(r"([\w$]+):\s*(?!:)(.*)")
 _REGISTERS = re.compile(r"\.reg \.(\w+)\s+(.*);")
 _VARIABLE = re.compile(
-    r"(?:\.(?:visible|weak|extern|common) )*\.(global|const|shared|local)\s+(?:\.align (\d+) )?\.(\w+)\s+([\w$]+)"
+    r"(?:\.(?:visible|weak|extern|common) )*\.(global|const|shared|local|param)\s+(?:\.align (\d+) )?\.(\w+)\s+([\w$]+)"
     r"(?:\[(\d*)\])?(?:\s*=\s*(.*))?;"
 )
 
@@ -123,18 +132,20 @@ def parse(text: str) -> Module:
     """Parse a module.
 
     Raises:
-        NotTranslated: on functions, and on what is no PTX.
+        NotTranslated: on functions of other modules, and on what is no PTX.
     """
     lines = _Lines(text)
-    target, variables, entries = "", [], []
+    target, variables, entries, functions = "", [], [], []
     for line in lines:
         if line.startswith(".target"):
             target = line.split()[1].rstrip(",")
         elif re.match(r"(?:\.(?:visible|weak) )*\.entry ", line):
             entries.append(_entry(line, lines))
+        elif re.match(r"(?:\.(?:visible|weak) )*\.func ", line):
+            functions += _function(line, lines)
         elif not line.startswith(_IGNORED):
             variables.append(_variable(lines.statement(line)))
-    return Module(target, tuple(variables), tuple(entries))
+    return Module(target, tuple(variables), tuple(entries), tuple(functions))
 
 
 class _Lines:
@@ -160,17 +171,31 @@ class _Lines:
         return self.until(line, ";")
 
 
+_HEAD = re.compile(r"\.(?:entry|func) (?:\((.*?)\) ?)?([\w$]+) ?\((.*?)\)")
+
+
 def _entry(line: str, lines: _Lines) -> Entry:
-    head = lines.until(line, ")")
-    name = re.search(r"\.entry ([\w$]+)", head)
-    assert name is not None
-    inside = head.partition("(")[2].rpartition(")")[0]
-    parameters = tuple(re.split(r"[\s\[]", part.strip().rpartition(".")[2])[1] for part in inside.split(",") if part)
-    return Entry(name[1], parameters, tuple(_body(lines)))
+    found = _HEAD.search(lines.until(line, ")"))
+    assert found is not None
+    return Entry(found[2], _names(found[3]), tuple(_body(lines)))
 
 
-def _body(lines: _Lines) -> Iterator[Statement]:
-    depth = 0
+def _function(line: str, lines: _Lines) -> Iterator[Entry]:
+    """Yield a function; nothing if it is only declared here."""
+    while not line.endswith((";", "{")):
+        line += " " + next(iter(lines))
+    found = _HEAD.search(line)
+    if found is None:
+        raise NotTranslated(line[:100])
+    if line.endswith("{"):
+        yield Entry(found[2], _names(found[3]), tuple(_body(lines, depth=1)), _names(found[1] or ""))
+
+
+def _names(parameters: str) -> tuple[str, ...]:
+    return tuple(part.partition("[")[0].split()[-1] for part in parameters.split(",") if part.strip())
+
+
+def _body(lines: _Lines, depth: int = 0) -> Iterator[Statement]:
     for line in lines:
         if line in ("{", "}"):
             depth += 1 if line == "{" else -1
@@ -207,7 +232,7 @@ def instruction(text: str) -> Instruction:
     if text.startswith("@"):
         guard, _, text = text[1:].partition(" ")
     opcode, _, rest = text.partition(" ")
-    operands = re.split(r",(?![^{\[]*[}\]])", rest) if rest else []
+    operands = re.split(r",(?![^{\[(]*[}\])])", rest) if rest else []
     return Instruction(guard, tuple(opcode.split(".")), tuple(operand.strip() for operand in operands))
 
 

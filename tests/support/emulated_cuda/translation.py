@@ -44,7 +44,7 @@ def to_cpp(module: Module, *, counts: bool = False) -> str:
     addresses, shared, out = {}, 0, [PRELUDE]
     if counts:
         out.append(f'extern "C" {{ u64 counts[{len(COUNTED)}]; }}')
-    used = {op for entry in module.entries for op in _names(entry.body)}
+    used = {op for entry in (*module.functions, *module.entries) for op in _names(entry.body)}
     for variable in module.variables:
         if variable.space == "shared":
             shared = -(-shared // variable.align) * variable.align
@@ -54,8 +54,10 @@ def to_cpp(module: Module, *, counts: bool = False) -> str:
             out.append(_variable(variable))
             addresses[variable.name] = f"(u64){name_of(variable.name)}"
     unknown: list[str] = []
-    for entry in module.entries:
-        out += _entry(entry, addresses, shared, unknown, counts)
+    functions = frozenset(function.name for function in module.functions)
+    out += [f"static void {name_of(name)}_called(char*, {_THREAD});" for name in sorted(functions)]
+    for entry in (*module.functions, *module.entries):
+        out += _entry(entry, addresses, shared, functions, unknown, counts)
     if unknown:
         raise NotTranslated(", ".join(dict.fromkeys(unknown)))
     return "\n".join(out) + "\n"
@@ -81,26 +83,37 @@ def _constant(value: str, kind: str) -> str:
     return Operands({}).value(value, "u" + kind[1:] if kind[0] in "fb" else kind)
 
 
-def _entry(entry: Entry, addresses: dict[str, str], shared: int, unknown: list[str], counts: bool) -> Iterator[str]:
-    """Yield the function of a thread of a kernel, and the one that runs many; add to `unknown`."""
+def _entry(
+    entry: Entry,
+    addresses: dict[str, str],
+    shared: int,
+    functions: frozenset[str],
+    unknown: list[str],
+    counts: bool,
+) -> Iterator[str]:
+    """Yield a function, or that of a thread of a kernel and the one that runs many; add to `unknown`."""
+    name = name_of(entry.name)
     parameters = {name: f"(u64)P[{i}]" for i, name in enumerate(entry.parameters)}
-    operands = Operands({**addresses, **parameters})
+    operands = Operands({**addresses, **parameters, **dict.fromkeys(entry.results, "(u64)R")})
+    operands.functions = functions
     operands.tables = {s.name: s.targets for s in entry.body if isinstance(s, Label) and s.targets}
     for statement in entry.body:
         if isinstance(statement, Variable) and statement.space == "shared":
             shared = -(-shared // statement.align) * statement.align
             operands.addresses[statement.name] = str(shared)
             shared += statement.size
-    yield f"static void {name_of(entry.name)}_thread({_THREAD}) {{"
+    called = entry.name in functions
+    yield f"static void {name}_called(char* R, {_THREAD}) {{" if called else f"static void {name}_thread({_THREAD}) {{"
     for statement in entry.body:
         try:
             yield _statement(statement, operands, counts)
         except NotTranslated as error:
             unknown.append(str(error))
     yield "}"
-    yield f"""extern "C" void {name_of(entry.name)}(char* const* P, u64 first, u64 last, u32 block, u32 blocks) {{
+    if not called:
+        yield f"""extern "C" void {name}(char* const* P, u64 first, u64 last, u32 block, u32 blocks) {{
     alignas(64) char shared[{max(shared, 1)}];
-    for (u64 i = first; i < last; ++i) {name_of(entry.name)}_thread(P, shared, i % block, block, i / block, blocks);
+    for (u64 i = first; i < last; ++i) {name}_thread(P, shared, i % block, block, i / block, blocks);
 }}"""
 
 
@@ -115,11 +128,11 @@ def _statement(statement: Statement, operands: Operands, counts: bool) -> str:
     if isinstance(statement, Variable):
         if statement.space == "shared":
             return ""
-        if statement.space != "local":
+        if statement.space not in ("local", "param"):
             raise NotTranslated(f"{statement.space} {statement.name} in a kernel")
         name = name_of(statement.name)
         operands.addresses[statement.name] = f"(u64){name}"
-        return f"alignas({statement.align}) char {name}[{statement.size}];"
+        return f"alignas({max(statement.align, 8)}) char {name}[{statement.size}];"
     body = translate(statement, operands)
     if counts:
         body = f"++counts[{_counter(statement)}]; {body}"

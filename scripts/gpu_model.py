@@ -1,0 +1,117 @@
+"""Count what a GPU would execute for each ray of the built-in scenes. No GPU is needed.
+
+    python scripts/gpu_model.py [SCENE ...] [--write]
+
+The emulator of the tests runs the PTX of the render kernel thread by thread, and counts. Printed are, for each ray that
+is traced: instructions, loads from global memory, and accesses to local memory, which on a GPU is device memory too;
+and the efficiency of warps: the share of their 32 lanes that work, on average, if lanes that are done with a sample
+wait for the slowest of the warp. `--write` puts the table into docs/notes/cuda.md.
+
+These are counts, not times: registers, caches, and how ptxas orders instructions decide about times, and are not known
+here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda, entry_of  # noqa: E402
+from support.emulated_cuda.translation import COUNTED  # noqa: E402
+
+SCENES = ("cornell-box", "still-life", "teapot")
+"""Built-in scenes; `many-triangles` takes the emulator minutes to build."""
+
+SIZE, CROP, SAMPLES, WARP = 512, (224, 192, 288, 256), 4, 32
+PAGE = ROOT / "docs" / "notes" / "cuda.md"
+BEGIN, END = "<!-- counts -->", "<!-- end of counts -->"
+
+
+class Counts(NamedTuple):
+    """Of a scene, for each ray, and the efficiency of its warps."""
+
+    scene: str
+    instructions: float
+    loads: float
+    local: float
+    efficiency: float
+
+
+class CountingBackend(EmulatedBackend):
+    """Counts the instructions of each thread of render kernels.
+
+    Attributes:
+        threads: of each pass (threads, len(COUNTED)).
+    """
+
+    def __init__(self) -> None:
+        super().__init__(optimization=0, counts=True)
+        self.threads: list[NDArray[np.int64]] = []
+
+    def run_grid(self, kernel: Any, count: int, packed: list[Any]) -> None:
+        """Run a grid, a render kernel thread by thread."""
+        if not kernel.key.endswith("render_pass"):
+            super().run_grid(kernel, count, packed)
+            return
+        library = self.library(kernel)
+        now = np.frombuffer(library.counts(), np.uint64)
+        found, before = np.zeros((count, len(COUNTED)), np.int64), now.astype(np.int64)
+        for i in range(count):
+            library.run(entry_of(kernel), count, packed, threads=range(i, i + 1))
+            found[i], before = now.astype(np.int64) - before, now.astype(np.int64)
+        self.threads.append(found)
+
+
+def count(name: str) -> Counts:
+    """Count what passes of one sample a pixel execute in the middle of a scene's picture."""
+    import wrt
+
+    backend = CountingBackend()
+    with emulated_cuda(counting=backend):
+        renderer = wrt.Renderer(wrt.load(name), width=SIZE, height=SIZE, crop=CROP, device="cuda")
+        for samples in range(1, SAMPLES + 1):
+            for _ in renderer.passes(spp=samples):
+                pass
+    passes = np.stack(backend.threads)
+    total = dict(zip(COUNTED, passes.sum(axis=(0, 1)) / renderer.rays, strict=True))
+    warps = passes[..., 0].reshape(len(passes), -1, WARP)
+    efficiency = float(warps.sum() / (WARP * warps.max(axis=2).sum()))
+    local = total["ld local"] + total["st local"]
+    return Counts(name, total["instructions"], total["ld global"], local, efficiency)
+
+
+def table(rows: Sequence[Counts]) -> str:
+    """Return the counts as a table in Markdown."""
+    lines = ["| scene | instructions | global loads | local accesses | warp efficiency |", "| --- " * 5 + "|"]
+    for row in rows:
+        numbers = f"{row.instructions:.0f} | {row.loads:.0f} | {row.local:.0f} | {row.efficiency:.2f}"
+        lines.append(f"| {row.scene} | {numbers} |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description="Count what a GPU would execute for each ray.")
+    parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE")
+    parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")
+    options = parser.parse_args(arguments)
+    text = table([count(name) for name in options.scenes])
+    print(text)
+    if options.write:
+        page = PAGE.read_text(encoding="utf-8")
+        before, _, rest = page.partition(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
