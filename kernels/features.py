@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 _LONGEST_NAME = 100
+_SPHERES = "_spheres"
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Features:
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
         grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
+        spheres: whether spheres lie among the triangles of the ray tree.
         composite: without `opacity`: "none" where no material has parts, "sides" where front and back may differ, or
             "mixed" where hits choose parts of mixtures at random.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
@@ -60,6 +62,12 @@ class Features:
     uv2_alpha: bool = False
     mipmapped: bool = False
     composite: str = "none"
+    spheres: bool = False
+
+    @property
+    def geometry(self) -> str:
+        """What rays meet: `instances`, with a suffix where there are spheres (see `has_spheres`)."""
+        return self.instances + _SPHERES if self.spheres else self.instances
 
     @property
     def mixed(self) -> bool:
@@ -80,6 +88,16 @@ class Features:
             if value != field.default:
                 parts.append(field.name if value is True else value)
         return identifier(parts)
+
+
+def has_spheres(geometry: str) -> bool:
+    """Return whether there are spheres in a `Features.geometry`."""
+    return geometry.endswith(_SPHERES)
+
+
+def instances_of(geometry: str) -> str:
+    """Return the instances of a `Features.geometry`."""
+    return geometry.removesuffix(_SPHERES)
 
 
 def identifier(parts: Iterable[object]) -> str:

@@ -47,6 +47,7 @@ FEATURES = [
     Features(("diffuse",), False, "none", instances="still"),
     Features(("diffuse",), False, "none", instances="moving"),
     Features(("diffuse",), False, "none", instances="deforming"),
+    Features(("diffuse",), True, "none", instances="moving", spheres=True, aovs=True),
     Features(("diffuse",), False, "none", composite="sides"),
     Features(("diffuse",), False, "none", composite="mixed", aovs=True),
     # Two models with all that a scene can have besides. All in one took minutes.

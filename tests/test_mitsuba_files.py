@@ -44,6 +44,7 @@ CASES = {
         "scale, rotate, translate, matrix, lookat, default, include, alias, ref; cube, rectangle; diffuse, twosided",
         ('value="25"', 'value="28"'),
     ),
+    "balls": Case("spheres: rough, glass, textured, turned, shining", ('value="2, 3, 4"', 'value="2, 3.4, 4"')),
     "curved": Case("sphere, cylinder, disk; conductor by eta and k, and none", ('value="0.4"/>', 'value="0.38"/>')),
     "lens": Case("thinlens: fov_axis, aperture_radius, focus_distance", ('"3"/>', '"3.2"/>'), 1024),
     "orthographic": Case("orthographic; a shape without bsdf", ('x="1.1" y="1.1"', 'x="1.13" y="1.13"')),

@@ -18,6 +18,7 @@ import wrt.scene.materials.presets
 from wrt.errors import InputWarning
 from wrt.io.mitsuba.materials.coats import as_in_mitsuba
 from wrt.io.mitsuba.materials.metals import named_conductor
+from wrt.scene.spheres import Spheres
 
 BALL = '<shape type="sphere"/>'
 
@@ -157,9 +158,11 @@ def test_outlines_are_off_by_less_than_half_a_pixel(kind: str, tmp_path: Path, r
     body = f"""<sensor type="perspective"><float name="fov" value="30"/>
         <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
         <film type="hdrfilm"><integer name="width" value="4000"/><integer name="height" value="4000"/></film></sensor>
-        <shape type="{kind}"/>"""
+        <shape type="{kind}"><transform name="to_world"><scale x="1" y="1" z="1.001"/></transform></shape>"""
     mesh = loaded(tmp_path, body).shapes[0].mesh
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    assert not isinstance(mesh, Spheres)
+    vertices = mesh.vertices / (1.0, 1.0, 1.001)
+    corners = vertices[mesh.faces].astype(np.float64)
     points = corners if kind == "sphere" else corners[..., :2]
     if kind == "sphere":
         inside = 1.0 - np.linalg.norm(points.mean(axis=1), axis=-1)
@@ -170,7 +173,7 @@ def test_outlines_are_off_by_less_than_half_a_pixel(kind: str, tmp_path: Path, r
     pixel = 2.0 * np.tan(np.radians(15.0)) * 3.0 / 4000.0
     report(f"{kind}: depth of faces, pixels", float(inside.max() / pixel), "< 0.5")
     assert 0.1 < inside.max() / pixel < 0.5
-    assert np.allclose(np.linalg.norm(mesh.vertices[..., : 2 if kind != "sphere" else 3], axis=-1).max(), 1.0)
+    assert np.allclose(np.linalg.norm(vertices[..., : 2 if kind != "sphere" else 3], axis=-1).max(), 1.0)
 
 
 def test_too_near_is_told(tmp_path: Path) -> None:
@@ -178,7 +181,24 @@ def test_too_near_is_told(tmp_path: Path) -> None:
     film = '<film type="hdrfilm"><integer name="width" value="4000"/><integer name="height" value="4000"/></film>'
     near = f'<sensor type="perspective"><float name="near_clip" value="1e-7"/>{place}{film}</sensor>'
     with pytest.warns(InputWarning, match="limited to 768 segments"):
-        loaded(tmp_path, near + BALL)
+        loaded(tmp_path, near + '<shape type="disk"/>')
+
+
+def test_spheres_stay_spheres(tmp_path: Path) -> None:
+    """Turned, mirrored and scaled alike along all axes; others become triangles without a word."""
+    place = '<transform name="to_world"><scale {}/><rotate x="1" angle="30"/><translate x="2"/></transform>'
+    round_ = '<shape type="sphere"><point name="center" x="1"/><float name="radius" value="0.5"/>{}{}</shape>'
+    flip = '<boolean name="flip_normals" value="true"/>'
+    kinds = ('value="-2"', 'x="2" y="-2" z="2"', 'x="1" y="2" z="1"')
+    body = "".join(round_.format(place.format(kind), flip if i == 1 else "") for i, kind in enumerate(kinds))
+    first, second, third = (shape.mesh for shape in loaded(tmp_path, body, strict=True).shapes)
+    assert isinstance(first, Spheres)
+    assert isinstance(second, Spheres)
+    assert not isinstance(third, Spheres)
+    assert np.allclose(first.centers, [[0.0, 0.0, 0.0]], atol=1e-6)
+    assert np.allclose(second.centers, [[4.0, 0.0, 0.0]], atol=1e-6)
+    assert np.allclose([first.radii, second.radii], 1.0)
+    assert [first.inside_out[0], second.inside_out[0]] == [False, True]
 
 
 def test_clipping_is_told_where_it_shows(tmp_path: Path) -> None:

@@ -71,6 +71,7 @@ from wrt.scene.shapes import box as box
 from wrt.scene.shapes import polygon as polygon
 from wrt.scene.shapes import quad as quad
 from wrt.scene.shapes import sphere as sphere
+from wrt.scene.spheres import spheres as spheres
 from wrt.scene.textures import ImageTexture as ImageTexture
 from wrt.scene.textures import NormalMap as NormalMap
 from wrt.scene.textures import VertexColor as VertexColor

@@ -14,11 +14,13 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Bvh, Hit
 from wrt.kernels.accel.ray_batch import RayBatch, reach_of, write_answer
+from wrt.kernels.features import has_spheres, instances_of
 from wrt.kernels.geometry.motion import MotionKey, MotionRecord, Placement, transform_at
 from wrt.kernels.native import include
 from wrt.kernels.specialise import specialised
 
 instances_h = include("instances.h")
+instances_spheres_h = include("instances_spheres.h")
 
 
 @wp.struct
@@ -79,9 +81,10 @@ _found = wp.types.vector(length=5, dtype=float)
 
 
 @specialised()
-def make_traverse(instances: str) -> wp.Function:
+def make_traverse(geometry: str) -> wp.Function:
     """Return the function (tree, origin, direction, time, t_min, t_max, any_hit) -> argument of `instance_hit`."""
-    kind = f"wrt::Instances::{instances}"
+    kind = f"wrt::Instances::{instances_of(geometry)}"
+    header = instances_spheres_h if has_spheres(geometry) else instances_h
 
     @wp.func_native(f"return wrt::closest_instance_hit<{kind}>(tree, origin, direction, time, t_min, t_max, any_hit);")
     def traverse(
@@ -93,19 +96,20 @@ def make_traverse(instances: str) -> wp.Function:
         t_max: float,
         any_hit: bool,
     ) -> _found:
-        instances_h()
+        header()
 
     return traverse
 
 
 @specialised()
-def make_traverse_after(instances: str) -> wp.Function:
+def make_traverse_after(geometry: str) -> wp.Function:
     """Return the device function that finds the next hit, ordered by distance, instance and triangle.
 
     Its arguments are (tree, origin, direction, time, t_min, t_max, last_instance, last_id), where t_min is the distance
     of the last hit and last_id its triangle's number within its mesh.
     """
-    kind = f"wrt::Instances::{instances}"
+    kind = f"wrt::Instances::{instances_of(geometry)}"
+    header = instances_spheres_h if has_spheres(geometry) else instances_h
     arguments = "tree, origin, direction, time, t_min, t_max, last_instance, last_id"
 
     @wp.func_native(f"return wrt::next_instance_hit<{kind}>({arguments});")
@@ -119,7 +123,7 @@ def make_traverse_after(instances: str) -> wp.Function:
         last_instance: int,
         last_id: int,
     ) -> _found:
-        instances_h()
+        header()
 
     return traverse_after
 

@@ -4,8 +4,10 @@ from typing import NamedTuple
 
 import warp as wp
 
+from wrt.kernels.accel import spheres
 from wrt.kernels.accel.bvh import Hit, bvh_any_hit, bvh_closest_hit, bvh_next_hit
 from wrt.kernels.accel.instances import instance_hit, make_traverse, make_traverse_after
+from wrt.kernels.features import has_spheres, instances_of
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
@@ -59,31 +61,33 @@ def occluded(scene: SceneData, ray: Ray, distance: float) -> bool:
 
 
 @specialised()
-def make_intersect(instances: str) -> Intersect:
-    """Return the functions for scenes with these instances (see Features)."""
-    if instances == "none":
+def make_intersect(geometry: str) -> Intersect:
+    """Return the functions for scenes with this `Features.geometry`."""
+    if instances_of(geometry) == "none":
+        if has_spheres(geometry):
+            return Intersect(spheres.closest_hit, spheres.closest_hit_before, spheres.next_hit, spheres.occluded)
         return Intersect(closest_hit, closest_hit_before, next_hit, occluded)
-    traverse = make_traverse(instances)
-    traverse_after = make_traverse_after(instances)
+    traverse = make_traverse(geometry)
+    traverse_after = make_traverse_after(geometry)
 
-    @wp.func(name=f"closest_hit_before_{instances}")
+    @wp.func(name=f"closest_hit_before_{geometry}")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
         found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, False)
         return instance_hit(scene.placed, found)
 
-    @wp.func(name=f"closest_hit_{instances}")
+    @wp.func(name=f"closest_hit_{geometry}")
     @ray_query
     def nearest(scene: SceneData, ray: Ray) -> Hit:
         return before(scene, ray, INFINITE_DISTANCE)
 
-    @wp.func(name=f"next_hit_{instances}")
+    @wp.func(name=f"next_hit_{geometry}")
     def following(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
         placed = scene.placed
         triangle = last.triangle - placed.instances[last.instance].first_triangle
         found = traverse_after(placed, ray.origin, ray.direction, ray.time, last.t, distance, last.instance, triangle)
         return instance_hit(placed, found)
 
-    @wp.func(name=f"occluded_{instances}")
+    @wp.func(name=f"occluded_{geometry}")
     @ray_query
     def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
         found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, True)

@@ -12,8 +12,9 @@ from wrt.kernels.camera.camera import Camera, CameraRay
 from wrt.kernels.camera.models import make_camera
 from wrt.kernels.features import Features
 from wrt.kernels.film.film import is_finite_color
-from wrt.kernels.geometry.rays import to_local
-from wrt.kernels.geometry.surface import Surface, add_texture_coordinates
+from wrt.kernels.geometry.rays import to_local, to_world
+from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
+from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.geometry.triangles import make_triangle_of
 from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface
 from wrt.kernels.integrators.specular_chain import make_follow_specular
@@ -85,17 +86,21 @@ def make_directional_albedo(features: Features) -> wp.Function:
     return directional_albedo
 
 
-@specialised("instances", "cameras")
+@specialised("instances", "spheres", "cameras")
 def make_motion_on_film(features: Features) -> wp.Function:
-    """Return the device function (scene, camera, first, direction) -> vec2, a point's motion in pixels.
+    """Return the device function (scene, camera, first, direction, time) -> vec2, a point's motion in pixels.
 
     It leads from the point's position on the film when the shutter opens to that when it closes.
     """
     triangle_of = make_triangle_of(features.instances)
+    spheres = features.spheres
+    sphere_of, sphere_axes = make_sphere_of(features.geometry), make_sphere_axes(features.geometry)
     film_position = make_camera(features.cameras).film_position
 
     @wp.func
-    def motion_on_film(scene: SceneData, camera: Camera, first: FirstSurface, direction: wp.vec3) -> wp.vec2:
+    def motion_on_film(
+        scene: SceneData, camera: Camera, first: FirstSurface, direction: wp.vec3, time: float
+    ) -> wp.vec2:
         begin = direction
         end = direction
         distant = first.hit.triangle == NO_HIT
@@ -105,6 +110,18 @@ def make_motion_on_film(features: Features) -> wp.Function:
             begin = t.p0 + t.e1 * hit.u + t.e2 * hit.v
             t = triangle_of(scene, hit.triangle, hit.instance, camera.shutter_close)
             end = t.p0 + t.e1 * hit.u + t.e2 * hit.v
+            if wp.static(spheres):
+                sphere = sphere_of(scene, hit.triangle, hit.instance, time)
+                if sphere.radius > 0.0:
+                    # The same point of the sphere, in its own axes
+                    axes = sphere_axes(scene, hit.triangle, hit.instance, time)
+                    place = to_local(axes, (first.surface.position - sphere.center) / sphere.radius)
+                    axes = sphere_axes(scene, hit.triangle, hit.instance, camera.shutter_open)
+                    sphere = sphere_of(scene, hit.triangle, hit.instance, camera.shutter_open)
+                    begin = sphere.center + to_world(axes, place) * sphere.radius
+                    axes = sphere_axes(scene, hit.triangle, hit.instance, camera.shutter_close)
+                    sphere = sphere_of(scene, hit.triangle, hit.instance, camera.shutter_close)
+                    end = sphere.center + to_world(axes, place) * sphere.radius
         there = film_position(camera, end, distant, camera.shutter_close)
         return there - film_position(camera, begin, distant, camera.shutter_open)
 
@@ -124,6 +141,7 @@ def make_add_aovs(features: Features) -> wp.Function:
     motion_on_film = make_motion_on_film(features)
     sample_4d = make_sample_4d(features.sampler)
     has_coordinates = features.textured or features.tangents
+    add_texture_coordinates = make_add_texture_coordinates(False, features.spheres)
 
     @wp.func
     def add_aovs(
@@ -172,7 +190,7 @@ def make_add_aovs(features: Features) -> wp.Function:
                     surface = add_texture_coordinates(scene, first.hit, surface)
                 set_numbers(aovs.nearest, pixel, aovs.uv, 2, wp.vec3(surface.uv[0], surface.uv[1], 0.0))
             if aovs.motion >= 0:
-                moved = motion_on_film(scene, camera, first, seen.ray.direction)
+                moved = motion_on_film(scene, camera, first, seen.ray.direction, seen.ray.time)
                 set_numbers(aovs.nearest, pixel, aovs.motion, 2, wp.vec3(moved[0], moved[1], 0.0))
         return first.rays
 

@@ -4,8 +4,18 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.instances import make_instance_placement
+from wrt.kernels.features import has_spheres, instances_of
 from wrt.kernels.geometry.motion import key_at
 from wrt.kernels.geometry.rays import Frame, Ray, make_frame
+from wrt.kernels.geometry.spheres import (
+    along_meridian,
+    along_turn,
+    clearance_of_sphere,
+    make_sphere_axes,
+    make_sphere_of,
+    point_on_sphere,
+    sphere_coordinates,
+)
 from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
@@ -103,8 +113,14 @@ def gap_behind(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> float:
 
 
 @specialised()
-def make_surface_at(instances: str) -> wp.Function:
-    """Return the device function (scene, ray, hit) -> Surface; see Features for `instances`."""
+def make_surface_at(geometry: str) -> wp.Function:
+    """Return the device function (scene, ray, hit) -> Surface; see `Features.geometry`.
+
+    With spheres, `uv` are the weights by which `make_add_texture_coordinates` interpolates.
+    """
+    if has_spheres(geometry):
+        return _make_surface_or_sphere_at(geometry)
+    instances = geometry
     placed = instances != "none"
     triangle_of = make_triangle_of(instances)
     shading_normal = make_shading_normal(instances)
@@ -149,6 +165,45 @@ def make_surface_at(instances: str) -> wp.Function:
     return at
 
 
+@specialised()
+def _make_surface_or_sphere_at(geometry: str) -> wp.Function:
+    """Return the function of `make_surface_at` for scenes with spheres."""
+    instances = instances_of(geometry)
+    placed = instances != "none"
+    on_triangle = make_surface_at(instances)
+    sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
+
+    @wp.func(name=f"surface_at_{geometry}")
+    @shading_point
+    def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
+        surface = Surface()
+        sphere = sphere_of(scene, hit.triangle, hit.instance, ray.time)
+        if sphere.radius > 0.0:
+            point = point_on_sphere(sphere, ray, hit.t)
+            out = point.out
+            surface.position = sphere.center + out * sphere.radius
+            surface.clearance = clearance_of_sphere(sphere, out)
+            surface.normal = wp.where(point.from_outside, out, -out)
+            surface.frame = make_frame(surface.normal)
+            surface.front = point.from_outside == (sphere.side > 0.0)
+            if wp.static(placed):
+                surface.shape = scene.placed.instances[hit.instance].shape
+                if surface.shape < 0:
+                    surface.shape = scene.triangle_shape[hit.triangle]
+            else:
+                surface.shape = scene.triangle_shape[hit.triangle]
+            axes = sphere_axes(scene, hit.triangle, hit.instance, ray.time)
+            surface.uv = sphere_coordinates(axes, out)
+            surface.e1 = along_turn(axes, out, sphere.radius)
+            surface.e2 = along_meridian(axes, out, sphere.radius)
+        else:
+            surface = on_triangle(scene, ray, hit)
+            surface.uv = wp.vec2(hit.u, hit.v)
+        return surface
+
+    return at
+
+
 surface_at = make_surface_at("none")
 
 
@@ -163,8 +218,22 @@ def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Sur
 
 
 @specialised()
-def make_add_texture_coordinates(uv2_alpha: bool) -> wp.Function:
-    """Return `add_texture_coordinates`, extended by second coordinates and alpha if `uv2_alpha`."""
+def make_add_texture_coordinates(uv2_alpha: bool, spheres: bool) -> wp.Function:
+    """Return `add_texture_coordinates`, extended by second coordinates and alpha if `uv2_alpha`.
+
+    With spheres, the weights of vertices are those that `make_surface_at` leaves in `uv`.
+    """
+    if spheres:
+        plain = make_add_texture_coordinates(uv2_alpha, False)
+
+        @wp.func
+        def by_weights(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
+            at = hit
+            at.u = surface.uv[0]
+            at.v = surface.uv[1]
+            return plain(scene, at, surface)
+
+        return by_weights
 
     @wp.func
     def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:

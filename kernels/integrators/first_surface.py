@@ -29,7 +29,9 @@ class FirstSurface:
     rays: int
 
 
-@specialised("sampler", "instances", "textured", "uv2_alpha", "mipmapped", "opacity", "composite", "tangents")
+@specialised(
+    "sampler", "instances", "spheres", "textured", "uv2_alpha", "mipmapped", "opacity", "composite", "tangents"
+)
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.
 
@@ -37,10 +39,10 @@ def make_first_surface(features: Features) -> wp.Function:
     a path decides it, so that both see the same.
     """
     sample_4d = make_sample_4d(features.sampler)
-    closest_hit = make_intersect(features.instances).closest_hit
-    surface_at = make_surface_at(features.instances)
+    closest_hit = make_intersect(features.geometry).closest_hit
+    surface_at = make_surface_at(features.geometry)
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
     textured = features.textured
     opacity, sides, mixed = features.opacity, features.composite == "sides", features.mixed
     tangents = features.tangents

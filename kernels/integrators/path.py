@@ -47,7 +47,7 @@ from wrt.kernels.spmd_marks import path_function
 def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
-    closest_hit, occluded = make_closest_hit(features), make_intersect(features.instances).occluded
+    closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)

@@ -116,14 +116,14 @@ def make_traverse_medium(features: Features) -> wp.Function:
     return traverse_medium
 
 
-@specialised("media", "instances", "clamped", "regularized", *make_light_in_medium.fields)
+@specialised("media", "instances", "spheres", "clamped", "regularized", *make_light_in_medium.fields)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 
     It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
     """
     clamped, regularized = features.clamped, features.regularized
-    skin_near = make_skin_near(features.instances)
+    skin_near = make_skin_near(features.geometry)
     light_in_medium = make_light_in_medium(features)
 
     @wp.func

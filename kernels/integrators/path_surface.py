@@ -19,7 +19,7 @@ from wrt.kernels.geometry.triangles import WIDELY
 from wrt.kernels.integrators.next_event import DirectLight, emitter_hit_weight, make_light_at_surface
 from wrt.kernels.integrators.path_state import PathState, begin_indirect
 from wrt.kernels.integrators.russian_roulette import russian_roulette
-from wrt.kernels.lights.lights import hit_triangle_pdf, make_lights
+from wrt.kernels.lights.lights import make_hit_pdf, make_lights
 from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.scene.materials import (
@@ -76,9 +76,9 @@ def make_surface_vertex(features: Features) -> wp.Function:
     bodies, nested, opacity = features.bodies, features.nested, features.opacity
     sides, mixed = features.composite == "sides", features.mixed
     textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
-    surface_at = make_surface_at(features.instances)
-    meet = make_meet(features.instances)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+    surface_at = make_surface_at(features.geometry)
+    meet = make_meet(features.geometry)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
 
     @wp.func
@@ -145,7 +145,7 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
 @specialised(*make_lights.fields)
 def make_surface_emission(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, strategy) -> PathState that adds what the surface shines itself."""
-    lights = make_lights(features)
+    lights, hit_pdf = make_lights(features), make_hit_pdf(features.geometry)
     choice_probability, emission_at = lights.choice_probability, lights.emission_at
 
     @wp.func
@@ -157,7 +157,7 @@ def make_surface_emission(features: Features) -> wp.Function:
                 weight = float(1.0)
                 if path.scatter_pdf > 0.0:
                     distance = path.passed_distance + vertex.hit.t
-                    light_pdf = hit_triangle_pdf(vertex.surface, path.ray.direction, distance)
+                    light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, path.ray.direction, distance)
                     light_number = shape.first_light + vertex.hit.triangle - shape.first_triangle
                     light_pdf *= choice_probability(scene, path.receiver, light_number)
                     weight = emitter_hit_weight(strategy, path.scatter_pdf, light_pdf)

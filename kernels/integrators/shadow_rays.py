@@ -42,11 +42,11 @@ class PassedShares(NamedTuple):
     holes: wp.Function
 
 
-@specialised("textured", "tangents", *make_share_passed.fields)
+@specialised("textured", "tangents", "spheres", *make_share_passed.fields)
 def make_passed_shares(features: Features) -> PassedShares:
     """Return the functions for scenes with these features."""
     textured, tangents = features.textured, features.tangents
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
     share_passed = make_share_passed(features)
     share_not_there = make_share_passed(features, holes_only=True)
 
@@ -74,7 +74,9 @@ def make_passed_shares(features: Features) -> PassedShares:
     return PassedShares(passed_at, holes_at)
 
 
-@specialised("instances", "opacity", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields)
+@specialised(
+    "instances", "spheres", "opacity", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields
+)
 def make_transmission(features: Features) -> wp.Function:
     """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
     opacity = features.opacity
@@ -84,9 +86,9 @@ def make_transmission(features: Features) -> wp.Function:
     nested = features.nested
     light_shapes = bool(features.light_shapes)
     light_shape_blocks = make_light_shapes(features.light_shapes).blocks
-    intersect = make_intersect(features.instances)
+    intersect = make_intersect(features.geometry)
     closest_hit_before, next_hit = intersect.closest_hit_before, intersect.next_hit
-    surface_at = make_surface_at(features.instances)
+    surface_at = make_surface_at(features.geometry)
     shares = make_passed_shares(features)
     passed_at, holes_at = shares.passed, shares.holes
     grid_media = features.grid_media
@@ -148,14 +150,14 @@ def make_transmission(features: Features) -> wp.Function:
     return transmission
 
 
-@specialised("instances", "media", "grid_media", "light_shapes")
+@specialised("instances", "spheres", "media", "grid_media", "light_shapes")
 def make_unblocked(features: Features) -> wp.Function:
     """Return the visibility where surfaces block all light; see `make_visibility`."""
     media = features.media != "none"
     scattering = features.media == "scattering"
     light_shapes = bool(features.light_shapes)
     light_shape_blocks = make_light_shapes(features.light_shapes).blocks
-    occluded = make_intersect(features.instances).occluded
+    occluded = make_intersect(features.geometry).occluded
     grid_media = features.grid_media
     extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
 

@@ -24,6 +24,7 @@ from wrt.kernels.bsdf.lobes.specular import make_specular
 from wrt.kernels.bsdf.record import Bsdf
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import Ray, Receiver, to_local
+from wrt.kernels.geometry.spheres import make_sphere_of
 from wrt.kernels.geometry.surface import (
     Surface,
     align_tangents,
@@ -54,7 +55,7 @@ from wrt.kernels.media.skin import no_skin
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.sampling.warps import lattice_point
 from wrt.kernels.scene.materials import MOST_PASSED, leaves_of, make_bsdf_at, make_next_leaf, make_with_index
-from wrt.kernels.scene.scene_data import LIGHT_ENVIRONMENT, LIGHT_TRIANGLE, SceneData
+from wrt.kernels.scene.scene_data import LIGHT_ENVIRONMENT, LIGHT_TRIANGLE, LightRecord, SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.textures.footprint import sample_footprint
 from wrt.kernels.textures.normal_maps import apply_normal_map
@@ -91,13 +92,17 @@ def make_direct_light(features: Features) -> wp.Function:
     visibility = make_visibility(features)
     sample_one_light = make_lights(features).sample_one_light
     middle_of_shape = make_middle_of(features.light_shapes)
+    spheres, sphere_of = features.spheres, make_sphere_of(features.geometry)
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
-    def middle_of(kind: int) -> wp.vec2:
-        if kind == LIGHT_TRIANGLE:
+    def middle_of(scene: SceneData, light: LightRecord, time: float) -> wp.vec2:
+        if light.kind == LIGHT_TRIANGLE:
+            if wp.static(spheres):
+                if sphere_of(scene, light.triangle, light.instance, time).radius > 0.0:
+                    return wp.vec2(0.0)
             return wp.vec2(MIDDLE)
-        return middle_of_shape(kind)
+        return middle_of_shape(light.kind)
 
     @wp.func
     def ambient_share(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
@@ -132,22 +137,22 @@ def make_direct_light(features: Features) -> wp.Function:
         if wp.max(settings.ambient) > 0.0 and not jitters:
             result.radiance = wp.cw_mul(settings.ambient, ambient_share(bsdf, wo))
         for number in range(scene.lights.shape[0]):
-            kind = scene.lights[number].kind
-            if kind != LIGHT_ENVIRONMENT:
+            lamp = scene.lights[number]
+            if lamp.kind != LIGHT_ENVIRONMENT:
                 origin = vertex.origin_in_front
                 inside = r.medium_stack
                 receiver = Receiver()
                 receiver.position = origin
                 receiver.normal = surface.normal
                 receiver.time = time
-                light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind))
+                light = sample_one_light(scene, number, 1.0, receiver, middle_of(scene, lamp, time))
                 above = wp.dot(light.wi, surface.normal) > 0.0
                 if wp.static(transmits):
                     if not above:
                         origin = vertex.origin_behind
                         inside = vertex.stack_behind
                         receiver.position = origin
-                        light = sample_one_light(scene, number, 1.0, receiver, middle_of(kind))
+                        light = sample_one_light(scene, number, 1.0, receiver, middle_of(scene, lamp, time))
                 wi = to_local(surface.frame, light.wi)
                 counts = light.delta or not jitters
                 if counts and above == (wi[2] > 0.0) and (above or wp.static(transmits)):
@@ -203,12 +208,12 @@ def make_lights_seen(features: Features) -> wp.Function:
     return with_lights
 
 
-@specialised("instances", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
+@specialised("instances", "spheres", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
 def make_tree_vertex(features: Features) -> wp.Function:
     """Return the device function (scene, ray, r, hit, pixel_footprint, index) -> TreeVertex; `ray` is that of `r`."""
-    surface_at = make_surface_at(features.instances)
-    meet = make_meet(features.instances)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+    surface_at = make_surface_at(features.geometry)
+    meet = make_meet(features.geometry)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
     bodies, nested = features.bodies, features.nested
     textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
 

@@ -12,19 +12,19 @@ from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import ray_query
 
 
-@specialised("instances", "light_shapes")
+@specialised("instances", "spheres", "light_shapes")
 def make_closest_hit(features: Features) -> wp.Function:
     """Return the device function (scene, ray) -> the nearest hit; its triangle is NO_HIT for a miss.
 
     For a hit on a light shape, it is a number below NO_HIT.
     """
-    triangles = make_intersect(features.instances)
+    triangles = make_intersect(features.geometry)
     if not features.light_shapes:
         return triangles.closest_hit
     triangle_before = triangles.closest_hit_before
     nearer_light_shape = make_light_shapes(features.light_shapes).nearer
 
-    @wp.func(name=f"closest_hit_before_{features.instances}_lights")
+    @wp.func(name=f"closest_hit_before_{features.geometry}_lights")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
         hit = triangle_before(scene, ray, distance)
         reach = float(distance)
@@ -32,7 +32,7 @@ def make_closest_hit(features: Features) -> wp.Function:
             reach = hit.t
         return nearer_light_shape(scene, ray, hit, reach)
 
-    @wp.func(name=f"closest_hit_{features.instances}_lights")
+    @wp.func(name=f"closest_hit_{features.geometry}_lights")
     @ray_query
     def nearest(scene: SceneData, ray: Ray) -> Hit:
         return before(scene, ray, INFINITE_DISTANCE)
@@ -43,7 +43,7 @@ def make_closest_hit(features: Features) -> wp.Function:
 @specialised(*make_closest_hit.fields)
 def make_hit_seen(features: Features) -> wp.Function:
     """Return the device function (scene, ray, with_lights) -> the nearest hit; without lights, on a triangle."""
-    nearest, triangle_hit = make_closest_hit(features), make_intersect(features.instances).closest_hit
+    nearest, triangle_hit = make_closest_hit(features), make_intersect(features.geometry).closest_hit
     light_shapes = bool(features.light_shapes)
 
     @wp.func

@@ -8,9 +8,11 @@ from typing import NamedTuple
 
 import warp as wp
 
+from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Receiver
+from wrt.kernels.features import Features, has_spheres, instances_of
+from wrt.kernels.geometry.rays import Frame, Receiver
+from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
 from wrt.kernels.lights.choice import make_light_choice
@@ -19,6 +21,7 @@ from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
+from wrt.kernels.sampling.solid_angle import cone_pdf, sample_sphere, sphere_one_minus_cos
 from wrt.kernels.sampling.warps import square_to_triangle
 from wrt.kernels.scene.scene_data import (
     LIGHT_DIRECTIONAL,
@@ -85,6 +88,86 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
     return sample
 
 
+# --- Spheres ---------------------------------------------------------------------------------------
+
+_BEFORE_SPHERE = wp.constant(2.0**-20)
+"""A bound on the error of a ray's direction and of a hit's distance, relative to the distance of the sphere."""
+
+
+@wp.func
+def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver: Receiver, u: wp.vec2) -> LightSample:
+    """Return a sample of a sphere by solid angle, with the light's mean radiance; of pdf 0 from inside."""
+    sample = LightSample()
+    sample.point.triangle = light.triangle
+    sample.point.instance = light.instance
+    if sphere.side > 0.0 or light.two_sided != 0:
+        way = sample_sphere(sphere.center, sphere.radius, receiver.position, u)
+        if way.pdf > 0.0:
+            sample.wi = way.wi
+            sample.pdf = way.pdf
+            sample.radiance = light.value
+            sample.point.t = way.distance
+            to_center = sphere.center - receiver.position
+            out = wp.normalize(way.wi * way.distance - to_center)
+            weights = sphere_coordinates(axes, out)
+            sample.point.u = weights[0]
+            sample.point.v = weights[1]
+            # The shadow ray must not hit the sphere itself. Where it grazes, an error of the direction moves the hit by
+            # more, at most by the half chord of a ray that deep below the limb.
+            error = wp.length(to_center) * _BEFORE_SPHERE + sphere.slack
+            half_chord = wp.max(wp.dot(to_center, way.wi) - way.distance, 0.0)
+            margin = error * (1.0 + sphere.radius / wp.max(half_chord, wp.sqrt(error * sphere.radius)))
+            sample.distance = wp.max(way.distance - 2.0 * margin, 0.0)
+    return sample
+
+
+@specialised()
+def make_sample_surface(geometry: str) -> wp.Function:
+    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or a sphere of a mesh."""
+    triangle_of = make_triangle_of(instances_of(geometry))
+    sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
+
+    @wp.func
+    def sample_surface(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
+        sample = LightSample()
+        sphere = sphere_of(scene, light.triangle, light.instance, receiver.time)
+        if sphere.radius > 0.0:
+            axes = sphere_axes(scene, light.triangle, light.instance, receiver.time)
+            sample = sample_mesh_sphere(light, sphere, axes, receiver, u)
+        else:
+            triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
+            sample = sample_triangle(light, triangle, receiver, u)
+        return sample
+
+    return sample_surface
+
+
+@specialised()
+def make_hit_pdf(geometry: str) -> wp.Function:
+    """Return the device function (scene, receiver, surface, hit, direction, distance) -> density of sampling a hit."""
+    if not has_spheres(geometry):
+
+        @wp.func
+        def of_triangle(
+            scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
+        ) -> float:
+            return hit_triangle_pdf(surface, direction, distance)
+
+        return of_triangle
+    sphere_of = make_sphere_of(geometry)
+
+    @wp.func
+    def of_triangle_or_sphere(
+        scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
+    ) -> float:
+        sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
+        if sphere.radius > 0.0:
+            return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
+        return hit_triangle_pdf(surface, direction, distance)
+
+    return of_triangle_or_sphere
+
+
 # --- All of them -----------------------------------------------------------------------------------
 
 
@@ -108,7 +191,7 @@ class Lights(NamedTuple):
     emission_at: wp.Function
 
 
-@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "light_tree")
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, light_tree = features.textured, features.light_tree
@@ -117,9 +200,11 @@ def make_lights(features: Features) -> Lights:
     sample_light_shape = make_light_shapes(features.light_shapes).sample
     choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(features.instances)
+    spheres = features.spheres
+    sample_surface = make_sample_surface(features.geometry)
     slot_value = make_slot_value(features.uv2_alpha, features.mipmapped)
     slot_color = make_slot_color(features.mipmapped)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
 
     @wp.func
     def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
@@ -135,11 +220,17 @@ def make_lights(features: Features) -> Lights:
         sample.radiance = wp.vec3(0.0)
         sample.point.triangle = NO_HIT
         if light.kind == LIGHT_TRIANGLE:
-            triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
-            sample = sample_triangle(light, triangle, receiver, u)
+            if wp.static(spheres):
+                sample = sample_surface(scene, light, receiver, u)
+            else:
+                triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
+                sample = sample_triangle(light, triangle, receiver, u)
             if wp.static(textured):
                 if sample.pdf > 0.0:
-                    surface = add_texture_coordinates(scene, sample.point, Surface())
+                    surface = Surface()
+                    if wp.static(spheres):
+                        surface.uv = wp.vec2(sample.point.u, sample.point.v)
+                    surface = add_texture_coordinates(scene, sample.point, surface)
                     shape = scene.shapes[light.shape]
                     sample.radiance = emission_at(scene, shape, surface)
         elif light.kind == LIGHT_POINT:

@@ -121,15 +121,15 @@ def crossed(before: BodyStack, after: BodyStack, body: int, front: bool) -> Body
 
 
 @specialised()
-def make_meet(instances: str) -> wp.Function:
+def make_meet(geometry: str) -> wp.Function:
     """Return the device function (scene, ray, hit, surface, inside) -> Meeting.
 
     It considers the surfaces from the nearest hit, a point of `surface`, to the ray's clearance behind it, for a ray in
-    the bodies `inside`. See Features for `instances`.
+    the bodies `inside`. See `Features.geometry`.
     """
-    intersect = make_intersect(instances)
+    intersect = make_intersect(geometry)
     closest_hit_before, next_hit = intersect.closest_hit_before, intersect.next_hit
-    surface_at = make_surface_at(instances)
+    surface_at = make_surface_at(geometry)
 
     @wp.func
     def meet(scene: SceneData, ray: Ray, hit: Hit, surface: Surface, inside: BodyStack) -> Meeting:
@@ -209,18 +209,18 @@ def relative_indices(scene: SceneData, surface: Surface, before: int, after: int
 
 
 @specialised()
-def make_count_crossings(instances: str) -> wp.Kernel:
+def make_count_crossings(geometry: str) -> wp.Kernel:
     """Return the kernel that traces rays from a point through the whole scene, to find the bodies that contain it.
 
     Row k of `left_more` counts for each body how much more often ray k left it than entered it, which is how many of
-    its surfaces enclose the point; `last_left` has the distance at which the ray last left it. See Features for
-    `instances`.
+    its surfaces enclose the point; `last_left` has the distance at which the ray last left it. See
+    `Features.geometry`.
     """
-    intersect = make_intersect(instances)
+    intersect = make_intersect(geometry)
     closest_hit, next_hit = intersect.closest_hit, intersect.next_hit
-    surface_at = make_surface_at(instances)
+    surface_at = make_surface_at(geometry)
 
-    @wp.kernel(module=wp.get_module(make_count_crossings.module_name(instances)), enable_backward=False)
+    @wp.kernel(module=wp.get_module(make_count_crossings.module_name(geometry)), enable_backward=False)
     def count_crossings(
         first_ray: int,
         rays: int,

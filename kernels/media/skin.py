@@ -9,6 +9,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import NO_HIT
+from wrt.kernels.features import has_spheres
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.geometry.surface import make_surface_at
 from wrt.kernels.scene.scene_data import SceneData
@@ -42,12 +43,13 @@ def no_skin() -> Skin:
 
 
 @specialised()
-def make_skin_near(instances: str) -> wp.Function:
+def make_skin_near(geometry: str) -> wp.Function:
     """Return the device function (scene, ray, distance, ahead, behind) -> Skin of the point at a distance along a ray.
 
-    `ahead` is the hit in front of the ray and `behind` the one that it left, or NO_HIT. See Features for `instances`.
+    `ahead` is the hit in front of the ray and `behind` the one that it left, or NO_HIT. See `Features.geometry`.
     """
-    surface_at = make_surface_at(instances)
+    surface_at = make_surface_at(geometry)
+    spheres = has_spheres(geometry)
 
     @wp.func
     def skin_near(scene: SceneData, ray: Ray, distance: float, ahead: Hit, behind: Hit) -> Skin:
@@ -57,7 +59,11 @@ def make_skin_near(instances: str) -> wp.Function:
             hit = behind
         if hit.triangle < 0:
             return skin
-        surface = surface_at(scene, ray, hit)
+        seen = hit
+        if wp.static(spheres):
+            # A point on a sphere is found from the ray, which begins at the one behind.
+            seen.t = wp.where(hit.triangle == behind.triangle and hit.t == behind.t, 0.0, hit.t)
+        surface = surface_at(scene, ray, seen)
         # Seen along the ray, normals face back: outwards behind, inwards ahead.
         skin.normal = -surface.normal
         if hit.triangle == behind.triangle and hit.t == behind.t:

@@ -134,17 +134,39 @@ WRT_INLINE void test_leaf(
     for (int k = 0; k < 3; ++k) origin[k] = row(a.origins[k]), shear[k] = row(a.shears[k]);
     Floats best = row(a.reach), best_u = row(a.us), best_v = row(a.vs);
     Ints best_id = row(a.ids);
+    const auto corner_of = [&](int j, int vertex, int axis) WRT_INLINE_LAMBDA -> Floats {
+        const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
+        if (!axes) return (Floats)c[LEAF_SIZE * axis];
+        return in_order(axis, (Floats)c[0], (Floats)c[LEAF_SIZE], (Floats)c[2 * LEAF_SIZE]);
+    };
     const auto sheared_triangle = [&](int j) WRT_INLINE_LAMBDA {
-        const auto corner = [&](int vertex, int axis) WRT_INLINE_LAMBDA -> Floats {
-            const float* c = leaf + 3 * LEAF_SIZE * vertex + j;
-            if (!axes) return (Floats)c[LEAF_SIZE * axis];
-            return in_order(axis, (Floats)c[0], (Floats)c[LEAF_SIZE], (Floats)c[2 * LEAF_SIZE]);
-        };
+        const auto corner = [&](int vertex, int axis) WRT_INLINE_LAMBDA { return corner_of(j, vertex, axis); };
         return sheared<Floats>(corner, origin, shear, kx, ky, kz);
     };
+#if defined(WRT_SPHERES)
+    const auto test_sphere = [&](int j) WRT_INLINE_LAMBDA {
+        const auto corner = [&](int vertex, int axis) WRT_INLINE_LAMBDA { return corner_of(j, vertex, axis); };
+        const Roots<Floats> roots = roots_of<Floats>(corner, origin, shear, kx, ky, kz);
+        const Floats t = first_of(
+            roots, [&](const Floats& root) WRT_INLINE_LAMBDA { return (root > 0.0f) & (root >= t_min); });
+        const Ints better = within & (t > 0.0f) & ((t < best) | ((t == best) & (ids[j] < best_id)));
+        best = better ? t : best;
+        best_u = better ? (Floats)0.0f : best_u;
+        best_v = better ? (Floats)0.0f : best_v;
+        best_id = better ? (Ints)ids[j] : best_id;
+    };
+#endif
     unsigned some = 0;
     WRT_NO_UNROLLING for (int j = 0; j < LEAF_SIZE; ++j) {
         if (j > 0 && ids[j] == ids[j - 1]) continue;  // unused, or another piece of the same triangle
+#if defined(WRT_SPHERES)
+        const float *first = leaf + j, *third = leaf + 6 * LEAF_SIZE + j;
+        if (first[0] == third[0] && first[LEAF_SIZE] == third[LEAF_SIZE] &&
+            first[2 * LEAF_SIZE] == third[2 * LEAF_SIZE]) {
+            test_sphere(j);
+            continue;
+        }
+#endif
         some |= (unsigned)(mask_of(is_inside(sheared_triangle(j)) & within) != 0) << j;
     }
     for (; some; some &= some - 1) {

@@ -1,6 +1,7 @@
 #pragma once
 // The triangle test of Woop, Benthin and Wald (2013): a ray against the triangles of a leaf, or many rays against one.
 #include "boxes.h"
+#include "spheres.h"
 
 namespace wrt {
 // The nearest hit so far; `id` is NOTHING_HIT before the first.
@@ -78,11 +79,53 @@ struct NoneSkipped {
     WRT_MEMBER bool operator()(float, int) const { return false; }
 };
 
+#if defined(WRT_SPHERES)
+// Test the spheres of a leaf, as `test_leaf` does its triangles; return whether there are no triangles.
+template<class Skipped> WRT_INLINE bool
+test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest, Skipped skipped) {
+    const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
+    float nears[LEAF_SIZE], fars[LEAF_SIZE];
+    unsigned some = 0;
+#if WRT_VECTORS
+    const auto corner = [&](int vertex, int axis) {
+        return *(const f8*)(leaf + 3 * LEAF_SIZE * vertex + LEAF_SIZE * axis);
+    };
+    some = mask_of((corner(0, 0) == corner(2, 0)) & (corner(0, 1) == corner(2, 1)) & (corner(0, 2) == corner(2, 2)));
+    if (some == 0) return false;
+    const Roots<f8> roots = roots_of<f8>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
+    unsigned met = some & mask_of((roots.far >= t_min) & (roots.near <= nearest.t));
+    __builtin_memcpy(nears, &roots.near, sizeof nears);
+    __builtin_memcpy(fars, &roots.far, sizeof fars);
+#else
+    unsigned met = 0;
+    for (int k = 0; k < LEAF_SIZE; ++k) {
+        const auto corner = [&](int vertex, int axis) { return leaf[3 * LEAF_SIZE * vertex + LEAF_SIZE * axis + k]; };
+        if (corner(0, 0) != corner(2, 0) || corner(0, 1) != corner(2, 1) || corner(0, 2) != corner(2, 2)) continue;
+        some |= 1u << k;
+        const Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
+        nears[k] = roots.near;
+        fars[k] = roots.far;
+        met |= (unsigned)((roots.far >= t_min) & (roots.near <= nearest.t)) << k;
+    }
+#endif
+    for (; met; met &= met - 1) {
+        const int k = lowest_bit(met);
+        const float t = first_of<float>(
+            {nears[k], fars[k]}, [&](float root) { return root > 0.0f && root >= t_min && !skipped(root, ids[k]); });
+        if (t > 0.0f && (t < nearest.t || (t == nearest.t && ids[k] < nearest.id))) nearest = {t, 0.0f, 0.0f, ids[k]};
+    }
+    return some == (1u << LEAF_SIZE) - 1;
+}
+#endif
+
 // Test the triangles of a leaf at once; of equal t the lowest id wins. `skipped(t, id)` returns which hits to skip.
 template<class Skipped = NoneSkipped>
 WRT_INLINE void
 test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest, Skipped skipped = {}) {
     static_assert(LEAF_SIZE == 8, "as many as a vector has");
+#if defined(WRT_SPHERES)
+    if (test_spheres(leaf, ray, t_min, nearest, skipped)) return;
+#endif
     float ts[LEAF_SIZE], us[LEAF_SIZE], vs[LEAF_SIZE];
     unsigned hits = 0;
     const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);

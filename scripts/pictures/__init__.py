@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from . import cameras, city, integrators, lights, materials, media, motion, presets, spectral, studio, tone, tutorial
+from . import (
+    cameras,
+    city,
+    integrators,
+    lights,
+    materials,
+    media,
+    motion,
+    particles,
+    presets,
+    spectral,
+    studio,
+    tone,
+    tutorial,
+)
 from .picture import Drawing
 
 GROUPS: dict[str, dict[str, Drawing]] = {
@@ -14,6 +28,7 @@ GROUPS: dict[str, dict[str, Drawing]] = {
     "city": city.PICTURES,
     "integrators": integrators.PICTURES,
     "motion": motion.PICTURES,
+    "particles": particles.PICTURES,
     "media": media.PICTURES,
     "tone": tone.PICTURES,
     "studio": studio.PICTURES,

@@ -12,6 +12,7 @@ from wrt.errors import one_line
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.spheres import Spheres
 from wrt.scene.textures import FirstAlike, ImageTexture, NormalMap, VertexColor
 
 Row: TypeAlias = tuple[str, ...]
@@ -29,8 +30,8 @@ def scene_text(scene: Scene) -> str:
     used = sum(_bytes(mesh) for mesh in meshes) + sum(pixels.nbytes for _, pixels, _ in textures)
     lines = [
         f"{_count(len(scene.shapes), 'shape')} of {_count(len(meshes), 'mesh', 'meshes')}, "
-        f"{_count(sum(len(shape.mesh.faces) for shape in scene.shapes), 'triangle')}, "
-        f"{_count(sum(len(mesh.vertices) for mesh in meshes), 'vertex', 'vertices')}, "
+        f"{_faces(scene.shapes)}, "
+        f"{_count(sum(_vertices(mesh) for mesh in meshes), 'vertex', 'vertices')}, "
         f"{_count(len(materials), 'material')}, {_count(len(textures), 'texture')}; {used / 1e6:.1f} MB",
         f"bounds      {_vector(low)} to {_vector(high)}, size {' x '.join(f'{x:.4g}' for x in high - low)}",
         f"camera      {'none; the renderer frames the shapes' if scene.camera is None else _fields(scene.camera)}",
@@ -42,6 +43,18 @@ def scene_text(scene: Scene) -> str:
     lines += _table("textures", ("", "pixels", "used as"), rows)
     lines += _table("lights", ("",), [(_fields(light),) for light in scene.lights])
     return "\n".join(lines)
+
+
+def _faces(shapes: Iterable[Shape]) -> str:
+    counts = {True: 0, False: 0}
+    for shape in shapes:
+        counts[isinstance(shape.mesh, Spheres)] += len(shape.mesh.faces)
+    triangles = _count(counts[False], "triangle")
+    return f"{triangles}, {_count(counts[True], 'exact sphere')}" if counts[True] else triangles
+
+
+def _vertices(mesh: Mesh) -> int:
+    return 0 if isinstance(mesh, Spheres) else len(mesh.vertices)
 
 
 def _materials(shapes: Iterable[Shape]) -> list[Material]:
@@ -80,9 +93,12 @@ def _shape_rows(shapes: Iterable[Shape], materials: list[Material]) -> list[Row]
     rows: list[Row] = []
     for shape in shapes:
         mesh = shape.mesh
-        has = [name for name in ("normals", "uvs", "colors") if getattr(mesh, name) is not None]
+        of_vertices = ("colors",) if isinstance(mesh, Spheres) else ("normals", "uvs", "colors")
+        has = [name for name in of_vertices if getattr(mesh, name) is not None]
         has += ["emission"] * shape.emits
         faces, vertices = f"{len(mesh.faces):,}", f"{len(mesh.vertices):,}"
+        if isinstance(mesh, Spheres):
+            faces, vertices = _count(len(mesh.faces), "sphere"), "-"
         rows.append((shape.name, faces, vertices, ", ".join(has) or "-", str(numbers[id(shape.material)])))
     return rows
 

@@ -13,6 +13,7 @@ from wrt.io import memory_limits
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import naming_file, read_file
 from wrt.scene.mesh import Mesh
+from wrt.scene.spheres import Spheres, spheres, spheres_in
 
 
 def read_arrays(file: Path, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, NDArray[Any]]:
@@ -42,3 +43,27 @@ def read_mesh_arrays(file: Path) -> Mesh:
     arrays = read_arrays(file, required=("vertices", "faces"), optional=("normals", "uvs", "colors"))
     with naming_file(file):
         return Mesh.taking(**arrays, name=file.name)
+
+
+def read_spheres(file: Path) -> Spheres:
+    """Return the spheres of the arrays `centers` and `radii`, with `colors` if present, or of `arrays_of_spheres`.
+
+    Raises:
+        InputError: when the arrays do not form spheres.
+    """
+    arrays = read_arrays(file, required=(), optional=("centers", "radii", "colors", "boxes", "axes"))
+    colors = arrays.get("colors")
+    with naming_file(file):
+        if {"boxes", "axes"} <= set(arrays):
+            return spheres_in(arrays["boxes"], arrays["axes"], colors, file.name)
+        for name in ("centers", "radii"):
+            if name not in arrays:
+                raise InputError(f"there is no array {name!r} in it")
+        return spheres(arrays["centers"], arrays["radii"], colors=colors, name=file.name)
+
+
+def arrays_of_spheres(mesh: Spheres) -> dict[str, NDArray[Any]]:
+    """Return the arrays from which `read_spheres` makes the same spheres, bit for bit."""
+    assert mesh.normals is not None
+    arrays = {"boxes": mesh.vertices.reshape(-1, 3, 3)[:, :2], "axes": mesh.normals.reshape(-1, 3, 3)}
+    return arrays if mesh.colors is None else {**arrays, "colors": mesh.colors[::3]}

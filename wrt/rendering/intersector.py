@@ -268,14 +268,20 @@ class Intersector:
 
 def _meshes(source: Any) -> list[Any]:
     from wrt.scene.scene import Scene
+    from wrt.scene.spheres import Spheres
+
+    def triangles(mesh: Mesh) -> Mesh:
+        if isinstance(mesh, Spheres):
+            raise InputError(f"{mesh.name}: an intersector has triangles only; give it those of mesh.tessellated()")
+        return mesh
 
     if isinstance(source, Mesh):
-        return [source]
+        return [triangles(source)]
     if isinstance(source, Scene):
         if not source.shapes:
             raise InputError("the scene has no shapes to hit")
         time = source.camera.shutter_open if source.camera else 0.0
-        return [shape.mesh_at(time) for shape in source.shapes]
+        return [triangles(shape.mesh_at(time)) for shape in source.shapes]
     from wrt.io.load_mesh import from_trimesh
 
     return [shape.mesh_at(0.0) for shape in from_trimesh(source)]

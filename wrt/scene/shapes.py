@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
-from wrt.values import Vec3, integer, number, vector
+from wrt.scene.spheres import spheres
+from wrt.values import Vec3, boolean, integer, number, vector
 
 MAX_SUBDIVISIONS = 9
 """Limit for spheres: 5 million triangles, each a six-hundredth of the radius across."""
@@ -63,8 +64,8 @@ def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
     return Mesh(a + corners * (b - a), faces, name="box")
 
 
-def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions: int = 5) -> Mesh:
-    """Return a sphere of 20·4^subdivisions triangles with exact normals, facing outwards.
+def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions: int = 5, exact: bool = False) -> Mesh:
+    """Return a sphere of 20·4^subdivisions triangles with exact normals, facing outwards; or an exact one.
 
     Vertices lie on the sphere; at 5 subdivisions the deepest point of a face is 0.07 % of the radius inside it.
 
@@ -72,7 +73,11 @@ def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions:
         center: metres.
         radius: metres.
         subdivisions: number of times that each triangle of an icosahedron is split into four.
+        exact: whether rays meet the sphere itself and `subdivisions` do not matter; see `wrt.spheres`.
     """
+    if boolean(exact, "exact"):
+        radius = number(radius, "radius", above=0.0)
+        return spheres([vector(center, "center")], radius, name="sphere")
     c = np.array(vector(center, "center"))
     radius = number(radius, "radius", above=0.0)
     count = integer(subdivisions, "subdivisions", minimum=0, maximum=MAX_SUBDIVISIONS)

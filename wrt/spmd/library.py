@@ -6,9 +6,10 @@ import re
 from wrt.kernels.native import text_of
 
 
-def library(lanes: int) -> str:
-    """Return the C++ that all wide code for so many lanes begins with."""
-    return f"#define LANES_WIDTH {lanes}\n{text_of('lanes/library.h')}"
+def library(lanes: int, *, spheres: bool = False) -> str:
+    """Return the C++ that all wide code for so many lanes begins with; with or without tests of spheres."""
+    define = text_of("with_spheres.h") if spheres else ""
+    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
 
 
 ANYTHING = "?"

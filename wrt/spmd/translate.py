@@ -11,6 +11,7 @@ from collections import Counter
 import warp as wp
 from warp._src.context import ModuleBuilder
 
+from wrt.kernels.native import headers_of, included_by
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Unsupported, Variable, calls
 from wrt.spmd.library import library
@@ -50,7 +51,8 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         raise Unsupported(f"{module.name}: follows no path")
     (path,) = paths
     types = Types([*functions, pixels], structs, elements)
-    out = [library(lanes), types.declarations([a.type for a in pixels.arguments])]
+    spheres = any("with_spheres.h" in headers_of(h) for f in builder.functions if (h := included_by(f)) is not None)
+    out = [library(lanes, spheres=spheres), types.declarations([a.type for a in pixels.arguments])]
     code.functions[path] = without_stages(code.functions[path], code)
     called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}
     for f, of_warp in zip(functions, builder.functions, strict=True):

@@ -136,7 +136,7 @@ def _check_outer(scene: Scene, medium: Medium) -> None:
 
 
 def find_bodies(
-    data: Any, bodies: int, origin: NDArray[np.float64], time: float, instances: str, device: Device
+    data: Any, bodies: int, origin: NDArray[np.float64], time: float, geometry: str, device: Device
 ) -> list[int]:
     """Return the bodies around a point, outermost first; a body is repeated for each of its surfaces around the point.
 
@@ -148,7 +148,7 @@ def find_bodies(
         bodies: number of bodies.
         origin: the point, metres.
         time: the time, seconds.
-        instances: see Features.
+        geometry: see Features.
         device: the device of the scene.
     """
     backend = current_backend()
@@ -156,13 +156,13 @@ def find_bodies(
     left_more = backend.zeros((CAMERA_RAYS, bodies), int, device.name)
     last_left = backend.zeros((CAMERA_RAYS, bodies), float, device.name)
     inputs = [CAMERA_RAYS, data, tuple(map(float, origin)), float(time), left_more, last_left]
-    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", instances), CAMERA_RAYS, inputs)
+    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", geometry), CAMERA_RAYS, inputs)
     counts = np.median(left_more.numpy(), axis=0).astype(int)
     far = np.median(last_left.numpy(), axis=0)
     return [int(body) for body in np.argsort(-far, kind="stable") for _ in range(max(counts[body], 0))]
 
 
-def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, instances: str, device: Device) -> None:
+def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str, device: Device) -> None:
     """Write the bodies around the camera into a SceneData struct."""
     scene_data = current_backend().kernels("wrt.kernels.scene.scene_data")
 
@@ -171,6 +171,6 @@ def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, instances: st
     origin = np.asarray(camera.origin, np.float64)
     if camera.motion is not None:
         origin = (camera.motion.at(camera.shutter_open) @ [*origin, 1.0])[:3]
-    around = find_bodies(data, len(table.records), origin, camera.shutter_open, instances, device)
+    around = find_bodies(data, len(table.records), origin, camera.shutter_open, geometry, device)
     numbers = [body + 1 for body in around[-scene_data.MOST_BODIES :]]
     data.inside_at_camera = tuple(numbers + [0] * (scene_data.MOST_BODIES - len(numbers)))

@@ -24,6 +24,7 @@ from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
 from wrt.upload.lights.table import LightTable, light_table, texture_of
 from wrt.upload.materials import MaterialTable, describe_materials
+from wrt.upload.spheres import mark_spheres, with_exact_spheres
 from wrt.upload.vertex_updates import WorldMeshes
 
 
@@ -48,7 +49,7 @@ class BuiltScene:
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
         if self.features.bodies:
-            set_camera_bodies(self.data, self.bodies, camera, self.features.instances, self.device)
+            set_camera_bodies(self.data, self.bodies, camera, self.features.geometry, self.device)
 
 
 def _check_sizes(scene: Scene) -> None:
@@ -95,7 +96,9 @@ def build_scene(
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
     _check_sizes(scene)
+    scene = with_exact_spheres(scene)
     layout = lay_out(scene)
+    spheres = mark_spheres(layout)
     environment, sky_lights = resolve_environment(scene.environment)
     lights = [*scene.lights, *sky_lights]
     textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
@@ -134,6 +137,7 @@ def build_scene(
         nested=bodies.nested,
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,
+        spheres=spheres,
     )
     on_features(features)
     world = _build_trees(data, layout, places, device)

@@ -33,6 +33,7 @@ from wrt.scene.materials import Diffuse, Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.spheres import Spheres
 
 GLB_SUFFIX = ".glb"
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -150,6 +151,9 @@ class _Writer:
             mesh = shape.deformation.at(time, mesh)
         if isinstance(shape.transform, Motion):
             self.note("motion within the exposure")
+        if isinstance(mesh, Spheres):
+            self.note("exact spheres: meshes stand for them")
+            mesh = mesh.tessellated()
         node: Tree = {"name": shape.name, "mesh": self.once("meshes", {"primitives": [self._primitive(shape, mesh)]})}
         if shape.transform is not None:
             node["matrix"] = shape.transform_at(time).T.reshape(-1).tolist()

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mitsuba.plugin import Plugin
-from wrt.io.mitsuba.surfaces import Detail, sphere
+from wrt.io.mitsuba.surfaces import Detail
 from wrt.io.safe_read import read_file
 from wrt.scene.mesh import Mesh, merge
+from wrt.scene.spheres import ball
 
 Array = NDArray[np.float64]
 
@@ -198,10 +199,12 @@ def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
         if radius > 0.0:
             matrix = np.diag([radius, radius, radius, 1.0])
             matrix[:3, 3] = x, y, z
-            ball = sphere(balls).transformed(matrix)
-            v = np.full((len(ball.vertices), 1), (first + i) / total, np.float32)
-            assert ball.uvs is not None
-            pieces.append(Mesh(ball.vertices, ball.faces, ball.normals, np.hstack([ball.uvs[:, :1], v]), name="curve"))
+            joint = ball(balls).transformed(matrix)
+            v = np.full((len(joint.vertices), 1), (first + i) / total, np.float32)
+            assert joint.uvs is not None
+            pieces.append(
+                Mesh(joint.vertices, joint.faces, joint.normals, np.hstack([joint.uvs[:, :1], v]), name="curve")
+            )
         if i + 1 < len(points):
             pieces += _cone(points[i], points[i + 1], np.array([first + i, first + i + 1]) / total, sides)
     return pieces

@@ -26,6 +26,7 @@ from wrt.scene.materials import Material
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Shape
+from wrt.scene.spheres import Spheres, ball, keeps_spheres, spheres
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import Vec3, vec3
 
@@ -33,6 +34,9 @@ Matrix = NDArray[np.float64]
 
 MOST_EXACT_LIGHTS = 64
 """Rays are tested against each of them in turn."""
+
+_LEAST_RADIUS = 1e-5
+"""Smaller spheres, relative to the distance of the origin, are triangles: float32 resolves an exact one no better."""
 
 
 class Shapes:
@@ -142,7 +146,9 @@ class Shapes:
         if inside is not None and (medium := plugin.named("interior")) is not None:
             inside = continued(medium, inside, mesh.bounds.astype(float), self.textures)
             self.interiors.add(inside)
-        if flip:
+        if flip and isinstance(mesh, Spheres):
+            mesh = mesh.turned_inside_out()
+        elif flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
         surface = flat
@@ -197,6 +203,8 @@ class Shapes:
             mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
             return mesh.transformed(matrix)
         center, radius = _ball_around(plugin.type, matrix)
+        if plugin.type == "sphere" and keeps_spheres(matrix) and radius > _LEAST_RADIUS * np.abs(center).max():
+            return spheres([(0.0, 0.0, 0.0)], 1.0, name="sphere").transformed(matrix)
         segments, coarse = self.detail.segments(center, radius, shines=shining)
         if coarse:
             plugin.warn(f"is limited to {segments} segments around, which may show this close to the camera")
@@ -246,7 +254,7 @@ class Shapes:
 _MESHES: dict[str, Callable[..., Mesh]] = {
     "rectangle": surfaces.rectangle,
     "cube": surfaces.cube,
-    "sphere": surfaces.sphere,
+    "sphere": ball,
     "disk": surfaces.disk,
     "cylinder": surfaces.cylinder,
 }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.mesh import Mesh, box_around
+from wrt.scene.spheres import Spheres, circle, curved, grid
 
 Matrix = NDArray[np.float64]
 
@@ -85,7 +86,7 @@ def _outwards(mesh: Mesh) -> Mesh:
 
 def disk(segments: int) -> Mesh:
     """Return the unit disk that faces z: u is the distance from the centre, v the fraction of a turn from x."""
-    around = _circle(segments)
+    around = circle(segments)
     rim = np.concatenate([around, np.zeros((segments + 1, 1))], axis=1)
     turns = np.arange(segments + 1) / segments
     middle = np.stack([np.zeros(segments), turns[:-1] + 0.5 / segments], axis=-1)
@@ -98,60 +99,22 @@ def disk(segments: int) -> Mesh:
     )
 
 
-def sphere(segments: int) -> Mesh:
-    """Return the unit sphere: u is the fraction of a turn about z from x, v the angle from +z over π."""
-    rows = (segments + 1) // 2
-    u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(rows + 1) / rows)
-    sine = np.sin(math.pi * v)
-    sine[0] = sine[-1] = 0.0
-    points = np.concatenate([sine[..., None] * _circle(segments), np.cos(math.pi * v)[..., None]], axis=-1)
-    # At a pole, each triangle has the u of its own middle.
-    u[0] += 0.5 / segments
-    u[-1] += 0.5 / segments
-    faces = _grid(rows, segments, downwards=True)
-    solid = np.ones(len(faces), bool)
-    solid[:segments] = False  # in the top row, the first triangle of each cell has two corners at the pole
-    solid[-segments:] = False
-    return _curved(points.reshape(-1, 3), points.reshape(-1, 3), faces[solid], u, v, "sphere")
-
-
 def cylinder(segments: int) -> Mesh:
     """Return the open unit cylinder along z from 0 to 1, facing outwards: u is the fraction of a turn, v is z."""
     u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(2.0))
-    normals = np.concatenate([np.stack([_circle(segments)] * 2), np.zeros((2, segments + 1, 1))], axis=-1)
+    normals = np.concatenate([np.stack([circle(segments)] * 2), np.zeros((2, segments + 1, 1))], axis=-1)
     points = normals.copy()
     points[..., 2] = v
-    faces = _grid(1, segments, downwards=False)
-    return _curved(points.reshape(-1, 3), normals.reshape(-1, 3), faces, u, v, "cylinder")
-
-
-def _circle(segments: int) -> Matrix:
-    """Return (segments + 1, 2) points of the unit circle from x on; the last equals the first, to the bit."""
-    angles = 2.0 * math.pi * (np.arange(segments + 1) % segments) / segments
-    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-
-
-def _grid(rows: int, columns: int, *, downwards: bool) -> NDArray[np.int64]:
-    """Return the triangles of a grid: for every cell the one with two corners in its row, then the others.
-
-    Columns go counter-clockwise about the axis seen from above, rows down or up.
-    """
-    row, column = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    a = (row * (columns + 1) + column).reshape(-1)
-    b, c, d = a + 1, a + columns + 1, a + columns + 2
-    triangles = ([a, d, b], [a, c, d]) if downwards else ([a, b, d], [a, d, c])
-    return np.concatenate([np.stack(corners, -1) for corners in triangles])
-
-
-def _curved(points: Matrix, normals: Matrix, faces: NDArray[np.int64], u: Matrix, v: Matrix, name: str) -> Mesh:
-    uvs = np.stack([u.reshape(-1), v.reshape(-1)], axis=-1)
-    return Mesh(points, faces, normals, uvs, name=name)
+    faces = grid(1, segments, downwards=False)
+    return curved(points.reshape(-1, 3), normals.reshape(-1, 3), faces, u, v, "cylinder")
 
 
 def is_closed(mesh: Mesh) -> bool:
     """Return whether a mesh is closed, with all faces turned outwards."""
     from wrt.scene.normals import CHUNK, same_positions
 
+    if isinstance(mesh, Spheres):
+        return not mesh.inside_out.any()
     positions = same_positions(mesh.vertices)
     count = len(mesh.vertices)
     center = box_around(mesh.vertices).mean(axis=0)

@@ -305,6 +305,7 @@ class _SceneReader(TableReader):
             "quad": shapes.quad,
             "box": shapes.box,
             "sphere": shapes.sphere,
+            "spheres": self.spheres,
             "polygon": self.polygon,
             "polygons": self.polygons,
             "mesh": self.mesh_file,
@@ -337,6 +338,17 @@ class _SceneReader(TableReader):
             raise InputError("polygons must be an array of arrays of corners")
         made = [shapes.polygon(points_of(corners, f"polygons[{i}]")) for i, corners in enumerate(polygons)]
         return merge(made, "polygons")
+
+    def spheres(self, file: Annotated[Any, TEXT]) -> Mesh:
+        """Return many exact spheres, such as particles.
+
+        Args:
+            file: a NumPy archive (.npz) of `centers` (N, 3), `radii` (N,) and perhaps `colors` (N, 3).
+        """
+        from wrt.io.arrays import read_spheres
+
+        with self.at("file"):
+            return read_spheres(self.beside(file))
 
     def mesh_file(self, file: Annotated[Any, TEXT], smooth: Annotated[Any, BOOLEAN] = True) -> list[Shape]:
         """Return the shapes of a mesh file.

@@ -69,6 +69,8 @@ def check_triangles(tables: Any, procedural: int | None) -> None:
     total = 0
     for table in tables if isinstance(tables, list) else []:
         match table:
+            case {"type": "sphere", "exact": True}:
+                total += 1
             case {"type": "sphere"}:
                 times = table.get("subdivisions", _SUBDIVISIONS)
                 total += 20 * 4 ** min(max(times, 0), MAX_SUBDIVISIONS) if isinstance(times, int) else 0

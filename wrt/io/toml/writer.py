@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.io.arrays import arrays_of_spheres
 from wrt.io.codes import codes_of, save_codes
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
@@ -31,11 +32,12 @@ from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.spheres import Spheres
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
 
-_ARRAYS = re.compile(r"(mesh|image|normals|environment|places|deformation|density)-\d+\.(np[yz]|png)")
+_ARRAYS = re.compile(r"(mesh|spheres|image|normals|environment|places|deformation|density)-\d+\.(np[yz]|png)")
 """Names of array and image files."""
 
 _MOST_FOLDERS = 100
@@ -216,7 +218,8 @@ class _Writer:
     def shapes(self, shapes: list[Shape]) -> Table:
         """Return one table for shapes that differ only in their transform."""
         shape = shapes[0]
-        table: Table = {"type": "mesh", "name": shape.name, "file": self.mesh(shape.mesh)}
+        kind = "spheres" if isinstance(shape.mesh, Spheres) else "mesh"
+        table: Table = {"type": kind, "name": shape.name, "file": self.mesh(shape.mesh)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
             table["emission"] = self.value(shape.emission)
@@ -238,6 +241,8 @@ class _Writer:
         return table
 
     def mesh(self, mesh: Mesh) -> str:
+        if isinstance(mesh, Spheres):
+            return self.arrays("spheres", mesh, arrays_of_spheres(mesh))
         names = ("vertices", "faces", "normals", "uvs", "colors")
         arrays = {name: getattr(mesh, name) for name in names if getattr(mesh, name) is not None}
         return self.arrays("mesh", mesh, arrays)

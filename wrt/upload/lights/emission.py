@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.scene.mesh import columns
+from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
+from wrt.scene.spheres import Spheres
 from wrt.scene.textures import CHANNELS, ImageTexture, VertexColor
 from wrt.upload.lights.environment import LUMINANCE
 
@@ -28,7 +31,7 @@ def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float6
     count = len(shape.mesh.faces)
     emission = shape.emission
     if isinstance(emission, ImageTexture):
-        return _of_image(shape, emission)
+        return _of_spheres(shape, emission) if isinstance(shape.mesh, Spheres) else _of_image(shape, emission)
     if isinstance(emission, VertexColor):
         values = _vertex_colors(shape, alpha=emission.alpha) * emission.factor
         if emission.cutoff is not None:
@@ -37,6 +40,17 @@ def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float6
     else:
         means = np.broadcast_to(np.asarray(emission, np.float64), (count, 3))
     return means, means @ LUMINANCE
+
+
+def _of_spheres(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the means over both halves of the square of texture coordinates; its stretch is left out."""
+    mesh = shape.mesh
+    halves = []
+    for corner in (0.0, 1.0):
+        uvs = np.tile(np.array([[corner, corner], [1.0, 0.0], [0.0, 1.0]], np.float32), (len(mesh.faces), 1))
+        triangles = Mesh(mesh.vertices, mesh.faces, None, uvs, mesh.colors, mesh.name)
+        halves.append(_of_image(replace(shape, mesh=triangles, transform=None), texture))
+    return 0.5 * (halves[0][0] + halves[1][0]), 0.5 * (halves[0][1] + halves[1][1])
 
 
 def _vertex_colors(shape: Shape, *, alpha: bool) -> NDArray[np.float64]:
