@@ -36,12 +36,13 @@ class DaskCluster:
     def result(self, future: Any) -> Any:
         """Return the result of a call that is done, or raise its exception; see `Cluster.result`."""
         from distributed import CancelledError, KilledWorker
+        from distributed import TimeoutError as DaskTimeoutError
 
         if future.status == "cancelled":
             raise NoAnswer
         try:
             return future.result(timeout=ANSWER_SECONDS)
-        except (TimeoutError, CancelledError):
+        except (TimeoutError, DaskTimeoutError, CancelledError):
             raise NoAnswer from None
         except KilledWorker:
             raise OSError("workers died of a part of the picture, perhaps for lack of memory; see their logs") from None

@@ -174,7 +174,7 @@ def render(
 
     Args:
         source: as for `wrt.load`.
-        client: a `distributed.Client`, or the address of a scheduler, such as "tcp://head:8786".
+        client: a `distributed.Client`, the address of a scheduler, such as "tcp://head:8786", or `Processes`.
         spp: samples per pixel, as for `wrt.Renderer.passes`; so are `time`, `noise` and `adaptive`.
         time: seconds of rendering.
         noise: relative noise of the picture.
@@ -189,7 +189,9 @@ def render(
 
     width, height = options.get("width"), options.get("height")
     scene = load(source, aspect=width / height if width and height else None)
-    renderer = DistributedRenderer(scene, client=client_of(client), **options)
+    renderer = DistributedRenderer(
+        scene, client=client if isinstance(client, Processes) else client_of(client), **options
+    )
     for _ in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=LONGEST_PASS):
         pass
     image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
