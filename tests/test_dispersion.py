@@ -20,6 +20,7 @@ import wrt
 from wrt.errors import InputError
 from wrt.io.mitsuba.observer import OBSERVER, WAVELENGTHS
 from wrt.scene.materials.dispersion import LINE_C, LINE_D, LINE_F, PRIMARIES, channel_indices
+from wrt.upload.integrators import choose_integrator
 
 CHANNELS = ("red", "green", "blue")
 
@@ -81,6 +82,13 @@ def test_dispersion_without_a_body_is_of_no_effect() -> None:
     """Opaque materials and thin sheets refract nothing."""
     for values in ({}, {"transmission": 1.0, "thin_walled": True}):
         assert wrt.Principled(dispersion=0.4, **values).model == wrt.Principled(**values).model
+
+
+def test_ray_trees_say_that_they_ignore_it() -> None:
+    scene = wrt.Scene()
+    scene.add(wrt.sphere(), material=wrt.TwoSided(wrt.Dielectric(dispersion=0.4), wrt.Dielectric(dispersion=0.4)))
+    with pytest.warns(UserWarning, match="whitted.*ignores dispersion"):
+        choose_integrator(scene, wrt.RenderSettings(integrator="whitted"))
 
 
 # --- Models -----------------------------------------------------------------------------------------

@@ -200,14 +200,17 @@ def test_iridescence_is_a_film(tmp_path):
 
     plain = film(iridescenceFactor=0.5)
     assert (plain.film, plain.film_ior, plain.film_thickness) == (0.5, 1.3, 400.0)
-    assert not film(iridescenceIOR=2.0).has_film
+    assert not film(iridescenceIor=2.0).has_film
+    # The name of the published extension, and that of its drafts
+    assert film(iridescenceFactor=1.0, iridescenceIor=2.0).film_ior == 2.0
+    assert film(iridescenceFactor=1.0, iridescenceIOR=1.7).film_ior == 1.7
     thick = {"iridescenceThicknessMinimum": 200.0, "iridescenceThicknessMaximum": 800.0}
     assert film(iridescenceFactor=1.0, **thick).film_thickness == 800.0
     for least, most in ((200.0, 800.0), (800.0, 200.0)):
         found = film(
             iridescenceFactor=0.5,
             iridescenceTexture={"index": 0},
-            iridescenceIOR=1.8,
+            iridescenceIor=1.8,
             iridescenceThicknessMinimum=least,
             iridescenceThicknessMaximum=most,
             iridescenceThicknessTexture={"index": 0},

@@ -282,7 +282,10 @@ def _film(found: Tree, read: _Reader) -> dict[str, Any]:
     return {
         "film": read.number(found.get("iridescenceTexture"), "r", found["iridescenceFactor"]),
         "film_thickness": thickness,
-        "film_ior": float(np.clip(found.get("iridescenceIOR", 1.3), 1.0, HIGHEST_FILM_INDEX)),
+        # Drafts of the extension had capital letters.
+        "film_ior": float(
+            np.clip(found.get("iridescenceIor", found.get("iridescenceIOR", 1.3)), 1.0, HIGHEST_FILM_INDEX)
+        ),
     }
 
 

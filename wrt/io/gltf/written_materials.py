@@ -184,7 +184,7 @@ class WrittenMaterials:
     def _layers(self, extensions: Tree, material: Principled) -> None:
         """Add film, coat and sheen."""
         if material.has_film:
-            found: Tree = {"iridescenceIOR": float(material.film_ior)}
+            found: Tree = {"iridescenceIor": float(material.film_ior)}
             self._number(found, "iridescenceFactor", "iridescenceTexture", material.film, "r")
             self._film_thickness(found, material.film_thickness)
             extensions["KHR_materials_iridescence"] = found
