@@ -548,14 +548,6 @@ MUTANTS: tuple[Mutant, ...] = (
         "tests/test_emulated_cuda.py -k 'hits_agree and packets'",
     ),
     Mutant(
-        "cuda-launch",
-        "cuda",
-        "wrt/backend/device.py",
-        "self.backend.launch(kernel, 0, count, inputs, self.name)",
-        "self.backend.launch(kernel, 0, min(count, 256), inputs, self.name)",
-        "tests/test_emulated_cuda.py -k 'hits_agree and single'",
-    ),
-    Mutant(
         "cuda-subtrees",
         "cuda",
         "wrt/upload/accel/binary_tree.py",
@@ -567,8 +559,8 @@ MUTANTS: tuple[Mutant, ...] = (
         "cuda-chunk-bins",
         "cuda",
         "kernels/accel/build/top.py",
-        "chunks.bin_counts[bins + k] + chunks.bin_counts[of]",
-        "chunks.bin_counts[bins + k] + 1",
+        "wp.min(chunks.bin_boxes[bins + k], chunks.bin_boxes[of])",
+        "chunks.bin_boxes[of]",
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
     Mutant(
