@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from support.digests import cases
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda
 from support.films_of_devices import FILMS, films_of
-from test_bvh import HARD, Tree, build, check, read_back
+from test_bvh import HARD, Tree, build, check, grid, read_back
 from test_bvh import soup as corners_of
 from test_difficult_triangles import batches, mesh_of
 from test_tree_layout import assert_greedy
@@ -97,6 +97,17 @@ def test_difficult_rays_hit_the_same(gpu: EmulatedBackend) -> None:
     assert (cuda.closest_hit(far + np.float32(3e38), directions).triangle == -1).all()
 
 
+def test_rays_along_the_sides_of_boxes_hit(gpu: EmulatedBackend) -> None:
+    """Straight to the corners of a grid of squares: each ray is in planes between boxes of the tree."""
+    squares = grid(12, 1)
+    mesh = mesh_of(squares)
+    cpu, cuda = wrt.Intersector(mesh, device="cpu"), wrt.Intersector(mesh, device=GPU)
+    origins = np.unique(squares.reshape(-1, 3), axis=0) + np.float32([3.0, 0.0, 0.0])
+    directions = np.tile(np.float32([-1.0, 0.0, 0.0]), (len(origins), 1))
+    assert_same_hits(cpu, cuda, origins, directions)
+    assert (cuda.closest_hit(origins, directions).triangle >= 0).all()
+
+
 def test_edges_are_closed_and_surfaces_are_left(gpu: EmulatedBackend) -> None:
     """Rays to the edges and vertices of a closed mesh hit it; rays from its surface hit what they do on the CPU."""
     turn = np.linalg.qr(np.random.default_rng(12).normal(size=(3, 3)))[0].astype(np.float32)
@@ -117,12 +128,14 @@ def test_edges_are_closed_and_surfaces_are_left(gpu: EmulatedBackend) -> None:
 
 
 def test_of_coincident_triangles_the_lowest_is_hit(gpu: EmulatedBackend) -> None:
-    copies = np.tile(corners_of(40, 7, 0.5), (5, 1, 1))
-    mesh = mesh_of(copies)
-    origins, directions = batches(mesh)["single"]
-    hits = wrt.Intersector(mesh, device=GPU).closest_hit(origins, directions)
-    assert (hits.triangle >= 0).any()
-    assert hits.triangle.max() < 40
+    """Of forty, which fill several leaves."""
+    numbers = np.random.default_rng(14).permutation(np.repeat(np.arange(20), 40))
+    lowest = np.array([np.flatnonzero(numbers == k)[0] for k in range(20)])
+    mesh = mesh_of(corners_of(20, 7, 0.5)[numbers])
+    hits = wrt.Intersector(mesh, device=GPU).closest_hit(*batches(mesh)["single"])
+    hit = hits.triangle[hits.triangle >= 0]
+    assert len(np.unique(hit)) > 10
+    np.testing.assert_array_equal(hit, lowest[numbers[hit]])
 
 
 TREES = {
