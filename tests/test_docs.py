@@ -200,6 +200,7 @@ TABLES: dict[str, Callable[..., Any]] = {
     "[[shapes]] sphere": wrt.sphere,
     "[[shapes]] polygon": READER.polygon,
     "[[shapes]] polygons": READER.polygons,
+    "[[shapes]] spheres": READER.spheres,
     "[[shapes]] mesh": READER.mesh_file,
     "[[shapes]] many-triangles": READER.many_triangles,
 }

@@ -108,7 +108,35 @@ def test_moving_spheres_look_as_fine_triangles_do(device: str, report: Report, m
     assert result.agrees(), result.message
 
 
-def still(tree: bool = False) -> wrt.Scene:
+def misty(exact: bool) -> wrt.Scene:
+    """A camera in a sphere of mist, with balls of coloured glass and of milk, one in the other's shadow."""
+    camera = wrt.PerspectiveCamera((0.2, 1.0, 3.0), (0.0, 0.5, 0.0), fov_degrees=35.0)
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment((0.5, 0.6, 0.8)))
+    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(0.5))
+    scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=(7.0, 6.0, 4.0))
+    mist = wrt.Medium(scattering=0.3, absorption=(0.05, 0.1, 0.2))
+    milk = wrt.Medium(scattering=(4.0, 3.0, 2.0), absorption=0.1)
+    wine = wrt.Medium(absorption=(0.5, 2.0, 3.0))
+    for center, radius, material in (
+        ((0.0, 0.5, 0.0), 6.0, wrt.Null(interior=mist)),
+        ((-0.35, 0.4, 0.0), 0.3, wrt.Null(interior=milk)),
+        ((0.35, 0.4, 0.3), 0.3, wrt.Dielectric(interior=wine)),
+    ):
+        ball = wrt.spheres([center], radius)
+        scene.add(ball if exact else ball.tessellated(128), material=material)
+    return scene
+
+
+@pytest.mark.slow
+def test_spheres_bound_media_as_triangles_do(device: str, report: Report) -> None:
+    exact, cut = picture(misty(True), 1, device, 128), picture(misty(False), 2, device, 128)
+    result = image_z_test(*exact, *cut, n_a=128, n_b=128)
+    difference = f"{100.0 * result.relative_difference[1]:+.3f}"
+    report("spheres of media against triangles, per cent", difference, 0, p=result.mean_p)
+    assert result.agrees(), result.message
+
+
+def still() -> wrt.Scene:
     """Spheres of several materials among triangles, one of which shines."""
     rng = np.random.default_rng(1)
     image = wrt.ImageTexture(rng.random((8, 16, 3)).astype(np.float32))

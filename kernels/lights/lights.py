@@ -191,6 +191,21 @@ class Lights(NamedTuple):
     emission_at: wp.Function
 
 
+@specialised()
+def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
+    """Return the device function `emission_at` of `Lights`; see Features."""
+    slot_value = make_slot_value(uv2_alpha, mipmapped)
+
+    @wp.func
+    def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
+        if wp.static(textured):
+            if shape.emission_slot >= 0:
+                return slot_value(scene, shape.emission_slot, surface)
+        return shape.emission
+
+    return emission_at
+
+
 @specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
@@ -202,16 +217,9 @@ def make_lights(features: Features) -> Lights:
     triangle_of = make_triangle_of(features.instances)
     spheres = features.spheres
     sample_surface = make_sample_surface(features.geometry)
-    slot_value = make_slot_value(features.uv2_alpha, features.mipmapped)
+    emission_at = make_emission_at(textured, features.uv2_alpha, features.mipmapped)
     slot_color = make_slot_color(features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
-
-    @wp.func
-    def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
-        if wp.static(textured):
-            if shape.emission_slot >= 0:
-                return slot_value(scene, shape.emission_slot, surface)
-        return shape.emission
 
     @wp.func
     def way_to_light(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
