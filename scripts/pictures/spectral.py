@@ -38,9 +38,9 @@ def with_all_materials(scene: wrt.Scene) -> wrt.Scene:
 def films() -> wrt.Scene:
     """Return balls of titanium, from left to right under more and more oxide."""
     scene = stage()
-    scene.camera = wrt.PerspectiveCamera(origin=(0.0, 3.0, 14.0), target=(0.0, 0.9, 0.0), fov_degrees=14.5)
+    scene.camera = wrt.PerspectiveCamera(origin=(0.0, 2.6, 14.0), target=(0.0, 0.72, 0.0), fov_degrees=11.4)
     for k, material in enumerate(MATERIALS[: len(THICKNESSES)]):
-        scene.add(ball().scaled(0.88).translated((1.95 * (k - 2), 0.0, 0.0)), material=material)
+        scene.add(ball().scaled(0.7).translated((1.52 * (k - 2), 0.0, 0.0)), material=material)
     return with_all_materials(scene)
 
 
