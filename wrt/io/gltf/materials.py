@@ -273,6 +273,8 @@ def _film(found: Tree, read: _Reader) -> dict[str, Any]:
         float(np.clip(found.get(f"iridescenceThickness{end}", usual), 0.0, THICKEST_FILM))
         for end, usual in (("Minimum", 100.0), ("Maximum", 400.0))
     )
+    # Drafts of the extension had capital letters.
+    index = found.get("iridescenceIor") or found.get("iridescenceIOR") or 1.3
     thickness: ColorSource = most
     texture = read.texture(found.get("iridescenceThicknessTexture"), "data", channel="g")
     if texture is not None and max(least, most) > 0.0:
@@ -282,10 +284,7 @@ def _film(found: Tree, read: _Reader) -> dict[str, Any]:
     return {
         "film": read.number(found.get("iridescenceTexture"), "r", found["iridescenceFactor"]),
         "film_thickness": thickness,
-        # Drafts of the extension had capital letters.
-        "film_ior": float(
-            np.clip(found.get("iridescenceIor", found.get("iridescenceIOR", 1.3)), 1.0, HIGHEST_FILM_INDEX)
-        ),
+        "film_ior": min(max(float(index), 1.0), HIGHEST_FILM_INDEX),
     }
 
 
