@@ -19,7 +19,7 @@ from wrt.kernels.geometry.triangles import WIDELY
 from wrt.kernels.integrators.next_event import DirectLight, emitter_hit_weight, make_light_at_surface
 from wrt.kernels.integrators.path_state import PathState, begin_indirect
 from wrt.kernels.integrators.russian_roulette import russian_roulette
-from wrt.kernels.lights.lights import make_hit_pdf, make_lights
+from wrt.kernels.lights.lights import hit_triangle_pdf, make_hit_pdf, make_lights
 from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.scene.materials import (
@@ -145,7 +145,7 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
 @specialised(*make_lights.fields)
 def make_surface_emission(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, strategy) -> PathState that adds what the surface shines itself."""
-    lights, hit_pdf = make_lights(features), make_hit_pdf(features.geometry)
+    lights, hit_pdf, spheres = make_lights(features), make_hit_pdf(features.geometry), features.spheres
     choice_probability, emission_at = lights.choice_probability, lights.emission_at
 
     @wp.func
@@ -157,7 +157,11 @@ def make_surface_emission(features: Features) -> wp.Function:
                 weight = float(1.0)
                 if path.scatter_pdf > 0.0:
                     distance = path.passed_distance + vertex.hit.t
-                    light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, path.ray.direction, distance)
+                    way = path.ray.direction
+                    if wp.static(spheres):
+                        light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, way, distance)
+                    else:
+                        light_pdf = hit_triangle_pdf(vertex.surface, way, distance)
                     light_number = shape.first_light + vertex.hit.triangle - shape.first_triangle
                     light_pdf *= choice_probability(scene, path.receiver, light_number)
                     weight = emitter_hit_weight(strategy, path.scatter_pdf, light_pdf)

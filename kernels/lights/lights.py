@@ -10,7 +10,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
-from wrt.kernels.features import Features, has_spheres, instances_of
+from wrt.kernels.features import Features, instances_of
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -144,20 +144,14 @@ def make_sample_surface(geometry: str) -> wp.Function:
 
 @specialised()
 def make_hit_pdf(geometry: str) -> wp.Function:
-    """Return the device function (scene, receiver, surface, hit, direction, distance) -> density of sampling a hit."""
-    if not has_spheres(geometry):
+    """Return the device function (scene, receiver, surface, hit, direction, distance) -> density of sampling a hit.
 
-        @wp.func
-        def of_triangle(
-            scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
-        ) -> float:
-            return hit_triangle_pdf(surface, direction, distance)
-
-        return of_triangle
+    It is for scenes with spheres; elsewhere `hit_triangle_pdf` serves.
+    """
     sphere_of = make_sphere_of(geometry)
 
     @wp.func
-    def of_triangle_or_sphere(
+    def hit_pdf(
         scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
     ) -> float:
         sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
@@ -165,7 +159,7 @@ def make_hit_pdf(geometry: str) -> wp.Function:
             return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
         return hit_triangle_pdf(surface, direction, distance)
 
-    return of_triangle_or_sphere
+    return hit_pdf
 
 
 # --- All of them -----------------------------------------------------------------------------------
