@@ -263,6 +263,8 @@ def test_what_takes_triangles_only_says_so() -> None:
     shape = scene.add(wrt.sphere(exact=True))
     with pytest.raises(wrt.InputError, match="tessellated"):
         wrt.Intersector(scene)
+    with pytest.raises(wrt.InputError, match="tessellated"):
+        wrt.Intersector.of_instances([shape.mesh], [0], np.eye(4)[None])
     renderer = wrt.Renderer(scene, width=8, height=8)
     with pytest.raises(wrt.InputError, match="make a new Renderer"):
         renderer.update_vertices(shape, shape.mesh.vertices)

@@ -93,12 +93,12 @@ class Intersector:
             threads: CPU threads; by default all cores.
 
         Raises:
-            InputError: on arrays of other shapes, mesh numbers out of range, or matrices that are not
+            InputError: on exact spheres, arrays of other shapes, mesh numbers out of range, or matrices that are not
                 finite, not affine or not invertible.
         """
         made = cls.__new__(cls)
         made.device = Device(device, threads=threads)
-        made._placed = PlacedTrees(meshes, numbers, transforms, made.device)
+        made._placed = PlacedTrees([_triangles(mesh) for mesh in meshes], numbers, transforms, made.device)
         return made
 
     @property
@@ -266,22 +266,25 @@ class Intersector:
         return bool(near.mean() > 0.8)
 
 
-def _meshes(source: Any) -> list[Any]:
-    from wrt.scene.scene import Scene
+def _triangles(mesh: Mesh) -> Mesh:
+    """Return a mesh that has triangles alone; raise InputError for exact spheres."""
     from wrt.scene.spheres import Spheres
 
-    def triangles(mesh: Mesh) -> Mesh:
-        if isinstance(mesh, Spheres):
-            raise InputError(f"{mesh.name}: an intersector has triangles only; give it those of mesh.tessellated()")
-        return mesh
+    if isinstance(mesh, Spheres):
+        raise InputError(f"{mesh.name}: an intersector has triangles only; give it those of mesh.tessellated()")
+    return mesh
+
+
+def _meshes(source: Any) -> list[Any]:
+    from wrt.scene.scene import Scene
 
     if isinstance(source, Mesh):
-        return [triangles(source)]
+        return [_triangles(source)]
     if isinstance(source, Scene):
         if not source.shapes:
             raise InputError("the scene has no shapes to hit")
         time = source.camera.shutter_open if source.camera else 0.0
-        return [triangles(shape.mesh_at(time)) for shape in source.shapes]
+        return [_triangles(shape.mesh_at(time)) for shape in source.shapes]
     from wrt.io.load_mesh import from_trimesh
 
     return [shape.mesh_at(0.0) for shape in from_trimesh(source)]
