@@ -32,7 +32,14 @@ KERNELS = ROOT / "kernels"
 
 PHASES: dict[str, tuple[str, ...]] = {
     "traversal": ("accel", "geometry/triangles", "geometry/motion"),
-    "surface and material": ("bsdf", "microfacet", "textures", "scene/materials", "geometry/surface"),
+    "surface and material": (
+        "bsdf",
+        "microfacet",
+        "textures",
+        "scene/materials",
+        "geometry/surface",
+        "geometry/spheres",
+    ),
     "lights": ("lights", "integrators/next_event", "sampling/piecewise", "sampling/solid_angle"),
     "media": ("media",),
     "random numbers": ("sampling/sampler", "sampling/low_discrepancy"),
