@@ -7,44 +7,21 @@ not state them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.arrays import read_mesh_arrays
-from wrt.io.by_trimesh import read_by_trimesh
 from wrt.io.file_type import hint, hinting
-from wrt.io.gltf.reader import NO_ANIMATION, animation_ends, read_gltf
-from wrt.io.mesh.obj import read_obj
-from wrt.io.mesh.off import read_off
-from wrt.io.mesh.parts import Contents, Part
-from wrt.io.mesh.ply import read_ply
+from wrt.io.mesh.parts import Contents
 from wrt.io.mesh.repair import to_shapes
-from wrt.io.mesh.stl import read_stl
-from wrt.io.mesh.threemf import read_3mf
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
-
-def _of_parts(read: Callable[[Path, bytes], list[Part]]) -> Callable[[Path, bytes], Contents]:
-    """Return a reader of meshes as a reader of whole contents."""
-    return lambda path, data: Contents(read(path, data))
-
-
-_READERS: dict[str, Callable[[Path, bytes], Contents]] = {
-    ".obj": _of_parts(read_obj),
-    ".ply": _of_parts(read_ply),
-    ".stl": _of_parts(read_stl),
-    ".off": _of_parts(read_off),
-    ".gltf": read_gltf,
-    ".glb": read_gltf,
-    ".3mf": read_3mf,
-    ".dae": read_by_trimesh,
-}
+GLTF_SUFFIXES = (".gltf", ".glb")
+"""Suffixes of glTF files, which may be animated."""
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of USD files, which Pixar's library reads."""
@@ -52,7 +29,7 @@ USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 ARRAYS_SUFFIX = ".npz"
 """Suffix of NumPy archives, whose meshes are not repaired."""
 
-MESH_SUFFIXES = (*_READERS, ARRAYS_SUFFIX, *USD_SUFFIXES)
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae", ARRAYS_SUFFIX, *USD_SUFFIXES)
 """Suffixes of mesh files, in lower or upper case."""
 
 
@@ -94,14 +71,18 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, 
         InputError: see `load_mesh`; also when a time is given and the file has no animation.
     """
     file = Path(path)
-    reader = _READERS.get(file.suffix.lower())
+    suffix = file.suffix.lower()
     require_file(file)
-    if time is not None and not _may_be_animated(file):
+    if time is not None and suffix not in GLTF_SUFFIXES:
+        from wrt.io.gltf.reader import NO_ANIMATION
+
         raise InputError(f"{file}: {NO_ANIMATION}")
-    if file.suffix.lower() == ARRAYS_SUFFIX:
+    if suffix == ARRAYS_SUFFIX:
+        from wrt.io.arrays import read_mesh_arrays
+
         with hinting(file):
             return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
-    if file.suffix.lower() in USD_SUFFIXES:
+    if suffix in USD_SUFFIXES:
         from wrt.io.usd.reader import read_usd
 
         with naming_file(file):
@@ -109,13 +90,38 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, 
             scene = _scene(str(file), contents, smooth_degrees)
             scene.environment = environment
             return scene
-    if reader is None:
+    if suffix not in MESH_SUFFIXES:
         kind = hint(file)
         known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
         raise InputError(f"{file}: not a known mesh format; {known}" + (f"; {kind}" if kind else ""))
     with naming_file(file), hinting(file):
-        data = read_file(file)
-        return _scene(str(file), reader(file, data) if time is None else read_gltf(file, data, time), smooth_degrees)
+        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees)
+
+
+def _contents(file: Path, data: bytes, time: float | None) -> Contents:
+    """Return what a file contains. Each reader is imported when it is needed, since all of them take 0.03 s."""
+    suffix = file.suffix.lower()
+    if suffix in GLTF_SUFFIXES:
+        from wrt.io.gltf.reader import read_gltf
+
+        return read_gltf(file, data, time)
+    if suffix == ".3mf":
+        from wrt.io.mesh.threemf import read_3mf
+
+        return read_3mf(file, data)
+    if suffix == ".dae":
+        from wrt.io.by_trimesh import read_by_trimesh
+
+        return read_by_trimesh(file, data)
+    if suffix == ".obj":
+        from wrt.io.mesh.obj import read_obj as read
+    elif suffix == ".ply":
+        from wrt.io.mesh.ply import read_ply as read
+    elif suffix == ".stl":
+        from wrt.io.mesh.stl import read_stl as read
+    else:
+        from wrt.io.mesh.off import read_off as read
+    return Contents(read(file, data))
 
 
 @memory_limits.one_load()
@@ -126,15 +132,13 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         InputError: when the file cannot be read or is damaged.
     """
     file = Path(path)
-    if not _may_be_animated(file):
+    if file.suffix.lower() not in GLTF_SUFFIXES:
         return None
+    from wrt.io.gltf.reader import animation_ends
+
     require_file(file)
     with naming_file(file), hinting(file):
         return animation_ends(file, read_file(file))
-
-
-def _may_be_animated(file: Path) -> bool:
-    return _READERS.get(file.suffix.lower()) is read_gltf
 
 
 def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
