@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt._version import __version__
-from wrt.develop.picture import Developed, develop
 from wrt.developing import DEFAULT_TONE, Exposure
 from wrt.errors import InputError
 from wrt.io import memory_limits
@@ -29,6 +28,8 @@ from wrt.values import Vec3, sealed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+    from wrt.develop.picture import Developed
 
 OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
 """Formats that `save_image` writes."""
@@ -328,6 +329,8 @@ def save_image(
         whole = np.dstack([pixels, *cover.values()])
         save(lambda temporary: _write_npy(temporary, whole))
     else:
+        from wrt.develop.picture import develop
+
         alpha = cover.get("alpha")
         developed = develop(pixels if alpha is None else _straight(pixels, alpha), tone=tone, exposure=exposure)
         save(lambda temporary: _write_png(temporary, developed, notes, alpha))

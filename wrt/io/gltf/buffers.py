@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.gltf.meshopt import decoded
 from wrt.io.safe_read import read_file, reason_alone
 
 Tree: TypeAlias = dict[str, Any]
@@ -64,6 +63,8 @@ class Buffers:
         if number not in self._views:
             count, stride = packed["count"], packed["byteStride"]
             memory_limits.take(memory_limits.MESHES, count * stride)
+            from wrt.io.gltf.meshopt import decoded
+
             try:
                 self._views[number] = decoded(
                     self._part(packed), count, stride, packed["mode"], packed.get("filter", "NONE")
