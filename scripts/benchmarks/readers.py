@@ -86,6 +86,9 @@ def cpu_seconds(program: str, file: Path, checkout: Path) -> float:
 
 def benchmark_readers(options: argparse.Namespace) -> dict[str, Any]:
     """Return medians of seconds of CPU, of loads in turn, and of the ratios of neighbours in that turn."""
+    for checkout in options.checkouts:
+        if not (checkout / "wrt" / "__init__.py").is_file():
+            raise SystemExit(f"{checkout}: no checkout of wrt")
     programs = {"trimesh": (BY_TRIMESH, ROOT)}
     programs |= {str(checkout): (BY_WRT, checkout.resolve()) for checkout in options.checkouts}
     rows = []
