@@ -204,7 +204,7 @@ def test_mistakes() -> None:
 
 @pytest.mark.slow
 def test_all_features_together_have_place(device: str) -> None:
-    """Every layer at once, of which each could have been the one too many."""
+    """A material with every layer has a row for each value, and its film still counts."""
     layers = {"transmission": 0.5, "dispersion": 0.5, "anisotropy": 0.5, "coat": 0.5}
     layers |= {"coat_roughness": 0.5, "sheen_color": 0.5}
     material = wrt.Principled(**layers, roughness=0.3, film_thickness=200.0, film_ior=2.4)

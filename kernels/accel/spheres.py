@@ -6,7 +6,7 @@ A sphere is a triangle whose corners are the lower and the upper corner of the b
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Bvh, Hit
+from wrt.kernels.accel.bvh import Bvh, Hit, _hit
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.native import include
 from wrt.kernels.scene.scene_data import SceneData
@@ -25,16 +25,6 @@ def _traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max
 @wp.func_native("return wrt::next_hit(bvh, origin, direction, t_min, t_max, id_min);")
 def _traverse_after(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, id_min: int) -> wp.vec4:
     traversal_spheres_h()
-
-
-@wp.func
-def _hit(found: wp.vec4) -> Hit:
-    hit = Hit()
-    hit.triangle = wp.cast(found[0], wp.int32)
-    hit.t = found[1]
-    hit.u = found[2]
-    hit.v = found[3]
-    return hit
 
 
 @wp.func
