@@ -1,10 +1,14 @@
 """The features of a scene, which choose the specialised kernel."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 _LONGEST_NAME = 100
 _SPHERES = "_spheres"
+
+_COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha")
+_COVERING = ("models", "light_shapes", "environment", "opacity", "composite", *_COVERING_FLAGS)
+"""Features of a kernel that a scene need not have: the kernel decides at run time."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,16 @@ class Features:
     mipmapped: bool = False
     composite: str = "none"
     spheres: bool = False
+
+    def covers(self, other: "Features") -> bool:
+        """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""
+        return replace(other, **{name: getattr(self, name) for name in _COVERING}) == self and (
+            set(other.models) <= set(self.models)
+            and set(other.light_shapes) <= set(self.light_shapes)
+            and (self.environment == "image" or self.environment == other.environment)
+            and (self.opacity or (not other.opacity and other.composite in ("none", self.composite)))
+            and all(getattr(self, name) or not getattr(other, name) for name in _COVERING_FLAGS)
+        )
 
     @property
     def geometry(self) -> str:

@@ -8,6 +8,7 @@ confused.
 
 import functools
 import importlib
+import zlib
 from collections.abc import Callable, Iterable
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -90,6 +91,9 @@ def _model_in(package: str, file: str, *parts: str) -> Any:
     return found.MODEL if make is None else make(*parts)
 
 
-def model_number(name: str, names: tuple[str, ...]) -> int:
-    """Return the number of a model in kernels made for `names`."""
-    return len(names) - 1 - names.index(name)
+def model_number(name: str) -> int:
+    """Return the number of a model in all kernels: 30 bits that depend on its name alone.
+
+    So kernels for different sets of models can render the same uploaded scene.
+    """
+    return zlib.crc32(name.encode()) & 0x3FFFFFFF

@@ -65,7 +65,7 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     if not names:
         return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample, _no_is_delta, _no_transmits)
     model = model_of(names[0])
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     delta, model_transmits = model.delta, model.transmits
     model_evaluate, model_pdf, model_sample = model.evaluate, model.pdf, model.sample
     following = make_bsdf(names[1:])

@@ -25,9 +25,9 @@ CAMERA_MODELS: Registry[CameraModel] = Registry("wrt.kernels.camera", BUILT_IN, 
 current_name = CAMERA_MODELS.current_name
 
 
-def camera_kind(name: str, outside: tuple[str, ...]) -> int:
-    """Return the number of a model in kernels with the models `outside` besides the built-in ones."""
-    return model_number(name, (*outside, *BUILT_IN))
+def camera_kind(name: str) -> int:
+    """Return the number of a model in kernels."""
+    return model_number(name)
 
 
 class CameraFunctions(NamedTuple):
@@ -92,7 +92,7 @@ def _make_model(names: tuple[str, ...]) -> CameraModel:
     model = CAMERA_MODELS.model_of(names[0])
     if not names[1:]:
         return model
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     model_ray, model_project = model.ray, model.project
     following = _make_model(names[1:])
     next_ray, next_project = following.ray, following.project

@@ -265,6 +265,8 @@ def align_tangents(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
     t = ±n × s: if the texture is mirrored as the viewer sees it, the frame is left-handed. If u and v do not span the
     triangle, the frame stays unchanged.
     """
+    if scene.aligns_tangents == 0:
+        return surface
     e1 = surface.e1
     e2 = surface.e2
     uv = uv_edges(scene, hit)

@@ -27,11 +27,12 @@ def make_environment_emission(features: Features) -> wp.Function:
         scene: SceneData, receiver: Receiver, direction: wp.vec3, scatter_pdf: float, strategy: int
     ) -> wp.vec3:
         if wp.static(image_environment):
-            point = point_towards(scene.environment, direction)
-            light_pdf = float(0.0)
-            if scatter_pdf > 0.0:
-                light_pdf = environment_light_pdf(scene, receiver, point)
-            return radiance_at(scene.environment, point.uv) * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
+            if scene.environment.width > 0:
+                point = point_towards(scene.environment, direction)
+                light_pdf = float(0.0)
+                if scatter_pdf > 0.0:
+                    light_pdf = environment_light_pdf(scene, receiver, point)
+                return radiance_at(scene.environment, point.uv) * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
         return scene.environment.radiance
 
     return environment_emission

@@ -63,6 +63,8 @@ def probability_by_power(scene: SceneData, receiver: Receiver, light: int) -> fl
 @wp.func
 def choose_by_tree(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightChoice:
     """Return a light by its importance at the receiver; the table has only those at infinity."""
+    if scene.light_tree.nodes.shape[0] == 0:
+        return choose_by_power(scene, receiver, u)
     found = sample_light_tree(
         scene.light_tree, receiver.position, receiver.normal, receiver.receives, wp.vec2(u[2], u[0])
     )
@@ -81,6 +83,8 @@ def choose_by_tree(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightCho
 @wp.func
 def probability_by_tree(scene: SceneData, receiver: Receiver, light: int) -> float:
     """Return the probability of `choose_by_tree`."""
+    if scene.light_tree.nodes.shape[0] == 0:
+        return probability_by_power(scene, receiver, light)
     if scene.light_tree.places[light] != NO_LIGHT:
         return light_tree_probability(scene.light_tree, light, receiver.position, receiver.normal, receiver.receives)
     far = far_light_probability(scene.light_tree, receiver.position, receiver.normal, receiver.receives)

@@ -63,9 +63,9 @@ def light_order(name: str) -> int:
     return 0 if model.meet else 1 if model.covers else 2
 
 
-def light_kind(name: str, names: tuple[str, ...]) -> int:
-    """Return the kind that stands for a model in kernels with the models `names`."""
-    return int(FIRST_LIGHT_SHAPE) + model_number(name, names)
+def light_kind(name: str) -> int:
+    """Return the kind that stands for a model in kernels."""
+    return int(FIRST_LIGHT_SHAPE) + model_number(name)
 
 
 # --- By kind ---------------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ def make_light_model(names: tuple[str, ...]) -> LightModel:
     if not names:
         return LightModel(_no_sample, _no_pdf, _no_meeting, _no_light, _no_cover)
     model = LIGHT_SHAPES.model_of(names[0])
-    kind = light_kind(names[0], names)
+    kind = light_kind(names[0])
     model_sample, model_pdf = model.sample, model.pdf
     model_meet, model_shines_back, model_covers = model.meet, model.shines_back, model.covers
     following = make_light_model(names[1:])
@@ -133,7 +133,7 @@ def make_middle_of(names: tuple[str, ...]) -> wp.Function:
     """Return the device function kind -> vec2, the numbers that sample the centre of a light."""
     if not names:
         return _no_middle
-    kind = light_kind(names[0], names)
+    kind = light_kind(names[0])
     x, y = LIGHT_SHAPES.model_of(names[0]).middle
     next_middle = make_middle_of(names[1:])
     if x == y == 0.0:

@@ -146,7 +146,7 @@ def make_straight(names: tuple[str, ...]) -> wp.Function:
     if not names:
         return _nothing_straight
     model = model_of(names[0])
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     next_straight = make_straight(names[1:])
     if model.straight is None:
         return next_straight
@@ -166,7 +166,7 @@ def make_is_pane(names: tuple[str, ...]) -> wp.Function:
     """Return the device function bsdf -> bool: whether light is transmitted straight on only, so shadow rays pass."""
     if not names:
         return _no_pane
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     next_is_pane = make_is_pane(names[1:])
     if model_of(names[0]).straight is None:
         return next_is_pane
@@ -183,7 +183,7 @@ def make_with_index(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf, index) -> Bsdf with another refractive index, inside over outside."""
     if not names:
         return _same_bsdf
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     slot = model_of(names[0]).index_slot
     next_with_index = make_with_index(names[1:])
     if slot < 0:
@@ -211,7 +211,7 @@ def make_with_indices(names: tuple[str, ...]) -> wp.Function:
     """
     if not names:
         return _same_bsdf_of_channels
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     slot = model_of(names[0]).index_slot
     dispersive = model_of(names[0]).channels_slot >= 0
     next_with_indices = make_with_indices(names[1:])
@@ -240,7 +240,7 @@ def make_with_throughput(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf, throughput) -> Bsdf, whose channels are chosen by a path's throughput."""
     if not names:
         return _same_bsdf_of_path
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     slot = model_of(names[0]).channels_slot
     next_with_throughput = make_with_throughput(names[1:])
     if slot < 0:
@@ -328,7 +328,7 @@ def _make_load(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmappe
     """Return a chain of one link per model, as in `kernels.bsdf.make_bsdf`: each loads the values of its model."""
     if not names:
         return _no_bsdf
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     count = model_of(names[0]).slots
     next_load = _make_load(names[1:], textured, uv2_alpha, mipmapped)
     slot_value = make_slot_value(uv2_alpha, mipmapped)

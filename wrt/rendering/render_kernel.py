@@ -7,6 +7,7 @@ from typing import Any
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.compiling import general
 from wrt.rendering.wide_kernel import WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
 
@@ -16,6 +17,7 @@ class RenderKernel:
 
     Attributes:
         scalar: the kernel that runs a thread for each pixel.
+        read: features that this kernel reads of the scene, which may have fewer.
         records: its arguments that hold arrays, to be set before the first pass.
         seconds_after: time that other pictures of the same kernel take after this one.
     """
@@ -26,7 +28,8 @@ class RenderKernel:
         self.seconds_after = 0.0
         self._device, self._features = device, features
         self._width, self._height = width, height
-        self.scalar = current_backend().call("wrt.kernels.render", "make_render_kernel", features)
+        self.read = general.readiest(features, device.backend.builds)
+        self.scalar = current_backend().call(*general.MAKE, self.read)
         self._wide: WideKernel | None = None
 
     def compile(self, compile: Callable[[Any], None]) -> None:

@@ -138,12 +138,13 @@ class Renderer(Picture, Resumable):
                 self.scene, self.device, texture_coordinates=uv, light_choice=self.light_choice, on_features=choose
             )
 
-    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
-        """Choose the kernel for a scene with these features, and compile all kernels that are still needed."""
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> Any:
+        """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads."""
         own = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
         features = integrator_features(dataclasses.replace(features, **own), self.integrator, self.settings)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height)
         self._kernel.compile(compile)
+        return self._kernel.read
 
     def _prepare(self) -> list[Any]:
         """Return the arguments of the kernel after the number of samples."""

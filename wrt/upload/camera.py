@@ -20,9 +20,8 @@ def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | Non
     motion = backend.kernels("wrt.kernels.geometry.motion")
 
     data = backend.kernels("wrt.kernels.camera.camera").Camera()
-    outside = outside_cameras(camera)
     name = backend.call("wrt.kernels.camera.models", "current_name", camera.model)
-    data.kind = backend.call("wrt.kernels.camera.models", "camera_kind", name, outside)
+    data.kind = backend.call("wrt.kernels.camera.models", "camera_kind", name)
     for field, value in camera.film(width, height).items():
         setattr(data, field, value)
     data.origin = camera.origin

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
+from wrt.kernels.registry import model_number
 from wrt.scene.materials import Material, Mix, TwoSided
 from wrt.scene.textures import (
     CHANNELS,
@@ -85,6 +86,7 @@ class MaterialTable:
         rows = np.zeros(len(slots.rows), k.ColorSlot.numpy_dtype())
         for i, row in enumerate(slots.rows):
             rows[i] = row
+        data.aligns_tangents = int(self.tangents)
         data.materials = backend.array(records, k.MaterialRecord, device.name)
         data.slots = backend.array(rows, k.ColorSlot, device.name)
         data.tables = backend.array(tables, float, device.name)
@@ -120,7 +122,7 @@ class MaterialTable:
             given = f"{type(material).__name__} gives {len(material.slots)} values"
             raise InputError(f"{given}, but {material.model} reads {model.slots}")
         record["kind"] = k.MATERIAL_MODEL
-        record["model"] = current_backend().call("wrt.kernels.registry", "model_number", name, self.models)
+        record["model"] = model_number(name)
         record["matt"] = model.matt
         record["normal_map"] = -1
         if material.normal_map is not None:

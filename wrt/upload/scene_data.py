@@ -74,7 +74,7 @@ def build_scene(
     *,
     texture_coordinates: bool = False,
     light_choice: str = "auto",
-    on_features: Callable[[Any], object] = lambda features: None,
+    on_features: Callable[[Any], Any] = lambda features: features,
 ) -> BuiltScene:
     """Upload a scene to a device and build its ray tree there.
 
@@ -83,7 +83,8 @@ def build_scene(
         device: the device.
         texture_coordinates: whether to upload these even if no material needs them.
         light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
-        on_features: called with the features as soon as they are known, before the tree is built.
+        on_features: called with the features as soon as they are known, before the tree is built; returns those of the
+            kernel that will read the scene, which may have more (see `Features.covers`).
 
     Raises:
         InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
@@ -107,10 +108,8 @@ def build_scene(
         [*(shape.emission for shape in scene.shapes), *textures.values()],
     )
     data = scene_data.SceneData()
-    textured = materials.textured or materials.tangents or texture_coordinates
     places = _places(layout)
     first_triangles = places.of_shapes
-    _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=materials.uv2_alpha)
     materials.upload(data, device)
     bodies = describe_bodies(scene)
     bodies.upload(data, device)
@@ -139,7 +138,9 @@ def build_scene(
         mipmapped=materials.mipmapped,
         spheres=spheres,
     )
-    on_features(features)
+    read = on_features(features)
+    textured = read.textured or read.tangents or texture_coordinates
+    _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
     world = _build_trees(data, layout, places, device)
     built = BuiltScene(data, features, world, bodies, device)
     if scene.camera is not None:

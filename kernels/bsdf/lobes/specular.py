@@ -13,7 +13,7 @@ def make_specular(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf, wo) -> SpecularLobes for the models `names`, a chain as in `make_bsdf`."""
     if not names:
         return no_lobes
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     model_lobes = model_of(names[0]).specular or no_lobes
     next_lobes = make_specular(names[1:])
 
@@ -31,7 +31,7 @@ def make_jitters(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf) -> bool: whether ray trees send rays of the model's `sample` on."""
     if not names:
         return _never
-    number = model_number(names[0], names)
+    number = model_number(names[0])
     model_jitters = model_of(names[0]).jitters
     next_jitters = make_jitters(names[1:])
 

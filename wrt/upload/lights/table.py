@@ -182,7 +182,7 @@ def _light_shapes(lights: list[Light], first: int, texture_slots: dict[int, int]
             f"make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
         )
     kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
-    kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name, names) for name in names}
+    kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name) for name in names}
     records = np.zeros(len(shaped), k.LightShape.numpy_dtype())
     for row, i in zip(records, shaped, strict=True):
         row["kind"], row["light"] = kinds[models[i]], first + i
