@@ -78,6 +78,11 @@ class Features:
             and all(getattr(self, name) or not getattr(other, name) for name in _COVERING_FLAGS)
         )
 
+    def has_uploads_of(self, other: "Features") -> bool:
+        """Return whether a scene that was uploaded for these features has all arrays that kernels of `other` read."""
+        has_uvs = self.textured or self.tangents or not (other.textured or other.tangents)
+        return has_uvs and (self.uv2_alpha or not other.uv2_alpha)
+
     @property
     def geometry(self) -> str:
         """What rays meet: `instances`, with a suffix where there are spheres (see `has_spheres`)."""

@@ -50,6 +50,11 @@ def prefer_compiled() -> None:
         _backend = CompiledBackend(_builds)
 
 
+def is_own_process() -> bool:
+    """Return whether this is a process of wrt's own, such as the command line's; see `prefer_compiled`."""
+    return _builds is not None
+
+
 def prepare(build: Callable[[], Result]) -> Result:
     """Call `build` and return its result; if it needs a kernel that is not compiled yet, call it again with Warp."""
     try:

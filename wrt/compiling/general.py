@@ -1,72 +1,79 @@
-"""The general kernel: compiled once on a machine, it renders most scenes whose own kernel is not compiled yet.
+"""General kernels: wide kernels that render most scenes whose own kernels are not compiled yet.
 
-It decides at run time what a scene's own kernel need not decide (`Features.covers`), so it is slower, with the same bits.
+They decide at run time what the kernel of a scene knows beforehand (`Features.covers`): slower, with the same bits. Each
+is compiled in the background when a render meets the first scene that it covers, for the scenes to come.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, NamedTuple
 
 from wrt.backend import current_backend
 from wrt.backend.builds import Builds
 from wrt.backend.recording import call_name
+from wrt.compiling.wide import name_of_wide
 
 MAKE = "wrt.kernels.render", "make_render_kernel"
 """Module and name of the function that declares the scalar kernel for some features."""
 
-MODELS = (
-    "burley",
-    "conductor",
-    "dielectric",
-    "diffuse",
-    "glossy",
-    "mirror",
-    "null",
-    "oren_nayar",
-    "plastic",
-    "principled",
+_OF_MESHES = ("diffuse", "principled")
+_WITHOUT_HOLES = (
+    *("burley", "conductor", "dielectric", "diffuse", "glossy", "mirror", "oren_nayar", "plastic", "principled"),
     "principled:transmission",
     "rough_conductor:beckmann:walter:conductor",
-    "rough_conductor:ggx:smith:conductor",
-    "rough_dielectric:beckmann:walter",
-    "rough_dielectric:ggx:smith",
-    "rough_plastic:beckmann:walter",
-    "rough_plastic:ggx:smith",
-    "thin_dielectric",
+    *("rough_conductor:ggx:smith-separable:conductor", "rough_conductor:ggx:smith:conductor"),
+    *("rough_dielectric:beckmann:walter", "rough_dielectric:ggx:smith", "rough_dielectric:ggx:smith-separable"),
+    *("rough_plastic:beckmann:walter", "rough_plastic:ggx:smith", "rough_plastic:ggx:smith-separable"),
 )
-"""Its reflection models: those that files from elsewhere name most."""
 
 
-def general_features(features: Any) -> Any:
-    """Return the features of the general kernel, with those of `features` that are fixed when a kernel is compiled."""
-    import dataclasses
+class Tier(NamedTuple):
+    """What a general kernel has: reflection models by name, and whether rays may pass surfaces."""
 
-    return dataclasses.replace(
-        features,
-        models=MODELS,
-        textured=True,
-        mipmapped=True,
-        environment="image",
-        opacity=True,
-        composite="none",
-        tangents=True,
-        light_shapes=current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN,
-        light_tree=True,
-        uv2_alpha=True,
-    )
+    models: tuple[str, ...]
+    passes: bool
 
 
-def name_of(features: Any) -> str:
-    """Return the name in the notes of the scalar kernel with these features."""
-    return call_name(*MAKE, (features,))
+TIERS = (
+    Tier(_OF_MESHES, passes=False),
+    Tier(_WITHOUT_HOLES, passes=False),
+    Tier(tuple(sorted((*_WITHOUT_HOLES, "null", "thin_dielectric"))), passes=True),
+)
+"""The general kernels, from the one that is compiled and runs fastest: files of meshes, other files, surfaces with
+holes. Compiling takes 20, 50 and 60 s of CPU; the second has three quarters of the speed of a scene's own wide kernel,
+the third half of it."""
 
 
-def readiest(features: Any, builds: Builds | None) -> Any:
-    """Return the features of the kernel with which a scene can be rendered at once: its own, or the general one's.
+def general_features(features: Any) -> list[Any]:
+    """Return the features of the general kernels that cover a scene, the fastest first.
 
-    Its own is taken if it is compiled, if the general one is not, and if that does not cover the scene.
+    There are none for scenes with media, and for options that few use.
     """
-    if builds is None or builds.has(name_of(features)):
-        return features
-    general = general_features(features)
-    return general if general.covers(features) and builds.has(name_of(general)) else features
+    if features.media != "none" or features.aovs or features.clamped or features.regularized or features.cameras:
+        return []
+    own = {"textured": True, "mipmapped": True, "environment": "image", "tangents": True, "light_tree": True}
+    own |= {"uv2_alpha": True, "light_shapes": current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN}
+    kernels = [
+        dataclasses.replace(
+            features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **own
+        )
+        for tier in TIERS
+    ]
+    return [kernel for kernel in kernels if kernel.covers(features)]
+
+
+def is_general(features: Any) -> bool:
+    """Return whether a kernel with these features is one of the general ones."""
+    return any(features == kernel for kernel in general_features(dataclasses.replace(features, models=())))
+
+
+def compiled_for(features: Any, lanes: int, builds: Builds) -> Any:
+    """Return the features of the wide kernel that is compiled and suits a scene best: its own or a general one; or None.
+
+    None, too, if the scene's own scalar kernel is compiled, since its wide one will follow, or there are no lanes.
+    """
+    if lanes == 0 or builds.has(call_name(*MAKE, (features,))):
+        return None
+    kernels = (features, *general_features(features))
+    return next((kernel for kernel in kernels if builds.has(name_of_wide(kernel, lanes))), None)

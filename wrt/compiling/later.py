@@ -127,6 +127,8 @@ def _serve(path: Path, builds: Builds, kernels: Path) -> None:
     """Compile what a request says. If that fails it stays as BEGUN, so that it is not repeated at once."""
     import warp as wp
 
+    from wrt.compiling.exercise import exercise
+    from wrt.compiling.general import is_general
     from wrt.spmd.ir import Unsupported
 
     begun = path.with_suffix(BEGUN)
@@ -139,7 +141,7 @@ def _serve(path: Path, builds: Builds, kernels: Path) -> None:
         if not builds.has(name_of_wide(features, lanes)):
             if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
                 wp.config.kernel_cache_dir = str(kernels)
-            compile_wide(features, lanes, builds)
+            compile_wide(features, lanes, builds, exercise if is_general(features) else None)
         begun.unlink(missing_ok=True)
 
 

@@ -11,10 +11,11 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from wrt.backend import cache_folders
+from wrt.backend import cache_folders, current_backend
 from wrt.backend.builds import Builds
 from wrt.backend.device import Device
 from wrt.backend.recording import call_name, compiled_by_warp
@@ -51,18 +52,18 @@ def command(module: str, *arguments: str) -> list[str]:
     return [sys.executable, "-c", begin, *arguments]
 
 
-def compile_wide(features: Any, lanes: int, builds: Builds) -> None:
-    """Compile the kernel with Warp in this process, and note it.
+def compile_wide(features: Any, lanes: int, builds: Builds, uses: Callable[[Device], object] | None = None) -> None:
+    """Compile the kernel with Warp in this process, and note it, with all that `uses` then needs on the device.
 
     Raises:
         Unsupported: when the scalar kernel cannot be translated.
         OSError: when there is not enough disk space.
     """
-    from wrt.backend.warp_backend import WarpBackend
-
-    backend = WarpBackend()
+    backend, device = current_backend(), Device("cpu")
     backend.kernels("wrt.kernels.native.constants")
-    Device("cpu").compile(backend.call(*MAKE, features, lanes))
+    device.compile(backend.call(*MAKE, features, lanes))
+    if uses is not None:
+        uses(device)
     builds.note(compiled_by_warp(backend))
 
 

@@ -37,7 +37,7 @@ class Guides:
         width, height = renderer.film.width, renderer.film.height
         self._renderer = renderer
         self._film = Film(width, height, renderer.device, LAYERS)
-        self._kernel = RenderKernel(renderer.device, features, width, height)
+        self._kernel = RenderKernel(renderer.device, features, width, height, read=renderer.built_features)
         with renderer.device.compiling() as compile:
             self._kernel.compile(compile)
 

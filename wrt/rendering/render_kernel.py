@@ -2,42 +2,78 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
-from wrt.backend import current_backend
+from wrt.backend import current_backend, is_own_process
+from wrt.backend.builds import NotCompiled
 from wrt.backend.device import Device
+from wrt.backend.lanes import lanes_here
 from wrt.compiling import general
-from wrt.rendering.wide_kernel import WideKernel
+from wrt.rendering.wide_kernel import WORTH_SECONDS, WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
 
 
 class RenderKernel:
     """The kernels of one picture.
 
+    On the command line, a general kernel stands in for the scalar one while that is not compiled, until the scene's own
+    wide kernel is (see `wrt.compiling.general`).
+
     Attributes:
-        scalar: the kernel that runs a thread for each pixel.
-        read: features that this kernel reads of the scene, which may have fewer.
+        scalar: the kernel that runs a thread for each pixel; None while another stands in for it.
+        read: the features that the kernels read of the scene, which may have fewer.
         records: its arguments that hold arrays, to be set before the first pass.
         seconds_after: time that other pictures of the same kernel take after this one.
     """
 
-    def __init__(self, device: Device, features: Any, width: int, height: int) -> None:
-        """Create the kernels for the features of a scene and a film of width x height pixels."""
+    def __init__(self, device: Device, features: Any, width: int, height: int, *, read: Any = None) -> None:
+        """Create the kernels for the features of a scene and a film of width x height pixels.
+
+        Args:
+            device: the device.
+            features: the features.
+            width: pixels.
+            height: pixels.
+            read: the features for which the scene was uploaded; None if it can still be uploaded for any.
+        """
         self.records: tuple[Any, ...] = ()
         self.seconds_after = 0.0
         self._device, self._features = device, features
         self._width, self._height = width, height
-        self.read = general.readiest(features, device.backend.builds)
-        self.scalar = current_backend().call(*general.MAKE, self.read)
         self._wide: WideKernel | None = None
+        self._stand_in: WideKernel | None = None
+        self._is_general_requested = False
+        builds = device.backend.builds
+        found = None if builds is None else general.compiled_for(features, lanes_here(), builds)
+        if found is not None and (read is None or read.has_uploads_of(found)):
+            self.scalar, self.read = None, found
+        else:
+            self.scalar, self.read = current_backend().call(*general.MAKE, features), features
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
         film = current_backend().kernels("wrt.kernels.film.film")
         # The largest first, then those needed last: building the tree meanwhile compiles from the other end.
         for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building())):
-            compile(kernel)
+            if kernel is not None:
+                compile(kernel)
+
+    def start(self) -> None:
+        """Load the kernel that stands in for the scalar one, if it must, now that the arguments are known.
+
+        Raises:
+            NotCompiled: if that is impossible, for instance because an array is too large for it.
+        """
+        if self.scalar is None and self._stand_in is None:
+            stand_in = WideKernel(self._device, self.read, self.records)
+            stand_in.expect(math.inf)
+            if stand_in.kernel is None:
+                raise NotCompiled("the scalar kernel")
+            self._stand_in = stand_in
+            if self.read == self._features:
+                self._wide = stand_in
 
     def expect(self, seconds: float) -> None:
         """Load the wide kernel before the first pass, if that is quick, for a render that takes so long at least."""
@@ -45,14 +81,23 @@ class RenderKernel:
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
-        wide = self._wide_kernel()
-        wide.prepare(seconds_left + self.seconds_after)
-        if wide.kernel is None:
-            spared = int(wide.is_being_compiled)
+        wide, seconds_left = self._wide_kernel(), seconds_left + self.seconds_after
+        wide.prepare(seconds_left)
+        self._request_general(seconds_left)
+        spared = int(wide.is_being_compiled)
+        best = self._best()
+        if best.kernel is None:
             self._device.launch(self.scalar, self._width * self._height, inputs, spared=spared, cancellable=True)
             return
-        tiles = -(-self._width // wide.tile) * -(-self._height // wide.tile)
-        self._device.launch(wide.kernel, tiles, inputs, cancellable=True)
+        tiles = -(-self._width // best.tile) * -(-self._height // best.tile)
+        self._device.launch(best.kernel, tiles, inputs, spared=spared, cancellable=True)
+
+    def _request_general(self, seconds_left: float) -> None:
+        """Have the general kernel compiled that covers this scene, for other scenes on the command line."""
+        if not self._is_general_requested and seconds_left > WORTH_SECONDS and self._device.is_cpu and is_own_process():
+            self._is_general_requested = True
+            for features in general.general_features(self._features)[:1]:
+                WideKernel(self._device, features, self.records).request()
 
     def share_wide(self, other: RenderKernel) -> None:
         """Use the wide kernel of `other` if it is for the same features, instead of loading another."""
@@ -76,12 +121,17 @@ class RenderKernel:
     @property
     def lanes(self) -> int:
         """Paths that the kernel of the next pass follows at once."""
-        return self._wide_kernel().lanes
+        return self._best().lanes
 
     @property
     def in_use(self) -> Any:
         """The kernel of the next pass."""
-        return self._wide_kernel().kernel or self.scalar
+        return self._best().kernel or self.scalar
+
+    def _best(self) -> WideKernel:
+        """Return the fastest of the wide kernels; its `kernel` is None if only the scalar one can run."""
+        wide = self._wide_kernel()
+        return wide if wide.kernel is not None or self._stand_in is None else self._stand_in
 
     def _wide_kernel(self) -> WideKernel:
         if self._wide is None:

@@ -138,11 +138,14 @@ class Renderer(Picture, Resumable):
                 self.scene, self.device, texture_coordinates=uv, light_choice=self.light_choice, on_features=choose
             )
 
-    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> Any:
-        """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads."""
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
+        """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads.
+
+        If the scene is uploaded already, `read` are the features for which it was.
+        """
         own = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
         features = integrator_features(dataclasses.replace(features, **own), self.integrator, self.settings)
-        self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height)
+        self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
         self._kernel.compile(compile)
         return self._kernel.read
 
@@ -152,7 +155,9 @@ class Renderer(Picture, Resumable):
         path.strategy = STRATEGIES.index(self.strategy)
         table = current_backend().array(filter_table(self.settings.filter), float, self.device.name)
         self._shared_inputs = [self.seed, self._device_camera(), table, self._built.data, path]
-        return self.arguments_for(self.film, self._kernel)
+        arguments = self.arguments_for(self.film, self._kernel)
+        self._kernel.start()
+        return arguments
 
     def _device_camera(self) -> Any:
         assert self.scene.camera is not None

@@ -32,7 +32,7 @@ def sharing(renderer: Renderer, **changes: Any) -> Renderer:
     other._estimate_noise(None)
     other._guides = None
     with other.device.compiling() as compile:
-        other._choose_kernel(other._built.features, compile)
+        other._choose_kernel(other._built.features, compile, other._built.read)
     other._inputs = other._prepare()
     other._kernel.share_wide(renderer._kernel)
     other.seconds_render, other.paths = 0.0, 0

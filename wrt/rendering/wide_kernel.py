@@ -116,6 +116,11 @@ class WideKernel:
                 if self.kernel is None and self._is_usable() and self._is_compiled():
                     self._load()
 
+    def request(self) -> None:
+        """Have the kernel compiled for later renders, unless it is."""
+        if self._is_usable() and not self._is_compiled():
+            self._for_later()()
+
     @property
     def lanes(self) -> int:
         """Paths that the kernel follows at once; 1, as for the scalar kernel, while it is not loaded."""

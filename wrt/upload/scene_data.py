@@ -35,6 +35,7 @@ class BuiltScene:
     Attributes:
         data: the SceneData struct that kernels take.
         features: the features of the scene, which choose the kernel.
+        read: the features for which it was uploaded, those of the kernel.
         world: the meshes in the world's tree, whose vertices can be updated between frames.
         bodies: the bodies and media.
         device: the device.
@@ -42,6 +43,7 @@ class BuiltScene:
 
     data: Any
     features: Any
+    read: Any
     world: WorldMeshes
     bodies: BodyTable
     device: Device
@@ -142,7 +144,7 @@ def build_scene(
     textured = read.textured or read.tangents or texture_coordinates
     _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
     world = _build_trees(data, layout, places, device)
-    built = BuiltScene(data, features, world, bodies, device)
+    built = BuiltScene(data, features, read, world, bodies, device)
     if scene.camera is not None:
         built.look_from(scene.camera)
     return built
