@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from dataclasses import dataclass
 from typing import Any
 
 from wrt import backend
 from wrt.api import load
 from wrt.backend import kernel_cache
+from wrt.backend.builds import Builds
+from wrt.backend.lanes import lanes_here
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import Scene
 
@@ -63,6 +66,28 @@ def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> P
     result = precompiled(renderer, tuple(sorted(modules)))
     backend.note_compiled()
     return result
+
+
+def compile_general() -> str:
+    """Compile the general kernels, which render most scenes whose own kernels are not compiled; say what was done.
+
+    Only processes of the command line use them, on CPUs with a wide kernel.
+    """
+    from wrt.compiling import exercise, general, wide
+    from wrt.kernels.features import Features
+    from wrt.scene.scene import RenderSettings
+
+    builds, lanes = Builds.known(), lanes_here()
+    if builds is None or lanes == 0:
+        return "there is only the scalar kernel"
+    started, count = time.perf_counter(), 0
+    plain = Features((general.TIERS[0].models[0],), False, "none", sampler=RenderSettings().sampler)
+    for features in general.general_features(plain):
+        if not builds.has(wide.name_of_wide(features, lanes)):
+            count += 1
+            wide.compile_wide(features, lanes, builds, exercise.exercise)
+    seconds = time.perf_counter() - started
+    return f"{count} general kernels compiled in {seconds:.1f} s" if count else "everything was compiled before"
 
 
 def precompiled(renderer: Renderer, modules: tuple[str, ...]) -> Precompiled:

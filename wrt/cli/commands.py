@@ -146,12 +146,20 @@ def _convert(options: argparse.Namespace) -> None:
 
 
 def compile(options: argparse.Namespace) -> int:
-    """Compile what renders of the scenes need; return the highest exit status."""
+    """Compile what renders of the scenes need; return the highest exit status.
+
+    Raises:
+        InputError: if nothing is to be compiled.
+    """
     from wrt import backend
     from wrt.cli.exit_status import outcome
     from wrt.cli.signals import Interrupts
     from wrt.progress.bar import short_warnings
 
+    if not options.inputs and not options.general:
+        from wrt.errors import InputError
+
+        raise InputError("name a scene, or give --general")
     worst, nothing = 0, "before everything was compiled"
     ending = (lambda status: give_up(status, nothing)) if options.own_process else None
     with Interrupts(ending) as interrupts, short_warnings(warn):
@@ -162,11 +170,23 @@ def compile(options: argparse.Namespace) -> int:
                 options.input = source
                 several = source if len(options.inputs) > 1 else ""
                 worst = max(worst, outcome(lambda: _compile(options), name=several))
+            if options.general:
+                worst = max(worst, outcome(_compile_general, name="general kernels"))
         except KeyboardInterrupt:
             complain("stopped", nothing)
             worst = interrupts.exit_status
         backend.finish()
     return worst
+
+
+def _compile_general() -> int:
+    """Compile the general kernels, and say what was compiled."""
+    from wrt import backend
+    from wrt.precompiling import compile_general
+
+    backend.leave_compiled()
+    _say(f"general kernels: {compile_general()}")
+    return 0
 
 
 def _compile(options: argparse.Namespace) -> int:

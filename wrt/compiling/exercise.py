@@ -5,6 +5,8 @@ Uploading it uses all functions of `kernels/` that uploads of such scenes need, 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from wrt.backend.device import Device
@@ -46,7 +48,7 @@ from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 from wrt.upload.camera import build_camera
 from wrt.upload.scene_data import build_scene
 
-_FACETS: tuple[dict[str, str], ...] = (
+_FACETS: tuple[dict[str, Any], ...] = (
     {"distribution": "beckmann", "masking": "walter"},
     {"distribution": "ggx", "masking": "smith"},
     {"distribution": "ggx", "masking": "smith-separable"},
@@ -74,6 +76,7 @@ def lights() -> list[Light]:
         SpotLight(above, down, 1.0),
         ProjectorLight(above, down, (1.0, 0.0, 0.0)),
         DirectionalLight(down, 1.0),
+        DirectionalLight(down, 1.0, angle_degrees=0.5),
         RectangleLight(above, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0),
         DiskLight(above, down, 1.0, 1.0),
         SphereLight(above, 1.0, 1.0),
@@ -82,8 +85,9 @@ def lights() -> list[Light]:
 
 def scene() -> Scene:
     """Return a scene of a triangle for each material, all lights, and an image around."""
-    corners, faces = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
-    mesh = Mesh(corners, faces, normals=[[0, 0, 1]] * 3, uvs=[[0, 0], [1, 0], [0, 1]], colors=np.ones((3, 4)))
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    normals = np.array([[0.0, 0.0, 1.0]] * 3)
+    mesh = Mesh(corners, np.array([[0, 1, 2]]), normals=normals, uvs=corners[:, :2], colors=np.ones((3, 4)))
     shapes = [Shape(mesh, material) for material in materials()]
     shapes.append(Shape(mesh, Diffuse(), emission=1.0))
     return Scene(

@@ -1,7 +1,7 @@
 """General kernels: wide kernels that render most scenes whose own kernels are not compiled yet.
 
-They decide at run time what the kernel of a scene knows beforehand (`Features.covers`): slower, with the same bits. Each
-is compiled in the background when a render meets the first scene that it covers, for the scenes to come.
+They decide at run time what the kernel of a scene knows beforehand (`Features.covers`), so they are slower, with the
+same bits. Each is compiled in the background when a render meets the first scene that it covers, for scenes to come.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ def is_general(features: Any) -> bool:
 
 
 def compiled_for(features: Any, lanes: int, builds: Builds) -> Any:
-    """Return the features of the wide kernel that is compiled and suits a scene best: its own or a general one; or None.
+    """Return the features of the best wide kernel that is compiled for a scene: its own, or a general one.
 
-    None, too, if the scene's own scalar kernel is compiled, since its wide one will follow, or there are no lanes.
+    Return None if there is none, and if the scene's own scalar kernel is compiled, whose wide one will follow.
     """
     if lanes == 0 or builds.has(call_name(*MAKE, (features,))):
         return None

@@ -59,7 +59,10 @@ def compile_wide(features: Any, lanes: int, builds: Builds, uses: Callable[[Devi
         Unsupported: when the scalar kernel cannot be translated.
         OSError: when there is not enough disk space.
     """
+    from wrt.backend.warp_backend import WarpBackend
+
     backend, device = current_backend(), Device("cpu")
+    assert isinstance(backend, WarpBackend)
     backend.kernels("wrt.kernels.native.constants")
     device.compile(backend.call(*MAKE, features, lanes))
     if uses is not None:

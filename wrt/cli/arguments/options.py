@@ -308,7 +308,8 @@ def _add_reading(add: Callable[..., object]) -> None:
 
 def _add_compile_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("inputs", metavar="SCENE", nargs="+", help="as for wrt render, like the options below")
+    add("inputs", metavar="SCENE", nargs="*", help="as for wrt render, like the options below")
+    add("--general", action="store_true", help="also the kernels that render most other scenes, slower (two minutes)")
     add("--denoise", action="store_true", help="also what removing noise needs")
     add_studio_options(parser)
     add("--device", metavar="NAME", default="cpu", help="cpu, cuda or cuda:N (default: cpu)")

@@ -1,0 +1,221 @@
+"""General kernels render scenes of other features with the bits of the scenes' own kernels."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import warp as wp
+from conftest import ROOT
+from support.digests import Case, cases, film_digest, rendered
+from test_compiled_backend import render
+
+from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.lanes import lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.compiling import exercise, general
+from wrt.compiling.wide import name_of_wide
+from wrt.kernels.features import Features
+from wrt.rendering import render_kernel
+from wrt.rendering.render_kernel import RenderKernel
+from wrt.upload.materials import model_name
+
+needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
+
+PLAIN = Features(("diffuse",), False, "none", sampler="sobol")
+SMALL, LARGE, WITH_HOLES = general.general_features(PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, [True, True, True]),
+        ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True]),
+        ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True]),
+        ({"models": ("diffuse", "plastic")}, [False, True, True]),
+        ({"models": ("null",)}, [False, False, True]),
+        ({"composite": "mixed"}, [False, False, True]),
+        ({"opacity": True}, [False, False, True]),
+        ({"models": ("dielectric:schlick",)}, [False, False, False]),
+        ({"models": ("somebodys",)}, [False, False, False]),
+        ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
+        ({"sampler": "independent"}, [False, False, False]),
+        ({"instances": "still"}, [False, False, False]),
+        ({"spheres": True}, [False, False, False]),
+        ({"integrator": "whitted"}, [False, False, False]),
+    ],
+)
+def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
+    scene = dataclasses.replace(PLAIN, **changes)
+    assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
+    assert not PLAIN.covers(WITH_HOLES)
+
+
+@pytest.mark.parametrize("changes", [{"media": "absorbing"}, {"aovs": True}, {"clamped": True}, {"cameras": ("own",)}])
+def test_there_are_none_for_what_few_use(changes: dict[str, Any]) -> None:
+    assert general.general_features(dataclasses.replace(PLAIN, **changes)) == []
+
+
+@pytest.mark.parametrize("changes", [{}, {"sampler": "independent"}, {"instances": "moving"}, {"spheres": True}])
+def test_they_are_told_from_those_of_scenes(changes: dict[str, Any]) -> None:
+    scene = dataclasses.replace(PLAIN, **changes)
+    assert all(general.is_general(kernel) for kernel in general.general_features(scene))
+    assert not general.is_general(scene)
+
+
+def test_the_exercise_has_all_models_and_lights() -> None:
+    names = {model_name(material) for material in exercise.materials() if not material.parts}
+    assert names == set(general.TIERS[-1].models)
+    assert {light.model for light in exercise.lights()} >= set(WITH_HOLES.light_shapes)
+
+
+class Notes(Builds):
+    """Notes on kernels with these names, all of which are in the cache."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def has(self, call: str) -> bool:
+        return call in self.names
+
+
+def test_the_best_that_is_compiled_is_chosen() -> None:
+    own, own_wide = general.call_name(*general.MAKE, (PLAIN,)), name_of_wide(PLAIN, 16)
+    wides = [name_of_wide(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
+    assert general.compiled_for(PLAIN, 16, Notes(own, own_wide, *wides)) is None
+    assert general.compiled_for(PLAIN, 16, Notes(own_wide, *wides)) == PLAIN
+    assert general.compiled_for(PLAIN, 16, Notes(*wides)) == SMALL
+    assert general.compiled_for(PLAIN, 16, Notes(*wides[2:])) == WITH_HOLES
+    assert general.compiled_for(PLAIN, 8, Notes(*wides)) is None
+    assert general.compiled_for(PLAIN, 0, Notes(own_wide, *wides)) is None
+    assert general.compiled_for(PLAIN, 16, Notes()) is None
+
+
+# --- Bits -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def by_general(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
+    """Have the general kernel with holes, as a scalar one, render what it covers; return the scenes' own features."""
+    seen: list[Features] = []
+    make = RenderKernel.__init__
+
+    def init(self: RenderKernel, device: Any, features: Features, *rest: Any, **options: Any) -> None:
+        covering = general.general_features(features)[-1:]
+        seen.extend([features] * len(covering))
+        make(self, device, covering[0] if covering else features, *rest, **options)
+
+    monkeypatch.setattr(render_kernel.RenderKernel, "__init__", init)
+    return seen
+
+
+CASES = cases()
+FEW_USE = ("layers", "clamp_indirect", "regularization")
+"""Options of cases for which there are no general kernels."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("plain-perspective", "models-perspective", "textures-perspective", "picture-light-shapes"),
+        *("picture-light-sky-evening", "picture-city", "picture-tutorial-light", "built-in-teapot"),
+    ],
+)
+def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
+    options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
+    case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})
+    own = film_digest(own_film(case))
+    assert film_digest(rendered(case)) == own
+    assert len(set(by_general)) == 1
+
+
+def own_film(case: Case) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(general, "general_features", lambda _: [])
+        return rendered(case)
+
+
+# --- From the shell -------------------------------------------------------------------------------
+
+COMPILE = """
+import sys
+import warp as wp
+from wrt.backend.builds import Builds
+from wrt.compiling.exercise import exercise
+from wrt.compiling.general import general_features
+from wrt.compiling.wide import compile_wide
+from wrt.kernels.features import Features
+plain = Features(("diffuse",), False, "none", sampler="sobol")
+compile_wide(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exercise)
+"""
+
+NEW = """
+[camera]
+origin = [0, 0, 3]
+[environment]
+type = "constant"
+radiance = 0.5
+[[lights]]
+type = "spot"
+position = [1, 1, 2]
+direction = [-1, -1, -2]
+intensity = 9.0
+[materials.painted]
+type = "principled"
+base_color = { texture = "squares.png" }
+metallic = 0.5
+[[shapes]]
+type = "quad"
+origin = [-1, -1, 0]
+edge_u = [2, 0, 0]
+edge_v = [0, 2, 0]
+material = "painted"
+"""
+
+
+@pytest.fixture
+def variables(tmp_path: Path) -> dict[str, str]:
+    """Return variables by which nothing is known to be compiled, though it may well be."""
+    wp.init()
+    kernels = Path(wp.config.kernel_cache_dir).parent  # Warp adds its version
+    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache"), "WARP_CACHE_PATH": str(kernels)}
+    return {**os.environ, **own, "WRT_WIDE": ""}
+
+
+@needs_lanes
+@pytest.mark.slow
+def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path, variables: dict[str, str]) -> None:
+    from PIL import Image
+
+    Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
+    (tmp_path / "new.toml").write_text(NEW)
+    assert render(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
+    lanes = str(lanes_of(processor_flags()))
+    subprocess.run([sys.executable, "-c", COMPILE, lanes], cwd=tmp_path, env=variables, check=True)
+    assert render(tmp_path, variables, "general.npy", "new.toml") == (False, "")
+    alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
+    assert render(tmp_path, alone, "own.npy", "new.toml") == (True, "")
+    assert (tmp_path / "general.npy").read_bytes() == (tmp_path / "own.npy").read_bytes()
+
+
+def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The general kernel cannot be loaded, so the render is prepared again with Warp."""
+    kernel: Any = object.__new__(RenderKernel)
+    kernel.__dict__.update(scalar=None, read=SMALL, records=(), _stand_in=None, _features=PLAIN, _device=None)
+
+    class Useless:
+        kernel = None
+
+        def __init__(self, *_: Any) -> None: ...
+
+        def expect(self, _: float) -> None: ...
+
+    monkeypatch.setattr(render_kernel, "WideKernel", Useless)
+    with pytest.raises(NotCompiled):
+        kernel.start()
