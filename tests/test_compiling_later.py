@@ -22,6 +22,7 @@ from wrt.backend.lanes import SWITCH as WIDE
 from wrt.backend.lanes import lanes_of
 from wrt.backend.processor import processor_flags
 from wrt.compiling import later
+from wrt.compiling.general import general_features, is_general
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
 from wrt.describe.system import system_text
 from wrt.kernels.features import Features
@@ -60,7 +61,8 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
     """Return what `main` has compiled, which it only notes here; diffuse surfaces cannot be translated."""
     features: list[Features] = []
 
-    def compile_wide(asked: Features, lanes: int, builds: Builds) -> None:
+    def compile_wide(asked: Features, lanes: int, builds: Builds, uses: Any) -> None:
+        assert (uses is not None) == is_general(asked)
         if asked == DIFFUSE:
             raise Unsupported("diffuse")
         features.append(asked)
@@ -159,6 +161,15 @@ def test_what_is_requested_is_compiled_once(
     assert started == [kernels, others]
 
 
+def test_a_general_kernel_is_compiled_with_what_its_scenes_need(
+    started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path
+) -> None:
+    kernel = general_features(DIFFUSE)[0]
+    request(kernel, 8, builds, tmp_path)
+    assert serve(builds, tmp_path) == 0
+    assert compiled == [kernel]
+
+
 def test_what_cannot_be_compiled_is_left_for_an_hour(
     started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path
 ) -> None:
@@ -253,8 +264,10 @@ def until(condition: Any, seconds: float = 900.0) -> None:
 
 SHORT = """
 import sys
+from wrt.compiling import general
 from wrt.rendering import wide_kernel
 from wrt.cli import main
+general.general_features = lambda features: []  # they take longer to compile
 wide_kernel.COMPILED_LOADING_SECONDS = wide_kernel.LOADING_SECONDS = 0.0
 wide_kernel.COMPILING_SECONDS, wide_kernel.WORTH_SECONDS = 1e9, 0.0
 sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", sys.argv[1], "--quiet"]

@@ -15,6 +15,7 @@ from conftest import ROOT
 from support.digests import Case, cases, film_digest, rendered
 from test_compiled_backend import render
 
+import wrt
 from wrt.backend.builds import Builds, NotCompiled
 from wrt.backend.lanes import lanes_of
 from wrt.backend.processor import processor_flags
@@ -23,6 +24,7 @@ from wrt.compiling.wide import name_of_wide
 from wrt.kernels.features import Features
 from wrt.rendering import render_kernel
 from wrt.rendering.render_kernel import RenderKernel
+from wrt.rendering.wide_kernel import WideKernel
 from wrt.upload.materials import model_name
 
 needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
@@ -202,6 +204,18 @@ def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path, variables: dict[str, 
     alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
     assert render(tmp_path, alone, "own.npy", "new.toml") == (True, "")
     assert (tmp_path / "general.npy").read_bytes() == (tmp_path / "own.npy").read_bytes()
+
+
+@needs_lanes
+def test_the_command_line_has_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    requested: list[Features] = []
+    monkeypatch.setattr(WideKernel, "request", lambda kernel: requested.append(kernel._features))
+    monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
+    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
+    for own_process, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
+        monkeypatch.setattr(render_kernel, "is_own_process", lambda own=own_process: own)
+        renderer._kernel.launch([1, *renderer._inputs], seconds)
+        assert requested == [SMALL] * expected
 
 
 def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:

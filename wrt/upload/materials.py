@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
-from wrt.kernels.registry import model_number
 from wrt.scene.materials import Material, Mix, TwoSided
 from wrt.scene.textures import (
     CHANNELS,
@@ -104,8 +103,9 @@ class MaterialTable:
             data.normal_maps = backend.array(normal_maps, k.NormalMapRecord, device.name)
 
     def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
-        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+        from wrt.kernels.registry import model_number
 
+        k = current_backend().kernels("wrt.kernels.scene.scene_data")
         record["first_slot"] = len(slots.rows)
         for value in material.slots:
             slots.add(value)
