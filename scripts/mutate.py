@@ -2,7 +2,7 @@
 
     python scripts/mutate.py [--only NAME ...] [--jobs N] [--timeout SECONDS] [--list]
 
-The faults stand in `mutants.py`. Each has a copy of the tree and a kernel cache of its own, since kernels of a fault
+The faults stand in `mutants/`. Each has a copy of the tree and a kernel cache of its own, since kernels of a fault
 must not reach other runs. First the tests run without the fault, for a test that fails anyway notices nothing; what
 passed before in this run is not repeated. Results go to docs/measured/proofs/mutants.json, from which `proofs.py` makes
 docs/proofs.md. The status is 1 if a fault survives.

@@ -1,0 +1,15 @@
+"""Faults that `mutate.py` plants: a file, a text in it, the text in its place, and the tests that should notice."""
+
+from . import cuda, light, media, pictures, reflection
+from .mutant import Mutant
+
+MUTANTS: tuple[Mutant, ...] = (
+    *reflection.FAULTS,
+    *media.FAULTS,
+    *light.FAULTS,
+    *pictures.FAULTS,
+    *cuda.FAULTS,
+)
+"""All faults, by subject."""
+
+__all__ = ["MUTANTS", "Mutant"]

@@ -1,0 +1,104 @@
+"""Faults of what runs on CUDA alone, or for small scenes only there."""
+
+from __future__ import annotations
+
+from .mutant import Mutant
+
+FAULTS: tuple[Mutant, ...] = (
+    Mutant(
+        "cuda-digit",
+        "cuda",
+        "kernels/native/low_discrepancy.h",
+        "columns[dimension - 2][__ffs(rest) - 1]",
+        "columns[dimension - 2][__ffs(rest) & 31]",
+        "tests/test_emulated_cuda.py -k 'films_agree and moving'",
+    ),
+    Mutant(
+        "cuda-reversed-bits",
+        "cuda",
+        "kernels/native/low_discrepancy.h",
+        "return __brev(bits);",
+        "return __brev(bits) | 1u << 31;",
+        "tests/test_emulated_cuda.py -k 'films_agree and cornell'",
+    ),
+    Mutant(
+        "cuda-contraction",
+        "cuda",
+        "kernels/native/vectors.h",
+        "return __fmul_rn(a, b);",
+        "return a * b;",
+        "tests/test_emulated_cuda.py -k edges",
+    ),
+    Mutant(
+        "cuda-lowest-bit",
+        "cuda",
+        "kernels/native/vectors.h",
+        "return __ffs(m) - 1;",
+        "return 31 - __clz(m);",
+        "tests/test_emulated_cuda.py -k difficult",
+    ),
+    Mutant(
+        "cuda-near-side",
+        "cuda",
+        "kernels/native/boxes.h",
+        "ray.near_shift[k] = slab.shift + slab.error;",
+        "ray.near_shift[k] = slab.shift - 2.0f * slab.error;",
+        "tests/test_emulated_cuda.py -k sides",
+    ),
+    Mutant(
+        "cuda-leaves-surface",
+        "cuda",
+        "kernels/native/triangles.h",
+        "hits |= (unsigned)(exceeds_error(s, d, ray.shear) != 0) << k;",
+        "hits |= 1u << k;",
+        "tests/test_emulated_cuda.py -k edges",
+    ),
+    Mutant(
+        "cuda-equal-distance",
+        "cuda",
+        "kernels/native/triangles.h",
+        "& (d.t <= nearest.t))) continue;",
+        "& (d.t < nearest.t))) continue;",
+        "tests/test_emulated_cuda.py -k coincident_triangles",
+    ),
+    Mutant(
+        "cuda-barycentric",
+        "cuda",
+        "kernels/native/triangles.h",
+        "vs[k] = s.w * d.inverse_det;",
+        "vs[k] = s.u * d.inverse_det;",
+        "tests/test_emulated_cuda.py -k 'hits_agree and single'",
+    ),
+    Mutant(
+        "cuda-packets",
+        "cuda",
+        "wrt/rendering/intersector.py",
+        "elif self.device.is_cpu and n >= SMALL_BATCH",
+        "elif n >= SMALL_BATCH",
+        "tests/test_emulated_cuda.py -k 'hits_agree and packets'",
+    ),
+    Mutant(
+        "cuda-subtrees",
+        "cuda",
+        "wrt/upload/accel/binary_tree.py",
+        "sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES",
+        "sizes = CPU_SIZES",
+        "tests/test_emulated_cuda.py -k 'trees and soup'",
+    ),
+    Mutant(
+        "cuda-chunk-bins",
+        "cuda",
+        "kernels/accel/build/top.py",
+        "wp.min(chunks.bin_boxes[bins + k], chunks.bin_boxes[of])",
+        "chunks.bin_boxes[of]",
+        "tests/test_emulated_cuda.py -k 'trees and soup'",
+    ),
+    Mutant(
+        "cuda-chunk-centres",
+        "cuda",
+        "kernels/accel/build/top.py",
+        "right = wp.min(right, chunks.centers[2 * c + 1])",
+        "right = wp.min(right, chunks.centers[2 * c])",
+        "tests/test_emulated_cuda.py -k 'trees and soup'",
+    ),
+)
