@@ -79,6 +79,8 @@ def measured(
 ) -> dict[str, dict[str, float]]:
     """Return medians of whole processes by program, in turn, after a first run whose compilers have ended.
 
+    Each program has `first_cpu_seconds` and `first_seconds`, of that run, besides.
+
     Raises:
         RuntimeError: when a program fails.
     """
@@ -89,12 +91,12 @@ def measured(
             for program, command in commands(file, spp, options.size).items():
                 found = run(command, folder, variables)
                 wait_for_compiler(Path(variables["XDG_CACHE_HOME"]))
-                if repeat > 0:
-                    runs[program].append(found)
-    return {
-        program: {key: statistics.median(each[key] for each in found) for key in found[0]}
-        for program, found in runs.items()
-    }
+                runs[program].append(found)
+    medians: dict[str, dict[str, float]] = {}
+    for program, (first, *others) in runs.items():
+        medians[program] = {key: statistics.median(each[key] for each in others) for key in first}
+        medians[program] |= {f"first_{key}": first[key] for key in ("cpu_seconds", "seconds")}
+    return medians
 
 
 def benchmark_found(options: argparse.Namespace) -> dict[str, Any]:
@@ -106,8 +108,8 @@ def benchmark_found(options: argparse.Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or fetched(Path(temporary))
         variables["XDG_CACHE_HOME"] = str(options.cache or Path(temporary, "cache"))
-        print("| scene | spp | wrt, s of CPU | Mitsuba | ratio | wrt, s | Mitsuba |")
-        print("| --- | --- | --- | --- | --- | --- | --- |")
+        print("| scene | spp | wrt, s of CPU | Mitsuba | ratio | wrt, s | Mitsuba | wrt's first, s of CPU | s |")
+        print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
         for name in options.scenes:
             if folder is None or not (file := folder / FILES[name]).is_file():
                 print(f"{name}: not there, and left out", file=sys.stderr)
@@ -122,10 +124,12 @@ def benchmark_found(options: argparse.Namespace) -> dict[str, Any]:
                 ratio = other["cpu_seconds"] / wrt["cpu_seconds"]
                 rows.append({"scene": name, "spp": spp, "programs": medians, "ratio": ratio})
                 cpu = f"{wrt['cpu_seconds']:.2f} | {other['cpu_seconds']:.2f} | {ratio:.2f}"
-                print(f"| `{name}` | {spp} | {cpu} | {wrt['seconds']:.2f} | {other['seconds']:.2f} |", flush=True)
+                first = f"{wrt['first_cpu_seconds']:.2f} | {wrt['first_seconds']:.2f}"
+                seconds = f"{wrt['seconds']:.2f} | {other['seconds']:.2f}"
+                print(f"| `{name}` | {spp} | {cpu} | {seconds} | {first} |", flush=True)
     for spp in options.spp:
         if ratios := [row["ratio"] for row in rows if row["spp"] == spp]:
-            print(f"| geometric mean | {spp} |  |  | **{geometric_mean(ratios):.2f}** |  |  |")
+            print(f"| geometric mean | {spp} |  |  | **{geometric_mean(ratios):.2f}** |  |  |  |  |")
     return {"benchmark": "found", "repeats": options.repeats, "size": options.size, "rows": rows}
 
 
