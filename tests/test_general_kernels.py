@@ -91,6 +91,8 @@ def test_the_best_that_is_compiled_is_chosen() -> None:
     wides = [name_of_wide(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
     assert general.compiled_for(PLAIN, 16, Notes(own, own_wide, *wides)) is None
     assert general.compiled_for(PLAIN, 16, Notes(own_wide, *wides)) == PLAIN
+    assert general.compiled_for(PLAIN, 16, Notes(own, *wides)) == SMALL
+    assert general.compiled_for(PLAIN, 16, Notes(own)) is None
     assert general.compiled_for(PLAIN, 16, Notes(*wides)) == SMALL
     assert general.compiled_for(PLAIN, 16, Notes(*wides[2:])) == WITH_HOLES
     assert general.compiled_for(PLAIN, 8, Notes(*wides)) is None

@@ -71,9 +71,10 @@ def is_general(features: Any) -> bool:
 def compiled_for(features: Any, lanes: int, builds: Builds) -> Any:
     """Return the features of the best wide kernel that is compiled for a scene: its own, or a general one.
 
-    Return None if there is none, and if the scene's own scalar kernel is compiled, whose wide one will follow.
+    Return None if there is none, and if both of the scene's own kernels are compiled, so that none need stand in.
     """
-    if lanes == 0 or builds.has(call_name(*MAKE, (features,))):
+    if lanes == 0:
         return None
-    kernels = (features, *general_features(features))
-    return next((kernel for kernel in kernels if builds.has(name_of_wide(kernel, lanes))), None)
+    if builds.has(name_of_wide(features, lanes)):
+        return None if builds.has(call_name(*MAKE, (features,))) else features
+    return next((kernel for kernel in general_features(features) if builds.has(name_of_wide(kernel, lanes))), None)
