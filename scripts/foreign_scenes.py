@@ -30,6 +30,10 @@ import wrt
 BLOCK = 8
 """Side of the blocks that are compared, in pixels: wide enough that few samples are shared through filters."""
 
+BORDER = 2
+"""Pixels at the edges that are not compared. Mitsuba takes no samples beyond the film, wrt does where the filter
+reaches there; both programs' widest default filter, Gaussian, has a radius of 2."""
+
 RUNS = 16
 """Independent renderings by Mitsuba, whose spread is its error."""
 
@@ -103,7 +107,7 @@ def compare(verdict: Verdict, scene: wrt.Scene, path: Path, *, height: int, spp:
     if scene.settings.integrator not in (None, "path", "direct"):
         return
     settings = scene.settings
-    width = max(BLOCK, round(height * settings.width / settings.height / BLOCK) * BLOCK)
+    width = max(BLOCK, round(height * settings.width / settings.height / BLOCK) * BLOCK) + 2 * BORDER
     # Another shape of the picture would show more or less of the scene, in either program.
     height = max(1, round(width * settings.height / settings.width))
     if settings.crop is not None:
@@ -145,6 +149,8 @@ def judge(verdict: Verdict, ours: NDArray[Any], variance: NDArray[Any], theirs: 
     """Compare a picture and the variance of its pixels with several independent ones."""
     from scipy.stats import t
 
+    inner = slice(BORDER, -BORDER)
+    ours, variance, theirs = ours[inner, inner], variance[inner, inner], theirs[:, inner, inner]
     mean, error = float(ours.mean()), float(np.sqrt(variance.sum()) / ours.size)
     means = theirs.mean(axis=(1, 2, 3))
     their_mean, their_error = float(means.mean()), float(means.std(ddof=1) / np.sqrt(RUNS))

@@ -1,13 +1,15 @@
-"""Ways to damage a file: bytes, numbers, words, lines, and the trees of JSON files and the chunks of PNG files.
+"""Ways to damage a file: bytes, numbers, words, lines, trees of JSON, chunks of PNG, and what 3MF archives hold.
 
 All randomness comes from one `random.Random`, so a seed identifies an input; Hypothesis passes its own.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable, Sequence
 from random import Random
@@ -387,7 +389,30 @@ _TEXT = (
     _lines,
 )
 _MIXED = (*_BINARY, _number, _word, _lines)
+
+
+def _member(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Damage a file within a ZIP archive as one of its kind, and write a whole archive of it and the rest."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {info.filename: archive.read(info) for info in archive.infolist()}
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError):
+        return data
+    # Models matter more than images.
+    name = rng.choice([name for name in members for _ in range(1 if name.endswith(".png") else 2)] or [""])
+    if not name:
+        return data
+    ways = _WAYS["png" if name.endswith(".png") else "xml"]
+    members[name] = rng.choice(ways)(rng, members[name], (members[name],))
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for each, content in members.items():
+            archive.writestr(zipfile.ZipInfo(each), content)
+    return held.getvalue()
+
+
 _WAYS = {
+    "3mf": (*_BINARY, *(_member,) * 20),
     "obj": (*_TEXT, _bom),
     "mtl": (*_TEXT, _bom),
     "off": (*_TEXT, _bom),

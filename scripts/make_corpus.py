@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import struct
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -345,6 +347,40 @@ def gltf(image: bytes, *, binary: bool) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
+THREEMF = """\
+<?xml version="1.0"?>
+<model unit="millimeter" xmlns:m="m" xmlns:p="p"><resources>
+<m:texture2d id="5" path="/3D/Textures/colors.png" contenttype="image/png"/>
+<m:texture2dgroup id="6" texid="5"><m:tex2coord u="0" v="0"/><m:tex2coord u="1" v="0.5"/></m:texture2dgroup>
+<m:colorgroup id="2"><m:color color="#FF0000"/><m:color color="#00FF0080"/></m:colorgroup>
+<basematerials id="3"><base name="a" displaycolor="#FFFFFF"/><base name="b" displaycolor="#102030FF"/></basematerials>
+<m:compositematerials id="4" matid="3" matindices="0 1"><m:composite values="0.25 0.75"/></m:compositematerials>
+<object id="1" pid="3" pindex="1"><mesh>
+<vertices><vertex x="0" y="0" z="0"/><vertex x="1" y="0" z="0"/><vertex x="1" y="1" z="0"/><vertex x="0" y="1" z="0"/>
+</vertices>
+<triangles><triangle v1="0" v2="1" v3="2" pid="2" p1="0" p2="1" p3="0"/><triangle v1="0" v2="2" v3="3" pid="6" p1="0"/>
+<triangle v1="0" v2="3" v3="2" pid="4" p1="0"/></triangles></mesh></object>
+<object id="7"><components><component objectid="1" transform="1 0 0 0 1 0 0 0 1 2 0 0"/>
+<component p:path="/3D/other.model" objectid="1"/></components></object>
+</resources><build><item objectid="1"/><item objectid="7" transform="2 0 0 0 2 0 0 0 2 0 0 5"/></build></model>
+"""
+THREEMF_PART = """\
+<model unit="millimeter"><resources><object id="1"><mesh><vertices><vertex x="0" y="0" z="1"/>
+<vertex x="1" y="0" z="1"/><vertex x="1" y="1" z="1"/></vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object>
+</resources><build/></model>
+"""
+
+
+def threemf(image: bytes) -> bytes:
+    """Return a 3MF archive of two parts, with colours, a texture, a mixture and components."""
+    held = io.BytesIO()
+    parts = {"3D/3dmodel.model": THREEMF, "3D/other.model": THREEMF_PART, "3D/Textures/colors.png": image}
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in parts.items():
+            archive.writestr(zipfile.ZipInfo(name), data)
+    return held.getvalue()
+
+
 def main() -> None:
     """Write every file."""
     from PIL import Image
@@ -388,6 +424,7 @@ def main() -> None:
     image = (SEEDS / "colors.png").read_bytes()
     write("scene.gltf", gltf(image, binary=False))
     write("scene.glb", gltf(image, binary=True))
+    write("parts.3mf", threemf(image))
     write("shapes.toml", TOML_SHAPES)
     write("sky.toml", TOML_SKY)
     write("plugins.xml", XML_SCENE)

@@ -1,4 +1,4 @@
-"""COLLADA files are read by trimesh's extra, 3MF files without one, and STEP is told apart."""
+"""COLLADA files are read by trimesh's extra, 3MF files without one, and STEP files by Open CASCADE."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import zipfile
 
 import numpy as np
 import pytest
-from support.meshes import write
+from support.meshes import area, write
 
 import wrt
 from wrt.io.load_mesh import load_file, load_mesh
+from wrt.scene.srgb import linear_from_srgb
 
 
 def test_3mf_and_collada_files(tmp_path):
@@ -50,9 +51,86 @@ def test_without_the_extra_it_is_named(tmp_path, monkeypatch):
         load_mesh(write(tmp_path, "box.dae", "<COLLADA>"))
 
 
-def test_step_is_told(tmp_path):
-    with pytest.raises(wrt.InputError, match="a STEP file, whose surfaces are no triangles"):
-        load_mesh(write(tmp_path, "part.step", b"ISO-10303-21;\nHEADER;\n"))
+STEP_BALL = """\
+ISO-10303-21;
+HEADER;
+FILE_DESCRIPTION((''),'2;1');
+FILE_NAME('ball','2020-01-01T00:00:00',(''),(''),'','','');
+FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));
+ENDSEC;
+DATA;
+#1=APPLICATION_CONTEXT('automotive design');
+#2=APPLICATION_PROTOCOL_DEFINITION('international standard','automotive_design',2000,#1);
+#3=PRODUCT_CONTEXT('',#1,'mechanical');
+#4=PRODUCT('ball','ball','',(#3));
+#5=PRODUCT_DEFINITION_FORMATION('','',#4);
+#6=PRODUCT_DEFINITION_CONTEXT('part definition',#1,'design');
+#7=PRODUCT_DEFINITION('design','',#5,#6);
+#8=PRODUCT_DEFINITION_SHAPE('','',#7);
+#9=SHAPE_DEFINITION_REPRESENTATION(#8,#10);
+#10=ADVANCED_BREP_SHAPE_REPRESENTATION('',(#11,#20),#12);
+#11=AXIS2_PLACEMENT_3D('',#31,#32,#33);
+#12=(GEOMETRIC_REPRESENTATION_CONTEXT(3) GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#16))
+GLOBAL_UNIT_ASSIGNED_CONTEXT((#13,#14,#15)) REPRESENTATION_CONTEXT('',''));
+#13=(LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(PREFIX,.METRE.));
+#14=(NAMED_UNIT(*) PLANE_ANGLE_UNIT() SI_UNIT($,.RADIAN.));
+#15=(NAMED_UNIT(*) SI_UNIT($,.STERADIAN.) SOLID_ANGLE_UNIT());
+#16=UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(1.E-07),#13,'distance_accuracy_value','');
+#20=MANIFOLD_SOLID_BREP('',#21);
+#21=CLOSED_SHELL('',(#22));
+#22=ADVANCED_FACE('',(#23),#26,.T.);
+#23=FACE_BOUND('',#24,.T.);
+#24=VERTEX_LOOP('',#25);
+#25=VERTEX_POINT('',#34);
+#26=SPHERICAL_SURFACE('',#30,10.);
+#30=AXIS2_PLACEMENT_3D('',#35,#32,#33);
+#31=CARTESIAN_POINT('',(0.,0.,0.));
+#32=DIRECTION('',(0.,0.,1.));
+#33=DIRECTION('',(1.,0.,0.));
+#34=CARTESIAN_POINT('',(5.,0.,-10.));
+#35=CARTESIAN_POINT('',(5.,0.,0.));
+#40=MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',(#41),#12);
+#41=STYLED_ITEM('color',(#42),#20);
+#42=PRESENTATION_STYLE_ASSIGNMENT((#43));
+#43=SURFACE_STYLE_USAGE(.BOTH.,#44);
+#44=SURFACE_SIDE_STYLE('',(#45));
+#45=SURFACE_STYLE_FILL_AREA(#46);
+#46=FILL_AREA_STYLE('',(#47));
+#47=FILL_AREA_STYLE_COLOUR('',#48);
+#48=COLOUR_RGB('',0.8,0.4,0.2);
+ENDSEC;
+END-ISO-10303-21;
+"""
+"""A ball of radius 10 around (5, 0, 0), in a unit to be named in place of PREFIX."""
+
+
+@pytest.mark.parametrize(("prefix", "unit"), [(".MILLI.", 1e-3), (".CENTI.", 1e-2), ("$", 1.0)])
+def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path, prefix, unit):
+    pytest.importorskip("cascadio")
+    (shape,) = load_file(write(tmp_path, "ball.stp", STEP_BALL.replace("PREFIX", prefix))).shapes
+    out = shape.mesh.vertices / unit - np.array([5.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.linalg.norm(out, axis=1), 10.0, rtol=1e-5)
+    assert shape.mesh.normals is not None
+    np.testing.assert_allclose(shape.mesh.normals, out / 10.0, atol=1e-4)
+    # Between the vertices the surface is inside by at most the sagitta, so that the area is that of a ball to 1 %.
+    assert area(shape.mesh) == pytest.approx(400.0 * np.pi * unit**2, rel=0.01)
+    np.testing.assert_allclose(shape.material.base_color, linear_from_srgb(np.array([0.8, 0.4, 0.2])), atol=1e-3)
+
+
+def test_step_files_that_cannot_be_read_are_refused_in_one_line(tmp_path, monkeypatch, capfd):
+    pytest.importorskip("cascadio")
+    for text in ("ISO-10303-21;\nHEADER;\n", STEP_BALL[:600], "solid", STEP_BALL.replace("#20=", "#99=")):
+        with pytest.raises(wrt.InputError, match=r"part\.step: [^\n]*$"):
+            load_mesh(write(tmp_path, "part.step", text))
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(wrt.InputError, match=r"part\.step: STEP files need Open CASCADE: pip install 'wrt\[step\]'"):
+        load_mesh(write(tmp_path, "part.step", STEP_BALL))
+
+
+def test_a_step_file_of_another_name_is_told(tmp_path):
+    with pytest.raises(wrt.InputError, match=r"it looks to be a STEP file; rename it to end in \.step"):
+        load_mesh(write(tmp_path, "part.cad", b"ISO-10303-21;\nHEADER;\n"))
 
 
 def test_a_contact_sheet_has_a_verdict_for_each_file(tmp_path, capsys):

@@ -31,7 +31,7 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (rb"PK\x03\x04.{26}[^/]+\.usd", "a USD archive", (".usdz",)),
     (rb"#usda 1\.", "a USD file", (".usda", ".usd")),
     (rb"PXR-USDC", "a USD file", (".usdc", ".usd")),
-    (rb"ISO-10303-21;", "a STEP file, whose surfaces are no triangles; export it as STL or glTF", ()),
+    (rb"ISO-10303-21;", "a STEP file", (".step", ".stp")),
     (rb"PK\x03\x04", "a ZIP archive; unpack it", ()),
     (rb"\x1f\x8b|BZh|\xfd7zXZ\0|7z\xbc\xaf|\x28\xb5\x2f\xfd", "a compressed file; unpack it", ()),
     (rb"%PDF", "a PDF document", (".pdf",)),
@@ -54,7 +54,7 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
 )
 
 _OF_SCENES = ".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz"
-_RENDERED = ".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", *_OF_SCENES
+_RENDERED = ".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", ".step", *_OF_SCENES
 
 
 def looks_like(data: bytes) -> tuple[str, tuple[str, ...]] | None:

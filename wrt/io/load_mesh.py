@@ -1,8 +1,8 @@
 """Load mesh files and trimesh objects as scenes.
 
 trimesh loads OBJ, PLY, STL, glTF and GLB, and by an extra COLLADA; Pixar's library loads USD; NumPy
-archives hold plain arrays. Axes and units are kept, but those of USD, because formats disagree about them and most do
-not state them.
+archives hold plain arrays; Open CASCADE loads STEP. Axes and units are kept, but those of USD and the
+units of STEP, because formats disagree about them and most do not state them.
 """
 
 from __future__ import annotations
@@ -26,10 +26,24 @@ GLTF_SUFFIXES = (".gltf", ".glb")
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of USD files, which Pixar's library reads."""
 
+STEP_SUFFIXES = (".step", ".stp")
+"""Suffixes of STEP files, whose surfaces a library turns into triangles."""
+
 ARRAYS_SUFFIX = ".npz"
 """Suffix of NumPy archives, whose meshes are not repaired."""
 
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae", ARRAYS_SUFFIX, *USD_SUFFIXES)
+MESH_SUFFIXES = (
+    ".obj",
+    ".ply",
+    ".stl",
+    ".off",
+    *GLTF_SUFFIXES,
+    ".3mf",
+    ".dae",
+    *STEP_SUFFIXES,
+    ARRAYS_SUFFIX,
+    *USD_SUFFIXES,
+)
 """Suffixes of mesh files, in lower or upper case."""
 
 
@@ -109,6 +123,10 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
         from wrt.io.mesh.threemf import read_3mf
 
         return read_3mf(file, data)
+    if suffix in STEP_SUFFIXES:
+        from wrt.io.mesh.step import read_step
+
+        return read_step(file, data)
     if suffix == ".dae":
         from wrt.io.by_trimesh import read_by_trimesh
 

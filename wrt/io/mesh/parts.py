@@ -91,7 +91,9 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
         a, b, c = linear
         cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
         normals = (np.asarray(normals, np.float64) @ cofactors.T) * (-1.0 if mirrored else 1.0)
-    vertices = np.asarray(part.vertices, np.float64) @ linear.T + matrix[:3, 3]
+    # Places that overflow are refused with all other vertices that are not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = np.asarray(part.vertices, np.float64) @ linear.T + matrix[:3, 3]
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
 
 
