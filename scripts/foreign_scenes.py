@@ -107,7 +107,7 @@ def compare(verdict: Verdict, scene: wrt.Scene, path: Path, *, height: int, spp:
     if scene.settings.integrator not in (None, "path", "direct"):
         return
     settings = scene.settings
-    width = max(BLOCK, round(height * settings.width / settings.height / BLOCK) * BLOCK) + 2 * BORDER
+    width = max(BLOCK, round(height * settings.width / settings.height / BLOCK) * BLOCK)
     # Another shape of the picture would show more or less of the scene, in either program.
     height = max(1, round(width * settings.height / settings.width))
     if settings.crop is not None:

@@ -366,7 +366,8 @@ THREEMF = """\
 """
 THREEMF_PART = """\
 <model unit="millimeter"><resources><object id="1"><mesh><vertices><vertex x="0" y="0" z="1"/>
-<vertex x="1" y="0" z="1"/><vertex x="1" y="1" z="1"/></vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object>
+<vertex x="1" y="0" z="1"/><vertex x="1" y="1" z="1"/></vertices>
+<triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object>
 </resources><build/></model>
 """
 
