@@ -68,10 +68,13 @@ def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> P
     return result
 
 
-def compile_general() -> str:
+def compile_general(sampler: str | None = None) -> str:
     """Compile the general kernels, which render most scenes whose own kernels are not compiled; say what was done.
 
     Only processes of the command line use them, on CPUs with a wide kernel.
+
+    Args:
+        sampler: the sampler of later renders; by default that of scenes which name none.
     """
     from wrt.compiling import exercise, general, wide
     from wrt.kernels.features import Features
@@ -81,7 +84,7 @@ def compile_general() -> str:
     if builds is None or lanes == 0:
         return "there is only the scalar kernel"
     started, count = time.perf_counter(), 0
-    plain = Features((general.TIERS[0].models[0],), False, "none", sampler=RenderSettings().sampler)
+    plain = Features((general.TIERS[0].models[0],), False, "none", sampler=sampler or RenderSettings().sampler)
     for features in general.general_features(plain):
         if not builds.has(wide.name_of_wide(features, lanes)):
             count += 1

@@ -87,7 +87,7 @@ def measured(
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         runs: dict[str, list[dict[str, float]]] = {"wrt": [], "mitsuba": []}
-        for repeat in range(1 + options.repeats):
+        for _ in range(1 + options.repeats):
             for program, command in commands(file, spp, options.size).items():
                 found = run(command, folder, variables)
                 wait_for_compiler(Path(variables["XDG_CACHE_HOME"]))

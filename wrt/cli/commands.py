@@ -171,7 +171,7 @@ def compile(options: argparse.Namespace) -> int:
                 several = source if len(options.inputs) > 1 else ""
                 worst = max(worst, outcome(lambda: _compile(options), name=several))
             if options.general:
-                worst = max(worst, outcome(_compile_general, name="general kernels"))
+                worst = max(worst, outcome(lambda: _compile_general(options), name="general kernels"))
         except KeyboardInterrupt:
             complain("stopped", nothing)
             worst = interrupts.exit_status
@@ -179,13 +179,13 @@ def compile(options: argparse.Namespace) -> int:
     return worst
 
 
-def _compile_general() -> int:
+def _compile_general(options: argparse.Namespace) -> int:
     """Compile the general kernels, and say what was compiled."""
     from wrt import backend
     from wrt.precompiling import compile_general
 
     backend.leave_compiled()
-    _say(f"general kernels: {compile_general()}")
+    _say(f"general kernels: {compile_general(options.sampler)}")
     return 0
 
 
