@@ -16,6 +16,7 @@ template<class Batch> WRT_INLINE void write_hit(const Batch& batch, const int ra
     batch.uv_out.data[ray] = wp::vec_t<2, float>(nearest.u, nearest.v);
 }
 
+#if WRT_VECTORS
 // The rays of a chunk, for `follow_in_turn`.
 struct BatchTraveller : Traveller {
     Ray ray;
@@ -45,7 +46,6 @@ template<class Bvh, class Batch> WRT_INLINE void trace_chunk(const Bvh& bvh, con
     else follow_in_turn<false, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
 }
 
-#if WRT_VECTORS
 // Transpose eight vectors of three to three vectors of eight.
 WRT_INLINE void load_vectors(f8* out, const float* from) {
     const f8 a = *(const f8*)from, b = *(const f8*)(from + 8), c = *(const f8*)(from + 16);
@@ -80,22 +80,31 @@ static bool trace_together(const Tree& tree, const int first, const Batch& batch
     return true;
 }
 #endif
+// Trace rays `first` to end - 1, one by one.
+template<class Batch> WRT_INLINE void trace_each(const Tree& tree, const int first, const int end, const Batch& batch) {
+    for (int i = first; i < end; ++i) {
+        Ray ray;
+        const bool runs = set_up(ray, batch.origins.data[i], batch.directions.data[i]);
+        Nearest nearest = {runs ? reach_of(batch, i) : -1.0f, 0.0f, 0.0f, NOTHING_HIT};
+        if (nearest.t >= batch.t_min) find_hit(tree, ray, 0, batch.t_min, batch.any_hit != 0, nearest);
+        write_hit(batch, i, nearest);
+    }
+}
 template<class Bvh, class Batch> WRT_INLINE void trace_packet(const Bvh& bvh, const int packet, const Batch& batch) {
     const int first = packet * PACKET, left = (int)batch.origins.shape[0] - first;
     const int count = left < PACKET ? left : PACKET;
     const Tree tree = tree_of(bvh);
-    const bool any_hit = batch.any_hit != 0;
 #if WRT_VECTORS
     if (count == PACKET &&
-        (any_hit ? trace_together<true>(tree, first, batch) : trace_together<false>(tree, first, batch)))
+        (batch.any_hit ? trace_together<true>(tree, first, batch) : trace_together<false>(tree, first, batch)))
         return;
 #endif
-    for (int i = first; i < first + count; ++i) {
-        Ray ray;
-        const bool runs = set_up(ray, batch.origins.data[i], batch.directions.data[i]);
-        Nearest nearest = {runs ? reach_of(batch, i) : -1.0f, 0.0f, 0.0f, NOTHING_HIT};
-        if (nearest.t >= batch.t_min) find_hit(tree, ray, 0, batch.t_min, any_hit, nearest);
-        write_hit(batch, i, nearest);
-    }
+    trace_each(tree, first, first + count, batch);
 }
+#if !WRT_VECTORS
+template<class Bvh, class Batch> WRT_INLINE void trace_chunk(const Bvh& bvh, const int chunk, const Batch& batch) {
+    const int first = chunk * RAYS_PER_THREAD, left = (int)batch.origins.shape[0] - first;
+    trace_each(tree_of(bvh), first, first + (left < RAYS_PER_THREAD ? left : RAYS_PER_THREAD), batch);
+}
+#endif
 } // namespace wrt

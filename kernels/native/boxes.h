@@ -63,17 +63,18 @@ template<class Vector> WRT_INLINE bool set_up(Ray& ray, const Vector& origin, co
     ray.kx = kx;
     ray.ky = ky;
     ray.kz = kz;
-    ray.origin[0] = origin[kx];
-    ray.origin[1] = origin[ky];
-    ray.origin[2] = origin[kz];
-    ray.shear[0] = direction[kx] * inverse[kz];
-    ray.shear[1] = direction[ky] * inverse[kz];
-    ray.shear[2] = inverse[kz];
+    ray.origin[0] = element(origin, kx);
+    ray.origin[1] = element(origin, ky);
+    ray.origin[2] = element(origin, kz);
+    ray.shear[0] = element(direction, kx) * element(inverse, kz);
+    ray.shear[1] = element(direction, ky) * element(inverse, kz);
+    ray.shear[2] = element(inverse, kz);
     // A ray with NaN or infinity would meet all boxes, unused ones too; multiplied by 0 these give NaN.
     const float length = dx + dy + dz;
     return length + 0.0f * (length + ray.near_shift[0] + ray.near_shift[1] + ray.near_shift[2]) > 0.0f;
 }
 
+#if WRT_VECTORS
 // Nodes that wait to be visited, and the bits of the distances to their boxes. Floats that are not negative sort like
 // their bits.
 struct Stack {
@@ -85,11 +86,10 @@ struct Stack {
 // children of a node by octant (Ylitie et al. 2017, section 3.2): child p lies towards the corner of the node that the
 // bits of p name. So the signs of the ray's direction give an approximate order from near to far without sorting: `flip`
 // permutes the children into that order, and a compression drops those that the ray misses. Processors without that
-// instruction sort the children by distance.
+// instruction sort the children by distance. (CUDA: `gpu.h`.)
 WRT_INLINE void push_children(
     const float* node, const int* children, const Ray& ray, const float t_min, const float t_max, const Stack& stack) {
     const float pad = (float)BOX_PAD;
-#if WRT_VECTORS
     const auto distance = [&](int row, int axis, const float* shift) {
         return product_less(*(const f8*)(node + row), ray.inverse[axis], shift[axis]);
     };
@@ -98,8 +98,7 @@ WRT_INLINE void push_children(
     const f8 near_z = distance(ray.near_row[2], 2, ray.near_shift), far_z = distance(ray.far_row[2], 2, ray.far_shift);
     const f8 tn = most(most(near_x, near_y), most(near_z, (f8)t_min));
     const f8 tf = least(least(far_x, far_y), least(far_z, (f8)t_max)) * pad;
-#endif
-#if WRT_VECTORS && defined(__AVX2__)
+#if defined(__AVX2__)
     const i8 order = (i8){0, 1, 2, 3, 4, 5, 6, 7} ^ ray.flip;
     const i8 begins = permuted(__builtin_bit_cast(i8, tn), order), ends = permuted(__builtin_bit_cast(i8, tf), order);
     const unsigned char met = mask_of(__builtin_bit_cast(f8, begins) <= __builtin_bit_cast(f8, ends));
@@ -107,23 +106,9 @@ WRT_INLINE void push_children(
     *(i8*)(stack.waiting + stack.top) = compressed(permuted(*(const i8*)children, order), met);
     stack.top += __builtin_popcount(met);
 #else
-#if WRT_VECTORS
     unsigned mask = mask_of(tn <= tf);
     alignas(32) float begin[8];
     *(f8*)begin = tn;
-#else
-    unsigned mask = 0;
-    float begin[8];
-    for (int k = 0; k < 8; ++k) {
-        begin[k] = fmaxf(fmaxf(node[ray.near_row[0] + k] * ray.inverse[0] - ray.near_shift[0],
-                               node[ray.near_row[1] + k] * ray.inverse[1] - ray.near_shift[1]),
-                         fmaxf(node[ray.near_row[2] + k] * ray.inverse[2] - ray.near_shift[2], t_min));
-        const float end = fminf(fminf(node[ray.far_row[0] + k] * ray.inverse[0] - ray.far_shift[0],
-                                      node[ray.far_row[1] + k] * ray.inverse[1] - ray.far_shift[1]),
-                                fminf(node[ray.far_row[2] + k] * ray.inverse[2] - ray.far_shift[2], t_max)) * pad;
-        mask |= (unsigned)(begin[k] <= end) << k;
-    }
-#endif
     const int bottom = stack.top;
     for (; mask; mask &= mask - 1) {
         const int k = lowest_bit(mask), bits = bits_of(begin[k]);
@@ -150,4 +135,5 @@ WRT_INLINE bool pop_child(int& current, const float t_max, const Stack& stack) {
     }
     return false;
 }
+#endif
 } // namespace wrt

@@ -8,6 +8,7 @@
 #include "traversal.h"
 
 namespace wrt {
+#if WRT_VECTORS
 // A ray in flight; `number` is negative for none.
 struct Traveller {
     Nearest nearest;
@@ -67,4 +68,5 @@ follow_in_turn(const Tree& tree, const float t_min, const int in_turn, const int
         });
     }
 }
+#endif
 } // namespace wrt

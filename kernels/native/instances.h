@@ -44,6 +44,7 @@ WRT_INLINE void find_hit_in_mesh(
                 tree.nodes + (size_t)next * mesh.node_stride, tree.leaves + (size_t)next * mesh.leaf_stride};
             tree.nodes += (size_t)at.key * mesh.node_stride;
             tree.leaves += (size_t)at.key * mesh.leaf_stride;
+#if WRT_VECTORS
             alignas(32) float mixed[LEAF_FLOATS];
             const auto mix = [&](const float* from, const float* to, const int count) {
                 WRT_NO_CONTRACTION
@@ -59,6 +60,14 @@ WRT_INLINE void find_hit_in_mesh(
                 test_leaf(mixed, ray, t_min, nearest, skipped);
                 return any_hit && nearest.id != NOTHING_HIT;
             });
+#else
+            const auto boxes = [&](int node) { return MixedFloats{tree.node(node), later.node(node), share}; };
+            follow(tree, ray, 0, t_min, nearest.t, boxes, [&](int leaf) {
+                const MixedFloats mixed = {tree.leaf(leaf), later.leaf(leaf), share};
+                test_leaf(mixed, ray, t_min, nearest, skipped);
+                return any_hit && nearest.id != NOTHING_HIT;
+            });
+#endif
             return;
         }
     }
@@ -116,7 +125,7 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
     if constexpr (KIND != Instances::still) {
         const float slice = (time - placed.first_slice) * placed.slices_per_second;
         const float last = placed.slice_nodes.shape[0] - 1;
-        tree.nodes = tree.node(placed.slice_nodes.data[(int)wp::max(0.0f, wp::min(slice, last))]);
+        tree.nodes = tree.at(placed.slice_nodes.data[(int)wp::max(0.0f, wp::min(slice, last))]);
     }
     Ray ray;
     if (set_up(ray, world_origin, world_direction))

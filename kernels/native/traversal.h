@@ -1,14 +1,19 @@
 #pragma once
 // A single ray through a tree.
+#include "gpu.h"
 #include "triangles.h"
 
 namespace wrt {
 // The arrays of a tree (`kernels/accel/bvh.py`).
 struct Tree {
     const float *nodes, *leaves;
-    WRT_MEMBER const float* node(const int i) const { return nodes + (size_t)i * NODE_FLOATS; }
-    WRT_MEMBER const int* children(const int i) const { return (const int*)(node(i) + 6 * WIDTH); }
-    WRT_MEMBER const float* leaf(const int child) const { return leaves + (size_t)(-1 - child) * LEAF_FLOATS; }
+#if WRT_VECTORS
+    typedef const float* Floats;
+#endif
+    WRT_MEMBER const float* at(const int i) const { return nodes + (size_t)i * NODE_FLOATS; }
+    WRT_MEMBER Floats node(const int i) const { return {at(i)}; }
+    WRT_MEMBER const int* children(const int i) const { return (const int*)(at(i) + 6 * WIDTH); }
+    WRT_MEMBER Floats leaf(const int child) const { return {leaves + (size_t)(-1 - child) * LEAF_FLOATS}; }
     // Prefetch a node or a leaf for a later visit. A leaf has five cache lines, a node four.
     WRT_MEMBER void prefetch(const int child, const int lines = 5) const {
 #if WRT_VECTORS
@@ -21,6 +26,7 @@ template<class Bvh> WRT_INLINE Tree tree_of(const Bvh& bvh) {
     return {(const float*)bvh.nodes.data, (const float*)bvh.leaves.data};
 }
 
+#if WRT_VECTORS
 // Trace a ray from node `current` on. `boxes(node)` returns the boxes of a node; `visit(leaf)` processes a leaf, may
 // shorten `t_max`, and returns whether the ray is done.
 template<class Boxes, class Visit>
@@ -33,6 +39,7 @@ WRT_INLINE void follow(
         else if (visit(current)) return;
     } while (pop_child(current, t_max, stack));
 }
+#endif
 
 // Find the nearest hit of a ray below node `current`, or any hit; `skipped` as in `test_leaf`.
 template<class Skipped = NoneSkipped>

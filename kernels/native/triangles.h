@@ -79,6 +79,7 @@ struct NoneSkipped {
     WRT_MEMBER bool operator()(float, int) const { return false; }
 };
 
+#if WRT_VECTORS
 #if defined(WRT_SPHERES)
 // Test the spheres of a leaf, as `test_leaf` does its triangles; return whether there are no triangles.
 template<class Skipped> WRT_INLINE bool
@@ -86,7 +87,6 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
     const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
     float nears[LEAF_SIZE], fars[LEAF_SIZE];
     unsigned some = 0;
-#if WRT_VECTORS
     const auto corner = [&](int vertex, int axis) {
         return *(const f8*)(leaf + 3 * LEAF_SIZE * vertex + LEAF_SIZE * axis);
     };
@@ -96,18 +96,6 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
     unsigned met = some & mask_of((roots.far >= t_min) & (roots.near <= nearest.t));
     __builtin_memcpy(nears, &roots.near, sizeof nears);
     __builtin_memcpy(fars, &roots.far, sizeof fars);
-#else
-    unsigned met = 0;
-    for (int k = 0; k < LEAF_SIZE; ++k) {
-        const auto corner = [&](int vertex, int axis) { return leaf[3 * LEAF_SIZE * vertex + LEAF_SIZE * axis + k]; };
-        if (corner(0, 0) != corner(2, 0) || corner(0, 1) != corner(2, 1) || corner(0, 2) != corner(2, 2)) continue;
-        some |= 1u << k;
-        const Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
-        nears[k] = roots.near;
-        fars[k] = roots.far;
-        met |= (unsigned)((roots.far >= t_min) & (roots.near <= nearest.t)) << k;
-    }
-#endif
     for (; met; met &= met - 1) {
         const int k = lowest_bit(met);
         const float t = first_of<float>(
@@ -129,7 +117,6 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
     float ts[LEAF_SIZE], us[LEAF_SIZE], vs[LEAF_SIZE];
     unsigned hits = 0;
     const int* ids = (const int*)(leaf + 9 * LEAF_SIZE);
-#if WRT_VECTORS
     {
         WRT_NO_CONTRACTION
         const auto corner = [&](int vertex, int axis) {
@@ -146,18 +133,6 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
             __builtin_memcpy(vs, &v, sizeof vs);
         }
     }
-#else
-    for (int k = 0; k < LEAF_SIZE; ++k) {
-        const auto corner = [&](int vertex, int axis) { return leaf[3 * LEAF_SIZE * vertex + LEAF_SIZE * axis + k]; };
-        const Sheared<float> s = sheared<float>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
-        const Distance<float> d = distance_of(s, ray.shear);
-        if (!(is_inside(s) & has_area(d) & (d.t >= t_min) & (d.t <= nearest.t))) continue;
-        ts[k] = d.t;
-        us[k] = s.v * d.inverse_det;
-        vs[k] = s.w * d.inverse_det;
-        hits |= (unsigned)(exceeds_error(s, d, ray.shear) != 0) << k;
-    }
-#endif
     for (; hits; hits &= hits - 1) {
         const int k = lowest_bit(hits);
         if (skipped(ts[k], ids[k])) continue;
@@ -169,4 +144,5 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
         }
     }
 }
+#endif
 } // namespace wrt

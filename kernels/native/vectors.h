@@ -24,8 +24,8 @@
 #define WRT_UNROLL _Pragma("clang loop unroll(full)")
 #else
 #define WRT_INLINE_LAMBDA
-#define WRT_NO_UNROLLING
-#define WRT_UNROLL
+#define WRT_NO_UNROLLING _Pragma("unroll 1")
+#define WRT_UNROLL _Pragma("unroll")
 #endif
 
 // Rounds each product before the addition, as `product` does on CUDA.
@@ -96,6 +96,15 @@ WRT_INLINE float product(float a, float b) { return __fmul_rn(a, b); }
 WRT_INLINE float less_product(float a, float b, float c) { return fmaf(-b, c, a); }
 WRT_INLINE int lowest_bit(unsigned m) { return __ffs(m) - 1; }
 #endif
+
+// Element k of three. An array that is indexed at run time would lie in memory on CUDA, not in registers.
+template<class Vector> WRT_INLINE float element(const Vector& v, const int k) {
+#if WRT_VECTORS
+    return v[k];
+#else
+    return k == 0 ? v[0] : k == 1 ? v[1] : v[2];
+#endif
+}
 
 WRT_INLINE int bits_of(float a) {
     int bits;
