@@ -69,6 +69,8 @@ float __fmul_rn(float, float);
 float fminf(float, float);
 float fmaxf(float, float);
 int __ffs(unsigned);
+struct int2 { int x, y; };
+int2 make_int2(int, int);
 """
 
 
