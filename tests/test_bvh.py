@@ -335,6 +335,8 @@ static inline float __fmul_rn(float a, float b) { volatile float r = a * b; retu
 static inline float fminf(float a, float b) { return a != a ? b : b != b ? a : a < b ? a : b; }
 static inline float fmaxf(float a, float b) { return a != a ? b : b != b ? a : a > b ? a : b; }
 static inline int __ffs(unsigned m) { return __builtin_ffs((int)m); }
+struct alignas(8) int2 { int x, y; };
+static inline int2 make_int2(int x, int y) { return {x, y}; }
 """
 
 

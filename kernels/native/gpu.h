@@ -11,6 +11,7 @@ namespace wrt {
 // The numbers of a node or a leaf. `load` reads four from place i on, a multiple of four, by one load.
 struct Floats {
     const float* at;
+    WRT_MEMBER explicit Floats(const float* const at) : at(at) {}
     WRT_MEMBER float one(const int i) const { return at[i]; }
     WRT_MEMBER void load(float* to, const int i) const {
         const float4 four = *(const float4*)(at + i);

@@ -11,9 +11,9 @@ struct Tree {
     typedef const float* Floats;
 #endif
     WRT_MEMBER const float* at(const int i) const { return nodes + (size_t)i * NODE_FLOATS; }
-    WRT_MEMBER Floats node(const int i) const { return {at(i)}; }
+    WRT_MEMBER Floats node(const int i) const { return Floats(at(i)); }
     WRT_MEMBER const int* children(const int i) const { return (const int*)(at(i) + 6 * WIDTH); }
-    WRT_MEMBER Floats leaf(const int child) const { return {leaves + (size_t)(-1 - child) * LEAF_FLOATS}; }
+    WRT_MEMBER Floats leaf(const int child) const { return Floats(leaves + (size_t)(-1 - child) * LEAF_FLOATS); }
     // Prefetch a node or a leaf for a later visit. A leaf has five cache lines, a node four.
     WRT_MEMBER void prefetch(const int child, const int lines = 5) const {
 #if WRT_VECTORS

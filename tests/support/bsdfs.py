@@ -17,6 +17,7 @@ from wrt.backend.device import Device
 from wrt.kernels.bsdf import current_name, filtered_name, make_bsdf, model_of
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
 from wrt.kernels.features import identifier
+from wrt.kernels.registry import model_number
 from wrt.upload.tables.material_tables import pack_tables
 
 EPS = float(np.finfo(np.float32).eps)
@@ -79,7 +80,7 @@ class Case:
 
     def record(self, device: str) -> Any:
         bsdf = Bsdf()
-        bsdf.model, bsdf.front = 0, self.front
+        bsdf.model, bsdf.front = model_number(self.name), self.front
         values = np.zeros(slot_values._shape_, np.float32)
         for k, value in enumerate(self.material.slots):
             values[k] = value
