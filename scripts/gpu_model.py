@@ -5,10 +5,11 @@
 The emulator of the tests runs the PTX of the render kernel thread by thread, and counts. Printed are, for each ray that
 is traced: instructions, loads from global memory, and accesses to local memory, which on a GPU is device memory too;
 and the efficiency of warps: the share of their 32 lanes that work, on average, if lanes that are done with a sample
-wait for the slowest of the warp. `--write` puts the table into docs/notes/cuda.md.
+wait for the slowest of the warp. `--write` puts the table into docs/gpu.md.
 
 These are counts, not times: registers, caches, and how ptxas orders instructions decide about times, and are not known
-here.
+here. The last two columns are a roofline: rays a second if all schedulers always issued an instruction, and if every
+load came from memory, four numbers at a time, at the peaks of one GPU's data sheet.
 """
 
 from __future__ import annotations
@@ -32,8 +33,22 @@ SCENES = ("cornell-box", "still-life", "teapot")
 """Built-in scenes; `many-triangles` takes the emulator minutes to build."""
 
 SIZE, CROP, SAMPLES, WARP = 512, (224, 192, 288, 256), 4, 32
-PAGE = ROOT / "docs" / "notes" / "cuda.md"
+PAGE = ROOT / "docs" / "gpu.md"
 BEGIN, END = "<!-- counts -->", "<!-- end of counts -->"
+
+
+class Peaks(NamedTuple):
+    """Of a GPU: instructions of single threads a second, a fused multiply-add being one, and bytes a second."""
+
+    name: str
+    instructions: float
+    bandwidth: float
+
+
+H100 = Peaks("H100 SXM", 67e12 / 2.0, 3.35e12)
+"""NVIDIA H100 data sheet (2023): 67 TFLOPS of single precision, 3.35 TB/s."""
+
+LOAD_BYTES = 16
 
 
 class Counts(NamedTuple):
@@ -44,6 +59,14 @@ class Counts(NamedTuple):
     loads: float
     local: float
     efficiency: float
+
+    def rays_by_instructions(self, peaks: Peaks) -> float:
+        """Return rays a second if only instructions took time."""
+        return peaks.instructions * self.efficiency / self.instructions
+
+    def rays_by_loads(self, peaks: Peaks) -> float:
+        """Return rays a second if only loads took time, and no cache had what they load."""
+        return peaks.bandwidth / (LOAD_BYTES * (self.loads + self.local))
 
 
 class CountingBackend(EmulatedBackend):
@@ -91,10 +114,13 @@ def count(name: str) -> Counts:
 
 def table(rows: Sequence[Counts]) -> str:
     """Return the counts as a table in Markdown."""
-    lines = ["| scene | instructions | global loads | local accesses | warp efficiency |", "| --- " * 5 + "|"]
+    bounds = f"Grays/s of an {H100.name}, by instructions | by loads without caches"
+    lines = [f"| scene | instructions | global loads | local accesses | warp efficiency | {bounds} |"]
+    lines.append("| --- " * 7 + "|")
     for row in rows:
         numbers = f"{row.instructions:.0f} | {row.loads:.0f} | {row.local:.0f} | {row.efficiency:.2f}"
-        lines.append(f"| {row.scene} | {numbers} |")
+        most, least = row.rays_by_instructions(H100) * 1e-9, row.rays_by_loads(H100) * 1e-9
+        lines.append(f"| {row.scene} | {numbers} | {most:.1f} | {least:.1f} |")
     return "\n".join(lines)
 
 
