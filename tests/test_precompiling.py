@@ -14,11 +14,16 @@ from conftest import ROOT
 from test_cli import run
 
 import wrt
+from wrt.backend.builds import Builds
 from wrt.backend.device import Device
 from wrt.backend.kernel_cache import compiled_modules
 from wrt.backend.lanes import SWITCH as WIDE
 from wrt.backend.lanes import lanes_here, lanes_of
 from wrt.backend.processor import processor_flags
+from wrt.cli import main
+from wrt.compiling import wide
+from wrt.compiling.general import general_features
+from wrt.kernels.features import Features
 
 
 def test_the_second_call_compiles_nothing() -> None:
@@ -101,6 +106,28 @@ def test_the_first_render_has_everything(way: str, tmp_path: Path) -> None:
     assert f"the wide kernel of {lanes} lanes compiled in" in said
     assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{lanes}.")
     assert python(*call) == "cornell-box: everything was compiled before\n"
+
+
+def test_the_command_wants_something_to_compile(tmp_path: Path) -> None:
+    done = run(tmp_path, "compile")
+    assert (done.returncode, done.stderr) == (2, "wrt: error: name a scene, or give --general\n")
+
+
+def test_general_kernels_are_compiled_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setenv(WIDE, "8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    asked: list[Features] = []
+    monkeypatch.setattr(wide, "compile_wide", lambda features, *_: asked.append(features))
+    assert main(["compile", "--general", "--sampler", "independent"]) == 0
+    assert asked == general_features(Features(("diffuse",), False, "none", sampler="independent"))
+    monkeypatch.setattr(Builds, "has", lambda *_: True)
+    assert main(["compile", "--general"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("general kernels: 3 general kernels compiled in ")
+    assert said[1:] == ["general kernels: everything was compiled before"]
+    assert len(asked) == 3
 
 
 def test_the_tests_run_without_the_wide_kernel() -> None:
