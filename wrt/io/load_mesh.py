@@ -124,7 +124,7 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
 
         return read_3mf(file, data)
     if suffix in STEP_SUFFIXES:
-        from wrt.io.mesh.step import read_step
+        from wrt.io.gltf.step import read_step
 
         return read_step(file, data)
     if suffix == ".dae":
