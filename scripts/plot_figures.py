@@ -22,6 +22,7 @@ from wrt.kernels.bsdf.lobes.fresnel import (
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, slot_values
 from wrt.kernels.features import identifier
 from wrt.kernels.microfacet import make_microfacet, maskings_of
+from wrt.kernels.registry import model_number
 from wrt.scene.materials.microfacet import sgd_normalization
 from wrt.scene.materials.presets import metal_ior
 from wrt.upload.tables.material_tables import pack_tables
@@ -141,7 +142,7 @@ def kernels_of(model: str) -> tuple[wp.Kernel, wp.Kernel]:
 def record_of(material: wrt.Material, front: bool) -> Any:
     """Return the kernel arguments of a material with constant values."""
     bsdf = Bsdf()
-    bsdf.model, bsdf.front = 0, front
+    bsdf.model, bsdf.front = model_number(material.model), front
     values = np.zeros(slot_values._shape_, np.float32)
     for k, value in enumerate(material.slots):
         values[k] = value
