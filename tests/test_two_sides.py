@@ -48,9 +48,9 @@ def mixed() -> wrt.Scene:
 class WithHoles(wrt.Renderer):
     """A renderer whose kernel allows for holes."""
 
-    def _choose_kernel(self, features: Any, compile: Callable[[Any], None]) -> None:
+    def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
         assert not features.opacity
-        super()._choose_kernel(dataclasses.replace(features, opacity=True, composite="none"), compile)
+        return super()._choose_kernel(dataclasses.replace(features, opacity=True, composite="none"), compile, read)
 
 
 def film(renderer: wrt.Renderer) -> dict[str, bytes]:
