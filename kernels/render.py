@@ -15,6 +15,13 @@ from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import pixel_kernel
 
+CUDA_BOUNDS, FEW_MODELS = (256, 2), 4
+"""Threads of a block, and blocks that a multiprocessor is to hold at least, in kernels of so many models at most.
+
+That caps registers at 128: twice the threads, for 148 bytes of spills with one model and 272 with four (sm_90). All
+models together spill 2.2 KB even with 255 registers. Compiled, not timed (docs/notes/cuda.md).
+"""
+
 
 @specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
@@ -25,8 +32,10 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     has_aovs = features.aovs
     sample_camera = make_sample_camera(features.sampler)
     pixel_name = make_pixel_name(features.sampler)
+    bounds = CUDA_BOUNDS if len(features.models) <= FEW_MODELS else None
+    module = wp.get_module(make_render_kernel.module_name(features))
 
-    @wp.kernel(module=wp.get_module(make_render_kernel.module_name(features)), enable_backward=False)
+    @wp.kernel(module=module, enable_backward=False, launch_bounds=bounds)
     @pixel_kernel
     def render_pass(
         first_pixel: int,

@@ -24,7 +24,7 @@ from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
-from wrt.kernels.render import make_render_kernel
+from wrt.kernels.render import CUDA_BOUNDS, FEW_MODELS, make_render_kernel
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
 
@@ -159,6 +159,16 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
     compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+
+
+def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
+    """A GPU refuses a launch of larger blocks than a kernel is bound to."""
+    bound = {len(f.models): make_render_kernel(f) for f in FEATURES}
+    assert min(bound) <= FEW_MODELS
+    for models, kernel in bound.items():
+        found = kernel.options.get("launch_bounds")
+        assert found == (CUDA_BOUNDS if models <= FEW_MODELS else None)
+        assert found is None or found[0] == kernel.module.options["block_dim"]
 
 
 @pytest.mark.slow
