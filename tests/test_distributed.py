@@ -90,11 +90,32 @@ def test_the_film_is_that_of_one_machine(client: Any, one: wrt.Renderer) -> None
     assert renderer.noise() == one.noise()
 
 
-def test_render_and_a_target_of_noise(client: Any) -> None:
-    """Samples at which it ends, and tiles that stop before, follow from the film alone."""
-    options = {**SIZE, "noise": 0.08, "adaptive": True}
+@pytest.mark.parametrize("adaptive", [True, "unbiased"])
+def test_render_and_a_target_of_noise(client: Any, adaptive: bool | str) -> None:
+    """Samples at which it ends, and tiles that stop before, follow from the film, or from that of the pilot."""
+    options = {**SIZE, "noise": 0.08, "adaptive": adaptive}
     expected = wrt.render(scene(), **options)
     np.testing.assert_array_equal(wrt.distributed.render(scene(), client=client, **options), expected)
+
+
+def test_a_pilot_is_that_of_one_machine(client: Any, tmp_path: Path) -> None:
+    """Also after a render that was ended on a cluster goes on there."""
+    limits = {"noise": 0.08, "adaptive": "unbiased", "pass_seconds": 1e-3}
+    single = wrt.Renderer(scene(), **SIZE)
+    for _ in single.passes(**limits):
+        pass
+    renderer = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE)
+    next(iter(renderer.passes(**limits)))
+    renderer.save_checkpoint(tmp_path / "a.ckpt")
+    again = wrt.distributed.DistributedRenderer(scene(), client=client, **SIZE)
+    again.load_checkpoint(tmp_path / "a.ckpt")
+    for _ in again.passes(**limits):
+        pass
+    assert_same(again.film.state(), single.film.state())
+    assert again._pilot is not None
+    assert single._pilot is not None
+    assert_same(again._pilot.film.state(), single._pilot.film.state())
+    assert again._pilot.film.counts.any()
 
 
 def test_checkpoints_go_to_and_from_a_cluster(client: Any, one: wrt.Renderer, tmp_path: Path) -> None:

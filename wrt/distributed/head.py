@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from typing import Any
@@ -18,7 +19,6 @@ from wrt.errors import InputError
 from wrt.parts.cut import put, take
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
 from wrt.rendering.film import Film
-from wrt.rendering.noise.pilot import Pilot
 from wrt.rendering.passes import LONGEST_PASS
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera, require_camera
@@ -119,10 +119,15 @@ class DistributedRenderer(Renderer):
         self._local.film.restore(self.film.state())
         return self._local.denoised()
 
-    def _estimate_noise(self, pilot: Pilot | None) -> None:
-        if pilot is not None:
-            raise InputError("unbiased adaptive sampling is not possible on a cluster; adaptive=True is")
-        super()._estimate_noise(pilot)
+    def trace_film(self, film: Film, target: int, seed: int) -> None:
+        """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
+        job = self.job
+        self._bring(film, dataclasses.replace(job, options={**job.options, "seed": seed}), target, 0.0)
+
+    def _bring(self, film: Film, job: Job, spp: int, seconds_left: float) -> None:
+        crop, samples = self.crop, spp - int(film.counts.min())
+        do = Pass(job, crop, samples, spp, seconds_left, lambda window: _state(film, crop, window))
+        self._spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
 
 
 class _Remote:
@@ -139,10 +144,7 @@ class _Remote:
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Bring every pixel to the number of samples that is the first of the inputs."""
         renderer, (spp,) = self._renderer, inputs
-        film, crop = renderer.film, renderer.crop
-        samples = spp - int(film.counts.min())
-        do = Pass(renderer.job, crop, samples, spp, seconds_left, lambda window: _state(film, crop, window))
-        renderer.spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
+        renderer._bring(renderer.film, renderer.job, spp, seconds_left)
 
 
 def _state(film: Film, crop: CropWindow, window: CropWindow) -> dict[str, NDArray[Any]] | None:

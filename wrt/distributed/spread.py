@@ -54,6 +54,11 @@ class Pass:
     seconds_left: float
     state: State
 
+    @property
+    def seed(self) -> int:
+        """The seed of its samples."""
+        return int(self.job.options["seed"])
+
 
 @dataclass(eq=False)
 class _Window:
@@ -83,7 +88,7 @@ class Spread:
         self._cluster = cluster
         self._ended = threading.Event()
         self.crew = Crew(cluster, dataclasses.replace(scene, settings=settings), self._ended.set)
-        self._seconds_of_sample = 0.0
+        self._seconds_of_sample: dict[int, float] = {}  # by the seed, since a pilot has a sample in few of its pixels
 
     def run(self, do: Pass, keep: Keep) -> None:
         """Render a pass; `keep` is called with each window and what became of it.
@@ -92,9 +97,7 @@ class Spread:
             InputError: where a worker cannot render the scene.
             OSError: where workers died of a window.
         """
-        coming = windows_of_pass(
-            do.crop, lambda: len(self.crew.members), lambda: self._seconds_of_sample * max(do.samples, 1)
-        )
+        coming = windows_of_pass(do.crop, lambda: len(self.crew.members), lambda: self._seconds_of_pixel(do))
         going: list[_Window] = []
         left = pixels_of((do.crop,))
         try:
@@ -109,7 +112,7 @@ class Spread:
                         self._leave(each)
                         keep(each.window, rendered)
                         left -= pixels_of((each.window,))
-                        self._measure(each.window, rendered, do.samples)
+                        self._measure(do, each.window, rendered)
         finally:
             self._cluster.cancel([one.future for each in going for one in each.tries])
             for each in going:
@@ -187,6 +190,10 @@ class Spread:
         for one in each.tries:
             one.in_vain = True
 
-    def _measure(self, window: CropWindow, rendered: Rendered, samples: int) -> None:
-        now = rendered.seconds / (pixels_of((window,)) * max(samples, 1))
-        self._seconds_of_sample = now if not self._seconds_of_sample else 0.8 * self._seconds_of_sample + 0.2 * now
+    def _seconds_of_pixel(self, do: Pass) -> float:
+        return self._seconds_of_sample.get(do.seed, 0.0) * max(do.samples, 1)
+
+    def _measure(self, do: Pass, window: CropWindow, rendered: Rendered) -> None:
+        now = rendered.seconds / (pixels_of((window,)) * max(do.samples, 1))
+        before = self._seconds_of_sample.get(do.seed)
+        self._seconds_of_sample[do.seed] = now if not before else 0.8 * before + 0.2 * now

@@ -31,9 +31,9 @@ class Job:
     """What the windows of a picture have in common.
 
     Attributes:
-        digest: of the scene without its camera, and of the options.
-        options: keyword arguments of `wrt.Renderer`.
-        camera: the camera, since a worker need not build a scene again for another one.
+        digest: of the scene without its camera, and of the picture's options.
+        options: keyword arguments of `wrt.Renderer`. A worker need not build a scene again for another seed.
+        camera: the camera, likewise.
         threads: CPU threads of a worker; by default those that Dask gives it.
     """
 
@@ -121,6 +121,7 @@ def render_window(
             return None
         _renderers.move_to_end(job.digest)
         try:
+            renderer.seed = job.options["seed"]
             if renderer.scene.camera != job.camera:
                 renderer.set_camera(job.camera)
             done = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
