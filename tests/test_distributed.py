@@ -19,6 +19,7 @@ import wrt.distributed
 from wrt.cli import main
 from wrt.distributed import head, worker
 from wrt.distributed.clients import client_of
+from wrt.distributed.dask_cluster import DaskCluster
 from wrt.distributed.processes import devices_of
 from wrt.distributed.windows import windows_of_pass
 from wrt.parts import render
@@ -126,6 +127,21 @@ def test_checkpoints_go_to_and_from_a_cluster(client: Any, one: wrt.Renderer, tm
     again.load_checkpoint(tmp_path / "a.ckpt")
     single = wrt.Renderer.resume(tmp_path / "a.ckpt", scene())
     assert_same(film_of(again, 5), film_of(single, 5))
+
+
+def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(
+    client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every two seconds a client's own copy of what the scheduler knows is replaced by one without workers."""
+    sync = client.sync
+
+    def sync_and_renew(*arguments: Any, **options: Any) -> Any:
+        found = sync(*arguments, **options)
+        sync(client._update_scheduler_info, n_workers=0)
+        return found
+
+    monkeypatch.setattr(client, "sync", sync_and_renew)
+    assert len(DaskCluster(client).addresses()) == 2
 
 
 def test_a_worker_keeps_what_it_has_built_for_other_cameras(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -19,10 +20,14 @@ class DaskCluster:
     def __init__(self, client: Any) -> None:
         """Use the workers of a client."""
         self._client = client
+        self._known: list[str] = []
 
     def addresses(self) -> list[str]:
-        """Return the addresses that the scheduler knows."""
-        return list(self._client.scheduler_info(n_workers=-1)["workers"])
+        """Return the addresses that the scheduler knows, or knew, while the connection to it is lost."""
+        # Not `scheduler_info`: it reads a field of the client that Dask sets beside, to one without workers.
+        with contextlib.suppress(OSError):
+            self._known = list(self._client.nthreads())
+        return list(self._known)
 
     def submit(self, address: str, ended: Callable[[], object], key: str, function: Any, *arguments: Any) -> Any:
         """Call a function on a worker; see `Cluster.submit`."""
