@@ -71,14 +71,18 @@ instances = [{ translate = [1, 0, 0] }, { translate = [-1, 0, 0] }]
 """A scene with most of what a scene can have."""
 
 
-@pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
+def without_notes(folder: Path) -> dict[str, str]:
     """Return variables by which nothing is known to be compiled, though it may well be."""
     wp.init()
     # Warp puts a folder of its version there itself.
     kernels = Path(wp.config.kernel_cache_dir).parent
-    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache"), "WARP_CACHE_PATH": str(kernels)}
+    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "WARP_CACHE_PATH": str(kernels)}
     return {**os.environ, **own}
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    return without_notes(tmp_path)
 
 
 def render(folder: Path, environment: dict[str, str], output: str, *arguments: str) -> tuple[bool, str]:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-import warp as wp
-from conftest import ROOT
 from support.digests import Case, cases, film_digest, rendered
-from test_compiled_backend import render
+from test_compiled_backend import render, without_notes
 
 import wrt
 from wrt.backend.builds import Builds, NotCompiled
@@ -183,20 +180,12 @@ material = "painted"
 """
 
 
-@pytest.fixture
-def variables(tmp_path: Path) -> dict[str, str]:
-    """Return variables by which nothing is known to be compiled, though it may well be."""
-    wp.init()
-    kernels = Path(wp.config.kernel_cache_dir).parent  # Warp adds its version
-    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache"), "WARP_CACHE_PATH": str(kernels)}
-    return {**os.environ, **own, "WRT_WIDE": ""}
-
-
 @needs_lanes
 @pytest.mark.slow
-def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path, variables: dict[str, str]) -> None:
+def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
     from PIL import Image
 
+    variables = {**without_notes(tmp_path), "WRT_WIDE": ""}
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)
     assert render(tmp_path, variables, "known.npy", "cornell-box") == (True, "")

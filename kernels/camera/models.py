@@ -25,11 +25,6 @@ CAMERA_MODELS: Registry[CameraModel] = Registry("wrt.kernels.camera", BUILT_IN, 
 current_name = CAMERA_MODELS.current_name
 
 
-def camera_kind(name: str) -> int:
-    """Return the number of a model in kernels."""
-    return model_number(name)
-
-
 class CameraFunctions(NamedTuple):
     """The device functions that dispatch on `Camera.kind`.
 

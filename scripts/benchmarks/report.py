@@ -277,8 +277,9 @@ def found_text(result: Row) -> str:
         rows.append((f"`{row['scene']}`", str(row["spp"]), *cpu, *first))
     for spp in dict.fromkeys(row["spp"] for row in result["rows"]):
         chosen = [row for row in result["rows"] if row["spp"] == spp]
-        means = (f"**{geometric_mean(map(ratio, chosen)):.2f}**" for ratio in (lambda row: row["ratio"], _first_ratio))
-        rows.append(("geometric mean", str(spp), "", "", next(means), "", next(means)))
+        of_second = geometric_mean(row["ratio"] for row in chosen)
+        of_first = geometric_mean(_first_ratio(row) for row in chosen)
+        rows.append(("geometric mean", str(spp), "", "", f"**{of_second:.2f}**", "", f"**{of_first:.2f}**"))
     said = f"On {result['machine']}, {result['cores']} cores; pictures of {result['size']} x {result['size']} pixels."
     return f"{said}\n\n{table(head, rows)}"
 

@@ -97,8 +97,9 @@ def scene() -> Scene:
 
 def exercise(device: Device) -> None:
     """Upload the scene and the cameras to a device, which compiles what that needs."""
-    build_scene(scene(), device)
+    made = scene()
+    build_scene(made, device)
     for camera in (PerspectiveCamera, OrthographicCamera, PanoramaCamera, FisheyeCamera):
         build_camera(camera(), 8, 8, (0, 0, 8, 8), device=device.name)
-    mesh = scene().shapes[0].mesh
+    mesh = made.shapes[0].mesh
     smooth_normals(mesh.vertices, mesh.faces, np.arange(len(mesh.vertices)), 1.0)

@@ -19,9 +19,11 @@ def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | Non
     backend = current_backend()
     motion = backend.kernels("wrt.kernels.geometry.motion")
 
+    from wrt.kernels.registry import model_number
+
     data = backend.kernels("wrt.kernels.camera.camera").Camera()
     name = backend.call("wrt.kernels.camera.models", "current_name", camera.model)
-    data.kind = backend.call("wrt.kernels.camera.models", "camera_kind", name)
+    data.kind = model_number(name)
     for field, value in camera.film(width, height).items():
         setattr(data, field, value)
     data.origin = camera.origin
