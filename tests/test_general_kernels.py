@@ -198,13 +198,13 @@ def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
 
 
 @needs_lanes
-def test_the_command_line_has_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     requested: list[Features] = []
     monkeypatch.setattr(WideKernel, "request", lambda kernel: requested.append(kernel._features))
     monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
     renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
-    for own_process, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
-        monkeypatch.setattr(render_kernel, "is_own_process", lambda own=own_process: own)
+    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
+        monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
         renderer._kernel.launch([1, *renderer._inputs], seconds)
         assert requested == [SMALL] * expected
 

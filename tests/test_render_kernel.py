@@ -18,7 +18,7 @@ import warp as wp
 from conftest import ROOT
 
 import wrt
-from wrt.backend import lanes
+from wrt.backend import current_backend, lanes
 from wrt.backend.builds import Builds
 from wrt.backend.device import Device
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
@@ -200,7 +200,7 @@ def test_where_it_cannot_be_had_nothing_is_tried(
     elif lacking == "warp":
         monkeypatch.setattr(Builds, "known", lambda: None)
     elif lacking == "array":
-        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(kernel._records[0]) - 1)
+        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(current_backend(), kernel._records[0]) - 1)
     elif lacking == "film":
         large = wrt.Renderer(wrt.load("cornell-box"), width=500, height=400)
         kernel = kernel_of(large)
@@ -263,7 +263,7 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
     scene = wrt.load("cornell-box")
     pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)
     scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(wrt.ImageTexture(pixels)))
-    found = largest_array(wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
+    found = largest_array(current_backend(), wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
 
 

@@ -282,25 +282,30 @@ def render(
     Raises:
         InputError: if an argument cannot be used.
     """
+    from wrt.develop.denoise import require_denoiser
     from wrt.progress.bar import ProgressBar
     from wrt.progress.terminal import bar_stream
     from wrt.rendering.passes import LONGEST_PASS
     from wrt.rendering.renderer import Renderer
 
-    watched = bar_stream() is not None if progress is None else progress
+    scene = load(
+        source,
+        up=up,
+        parameters=parameters,
+        strict=strict,
+        view=view,
+        frame=frame,
+        material=material,
+        environment=environment,
+        transparent=transparent,
+        aspect=width / height if width and height else None,
+    )
+    if denoise is not None:
+        scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, denoise=denoise))
+    if scene.settings.denoise:
+        require_denoiser()  # before rendering
     renderer = Renderer(
-        load(
-            source,
-            up=up,
-            parameters=parameters,
-            strict=strict,
-            view=view,
-            frame=frame,
-            material=material,
-            environment=environment,
-            transparent=transparent,
-            aspect=width / height if width and height else None,
-        ),
+        scene,
         width=width,
         height=height,
         device=device,
@@ -311,12 +316,12 @@ def render(
         sampler=sampler,
         integrator=integrator,
     )
+    watched = bar_stream() is not None if progress is None else progress
     seconds = None if watched else LONGEST_PASS
     with ProgressBar(_label_of(source), time_limit=time, wanted=watched) as bar:
         for done in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=seconds):
             bar.update(done)
-    smooth = renderer.settings.denoise if denoise is None else denoise
-    image, alpha = renderer.denoised() if smooth else renderer.image(), renderer.alpha()
+    image, alpha = renderer.denoised() if scene.settings.denoise else renderer.image(), renderer.alpha()
     return image if alpha is None else np.dstack([image, alpha])
 
 

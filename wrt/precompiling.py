@@ -61,7 +61,7 @@ def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> P
     scene = source if isinstance(source, Scene) else load(source)
     if denoise is not None:
         scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, denoise=denoise))
-    with kernel_cache.compiled_modules() as modules:
+    with kernel_cache.compiled_modules() as modules, backend.using(backend.current_backend()):
         renderer = Renderer(scene, **options)
     result = precompiled(renderer, tuple(sorted(modules)))
     backend.note_compiled()

@@ -1,14 +1,18 @@
 """Run kernels: backends, devices, launches, compiled kernels, memory.
 
 A process has one backend, normally Warp's. If everything that a render needs is already compiled, the command line runs
-kernels without importing Warp, which takes longer than a first picture.
+kernels without importing Warp, which takes longer than a first picture. So does a Renderer in a process that has not
+imported Warp; its backend is then another than that of the process.
 """
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from wrt.backend.builds import Builds, NotCompiled
@@ -23,16 +27,84 @@ Result = TypeVar("Result")
 
 _backend: Backend | None = None
 _builds: Builds | None = None
+_known: Builds | None = None
+"""Builds for `compiled_first`: those that one call has loaded serve the next."""
+_has_imported_warp = False
+"""Whether Warp came with wrt. If user code imported it, that may expect Warp arrays, or have changed how it compiles."""
+
+
+@dataclass
+class _Apart:
+    """What runs the kernels of one call: a backend of its own, or that of the process once this is None."""
+
+    backend: Backend | None
+
+
+_apart: ContextVar[_Apart | None] = ContextVar("wrt_backend_apart", default=None)
+"""Set during a call; threads that it starts inherit it (see `wrt.backend.slices.Threads`)."""
 
 
 def current_backend() -> Backend:
-    """Return the backend of this process."""
-    global _backend
+    """Return the backend of this call or process."""
+    global _backend, _has_imported_warp
+    apart = _apart.get()
+    if apart is not None and apart.backend is not None:
+        return apart.backend
     if _backend is None:
+        _has_imported_warp = _has_imported_warp or "warp" not in sys.modules
         from wrt.backend.warp_backend import WarpBackend
 
         _backend = WarpBackend()
     return _backend
+
+
+@contextlib.contextmanager
+def using(backend: Backend) -> Iterator[None]:
+    """Within the context, let `current_backend` return a backend. Do not yield from a generator within."""
+    token = _apart.set(_Apart(backend))
+    try:
+        yield
+    finally:
+        _apart.reset(token)
+
+
+def compiled_first(build: Callable[[], Result]) -> Result:
+    """Call `build` and return its result, which compiled kernels without Warp have made, if they suffice.
+
+    Objects on a device keep to the backend that has made them (see `using`).
+    """
+    if is_own_process() or _apart.get() is not None:
+        return build()
+    builds = _known_builds() if prefers_compiled() else None
+    if builds is None:
+        return build()
+    apart = _Apart(_compiled(builds))
+    token = _apart.set(apart)
+    try:
+        return prepare(build)
+    finally:
+        _apart.reset(token)
+        if apart.backend is None and _has_imported_warp:
+            _note(builds)
+
+
+def _known_builds() -> Builds | None:
+    """Return the builds that are known now."""
+    global _known
+    if _known is None:
+        _known = Builds.known()
+    else:
+        _known.refresh()
+    return _known
+
+
+def _compiled(builds: Builds) -> Backend | None:
+    """Return the backend of compiled kernels, if there are any."""
+    if not builds:
+        return None
+    from wrt.backend.compiled_backend import CompiledBackend
+
+    return CompiledBackend(builds)
 
 
 def prefer_compiled() -> None:
@@ -44,15 +116,18 @@ def prefer_compiled() -> None:
     if _backend is not None or "warp" in sys.modules:
         return
     _builds = Builds.known()
-    if _builds:
-        from wrt.backend.compiled_backend import CompiledBackend
-
-        _backend = CompiledBackend(_builds)
+    if _builds is not None:
+        _backend = _compiled(_builds)
 
 
 def is_own_process() -> bool:
     """Return whether this is a process of wrt's own, such as the command line's; see `prefer_compiled`."""
     return _builds is not None
+
+
+def prefers_compiled() -> bool:
+    """Return whether this process runs compiled kernels without Warp, if there are any."""
+    return is_own_process() or _has_imported_warp or "warp" not in sys.modules
 
 
 def prepare(build: Callable[[], Result]) -> Result:
@@ -68,7 +143,11 @@ def prepare(build: Callable[[], Result]) -> Result:
 def leave_compiled() -> None:
     """Go over to Warp after NotCompiled; what the other backend has made cannot be used any more."""
     global _backend
-    _backend = None
+    apart = _apart.get()
+    if apart is not None:
+        apart.backend = None
+    else:
+        _backend = None
     gc.collect()  # free what it has made, which may be large
 
 

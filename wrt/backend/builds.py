@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import importlib.util
+import itertools
 import json
 import math
 import os
@@ -25,6 +26,10 @@ from wrt.backend.kernel_cache import State, digest, state
 
 KEPT = 16
 """Note files that are kept, for different versions of the kernels and of Warp, and for different processors."""
+
+
+_HANDLES = itertools.count()
+"""Numbers of the kernel modules that this process has loaded."""
 
 
 class NotCompiled(Exception):
@@ -126,7 +131,7 @@ class Builds:
     def _load(self, name: str) -> bytes:
         if not self._is_there(name) or state(file := Path(self.notes["files"][name]["file"])) is not State.WHOLE:
             raise NotCompiled(name)  # Warp's backend then reports the damage
-        handle = f"wrt_{len(self._loaded)}".encode()
+        handle = f"wrt_{next(_HANDLES)}".encode()
         if self._native().wp_load_obj(os.fsencode(file), handle, False) != 0:
             raise NotCompiled(name)
         return handle
@@ -139,9 +144,10 @@ class Builds:
             clang.wp_lookup.argtypes = [ctypes.c_char_p, ctypes.c_char_p]
             clang.wp_lookup.restype = ctypes.c_uint64
             # The library wants functions of warp.so (`wp_cpu_block_runtime_api`), which would take 96 MB more. Only
-            # cooperative kernels call them, and none of those is noted.
+            # cooperative kernels call them, and none of those is noted. Where Warp runs, users may have such kernels.
             abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
-            if not clang.wp_llvm_set_cpu_block_runtime((ctypes.c_void_p * 5)(*[abort.value] * 5)):
+            set_runtime = clang.wp_llvm_set_cpu_block_runtime
+            if not _is_warp_running() and not set_runtime((ctypes.c_void_p * 5)(*[abort.value] * 5)):
                 raise NotCompiled("the runtime of kernels")
             self._clang = clang
         return self._clang
@@ -160,6 +166,12 @@ class Builds:
                 put(folder / self.path.name, digest(text) + b"\n" + text)
                 keep_latest(folder, "builds-*.json", KEPT)
                 return
+
+
+def _is_warp_running() -> bool:
+    """Return whether Warp has started in this process."""
+    context = sys.modules.get("warp._src.context")
+    return context is not None and getattr(context, "runtime", None) is not None
 
 
 def _version(warp: Path) -> str:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from typing import Any
 
 SLICES_PER_THREAD = 16
@@ -75,12 +76,12 @@ class Threads:
         self._pool: ThreadPoolExecutor | None = None
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Call `work` in one of the threads."""
+        """Call `work` in one of the threads, in the context of the caller."""
         if self._pool is None or self._process != os.getpid():
             self._process, self._pool = os.getpid(), ThreadPoolExecutor(self._count, thread_name_prefix=self._name)
         given = threading.stack_size(STACK_BYTES)
         try:
-            return self._pool.submit(work, *arguments)
+            return self._pool.submit(copy_context().run, work, *arguments)
         finally:
             threading.stack_size(given)
 

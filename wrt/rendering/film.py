@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.rendering.film_aovs import FilmAovs, bytes_per_pixel
@@ -32,20 +31,29 @@ class Film:
 
     def __init__(self, width: int, height: int, device: Device, layers: tuple[str, ...] = ()) -> None:
         """Start an empty film of width x height pixels on a device, with `layers` besides radiance."""
-        backend = current_backend()
-        film = backend.kernels("wrt.kernels.film.film")
+        self.width, self.height = width, height
+        self.pixels = width * height
+        self._layers, self._per_pixel = layers, bytes_per_pixel(layers)
+        self._start(device)
 
-        self.width, self.height, self.device = width, height, device
-        self.pixels = pixels = width * height
-        self._per_pixel = bytes_per_pixel(layers)
+    def _start(self, device: Device) -> None:
+        """Start empty on a device."""
+        self.device, backend = device, device.backend
         self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
-        self.aovs = FilmAovs(layers, width, height, device)
-        self.data = film.FilmData()
-        self.data.total = backend.zeros(pixels, "vec3d", device.name)
-        self.data.total_of_squares = backend.zeros(pixels, "vec3d", device.name)
-        self.data.count = backend.zeros(pixels, "int32", device.name)
-        self.data.rejected = backend.zeros(pixels, "int32", device.name)
-        self.data.rays = backend.zeros(pixels, "int64", device.name)
+        self.aovs = FilmAovs(self._layers, self.width, self.height, device)
+        self.data = backend.kernels("wrt.kernels.film.film").FilmData()
+        self.data.total = backend.zeros(self.pixels, "vec3d", device.name)
+        self.data.total_of_squares = backend.zeros(self.pixels, "vec3d", device.name)
+        self.data.count = backend.zeros(self.pixels, "int32", device.name)
+        self.data.rejected = backend.zeros(self.pixels, "int32", device.name)
+        self.data.rays = backend.zeros(self.pixels, "int64", device.name)
+
+    def move(self, device: Device) -> None:
+        """Move to another device, with all samples."""
+        state, rays = self.arrays(), self.data.rays.numpy()
+        self._start(device)
+        self.restore(state)
+        device.backend.copy(self.data.rays, device.backend.array(rays, "int64", device.name))
 
     def require_memory(self, new: int = 0) -> None:
         """Raise InputError unless memory suffices for `new` bytes a pixel and for the copies that saving makes."""
@@ -59,7 +67,7 @@ class Film:
         if pixels is None:
             yield
             return
-        backend = current_backend()
+        backend = self.device.backend
         target = self.data.count
         before = target.numpy()[pixels]  # a copy
         counts = target.numpy().copy()
@@ -120,7 +128,7 @@ class Film:
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Continue from a state, whose arrays must have the shapes and types of `state`."""
-        backend = current_backend()
+        backend = self.device.backend
 
         for name in STATE_ARRAYS:
             target = getattr(self.data, name)
@@ -151,7 +159,7 @@ class Film:
 
     def device_mean(self) -> Any:
         """Return `mean` as (H, W) wp.array of vec3 on the device."""
-        backend = current_backend()
+        backend = self.device.backend
         film = backend.kernels("wrt.kernels.film.film")
 
         mean = backend.empty(self.pixels, "vec3", self.device.name)
@@ -173,7 +181,7 @@ class Film:
         The root mean square would depend on a handful of pixels across the edge of a lamp. None before any pixel has
         two samples, or if the picture is black.
         """
-        backend = current_backend()
+        backend = self.device.backend
         film = backend.kernels("wrt.kernels.film.film")
 
         mean = backend.zeros(self.height, "float64", self.device.name)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.layers import LAYERS, NUMBERS
@@ -35,7 +34,7 @@ class FilmAovs:
 
     def __init__(self, names: tuple[str, ...], width: int, height: int, device: Device) -> None:
         """Start empty layers for a picture of width x height pixels on a device."""
-        backend = current_backend()
+        backend = device.backend
         aovs = backend.kernels("wrt.kernels.film.aovs")
 
         self.names, self.width, self.height, self.device = names, width, height, device
@@ -96,7 +95,7 @@ class FilmAovs:
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Continue from a state, whose arrays must have the shapes and types of `state`."""
-        backend = current_backend()
+        backend = self.device.backend
 
         for name in _ARRAYS if self.names else ():
             target = getattr(self.data, name)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from wrt.backend import current_backend, is_own_process
+from wrt.backend import prefers_compiled
 from wrt.backend.builds import NotCompiled
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
@@ -50,11 +50,11 @@ class RenderKernel:
         if found is not None and (read is None or read.has_uploads_of(found)):
             self.scalar, self.read = None, found
         else:
-            self.scalar, self.read = current_backend().call(*general.MAKE, features), features
+            self.scalar, self.read = device.backend.call(*general.MAKE, features), features
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
-        film = current_backend().kernels("wrt.kernels.film.film")
+        film = self._device.backend.kernels("wrt.kernels.film.film")
         # The largest first, then those needed last: building the tree meanwhile compiles from the other end.
         for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building())):
             if kernel is not None:
@@ -93,8 +93,10 @@ class RenderKernel:
         self._device.launch(best.kernel, tiles, inputs, spared=spared, cancellable=True)
 
     def _request_general(self, seconds_left: float) -> None:
-        """Have the general kernel compiled that covers this scene, for other scenes on the command line."""
-        if not self._is_general_requested and seconds_left > WORTH_SECONDS and self._device.is_cpu and is_own_process():
+        """Have the general kernel compiled that covers this scene, for other scenes."""
+        if self._is_general_requested or seconds_left <= WORTH_SECONDS:
+            return
+        if self._device.is_cpu and prefers_compiled():
             self._is_general_requested = True
             for features in general.general_features(self._features)[:1]:
                 WideKernel(self._device, features, self.records).request()

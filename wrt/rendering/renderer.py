@@ -8,12 +8,13 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import current_backend
+from wrt.backend import compiled_first, current_backend, is_own_process, note_compiled, using
+from wrt.backend.builds import NotCompiled
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError
@@ -38,6 +39,8 @@ from wrt.values import integer, one_of
 
 if TYPE_CHECKING:
     from wrt.parts.part import Part
+
+Result = TypeVar("Result")
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
@@ -116,6 +119,12 @@ class Renderer(Picture, Resumable):
         self.scene = with_camera(scene, self.width / self.height)
         if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
             warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
+        self.seconds_render, self.paths, self._updated = 0.0, 0, False
+        start = partial(self._start, device, threads)
+        compiled_first(start) if device == "cpu" else start()
+
+    def _start(self, device: str, threads: int | None) -> None:
+        """Open the device, build the scene there and compile all kernels."""
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
@@ -123,8 +132,37 @@ class Renderer(Picture, Resumable):
         self._estimate_noise(None)
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._inputs = self._prepare()
-        self.seconds_render, self.paths, self._updated = 0.0, 0, False
         self._guides = self._guides_at_start()
+
+    def with_backend(self, work: Callable[[], Result]) -> Result:
+        """Call `work` with the renderer's backend, and return its result.
+
+        If that needs a kernel that is not compiled, build the scene again with Warp, keep the picture, and call again.
+        """
+        try:
+            with using(self.device.backend):
+                return work()
+        except NotCompiled:
+            if is_own_process():  # what else it has made with this backend must be made again, too
+                raise
+        self._go_over_to_warp()
+        with using(self.device.backend):
+            result = work()
+        note_compiled()
+        return result
+
+    def _go_over_to_warp(self) -> None:
+        """Build the scene again with Warp, unless it was."""
+        if self.device.backend.builds is None:
+            return
+        with using(current_backend()):
+            self.device = Device(self.device.name, threads=self.device.threads)
+            self.film.move(self.device)
+            if self._pilot is not None:
+                self._pilot.film.move(self.device)
+            self._build()
+            self._inputs = self._prepare()
+            self._guides = None
 
     def _guides_at_start(self) -> Guides | None:
         """Return the guides of a picture that will be denoised, whose kernel is compiled with the others."""
@@ -153,7 +191,7 @@ class Renderer(Picture, Resumable):
         """Return the arguments of the kernel after the number of samples."""
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
-        table = current_backend().array(filter_table(self.settings.filter), float, self.device.name)
+        table = self.device.backend.array(filter_table(self.settings.filter), float, self.device.name)
         self._shared_inputs = [self.seed, self._device_camera(), table, self._built.data, path]
         arguments = self.arguments_for(self.film, self._kernel)
         self._kernel.start()
@@ -255,7 +293,7 @@ class Renderer(Picture, Resumable):
         before = int(self.film.counts.sum(dtype=np.int64))
         started = time.perf_counter()
         try:
-            with self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
+            with using(self.device.backend), self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
                 self._kernel.launch([target, *self._inputs], seconds_left)
             if self._pilot is not None:
                 self._pilot.trace(self, target)
@@ -269,7 +307,8 @@ class Renderer(Picture, Resumable):
     def trace_film(self, film: Film, target: int, seed: int) -> None:
         """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
         _, *inputs = self.arguments_for(film, self._kernel)
-        self._kernel.launch([target, seed, *inputs], 0.0)
+        with using(self.device.backend):
+            self._kernel.launch([target, seed, *inputs], 0.0)
 
     def _needs_short_passes(self) -> bool:
         return not self.device.is_cpu or self._kernel.is_being_compiled
@@ -309,6 +348,9 @@ class Renderer(Picture, Resumable):
         """
         if not self.renders_light:
             raise InputError(f"integrator {self.integrator} renders only layers, which are not denoised")
+        return self.with_backend(self._guide_layers)
+
+    def _guide_layers(self) -> dict[str, NDArray[np.float32]]:
         if self._guides is None:
             self._guides = Guides(self)
         return self._guides.layers()
@@ -318,6 +360,7 @@ class Renderer(Picture, Resumable):
 
         Other frameworks share it without a copy by DLPack: `torch.from_dlpack(image)`, `jax.dlpack.from_dlpack(image)`.
         """
+        self._go_over_to_warp()
         return self.film.device_mean()
 
     def set_camera(self, camera: Camera) -> None:
@@ -330,8 +373,12 @@ class Renderer(Picture, Resumable):
         Raises:
             InputError: if the kernel or the trees do not fit this camera.
         """
-        old = self.scene.camera
         require_camera(camera)
+        self.with_backend(partial(self._set_camera, camera))
+        self._clear()
+
+    def _set_camera(self, camera: Camera) -> None:
+        old = self.scene.camera
         assert old is not None
         if outside_cameras(camera) != outside_cameras(old):
             names = f"from {type(old).__name__} to {type(camera).__name__}"
@@ -343,7 +390,6 @@ class Renderer(Picture, Resumable):
         seed, _, *others = self._shared_inputs
         self._shared_inputs = [seed, self._device_camera(), *others]
         self._inputs = self.arguments_for(self.film, self._kernel)
-        self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
         """Move a shape's vertices and restart the picture, for the next frame of a simulation.
@@ -362,6 +408,7 @@ class Renderer(Picture, Resumable):
             InputError: when the shape cannot be updated, on arrays of other sizes, or on non-finite values.
         """
         number = shape_number(self.scene, shape)
+        self._go_over_to_warp()
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
         self._updated = True
         self._clear()

@@ -17,13 +17,16 @@ import weakref
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from wrt.backend import cache_folders, current_backend
+from wrt.backend import cache_folders
 from wrt.backend.builds import Builds, NotCompiled
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
 from wrt.compiling import later, wide
+
+if TYPE_CHECKING:
+    from wrt.backend import Backend
 
 LOADING_SECONDS, COMPILED_LOADING_SECONDS = 2.0, 0.02
 """Skip loading if fewer than this many seconds remain to render. Warp must generate the code again (1 s); the compiled
@@ -151,7 +154,8 @@ class WideKernel:
         if self._possible is None:
             self._lanes = lanes_here()
             suits = self._lanes > 0 and self._features.integrator not in _UNLIKE_PATHS
-            if suits and max(map(largest_array, self._records)) <= MOST_BYTES:
+            largest = partial(largest_array, self._device.backend)
+            if suits and max(map(largest, self._records)) <= MOST_BYTES:
                 self._builds = self._device.backend.builds or Builds.known()
             self._possible = self._builds is not None
         return self._possible
@@ -232,12 +236,12 @@ def _end(compiler: subprocess.Popen[bytes], for_later: Callable[[], Path | None]
         for_later()
 
 
-def largest_array(record: Any) -> int:
+def largest_array(backend: Backend, record: Any) -> int:
     """Return the bytes of the largest array in a record, except for the ray tree, which has 64-bit offsets."""
-    backend, most = current_backend(), 0
+    most = 0
     for name, value in backend.fields(record).items():
         if hasattr(value, "ptr"):
             most = max(most, value.numpy().nbytes)
         elif name != "bvh":
-            most = max(most, largest_array(value))
+            most = max(most, largest_array(backend, value))
     return most
