@@ -112,7 +112,7 @@ def test_what_is_not_compiled_moves_the_picture_to_warp(tmp_path: Path, variable
 
 
 def test_guides_are_noted_for_the_next_process(tmp_path: Path, variables: dict[str, str]) -> None:
-    guides = "renderer = renderer_with(2)\nprint(json.dumps([has_warp(), digest(renderer.denoising_guides()['normal'])]))"
+    guides = "normals = renderer_with(2).denoising_guides()['normal']\nprint(json.dumps([has_warp(), digest(normals)]))"
     run(tmp_path, variables, RENDER)
     first = run(tmp_path, variables, guides.replace("has_warp()", "True"))
     assert run(tmp_path, variables, guides) == (False, first[1])

@@ -71,7 +71,7 @@ def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> P
 def compile_general(sampler: str | None = None) -> str:
     """Compile the general kernels, which render most scenes whose own kernels are not compiled; say what was done.
 
-    Only processes of the command line use them, on CPUs with a wide kernel.
+    Processes whose own code has not imported Warp use them, on CPUs with a wide kernel.
 
     Args:
         sampler: the sampler of later renders; by default that of scenes which name none.

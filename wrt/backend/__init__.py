@@ -30,7 +30,7 @@ _builds: Builds | None = None
 _known: Builds | None = None
 """Builds for `compiled_first`: those that one call has loaded serve the next."""
 _has_imported_warp = False
-"""Whether Warp came with wrt. If user code imported it, that may expect Warp arrays, or have changed how it compiles."""
+"""Whether Warp came with wrt. User code that imported it may expect Warp arrays, or have changed how it compiles."""
 
 
 @dataclass

@@ -18,7 +18,7 @@ from wrt.upload.accel.bvh import kernels_of_building
 class RenderKernel:
     """The kernels of one picture.
 
-    On the command line, a general kernel stands in for the scalar one while that is not compiled, until the scene's own
+    A general kernel may stand in for the scalar one while that is not compiled, until the scene's own
     wide kernel is (see `wrt.compiling.general`).
 
     Attributes:
