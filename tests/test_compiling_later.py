@@ -61,13 +61,13 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
     """Return what `main` has compiled, which it only notes here; diffuse surfaces cannot be translated."""
     features: list[Features] = []
 
-    def compile_wide(asked: Features, lanes: int, builds: Builds, uses: Any) -> None:
+    def compile_kernel(asked: Features, lanes: int, builds: Builds, uses: Any) -> None:
         assert (uses is not None) == is_general(asked)
         if asked == DIFFUSE:
             raise Unsupported("diffuse")
         features.append(asked)
 
-    monkeypatch.setattr(later, "compile_wide", compile_wide)
+    monkeypatch.setattr(later, "compile_kernel", compile_kernel)
     monkeypatch.setattr(later, "_give_way", lambda: None)
     monkeypatch.setattr(signal, "alarm", lambda _: 0)
     return features
@@ -194,14 +194,14 @@ def test_one_process_compiles_and_serves_what_comes_meanwhile(
     second = dataclasses.replace(MIRROR, opacity=True)
     paths = []
 
-    def compile_wide(features: Features, *_: object) -> None:
+    def compile_kernel(features: Features, *_: object) -> None:
         if features == MIRROR:
             paths.append(request(second, 8, builds, tmp_path))
             assert serve(builds, tmp_path) == 0, "another process ends at once"
             assert not compiled
         compiled.append(features)
 
-    monkeypatch.setattr(later, "compile_wide", compile_wide)
+    monkeypatch.setattr(later, "compile_kernel", compile_kernel)
     request(MIRROR, 8, builds, tmp_path)
     serve(builds, tmp_path)
     assert compiled == [MIRROR, second]

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from support.digests import Case, cases, film_digest, rendered
 from test_compiled_backend import render, without_notes
@@ -16,10 +17,11 @@ import wrt
 from wrt.backend.builds import Builds, NotCompiled
 from wrt.backend.lanes import lanes_of
 from wrt.backend.processor import processor_flags
-from wrt.compiling import exercise, general
-from wrt.compiling.wide import name_of_wide
+from wrt.compiling import exercise, general, later
+from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.features import Features
 from wrt.rendering import render_kernel
+from wrt.rendering.guides import guide_features
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.rendering.wide_kernel import WideKernel
 from wrt.upload.materials import model_name
@@ -28,6 +30,7 @@ needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the pr
 
 PLAIN = Features(("diffuse",), False, "none", sampler="sobol")
 SMALL, LARGE, WITH_HOLES = general.general_features(PLAIN)
+GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
 
 
 @pytest.mark.parametrize(
@@ -84,8 +87,8 @@ class Notes(Builds):
 
 
 def test_the_best_that_is_compiled_is_chosen() -> None:
-    own, own_wide = general.call_name(*general.MAKE, (PLAIN,)), name_of_wide(PLAIN, 16)
-    wides = [name_of_wide(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
+    own, own_wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
+    wides = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
     assert general.compiled_for(PLAIN, 16, Notes(own, own_wide, *wides)) is None
     assert general.compiled_for(PLAIN, 16, Notes(own_wide, *wides)) == PLAIN
     assert general.compiled_for(PLAIN, 16, Notes(own, *wides)) == SMALL
@@ -95,6 +98,15 @@ def test_the_best_that_is_compiled_is_chosen() -> None:
     assert general.compiled_for(PLAIN, 8, Notes(*wides)) is None
     assert general.compiled_for(PLAIN, 0, Notes(own_wide, *wides)) is None
     assert general.compiled_for(PLAIN, 16, Notes()) is None
+
+
+def test_guides_are_rendered_by_the_smallest_that_is_compiled() -> None:
+    own = guide_features(PLAIN, wrt.RenderSettings())
+    names = [name_of_kernel(kernel, SCALAR) for kernel in GUIDES]
+    assert general.compiled_for(own, 16, Notes(*names)) == GUIDES[0]
+    assert general.compiled_for(own, 16, Notes(names[1])) == GUIDES[1]
+    assert general.compiled_for(own, 16, Notes(name_of_kernel(own, SCALAR), *names)) is None
+    assert general.compiled_for(own, 0, Notes(*names)) is None
 
 
 # --- Bits -----------------------------------------------------------------------------------------
@@ -136,6 +148,23 @@ def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Fea
     assert len(set(by_general)) == 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["models-perspective", "textures-perspective"])
+def test_guides_have_the_values_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(general, "general_features", lambda _: [])
+        own = guides_of(CASES[name])
+    found = guides_of(CASES[name])
+    assert {features.guides for features in by_general} == {False, True}
+    assert all(np.array_equal(found[layer], own[layer]) for layer in ("albedo", "normal"))
+
+
+def guides_of(case: Case) -> Any:
+    renderer = wrt.Renderer(case.make(), width=24, height=24, sampler="sobol")
+    list(renderer.passes(spp=2))
+    return renderer.denoising_guides()
+
+
 def own_film(case: Case) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(general, "general_features", lambda _: [])
@@ -150,10 +179,13 @@ import warp as wp
 from wrt.backend.builds import Builds
 from wrt.compiling.exercise import exercise
 from wrt.compiling.general import general_features
-from wrt.compiling.wide import compile_wide
+from wrt.compiling.kernel import SCALAR, compile_kernel
 from wrt.kernels.features import Features
+from wrt.rendering.guides import guide_features
+from wrt.scene.scene import RenderSettings
 plain = Features(("diffuse",), False, "none", sampler="sobol")
-compile_wide(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exercise)
+compile_kernel(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exercise)
+compile_kernel(general_features(guide_features(plain, RenderSettings()))[0], SCALAR, Builds.known(), exercise)
 """
 
 NEW = """
@@ -195,18 +227,25 @@ def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
     alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
     assert render(tmp_path, alone, "own.npy", "new.toml") == (True, "")
     assert (tmp_path / "general.npy").read_bytes() == (tmp_path / "own.npy").read_bytes()
+    pytest.importorskip("mitsuba_oidn")
+    assert render(tmp_path, variables, "smooth.npy", "new.toml", "--denoise") == (False, "")
+    assert render(tmp_path, alone, "own-smooth.npy", "new.toml", "--denoise") == (True, "")
+    assert (tmp_path / "smooth.npy").read_bytes() == (tmp_path / "own-smooth.npy").read_bytes()
 
 
 @needs_lanes
 def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    requested: list[Features] = []
-    monkeypatch.setattr(WideKernel, "request", lambda kernel: requested.append(kernel._features))
+    requested: list[tuple[Features, int]] = []
+    monkeypatch.setattr(later, "request_if_missing", lambda features, lanes, _: requested.append((features, lanes)))
     monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
+    monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
     renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
     for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
         monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
         renderer._kernel.launch([1, *renderer._inputs], seconds)
-        assert requested == [SMALL] * expected
+        assert requested == [(SMALL, 16)] * expected
+    renderer.denoising_guides()
+    assert requested[1:] == [(GUIDES[0], SCALAR)]
 
 
 def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,9 +21,10 @@ from wrt.backend.lanes import SWITCH as WIDE
 from wrt.backend.lanes import lanes_here, lanes_of
 from wrt.backend.processor import processor_flags
 from wrt.cli import main
-from wrt.compiling import wide
+from wrt.compiling import kernel
 from wrt.compiling.general import general_features
 from wrt.kernels.features import Features
+from wrt.rendering.guides import guide_features
 
 
 def test_the_second_call_compiles_nothing() -> None:
@@ -119,15 +120,16 @@ def test_general_kernels_are_compiled_once(
     monkeypatch.setenv(WIDE, "8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     asked: list[Features] = []
-    monkeypatch.setattr(wide, "compile_wide", lambda features, *_: asked.append(features))
+    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: asked.append(features))
     assert main(["compile", "--general", "--sampler", "independent"]) == 0
-    assert asked == general_features(Features(("diffuse",), False, "none", sampler="independent"))
+    plain = Features(("diffuse",), False, "none", sampler="independent")
+    assert asked == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))
     monkeypatch.setattr(Builds, "has", lambda *_: True)
     assert main(["compile", "--general"]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("general kernels: 3 general kernels compiled in ")
+    assert said[0].startswith("general kernels: 5 general kernels compiled in ")
     assert said[1:] == ["general kernels: everything was compiled before"]
-    assert len(asked) == 3
+    assert len(asked) == 5
 
 
 def test_the_tests_run_without_the_wide_kernel() -> None:

@@ -339,7 +339,7 @@ def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
 COMPILING = """
 import os
 import sys
-from wrt.compiling.wide import main
+from wrt.compiling.kernel import main
 print(main(sys.argv), os.nice(0))
 """
 

@@ -76,8 +76,9 @@ def compile_general(sampler: str | None = None) -> str:
     Args:
         sampler: the sampler of later renders; by default that of scenes which name none.
     """
-    from wrt.compiling import exercise, general, wide
+    from wrt.compiling import exercise, general, kernel
     from wrt.kernels.features import Features
+    from wrt.rendering.guides import guide_features
     from wrt.scene.scene import RenderSettings
 
     builds, lanes = Builds.known(), lanes_here()
@@ -85,10 +86,13 @@ def compile_general(sampler: str | None = None) -> str:
         return "there is only the scalar kernel"
     started, count = time.perf_counter(), 0
     plain = Features((general.TIERS[0].models[0],), False, "none", sampler=sampler or RenderSettings().sampler)
-    for features in general.general_features(plain):
-        if not builds.has(wide.name_of_wide(features, lanes)):
+    guides = guide_features(plain, RenderSettings())
+    wanted = [(features, lanes) for features in general.general_features(plain)]
+    wanted += [(features, kernel.SCALAR) for features in general.general_features(guides)]
+    for features, width in wanted:
+        if not builds.has(kernel.name_of_kernel(features, width)):
             count += 1
-            wide.compile_wide(features, lanes, builds, exercise.exercise)
+            kernel.compile_kernel(features, width, builds, exercise.exercise)
     seconds = time.perf_counter() - started
     return f"{count} general kernels compiled in {seconds:.1f} s" if count else "everything was compiled before"
 

@@ -7,6 +7,7 @@ import contextlib
 import errno
 import os
 import re
+import sys
 import threading
 import warnings
 from collections.abc import Iterator
@@ -69,6 +70,17 @@ def warp_folder() -> Path:
         FileNotFoundError: see `user_folder`.
     """
     return Path(os.environ.get("WARP_CACHE_PATH") or user_folder() / "warp")
+
+
+def kernels_folder() -> Path:
+    """Return Warp's folder of compiled kernels, without its version, as this process has set it.
+
+    Raises:
+        FileNotFoundError: see `user_folder`.
+    """
+    warp = sys.modules.get("warp")
+    known = warp and warp.config.kernel_cache_dir
+    return Path(known).parent if known else warp_folder()  # Warp adds its version to the path
 
 
 def choose_warp_folder() -> None:

@@ -1,7 +1,8 @@
-"""General kernels: wide kernels that render most scenes whose own kernels are not compiled yet.
+"""General kernels: they render most scenes whose own kernels are not compiled yet.
 
-They decide at run time what the kernel of a scene knows beforehand (`Features.covers`), so they are slower, with the
-same bits. Each is compiled in the background when a render meets the first scene that it covers, for scenes to come.
+Those of pictures are wide, those of a denoiser's guides scalar. They decide at run time what the kernel of a scene
+knows beforehand (`Features.covers`), so they are slower, with the same bits. Each is compiled in the background when a
+render meets the first scene that it covers, for scenes to come.
 """
 
 from __future__ import annotations
@@ -11,11 +12,7 @@ from typing import Any, NamedTuple
 
 from wrt.backend import current_backend
 from wrt.backend.builds import Builds
-from wrt.backend.recording import call_name
-from wrt.compiling.wide import name_of_wide
-
-MAKE = "wrt.kernels.render", "make_render_kernel"
-"""Module and name of the function that declares the scalar kernel for some features."""
+from wrt.compiling.kernel import SCALAR, name_of_kernel
 
 _OF_MESHES = ("diffuse", "principled")
 _WITHOUT_HOLES = (
@@ -45,20 +42,27 @@ holes. Compiling takes 20, 50 and 60 s of CPU; the second has three quarters of 
 the third half of it."""
 
 
+TIERS_OF_GUIDES = TIERS[0], TIERS[-1]
+"""Of the kernels for a denoiser's guides, which take few samples. Compiling takes 5 and 15 s of CPU."""
+
+
 def general_features(features: Any) -> list[Any]:
     """Return the features of the general kernels that cover a scene, the fastest first.
 
     There are none for scenes with media, and for options that few use.
     """
-    if features.media != "none" or features.aovs or features.clamped or features.regularized or features.cameras:
+    layers = features.aovs and not features.guides
+    if features.media != "none" or layers or features.clamped or features.regularized or features.cameras:
         return []
-    own = {"textured": True, "mipmapped": True, "environment": "image", "tangents": True, "light_tree": True}
-    own |= {"uv2_alpha": True, "light_shapes": current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN}
+    own: dict[str, Any] = {"textured": True, "mipmapped": True, "tangents": True, "light_tree": True, "uv2_alpha": True}
+    if not features.guides:
+        shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
+        own |= {"environment": "image", "light_shapes": shapes}
     kernels = [
         dataclasses.replace(
             features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **own
         )
-        for tier in TIERS
+        for tier in (TIERS_OF_GUIDES if features.guides else TIERS)
     ]
     return [kernel for kernel in kernels if kernel.covers(features)]
 
@@ -71,10 +75,13 @@ def is_general(features: Any) -> bool:
 def compiled_for(features: Any, lanes: int, builds: Builds) -> Any:
     """Return the features of the best wide kernel that is compiled for a scene: its own, or a general one.
 
-    Return None if there is none, and if both of the scene's own kernels are compiled, so that none need stand in.
+    Return None if there is none, and if both of the scene's own kernels are compiled, so that none need stand in. For
+    a denoiser's guides the same holds with scalar kernels; they have no others.
     """
     if lanes == 0:
         return None
-    if builds.has(name_of_wide(features, lanes)):
-        return None if builds.has(call_name(*MAKE, (features,))) else features
-    return next((kernel for kernel in general_features(features) if builds.has(name_of_wide(kernel, lanes))), None)
+    if features.guides:
+        lanes = SCALAR
+    if builds.has(name_of_kernel(features, lanes)):
+        return None if builds.has(name_of_kernel(features, SCALAR)) else features
+    return next((kernel for kernel in general_features(features) if builds.has(name_of_kernel(kernel, lanes))), None)

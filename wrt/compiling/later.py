@@ -1,4 +1,4 @@
-"""Compile wide kernels for the next render, after one that is too short to wait for its own.
+"""Compile kernels for the next render, after one that is too short to wait for its own.
 
 A render writes a request into a folder beside the notes, and starts a process that compiles what is requested there.
 One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end at once. It has
@@ -22,7 +22,7 @@ from typing import Any
 from wrt.backend import cache_folders
 from wrt.backend.builds import Builds
 from wrt.backend.kernel_cache import digest
-from wrt.compiling.wide import as_json, command, compile_wide, from_json, name_of_wide
+from wrt.compiling.kernel import as_json, command, compile_kernel, from_json, name_of_kernel
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -56,7 +56,7 @@ def is_wanted() -> bool:
 
 
 def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | None:
-    """Have another process compile a wide kernel, and return the path of the request, which is gone when it is done.
+    """Have another process compile a kernel, and return the path of the request, which is gone when it is done.
 
     Return None if that is not wanted, if the cache cannot be written to, or if its compiler was killed lately.
 
@@ -69,7 +69,7 @@ def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | 
     if not is_wanted() or not sys.executable:
         return None
     folder, group = requests_folder(builds), _group(builds, kernels)
-    path = folder / f"{group}-{digest(name_of_wide(features, lanes).encode()).decode()}{REQUESTED}"
+    path = folder / f"{group}-{digest(name_of_kernel(features, lanes).encode()).decode()}{REQUESTED}"
     try:
         cache_folders.require_writable(kernels / builds.warp_version)
         folder.mkdir(parents=True, exist_ok=True)
@@ -81,6 +81,14 @@ def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | 
     except (OSError, TypeError):
         return None
     return path
+
+
+def request_if_missing(features: Any, lanes: int, builds: Builds | None) -> None:
+    """Have another process compile a kernel, unless it is compiled; `builds` are the notes, if they are read."""
+    builds = builds or Builds.known()
+    if builds is not None and not builds.has(name_of_kernel(features, lanes)):
+        with contextlib.suppress(FileNotFoundError):  # nothing that is compiled could be kept
+            request(features, lanes, builds, cache_folders.kernels_folder())
 
 
 def _start(builds: Builds, kernels: Path) -> None:
@@ -138,10 +146,10 @@ def _serve(path: Path, builds: Builds, kernels: Path) -> None:
         features, lanes = json.loads(begun.read_text(encoding="utf-8"))
         features = from_json(features)
         builds.refresh()
-        if not builds.has(name_of_wide(features, lanes)):
+        if not builds.has(name_of_kernel(features, lanes)):
             if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
                 wp.config.kernel_cache_dir = str(kernels)
-            compile_wide(features, lanes, builds, exercise if is_general(features) else None)
+            compile_kernel(features, lanes, builds, exercise if is_general(features) else None)
         begun.unlink(missing_ok=True)
 
 

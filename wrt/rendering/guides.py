@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.rendering.film import Film
 from wrt.rendering.render_kernel import RenderKernel
+from wrt.scene.scene import RenderSettings
 from wrt.upload.camera import outside_cameras
 from wrt.upload.integrators import integrator_features
 
@@ -22,6 +23,12 @@ MOST_SAMPLES = 64
 """Samples per pixel of the guides: they have little noise of their own, and are filtered before use."""
 
 
+def guide_features(features: Any, settings: RenderSettings) -> Any:
+    """Return the features of the kernel for the guides of a scene with these features."""
+    guided = dataclasses.replace(features, guides=True)
+    return integrator_features(guided, "aov", dataclasses.replace(settings, layers=LAYERS))
+
+
 class Guides:
     """The guides of one picture; their samples are those of the picture.
 
@@ -30,14 +37,13 @@ class Guides:
 
     def __init__(self, renderer: Renderer) -> None:
         """Prepare the guides of a renderer's picture, and compile their kernel."""
-        settings = dataclasses.replace(renderer.settings, layers=LAYERS)
-        own = {"sampler": settings.sampler, "cameras": outside_cameras(renderer.scene.camera), "guides": True}
-        features = dataclasses.replace(renderer.built_features, **own)
-        features = integrator_features(features, "aov", settings)
+        settings = renderer.settings
+        own = {"sampler": settings.sampler, "cameras": outside_cameras(renderer.scene.camera)}
+        features = guide_features(dataclasses.replace(renderer.built_features, **own), settings)
         width, height = renderer.film.width, renderer.film.height
         self._renderer = renderer
         self._film = Film(width, height, renderer.device, LAYERS)
-        self._kernel = RenderKernel(renderer.device, features, width, height, read=renderer.built_features)
+        self._kernel = RenderKernel(renderer.device, features, width, height, read=renderer.uploaded_features)
         with renderer.device.compiling() as compile:
             self._kernel.compile(compile)
 

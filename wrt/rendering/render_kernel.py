@@ -10,7 +10,8 @@ from wrt.backend import prefers_compiled
 from wrt.backend.builds import NotCompiled
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
-from wrt.compiling import general
+from wrt.compiling import general, later
+from wrt.compiling.kernel import SCALAR, declaration
 from wrt.rendering.wide_kernel import WORTH_SECONDS, WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
 
@@ -47,10 +48,12 @@ class RenderKernel:
         self._is_general_requested = False
         builds = device.backend.builds
         found = None if builds is None else general.compiled_for(features, lanes_here(), builds)
-        if found is not None and (read is None or read.has_uploads_of(found)):
-            self.scalar, self.read = None, found
-        else:
-            self.scalar, self.read = device.backend.call(*general.MAKE, features), features
+        if found is not None and read is not None and not read.has_uploads_of(found):
+            found = None
+        self.read = features if found is None else found
+        self.scalar: Any = None
+        if found is None or features.guides:
+            self.scalar = device.backend.call(*declaration(self.read, SCALAR))
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
@@ -94,12 +97,14 @@ class RenderKernel:
 
     def _request_general(self, seconds_left: float) -> None:
         """Have the general kernel compiled that covers this scene, for other scenes."""
-        if self._is_general_requested or seconds_left <= WORTH_SECONDS:
+        guides = self._features.guides
+        if self._is_general_requested or not (guides or seconds_left > WORTH_SECONDS):
             return
-        if self._device.is_cpu and prefers_compiled():
+        lanes = lanes_here()
+        if self._device.is_cpu and prefers_compiled() and lanes > 0:
             self._is_general_requested = True
             for features in general.general_features(self._features)[:1]:
-                WideKernel(self._device, features, self.records).request()
+                later.request_if_missing(features, SCALAR if guides else lanes, self._device.backend.builds)
 
     def share_wide(self, other: RenderKernel) -> None:
         """Use the wide kernel of `other` if it is for the same features, instead of loading another."""

@@ -212,6 +212,11 @@ class Renderer(Picture, Resumable):
         return self._built.features
 
     @property
+    def uploaded_features(self) -> Any:
+        """The features for which the scene was uploaded: those of its kernel, which may have more."""
+        return self._built.read
+
+    @property
     def width(self) -> int:
         """Width of the whole picture, pixels."""
         return self.settings.width

@@ -10,7 +10,6 @@ import contextlib
 import math
 import os
 import subprocess
-import sys
 import threading
 import time
 import weakref
@@ -23,7 +22,8 @@ from wrt.backend import cache_folders
 from wrt.backend.builds import Builds, NotCompiled
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
-from wrt.compiling import later, wide
+from wrt.compiling import kernel as compiler
+from wrt.compiling import later
 
 if TYPE_CHECKING:
     from wrt.backend import Backend
@@ -119,11 +119,6 @@ class WideKernel:
                 if self.kernel is None and self._is_usable() and self._is_compiled():
                     self._load()
 
-    def request(self) -> None:
-        """Have the kernel compiled for later renders, unless it is."""
-        if self._is_usable() and not self._is_compiled():
-            self._for_later()()
-
     @property
     def lanes(self) -> int:
         """Paths that the kernel follows at once; 1, as for the scalar kernel, while it is not loaded."""
@@ -161,12 +156,12 @@ class WideKernel:
         return self._possible
 
     def _is_compiled(self) -> bool:
-        return self._builds is not None and self._builds.has(wide.name_of_wide(self._features, self._lanes))
+        return self._builds is not None and self._builds.has(compiler.name_of_kernel(self._features, self._lanes))
 
     def _load(self) -> None:
         self._possible = False  # do not try again, whatever happens
         with contextlib.suppress(NotCompiled, OSError):  # the scalar kernel continues, with the same bits
-            kernel = self._device.backend.call(*wide.MAKE, self._features, self._lanes)
+            kernel = self._device.backend.call(*compiler.declaration(self._features, self._lanes))
             self.tile = self._device.backend.kernels("wrt.kernels.native.constants").TILE
             self._device.compile(kernel)
             self.kernel = kernel
@@ -174,13 +169,13 @@ class WideKernel:
     def _compile(self) -> None:
         """Start compiling the kernel in another process."""
         try:
-            given = [wide.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
+            given = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
         except OSError:  # no folder has room
             self._possible = False
             return
         nothing = subprocess.DEVNULL
         try:
-            command = wide.command(wide.__name__, *given)
+            command = compiler.command(compiler.__name__, *given)
             self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
         except (OSError, TypeError):  # TypeError if sys.executable is None
             self._possible = False
@@ -192,7 +187,7 @@ class WideKernel:
         """Return a function, which does not refer to this object, that requests the kernel for the next render."""
         if self._builds is not None:
             with contextlib.suppress(FileNotFoundError):  # nothing that is compiled could be kept
-                return partial(later.request, self._features, self._lanes, self._builds, self._kernels_folder())
+                return partial(later.request, self._features, self._lanes, self._builds, cache_folders.kernels_folder())
         return lambda: None
 
     def _folders(self) -> list[str]:
@@ -200,7 +195,7 @@ class WideKernel:
         work = cache_folders.work_folder()
         folders = [work, work / "warp", work / "wrt"]
         try:
-            kernels = self._kernels_folder()
+            kernels = cache_folders.kernels_folder()
             cache_folders.require_writable(kernels / self._device.backend.version)
             folders[1] = kernels
         except OSError as error:
@@ -208,16 +203,6 @@ class WideKernel:
         if self._builds is not None:
             self._builds.folders.append(folders[2])
         return [str(folder) for folder in folders]
-
-    def _kernels_folder(self) -> Path:
-        """Return Warp's folder of compiled kernels, without its version.
-
-        Raises:
-            FileNotFoundError: when this user has no home folder.
-        """
-        warp = sys.modules.get("warp")
-        known = warp and warp.config.kernel_cache_dir
-        return Path(known).parent if known else cache_folders.warp_folder()  # Warp adds its version to the path
 
     def _compiled(self) -> None:
         """Record the result of compiling."""

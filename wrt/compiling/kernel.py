@@ -1,6 +1,6 @@
-"""Compile the wide kernel for some features, and note it for other processes.
+"""Compile a render kernel for some features, wide or scalar, and note it for other processes.
 
-For a long render, this runs in a child process that ends with the render; see `wrt.rendering.wide_kernel`.
+The wide one of a long render is compiled in a child process that ends with the render; see `wrt.rendering.wide_kernel`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,23 @@ from wrt.backend.builds import Builds
 from wrt.backend.device import Device
 from wrt.backend.recording import call_name, compiled_by_warp
 
-MAKE = "wrt.spmd.kernel", "make_wide_render_kernel"
-"""Module and name of the function that declares the kernel for some features and lanes."""
+SCALAR = 1
+"""The lanes of a scalar kernel."""
 
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
 
 
-def name_of_wide(features: Any, lanes: int) -> str:
-    """Return the name in the notes of the wide kernel with these features and lanes."""
-    return call_name(*MAKE, (features, lanes))
+def declaration(features: Any, lanes: int) -> tuple[Any, ...]:
+    """Return the module, the name and the arguments of the function that declares a kernel."""
+    if lanes == SCALAR:
+        return "wrt.kernels.render", "make_render_kernel", features
+    return "wrt.spmd.kernel", "make_wide_render_kernel", features, lanes
+
+
+def name_of_kernel(features: Any, lanes: int) -> str:
+    """Return the name in the notes of the kernel with these features and lanes."""
+    module, function, *arguments = declaration(features, lanes)
+    return call_name(module, function, tuple(arguments))
 
 
 def as_json(features: Any) -> str:
@@ -52,7 +60,7 @@ def command(module: str, *arguments: str) -> list[str]:
     return [sys.executable, "-c", begin, *arguments]
 
 
-def compile_wide(features: Any, lanes: int, builds: Builds, uses: Callable[[Device], object] | None = None) -> None:
+def compile_kernel(features: Any, lanes: int, builds: Builds, uses: Callable[[Device], object] | None = None) -> None:
     """Compile the kernel with Warp in this process, and note it, with all that `uses` then needs on the device.
 
     Raises:
@@ -64,7 +72,7 @@ def compile_wide(features: Any, lanes: int, builds: Builds, uses: Callable[[Devi
     backend, device = current_backend(), Device("cpu")
     assert isinstance(backend, WarpBackend)
     backend.kernels("wrt.kernels.native.constants")
-    device.compile(backend.call(*MAKE, features, lanes))
+    device.compile(backend.call(*declaration(features, lanes)))
     if uses is not None:
         uses(device)
     builds.note(compiled_by_warp(backend))
@@ -94,8 +102,8 @@ def main(arguments: list[str]) -> int:
         builds.folders.append(notes)
     with builds.alone():
         builds.refresh()
-        if not builds.has(name_of_wide(features, lanes)):
-            compile_wide(features, lanes, builds)
+        if not builds.has(name_of_kernel(features, lanes)):
+            compile_kernel(features, lanes, builds)
     return 0
 
 
