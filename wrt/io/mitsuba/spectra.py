@@ -31,6 +31,9 @@ RGB_FROM_XYZ = np.array(
 )
 _RESPONSE = OBSERVER @ RGB_FROM_XYZ.T
 
+REFLECTANCE_RESPONSE = D65[:, None] * _RESPONSE / (D65 @ _RESPONSE)
+"""(N, 3) linear Rec. 709 under D65 of a reflectance of 1 at each of WAVELENGTHS alone."""
+
 # Planck's constant, J s; the speed of light, m/s; Boltzmann's constant, J/K (SI, exact since 2019).
 _PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 
