@@ -21,7 +21,7 @@ def azimuths(share: int, count: int) -> NDArray[np.float32]:
 
 
 def arbitrary(phi_i: NDArray[Any], *, seed: int = 0, steep: float = 2.0, side: int = 9, **given: Any) -> Measurement:
-    """Return tables of positive random numbers that span `steep` e-folds."""
+    """Return tables of random numbers that span `steep` e-folds; visible normals besides go by solid angle."""
     random = np.random.default_rng(seed)
 
     def numbers(*shape: int) -> NDArray[np.float32]:
@@ -35,9 +35,15 @@ def arbitrary(phi_i: NDArray[Any], *, seed: int = 0, steep: float = 2.0, side: i
         "luminance": numbers(*slices, side, side),
         "rgb": 0.1 * numbers(*slices, 3, side, side),
     }
+    tables["vndf"] *= solid_angle(np.linspace(0.0, 1.0, 8)).astype(np.float32)
     if len(phi_i) < 3:
         tables["sigma"][:] = tables["sigma"][0]  # the area of facets is the same from all sides
     return Measurement(phi_i, THETA, **{**tables, **given})
+
+
+def solid_angle(x: Array) -> Array:
+    """Return the solid angle that a unit of the square's area stands for."""
+    return np.asarray(2.0 * np.pi**2 * x * np.sin(0.5 * np.pi * x**2))
 
 
 def polar(theta: Array, phi: Array) -> Array:
@@ -115,13 +121,12 @@ def rough_metal(alpha: tuple[float, float], f0: float, *, fine: int, viewers: in
     def normals(m: Array) -> Array:
         return np.asarray(1.0 / (np.pi * alpha[0] * alpha[1] * ((m / stretch) ** 2).sum(axis=-1) ** 2))
 
-    solid = 2.0 * np.pi**2 * x * np.sin(0.5 * np.pi * x**2)
     shape = len(phi_i), len(theta_i)
     vndf = np.empty((*shape, fine, fine), np.float32)
     rest = np.empty((*shape, fine, fine), np.float32)
     for place in np.ndindex(shape):
         wo = polar(theta_i[place[1]].astype(np.float64), phi_i[place[0]].astype(np.float64))
-        vndf[place] = normals(m) * solid * np.maximum(m @ wo, 0.0)
+        vndf[place] = normals(m) * solid_angle(x) * np.maximum(m @ wo, 0.0)
         u = np.stack([x, y], axis=-1).reshape(-1, 2)
         found = warped(vndf[place].astype(np.float64), u)
         facet = facets(found[:, 0], found[:, 1])
