@@ -269,7 +269,7 @@ def ply(format_name: str) -> bytes:
 
 def measurement() -> bytes:
     """Return the tables of a measured reflectance, in the fewest numbers."""
-    from wrt.io.measurement import save_measurement
+    from wrt.io.measured.measurement import save_measurement
     from wrt.scene.materials import Measured
 
     file = io.BytesIO()

@@ -29,7 +29,7 @@ from support.scene_files import QUAD
 from test_wide import LANES, differences, needs_lanes
 
 import wrt
-from wrt.io.measurement import load_measurement, save_measurement
+from wrt.io.measured.measurement import load_measurement, save_measurement
 from wrt.scene.materials.measured import Measurement
 
 N = 1000
@@ -267,7 +267,7 @@ def fields_of(tables: Measurement) -> dict[str, NDArray[Any]]:
 
 
 def written(file: Path, fields: dict[str, NDArray[Any]]) -> Path:
-    from wrt.io.tensor_file import write_tensors
+    from wrt.io.measured.tensor_file import write_tensors
 
     with file.open("wb") as handle:
         write_tensors(handle, fields)
@@ -307,7 +307,7 @@ def spectral(tmp_path: Path, wavelengths: NDArray[Any], spectrum: NDArray[Any]) 
 
 
 def test_spectra_become_colours_as_other_reflectances_do(tmp_path: Path) -> None:
-    from wrt.io.mitsuba.observer import WAVELENGTHS
+    from wrt.io.measured.observer import WAVELENGTHS
     from wrt.io.mitsuba.spectra import reflected
 
     even = np.linspace(360.0, 1000.0, 195)

@@ -10,7 +10,7 @@ from wrt.errors import InputError as InputError
 from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh
-from wrt.io.measurement import load_measurement as load_measurement
+from wrt.io.measured.measurement import load_measurement as load_measurement
 from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
 from wrt.parts.merge import Merged as Merged

@@ -243,7 +243,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "measured-solid-angle",
         "measured",
-        "kernels/bsdf/measured.py",
+        "kernels/bsdf/measured/__init__.py",
         "of_normals * 4.0 * wp.max(wp.dot(v.wo, m), _LEAST_COSINE)",
         "of_normals * 4.0 * wp.max(m[2], _LEAST_COSINE)",
         "tests/test_measured.py -k 'follow_the_density and metal'",
@@ -251,7 +251,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "measured-area",
         "measured",
-        "kernels/bsdf/measured.py",
+        "kernels/bsdf/measured/tables.py",
         "d / (4.0 * wp.max(area, _LEAST_AREA))",
         "d / (3.96 * wp.max(area, _LEAST_AREA))",
         "tests/test_measured.py -k 'approaches_the_metal or mitsuba_says'",
@@ -259,7 +259,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "measured-half",
         "measured",
-        "kernels/bsdf/measured.py",
+        "kernels/bsdf/measured/tables.py",
         "-arc_tangent(-v.wo[1], v.wo[0])",
         "arc_tangent(v.wo[1], v.wo[0])",
         "tests/test_measured.py -k both_ends",

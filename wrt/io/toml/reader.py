@@ -262,7 +262,7 @@ class _SceneReader(TableReader):
 
     def measurement(self, file: Path) -> Measurement:
         """Return a measured reflectance; the same object for the same file."""
-        from wrt.io.measurement import load_measurement
+        from wrt.io.measured.measurement import load_measurement
 
         key = os.path.realpath(file)
         if key not in self.measurements:

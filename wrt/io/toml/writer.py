@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io.arrays import arrays_of_spheres
 from wrt.io.codes import codes_of, save_codes
-from wrt.io.measurement import save_measurement
+from wrt.io.measured.measurement import save_measurement
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
 from wrt.scene.camera import CAMERAS

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.io.measurement import load_measurement
+from wrt.io.measured.measurement import load_measurement
 from wrt.io.mitsuba.materials.bumps import with_bumps
 from wrt.io.mitsuba.materials.coats import as_in_mitsuba, diffuse_fresnel, scaled
 from wrt.io.mitsuba.materials.indices import refractive_index

@@ -1,19 +1,13 @@
-"""A measured reflectance, in the adaptive parameterisation of Dupuy and Jakob (2018).
+"""The tables of a measured reflectance, and what they say at a point.
 
-f |cosθi| = M(u) D(m) / (4 σ(o)), with the facet normal m halfway between both directions. D is the distribution of
-normals and σ the area that they show to the viewer, both found from measured retroreflection. M is what was measured
-besides, a smooth function of u: the point of the unit square that is warped to m by the density of visible normals.
-A second warp, by the brightness of M, precedes that one where directions are drawn.
-
-The material's table begins with its sizes; then follow the nodes of the viewer's azimuth and angle, D, σ,
-the density of visible normals and the brightness, each with its integrals, and M as colours.
-`wrt/upload/tables/measured.py` writes it.
+A material's table begins with its sizes; then follow the nodes of the viewer's azimuth and angle, D, σ, the density of
+visible normals and the brightness, each with its integrals, and M as colours. `wrt/upload/tables/measured.py` writes it.
 """
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
-from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
+from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.math.trigonometry import arc_tangent
 from wrt.kernels.sampling.bilinear import (
     Blend,
     Cell,
@@ -21,24 +15,17 @@ from wrt.kernels.sampling.bilinear import (
     bilinear,
     blended,
     cell_at,
-    density_at,
     find_interval,
-    invert_grid,
     mixed,
     position_between,
-    sample_grid,
 )
 from wrt.kernels.sampling.warps import PI, TWO_PI
 
-_HEADER = wp.constant(12)
-"""The numbers that `_tables_of` reads."""
-
-_TWO_OVER_PI = wp.constant(0.6366197723675814)
-_HALF_PI = wp.constant(1.5707963267948966)
+TWO_OVER_PI = wp.constant(0.6366197723675814)
 _LEAST_AREA = wp.constant(1.0e-12)
-_LEAST_COSINE = wp.constant(1.0e-7)
-# Mitsuba's bound on the solid angle of a point of the square near the pole.
-_LEAST_ANGLE = wp.constant(1.0e-6)
+
+_HEADER = wp.constant(12)
+"""How many sizes there are."""
 
 
 @wp.struct
@@ -91,7 +78,8 @@ def _grid_from(first: int, slices: int, width: int, height: int) -> Grid:
 
 
 @wp.func
-def _tables_of(bsdf: Bsdf) -> Tables:
+def tables_of(bsdf: Bsdf) -> Tables:
+    """Return where the parts of a material's table are."""
     t = Tables()
     t.isotropic = _count(bsdf, 0) != 0
     t.reduction = _count(bsdf, 1)
@@ -115,18 +103,20 @@ def _tables_of(bsdf: Bsdf) -> Tables:
 
 
 @wp.func
-def _angle(w: wp.vec3) -> float:
+def angle_of(w: wp.vec3) -> float:
     """Return the angle to the normal; the arc cosine would be inexact near it."""
     return arc_tangent(wp.sqrt(w[0] * w[0] + w[1] * w[1]), w[2])
 
 
 @wp.func
-def _turned(w: wp.vec3, signs: wp.vec2) -> wp.vec3:
+def turned(w: wp.vec3, signs: wp.vec2) -> wp.vec3:
+    """Return a direction in the part of the circle that was measured, or one of these as it was."""
     return wp.vec3(w[0] * signs[0], w[1] * signs[1], w[2])
 
 
 @wp.func
-def _view(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
+def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
+    """Return the viewer, by its direction, as the tables see it."""
     v = Viewed()
     v.signs = wp.vec2(1.0, 1.0)
     # A half of the circle was measured where half a turn changes nothing, a quarter where both axes mirror the surface.
@@ -135,12 +125,12 @@ def _view(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
         v.signs = wp.vec2(both, both)
     if t.reduction == 4:
         v.signs = wp.vec2(wp.where(wo[0] < 0.0, 1.0, -1.0), wp.where(wo[1] < 0.0, 1.0, -1.0))
-    v.wo = _turned(wo, v.signs)
+    v.wo = turned(wo, v.signs)
     # −π, not π, where the viewer is at the end of a half.
     v.azimuth = -arc_tangent(-v.wo[1], v.wo[0])
-    angle = _angle(v.wo)
+    angle = angle_of(v.wo)
     turns = wp.where(t.isotropic, 0.5, (v.azimuth + PI) / TWO_PI)
-    v.place = wp.vec2(wp.sqrt(angle * _TWO_OVER_PI), turns)
+    v.place = wp.vec2(wp.sqrt(angle * TWO_OVER_PI), turns)
     across = find_interval(bsdf.tables, t.azimuths, t.azimuth_count, v.azimuth)
     up = find_interval(bsdf.tables, t.angles, t.angle_count, angle)
     blend = Blend()
@@ -151,14 +141,6 @@ def _view(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
     blend.second_weight = position_between(bsdf.tables, t.angles, t.angle_count, up, angle)
     v.blend = blend
     return v
-
-
-@wp.func
-def _place_of(t: Tables, v: Viewed, m: wp.vec3) -> wp.vec2:
-    """Return the point of the square that stands for a normal."""
-    azimuth = arc_tangent(m[1], m[0]) - wp.where(t.isotropic, v.azimuth, 0.0)
-    turns = (azimuth + PI) / TWO_PI
-    return wp.vec2(wp.sqrt(_angle(m) * _TWO_OVER_PI), turns - wp.floor(turns))
 
 
 @wp.func
@@ -181,84 +163,17 @@ def _channel_at(bsdf: Bsdf, t: Tables, v: Viewed, cell: Cell, channel: int) -> f
 
 
 @wp.func
-def _color_at(bsdf: Bsdf, t: Tables, v: Viewed, u: wp.vec2) -> wp.vec3:
+def color_at(bsdf: Bsdf, t: Tables, v: Viewed, u: wp.vec2) -> wp.vec3:
     """Return M at a point of the square."""
     cell = cell_at(t.brightness.width, t.brightness.width, u)
     return wp.vec3(_channel_at(bsdf, t, v, cell, 0), _channel_at(bsdf, t, v, cell, 1), _channel_at(bsdf, t, v, cell, 2))
 
 
 @wp.func
-def _factor(bsdf: Bsdf, t: Tables, v: Viewed, facet: wp.vec2) -> float:
+def factor_at(bsdf: Bsdf, t: Tables, v: Viewed, facet: wp.vec2) -> float:
     """Return D / (4 σ), for a normal at a point of its square."""
     if not t.jacobian:
         return 1.0
     d = bilinear(bsdf.tables, t.normals, t.normals_width, t.normals_height, facet)
     area = bilinear(bsdf.tables, t.area, t.area_width, t.area_height, v.place)
     return d / (4.0 * wp.max(area, _LEAST_AREA))
-
-
-@wp.func
-def _solid_angle(v: Viewed, facet: wp.vec2, m: wp.vec3) -> float:
-    """Return the solid angle of mirrored directions to the area of the square of normals.
-
-    dω_m = sinθ dθ dφ with θ = π/2 x² and φ = π (2y − 1); dω_i = 4 (o·m) dω_m.
-    """
-    sine = wp.sqrt(m[0] * m[0] + m[1] * m[1])
-    of_normals = wp.max(2.0 * PI * PI * facet[0] * sine, _LEAST_ANGLE)
-    return of_normals * 4.0 * wp.max(wp.dot(v.wo, m), _LEAST_COSINE)
-
-
-@wp.func
-def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
-    """Return f |cosθi|."""
-    if wi[2] <= 0.0 or wo[2] <= 0.0:
-        return wp.vec3(0.0)
-    t = _tables_of(bsdf)
-    v = _view(bsdf, t, wo)
-    facet = _place_of(t, v, wp.normalize(v.wo + _turned(wi, v.signs)))
-    u = invert_grid(bsdf.tables, t.visible, v.blend, facet)
-    return _color_at(bsdf, t, v, wp.vec2(u[0], u[1])) * _factor(bsdf, t, v, facet)
-
-
-@wp.func
-def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return the density of `sample` per solid angle."""
-    if wi[2] <= 0.0 or wo[2] <= 0.0:
-        return 0.0
-    t = _tables_of(bsdf)
-    v = _view(bsdf, t, wo)
-    m = wp.normalize(v.wo + _turned(wi, v.signs))
-    facet = _place_of(t, v, m)
-    u = invert_grid(bsdf.tables, t.visible, v.blend, facet)
-    brightness = density_at(bsdf.tables, t.brightness, v.blend, wp.vec2(u[0], u[1]))
-    return u[2] * brightness / _solid_angle(v, facet, m)
-
-
-@wp.func
-def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction of a normal that both warps find; none where it points below the surface."""
-    if wo[2] <= 0.0:
-        return no_sample()
-    t = _tables_of(bsdf)
-    v = _view(bsdf, t, wo)
-    bright = sample_grid(bsdf.tables, t.brightness, v.blend, u)
-    warped = wp.vec2(bright[0], bright[1])
-    visible = sample_grid(bsdf.tables, t.visible, v.blend, warped)
-    facet = wp.vec2(visible[0], visible[1])
-    across = sine_cosine(PI * (2.0 * facet[1] - 1.0) + wp.where(t.isotropic, v.azimuth, 0.0))
-    up = sine_cosine(_HALF_PI * facet[0] * facet[0])
-    m = wp.vec3(across[1] * up[0], across[0] * up[0], up[1])
-    wi = m * (2.0 * wp.dot(v.wo, m)) - v.wo
-    density = visible[2] * bright[2] / _solid_angle(v, facet, m)
-    if wi[2] <= 0.0 or density <= 0.0:
-        return no_sample()
-    s = BsdfSample()
-    s.wi = wp.normalize(_turned(wi, v.signs))
-    s.weight = _color_at(bsdf, t, v, warped) * (_factor(bsdf, t, v, facet) / density)
-    s.pdf = density
-    s.delta = False
-    s.eta = 1.0
-    return s
-
-
-MODEL = Model(evaluate, pdf, sample, slots=0)

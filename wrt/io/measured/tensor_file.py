@@ -60,7 +60,8 @@ def _field(data: bytes, at: int) -> tuple[str, NDArray[Any], int]:
     shape = struct.unpack_from(f"<{dimensions}Q", data, at)
     dtype = np.dtype(_TYPES[kind])
     size = math.prod(shape) * dtype.itemsize
-    if any(n > _LONGEST for n in shape) or offset + size > len(data):
+    # NumPy refuses an empty array that would be too large without the dimension of 0.
+    if math.prod(n for n in shape if n) > _LONGEST or offset + size > len(data):
         raise InputError(f"the array {name!r} of {shape} takes {size} bytes from {offset} on, but it is shorter")
     return name, np.ndarray(shape, dtype, data, offset), at + 8 * dimensions
 

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.mitsuba.observer import WAVELENGTHS
-from wrt.io.mitsuba.spectra import REFLECTANCE_RESPONSE
+from wrt.io.measured.observer import REFLECTANCE_RESPONSE, WAVELENGTHS
+from wrt.io.measured.tensor_file import read_tensors, write_tensors
 from wrt.io.safe_read import PathLike, naming_file, read_file
-from wrt.io.tensor_file import read_tensors, write_tensors
 from wrt.scene.materials.measured import Measurement
 from wrt.values import sealed
 
