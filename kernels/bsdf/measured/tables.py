@@ -1,7 +1,8 @@
 """The tables of a measured reflectance, and what they say at a point.
 
 A material's table begins with its sizes; then follow the nodes of the viewer's azimuth and angle, D, σ, the density of
-visible normals and the brightness, each with its integrals, and M as colours. `wrt/upload/tables/measured.py` writes it.
+visible normals and the brightness, each with its integrals, and M as colours. `wrt/upload/tables/measured.py` writes
+it.
 """
 
 import warp as wp

@@ -25,7 +25,6 @@ COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody
 LUMINOUS = float(OBSERVER[:, 1].sum())
 """∫ y dλ, nm, which normalises radiance summed over wavelengths."""
 
-
 # Planck's constant, J s; the speed of light, m/s; Boltzmann's constant, J/K (SI, exact since 2019).
 _PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 
