@@ -47,7 +47,7 @@ BLOCK = 256
 
 def render_features() -> dict[str, Features]:
     """Return sets of scene features, from the fewest to all."""
-    models = {cls().model for cls in MATERIALS.values() if not cls().parts}
+    models = {each.model for each in (cls.example() for cls in MATERIALS.values()) if not each.parts}
     return {
         "diffuse": Features(("diffuse",), False, "none"),
         "four models": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),

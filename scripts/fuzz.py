@@ -111,6 +111,8 @@ def readers(kind: str) -> list[Reader]:
         return [read_checkpoint]
     if kind in ("vol", "nvdb"):
         return [wrt.load_density]
+    if kind == "bsdf":
+        return [wrt.load_measurement]
     if kind in ("png", "jpg", "bmp", "exr", "hdr", "npy"):
         return [load_image, lambda path: load_image(path, linear=True), load_environment, as_textures]
     return [loaded]

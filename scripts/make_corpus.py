@@ -267,6 +267,16 @@ def ply(format_name: str) -> bytes:
     return head.encode() + body + b"".join(struct.pack(f"{order}B3i", 3, *map(int, face)) for face in FACES)
 
 
+def measurement() -> bytes:
+    """Return the tables of a measured reflectance, in the fewest numbers."""
+    from wrt.io.measured.measurement import save_measurement
+    from wrt.scene.materials import Measured
+
+    file = io.BytesIO()
+    save_measurement(file, Measured.example().measurement)
+    return file.getvalue()
+
+
 def strips() -> bytes:
     """Return a PLY of triangle strips."""
     head = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
@@ -411,6 +421,7 @@ def main() -> None:
         bytes([2, 2, 0, 16]) + b"".join(bytes([16]) + row[:, k].tobytes() for k in range(4)) for row in pixels
     )
     write("runs.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + runs)
+    write("grey.bsdf", measurement())
     write("textured.obj", OBJ_TEXTURED)
     write("polygons.obj", OBJ_POLYGONS)
     write("paints.mtl", MTL)

@@ -38,6 +38,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "burley": ("burley",),
     "dispersion": ("dispersion",),
     "thin-films": ("thin_film",),
+    "measured": ("measured",),
     "constants": ("presets",),
     "media": ("phase", "absorption", "scattering", "grid_media"),
     "lights": ("irradiance", "light_tree", "environment_sampling", "multiple_importance", "alias"),

@@ -73,6 +73,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "RoughPlastic",
         "Principled",
         "Burley",
+        "Measured",
+        "Measurement",
         "Mix",
         "TwoSided",
         "Emissive",
@@ -82,7 +84,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "Textures": ("ImageTexture", "VertexColor", "NormalMap"),
     "Rays": ("Intersector", "Hits"),
-    "Files": ("load_image", "save_image", "develop_image", "save_scene", "load_density"),
+    "Files": ("load_image", "save_image", "develop_image", "save_scene", "load_density", "load_measurement"),
     "Errors": ("InputError",),
 }
 """The public names, in the order in which a reader meets them.

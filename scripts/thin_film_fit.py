@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from wrt.io.mitsuba.observer import D65, OBSERVER, WAVELENGTHS
+from wrt.io.measured.observer import D65, OBSERVER, WAVELENGTHS
 
 Array = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.media.b
 }
 """Functions that make kernels; each is called below."""
 
-MODELS = sorted({material.model for material in (cls() for cls in MATERIALS.values()) if not material.parts})
+MODELS = sorted({material.model for material in (cls.example() for cls in MATERIALS.values()) if not material.parts})
 """The reflection model of each material as it comes."""
 
 FEATURES = [

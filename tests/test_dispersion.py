@@ -18,7 +18,7 @@ from support.statistics import image_z_test, sidak, t_test_mean
 
 import wrt
 from wrt.errors import InputError
-from wrt.io.mitsuba.observer import OBSERVER, WAVELENGTHS
+from wrt.io.measured.observer import OBSERVER, WAVELENGTHS
 from wrt.scene.materials.dispersion import LINE_C, LINE_D, LINE_F, PRIMARIES, channel_indices
 from wrt.upload.integrators import choose_integrator
 

@@ -20,6 +20,7 @@ from support.pages import PAGES, blocks, inline_code
 import wrt
 from wrt.cli.arguments.options import EXAMPLES, make_parser, parse
 from wrt.io.images import load_environment
+from wrt.io.measured.measurement import save_measurement
 from wrt.io.toml import scene_keys
 from wrt.io.toml.reader import _SceneReader, load_scene
 from wrt.scene.camera import CAMERAS
@@ -48,6 +49,8 @@ def write_files(folder: Path) -> None:
     rng = np.random.default_rng(0)
     for name in ("wood", "robot", "robot-orm", "leaf", "leaf-mask", "letters"):
         wrt.save_image(folder / f"{name}.png", rng.uniform(0.0, 1.0, (4, 4, 3)))
+    with (folder / "felt_rgb.bsdf").open("wb") as file:
+        save_measurement(file, wrt.Measured.example().measurement)
     wrt.save_image(folder / "robot-bumps.png", np.full((4, 4, 3), (0.2, 0.2, 1.0)))
     wrt.save_image(folder / "sky.exr", rng.uniform(0.0, 2.0, (4, 8, 3)))
 

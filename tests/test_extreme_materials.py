@@ -122,6 +122,17 @@ def burley() -> Iterator[Material]:
             yield wrt.Burley(color, 0.0, roughness, transmission=0.5, diffuse_transmission=1.0, thin_walled=True)
 
 
+def measured() -> Iterator[Material]:
+    """Facets that face all ways alike; black, with visible normals at one node alone and brightness at another."""
+    yield wrt.Measured.example()
+    tables = wrt.Measured.example().measurement
+    vndf, luminance = np.zeros((1, 2, 6, 6)), np.zeros((1, 2, 2, 2))
+    vndf[:, :, 3, 4], luminance[..., 1, 0] = 1.0, 1.0
+    black = dataclasses.replace(tables, vndf=vndf, luminance=luminance, rgb=np.zeros_like(tables.rgb))
+    yield wrt.Measured(black)
+    yield wrt.Measured(dataclasses.replace(black, ndf=np.zeros_like(tables.ndf), sigma=np.zeros_like(tables.sigma)))
+
+
 def composites() -> Iterator[Material]:
     sharp, rough = wrt.RoughConductor(LEAST, f0=WHITE), wrt.RoughDielectric(alpha=LEAST)
     for weight in ENDS:
@@ -137,7 +148,10 @@ def composites() -> Iterator[Material]:
 
 GROUPS = {
     function.__name__: list(function())
-    for function in (matt, smooth_boundaries, rough_metals, rough_glass, rough_plastic, principled, burley, composites)
+    for function in (
+        *(matt, smooth_boundaries, rough_metals, rough_glass, rough_plastic, principled, burley, measured),
+        composites,
+    )
 }
 """The materials of a group are drawn by one kernel."""
 

@@ -65,6 +65,7 @@ CASES = {
         "specular_reflectance",
         ('"alpha" value="0.3"', '"alpha" value="0.36"'),
     ),
+    "measured": Case("measured, twosided", ('"brushed_rgb.bsdf"', '"metal_rgb.bsdf"')),
     "named": Case("conductors by name; merge", ('value="Au"', 'value="Cu"')),
     "spectra": Case(
         "uniform, d65, wavelength:value pairs, a file of them",

@@ -73,7 +73,7 @@ def materials() -> list[wrt.Material]:
     """Return every material as it comes, and with values of every kind."""
     water, milk = Medium.from_color((0.3, 0.5, 0.9), 0.37), Medium((0.1, 0.2, 0.3), (1.0, 2.0, 1 / 3), 0.3, 0.2)
     bumps = wrt.NormalMap(PIXELS, scale=0.3, filter=True, wrap="clamp")
-    made = [cls() for cls in MATERIALS.values() if cls not in (wrt.Mix, wrt.TwoSided)]
+    made = [cls.example() for cls in MATERIALS.values() if cls not in (wrt.Mix, wrt.TwoSided)]
     made += [
         wrt.Diffuse(wrt.VertexColor(factor=0.4), opacity=WOOD, normal_map=bumps),
         wrt.Diffuse((0.1, 1 / 3, 0.7)),

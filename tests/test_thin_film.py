@@ -16,7 +16,7 @@ from support.thin_films import SEEN, film_rgb
 
 import wrt
 from wrt.errors import InputError
-from wrt.io.mitsuba.observer import WAVELENGTHS
+from wrt.io.measured.observer import WAVELENGTHS
 from wrt.kernels.bsdf.lobes.thin_film import film_change, film_reflectance, sensitivity
 
 METALS = ((0.2, 3.5), (1.5, 6.5), (2.9, 3.0))

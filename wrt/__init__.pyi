@@ -10,6 +10,7 @@ from wrt.errors import InputError as InputError
 from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh
+from wrt.io.measured.measurement import load_measurement as load_measurement
 from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
 from wrt.parts.merge import Merged as Merged
@@ -48,6 +49,7 @@ from wrt.scene.materials import Diffuse as Diffuse
 from wrt.scene.materials import Emissive as Emissive
 from wrt.scene.materials import Glossy as Glossy
 from wrt.scene.materials import Material as Material
+from wrt.scene.materials import Measured as Measured
 from wrt.scene.materials import Mirror as Mirror
 from wrt.scene.materials import Mix as Mix
 from wrt.scene.materials import Null as Null
@@ -60,6 +62,7 @@ from wrt.scene.materials import RoughPlastic as RoughPlastic
 from wrt.scene.materials import ThinDielectric as ThinDielectric
 from wrt.scene.materials import TwoSided as TwoSided
 from wrt.scene.materials import register_material as register_material
+from wrt.scene.materials.measured import Measurement as Measurement
 from wrt.scene.medium import DensityGrid as DensityGrid
 from wrt.scene.medium import Medium as Medium
 from wrt.scene.mesh import Mesh as Mesh

@@ -25,6 +25,7 @@ BSDFS: Registry[Model] = Registry(
     (
         *("diffuse", "mirror", "conductor", "rough_conductor", "dielectric", "glossy", "null", "oren_nayar"),
         *("plastic", "principled", "burley", "rough_dielectric", "rough_plastic", "thin_dielectric"),
+        "measured",
     ),
     _check,
 )

@@ -69,7 +69,7 @@ class Wide:
 
 def largest_models() -> tuple[str, ...]:
     """Return each family of models once, in the variant that has most in it."""
-    every = [cls() for cls in MATERIALS.values()]
+    every = [cls.example() for cls in MATERIALS.values()]
     models = {material.model for material in every if not material.parts}
     image = wrt.ImageTexture(np.ones((1, 1, 3), np.float32))
     large = (
@@ -92,7 +92,7 @@ def compile_cases() -> dict[str, Any]:
     from wrt.backend.lanes import WIDTHS, lanes_of, processor_flags
     from wrt.kernels.features import Features
 
-    every = [cls() for cls in MATERIALS.values()]
+    every = [cls.example() for cls in MATERIALS.values()]
     usual = tuple(sorted({material.model for material in every if not material.parts}))
     largest = largest_models()
     cases: dict[str, Any] = {f"scene {name}": scene_features(name) for name in ("cornell-box", "teapot", "still-life")}

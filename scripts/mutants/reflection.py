@@ -231,4 +231,37 @@ FAULTS: tuple[Mutant, ...] = (
         "4.0 * t**6",
         "tests/test_rough_dielectric.py -k mean_transmittance",
     ),
+    # Measured reflectances
+    Mutant(
+        "measured-warp",
+        "measured",
+        "kernels/sampling/bilinear.py",
+        "t * (start + 0.5 * t * (end - start))",
+        "t * (start + 0.45 * t * (end - start))",
+        "tests/test_measured.py -k weight_is_value_over_density",
+    ),
+    Mutant(
+        "measured-solid-angle",
+        "measured",
+        "kernels/bsdf/measured/__init__.py",
+        "of_normals * 4.0 * wp.max(wp.dot(v.wo, m), _LEAST_COSINE)",
+        "of_normals * 4.0 * wp.max(m[2], _LEAST_COSINE)",
+        "tests/test_measured.py -k 'follow_the_density and metal'",
+    ),
+    Mutant(
+        "measured-area",
+        "measured",
+        "kernels/bsdf/measured/tables.py",
+        "d / (4.0 * wp.max(area, _LEAST_AREA))",
+        "d / (3.96 * wp.max(area, _LEAST_AREA))",
+        "tests/test_measured.py -k 'approaches_the_metal or mitsuba_says'",
+    ),
+    Mutant(
+        "measured-half",
+        "measured",
+        "kernels/bsdf/measured/tables.py",
+        "-arc_tangent(-v.wo[1], v.wo[0])",
+        "arc_tangent(v.wo[1], v.wo[0])",
+        "tests/test_measured.py -k both_ends",
+    ),
 )

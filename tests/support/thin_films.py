@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.io.mitsuba.observer import D65, OBSERVER, WAVELENGTHS
+from wrt.io.measured.observer import D65, OBSERVER, WAVELENGTHS
 
 XYZ_TO_RGB = np.linalg.inv(
     [[0.4123908, 0.3575843, 0.1804808], [0.2126390, 0.7151687, 0.0721923], [0.0193308, 0.1191948, 0.9505322]]

@@ -10,6 +10,7 @@ import numpy as np
 
 from wrt.errors import one_line
 from wrt.scene.materials import Material
+from wrt.scene.materials.measured import Measurement
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene, Shape
 from wrt.scene.spheres import Spheres
@@ -141,7 +142,7 @@ def _fields(thing: Any) -> str:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, (ImageTexture, NormalMap)):
+    if isinstance(value, (ImageTexture, NormalMap, Measurement)):
         channel = getattr(value, "channel", None)
         return f"from {value.name}" + (f" ({channel})" if channel else "")
     if isinstance(value, VertexColor):

@@ -9,11 +9,10 @@ from datetime import date
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.io.measured.observer import OBSERVER, RGB_FROM_XYZ
+from wrt.io.measured.observer import WAVELENGTHS as OBSERVED
 from wrt.io.mitsuba.materials.textures import Textures
-from wrt.io.mitsuba.observer import OBSERVER
-from wrt.io.mitsuba.observer import WAVELENGTHS as OBSERVED
 from wrt.io.mitsuba.plugin import Plugin
-from wrt.io.mitsuba.spectra import RGB_FROM_XYZ
 from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
 from wrt.scene.environment import ConstantEnvironment, Environment, SunSkyEnvironment
 from wrt.scene.lights import DirectionalLight

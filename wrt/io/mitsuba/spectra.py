@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.io.encodings import as_utf8
+from wrt.io.measured.observer import D65, OBSERVER, RESPONSE, WAVELENGTHS
 from wrt.io.mitsuba.document import Document, Element
-from wrt.io.mitsuba.observer import D65, OBSERVER, WAVELENGTHS
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import numbers_of
 from wrt.io.safe_read import read_file
@@ -25,12 +25,6 @@ COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody
 LUMINOUS = float(OBSERVER[:, 1].sum())
 """∫ y dλ, nm, which normalises radiance summed over wavelengths."""
 
-# CIE XYZ (D65) to linear Rec. 709, the inverse of ITU-R BT.709's primaries (IEC 61966-2-1).
-RGB_FROM_XYZ = np.array(
-    [(3.240479, -1.537150, -0.498535), (-0.969256, 1.875991, 0.041556), (0.055648, -0.204043, 1.057311)]
-)
-_RESPONSE = OBSERVER @ RGB_FROM_XYZ.T
-
 # Planck's constant, J s; the speed of light, m/s; Boltzmann's constant, J/K (SI, exact since 2019).
 _PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 
@@ -40,12 +34,12 @@ Spectrum = NDArray[np.float64]
 
 def emitted(spectrum: Spectrum) -> Vec3:
     """Return the colour of an emission spectrum, clipped at 0 outside Rec. 709."""
-    return _color(spectrum @ _RESPONSE / LUMINOUS)
+    return _color(spectrum @ RESPONSE / LUMINOUS)
 
 
 def reflected(spectrum: Spectrum) -> Vec3:
     """Return the colour of a reflectance spectrum, or of a spectrum of refractive indices, under D65."""
-    return _color((spectrum * D65) @ _RESPONSE / (D65 @ _RESPONSE))
+    return _color((spectrum * D65) @ RESPONSE / (D65 @ RESPONSE))
 
 
 def _color(rgb: NDArray[np.float64]) -> Vec3:

@@ -40,6 +40,7 @@ from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
+from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import MEDIA, Medium
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
@@ -84,6 +85,7 @@ class _SceneReader(TableReader):
         self.triangles_used = False
         self.media: dict[str, Medium] = {}
         self.pixels: dict[tuple[str, bool], NDArray[np.float32]] = {}
+        self.measurements: dict[str, Measurement] = {}
         self.textures: dict[tuple[Path, bool, str], ImageTexture] = {}
         self.mesh_files: dict[tuple[str, bool], list[Shape]] = {}
 
@@ -208,6 +210,9 @@ class _SceneReader(TableReader):
             elif kind == NormalMap | None:
                 with self.at(key):
                     table[key] = self.normal_map(table_of(value))
+            elif kind is Measurement:
+                with self.at(key):
+                    table[key] = self.measurement(self.beside(value))
         result: Material = self.build(cls, table)
         return result
 
@@ -254,6 +259,15 @@ class _SceneReader(TableReader):
             pixels = self.image(file, linear=True)
         options = {key: value for key, value in table.items() if key != "texture"}
         return NormalMap(pixels, name=file.name, **options)
+
+    def measurement(self, file: Path) -> Measurement:
+        """Return a measured reflectance; the same object for the same file."""
+        from wrt.io.measured.measurement import load_measurement
+
+        key = os.path.realpath(file)
+        if key not in self.measurements:
+            self.measurements[key] = load_measurement(file)
+        return self.measurements[key]
 
     def shape(self, table: Table, materials: dict[str, Material]) -> list[Shape]:
         """Return a shape, or the several of a mesh file that keeps its own materials."""

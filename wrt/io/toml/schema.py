@@ -22,13 +22,14 @@ from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.motion import Motion
 from wrt.scene.scene import RenderSettings
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
-_FOUND_BY_NAME = (Material, Medium)
-"""Given by name in a scene file, and as objects in Python."""
+_FOUND_BY_NAME = (Material, Medium, Measurement)
+"""Given by the name of a table or a file in a scene file, and as objects in Python."""
 
 
 _LONGEST_LINE = 110

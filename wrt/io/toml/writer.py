@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io.arrays import arrays_of_spheres
 from wrt.io.codes import codes_of, save_codes
+from wrt.io.measured.measurement import save_measurement
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
@@ -37,7 +39,9 @@ from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
 
-_ARRAYS = re.compile(r"(mesh|spheres|image|normals|environment|places|deformation|density)-\d+\.(np[yz]|png)")
+_ARRAYS = re.compile(
+    r"(mesh|spheres|image|normals|environment|places|deformation|density|measurement)-\d+\.(np[yz]|png|bsdf)"
+)
 """Names of array and image files."""
 
 _MOST_FOLDERS = 100
@@ -165,6 +169,8 @@ class _Writer:
             return self.medium(value)
         if isinstance(value, DensityGrid):
             return self.density(value)
+        if isinstance(value, Measurement):
+            return self.written("measurement", value, ".bsdf", lambda handle: save_measurement(handle, value))
         if isinstance(value, Motion):
             return self.motion(value)
         if isinstance(value, Material):

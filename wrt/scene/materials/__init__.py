@@ -10,6 +10,7 @@ from wrt.scene.materials.composite import Emissive, Mix, TwoSided
 from wrt.scene.materials.dielectrics import Dielectric, RoughDielectric, ThinDielectric
 from wrt.scene.materials.diffuse import Diffuse, OrenNayar
 from wrt.scene.materials.material import Material
+from wrt.scene.materials.measured import Measured
 from wrt.scene.materials.metals import Conductor, Glossy, Mirror, RoughConductor
 from wrt.scene.materials.plastics import Plastic, RoughPlastic
 from wrt.scene.materials.principled import Principled
@@ -35,6 +36,7 @@ MATERIALS: dict[str, type[Material]] = {
         RoughPlastic,
         Principled,
         Burley,
+        Measured,
         Mix,
         TwoSided,
         Emissive,
@@ -73,6 +75,7 @@ __all__ = [
     "Emissive",
     "Glossy",
     "Material",
+    "Measured",
     "Mirror",
     "Mix",
     "Null",

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from wrt.errors import InputError
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import FLOAT32_MAX, Vec3, color, number
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,11 @@ class Material:
     type_name: ClassVar[str] = ""
     """The material's `type` in scene files."""
     slot_names: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def example(cls) -> Self:
+        """Return one for lists and tests of all materials: as it comes, unless a class has no default."""
+        return cls()
 
     def __post_init__(self) -> None:
         self._check_values("opacity", maximum=1.0)

@@ -58,10 +58,17 @@ def named_material(text: str) -> Material:
     given = _parameters(cls, rest, text)
     if given.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
         values = {name: value for name, value in values.items() if name != "metal"}
+    needed = [each.name for each in dataclasses.fields(cls) if not _has_default(each)]
+    if missing := [name for name in needed if name not in given]:
+        raise InputError(f"material {text!r} needs a {missing[0]}, which only scene files and Python can give")
     try:
         return cls(**{**values, **given})
     except InputError as error:
         raise InputError(f"material {text!r}: {error}") from None
+
+
+def _has_default(field: dataclasses.Field[Any]) -> bool:
+    return field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
 
 
 def _parameters(cls: type[Material], text: str, whole: str) -> dict[str, Any]:

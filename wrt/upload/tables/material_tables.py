@@ -11,6 +11,7 @@ from wrt.backend.device import Device
 from wrt.upload.tables.albedo import reflection_table
 from wrt.upload.tables.coat import coat_table
 from wrt.upload.tables.dielectric import dielectric_table, dispersive_table
+from wrt.upload.tables.measured import measured_table
 
 TableKey = tuple[Hashable, ...]
 """A material's `table_key`: the kind of table, a key of MAKERS, then the arguments of that function."""
@@ -20,14 +21,20 @@ MAKERS: dict[str, Callable[..., NDArray[np.float32]]] = {
     "reflection": reflection_table,
     "dielectric": dielectric_table,
     "dispersive": dispersive_table,
+    "measured": measured_table,
 }
 """Functions (*arguments, device) -> floats by kind of table."""
+
+_FORGOTTEN = ("measured",)
+"""Kinds that are made for each scene anew: they are large, cheap, and made of arrays that a scene may drop."""
 
 _made: dict[tuple[TableKey, str], NDArray[np.float32]] = {}
 
 
 def table(key: TableKey, device: Device) -> NDArray[np.float32]:
-    """Return the table of a key; the first time it is computed on the device."""
+    """Return the table of a key; of most kinds it is computed on the device the first time only."""
+    if key[0] in _FORGOTTEN:
+        return MAKERS[str(key[0])](*key[1:], device)
     place = (key, device.name)
     if place not in _made:
         _made[place] = MAKERS[str(key[0])](*key[1:], device)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.io.measured.measurement import load_measurement
 from wrt.io.mitsuba.materials.bumps import with_bumps
 from wrt.io.mitsuba.materials.coats import as_in_mitsuba, diffuse_fresnel, scaled
 from wrt.io.mitsuba.materials.indices import refractive_index
@@ -21,6 +23,7 @@ from wrt.scene.materials import (
     Dielectric,
     Diffuse,
     Material,
+    Measured,
     Mirror,
     Mix,
     Plastic,
@@ -31,6 +34,7 @@ from wrt.scene.materials import (
     TwoSided,
 )
 from wrt.scene.materials.body import Body
+from wrt.scene.materials.measured import Measurement
 from wrt.scene.materials.microfacet import LEAST_ALPHA
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 
@@ -90,6 +94,7 @@ class Materials:
     def __init__(self, textures: Textures) -> None:
         self.textures = textures
         self._made: dict[int, Surface] = {}
+        self._measurements: dict[Path, Measurement] = {}
 
     def surface(self, plugin: Plugin) -> Surface:
         """Return the surface of a `bsdf`.
@@ -126,6 +131,10 @@ class Materials:
             return Surface(nothing(), nothing=True)
         if plugin.type in FILTERS:
             return self._filter(plugin)
+        if plugin.type == "measured_polarized":
+            plugin.warn("tables of Mueller matrices are not read; grey stands in for it")
+            plugin.ignore_all()
+            return UNKNOWN
         plugin.warn("this kind of bsdf is not known; grey stands in for it")
         plugin.ignore_all()
         return UNKNOWN
@@ -284,6 +293,12 @@ class Materials:
         tint = scaled(self.textures.color(plugin, "transmittance", 1.0), share)
         return Surface(ThinDielectric(1.0, 1.0, specular_transmittance=tint))
 
+    def _measured(self, plugin: Plugin) -> Surface:
+        file = plugin.file()
+        if file not in self._measurements:
+            self._measurements[file] = load_measurement(file)
+        return Surface(Measured(self._measurements[file]), one_sided=True)
+
     def _principled(self, plugin: Plugin) -> Surface:
         from wrt.io.mitsuba.materials.principled import principled
 
@@ -306,6 +321,7 @@ _MAKERS: dict[str, Callable[[Materials, Plugin], Surface]] = {
     "plastic": Materials._plastic,
     "roughplastic": Materials._rough_plastic,
     "pplastic": Materials._polarized_plastic,
+    "measured": Materials._measured,
     "principled": Materials._principled,
     "principledthin": Materials._principled_thin,
 }

@@ -101,3 +101,13 @@ OBSERVER = _FINE[:, :3]
 
 D65 = _FINE[:, 3]
 """(N,) relative power of average daylight, the white of Rec. 709."""
+
+# CIE XYZ (D65) to linear Rec. 709, the inverse of ITU-R BT.709's primaries (IEC 61966-2-1).
+RGB_FROM_XYZ = np.array(
+    [(3.240479, -1.537150, -0.498535), (-0.969256, 1.875991, 0.041556), (0.055648, -0.204043, 1.057311)]
+)
+RESPONSE = OBSERVER @ RGB_FROM_XYZ.T
+"""(N, 3) what each wavelength adds to linear Rec. 709."""
+
+REFLECTANCE_RESPONSE = D65[:, None] * RESPONSE / (D65 @ RESPONSE)
+"""(N, 3) linear Rec. 709 under D65 of a reflectance of 1 at each of WAVELENGTHS alone."""

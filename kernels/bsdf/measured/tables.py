@@ -1,0 +1,180 @@
+"""The tables of a measured reflectance, and what they say at a point.
+
+A material's table begins with its sizes; then follow the nodes of the viewer's azimuth and angle, D, σ, the density of
+visible normals and the brightness, each with its integrals, and M as colours. `wrt/upload/tables/measured.py` writes
+it.
+"""
+
+import warp as wp
+
+from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.math.trigonometry import arc_tangent
+from wrt.kernels.sampling.bilinear import (
+    Blend,
+    Cell,
+    Grid,
+    bilinear,
+    blended,
+    cell_at,
+    find_interval,
+    mixed,
+    position_between,
+)
+from wrt.kernels.sampling.warps import PI, TWO_PI
+
+TWO_OVER_PI = wp.constant(0.6366197723675814)
+_LEAST_AREA = wp.constant(1.0e-12)
+
+_HEADER = wp.constant(12)
+"""How many sizes there are."""
+
+
+@wp.struct
+class Tables:
+    """Where the parts of a material's table begin in `Bsdf.tables`, and their sizes."""
+
+    azimuths: int
+    azimuth_count: int
+    angles: int
+    angle_count: int
+    normals: int
+    normals_width: int
+    normals_height: int
+    area: int
+    area_width: int
+    area_height: int
+    visible: Grid
+    brightness: Grid
+    colors: int
+    isotropic: bool
+    reduction: int
+    jacobian: bool
+
+
+@wp.struct
+class Viewed:
+    """The viewer as the tables see it: `signs` turn directions into the part of the circle that was measured."""
+
+    wo: wp.vec3
+    signs: wp.vec2
+    azimuth: float
+    place: wp.vec2
+    blend: Blend
+
+
+@wp.func
+def _count(bsdf: Bsdf, k: int) -> int:
+    return int(bsdf.tables[bsdf.table + k])
+
+
+@wp.func
+def _grid_from(first: int, slices: int, width: int, height: int) -> Grid:
+    grid = Grid()
+    grid.values = first
+    grid.columns = first + slices * width * height
+    grid.rows = grid.columns + slices * width * height
+    grid.width = width
+    grid.height = height
+    return grid
+
+
+@wp.func
+def tables_of(bsdf: Bsdf) -> Tables:
+    """Return where the parts of a material's table are."""
+    t = Tables()
+    t.isotropic = _count(bsdf, 0) != 0
+    t.reduction = _count(bsdf, 1)
+    t.jacobian = _count(bsdf, 2) != 0
+    t.azimuth_count = _count(bsdf, 3)
+    t.angle_count = _count(bsdf, 4)
+    t.normals_width = _count(bsdf, 5)
+    t.normals_height = _count(bsdf, 6)
+    t.area_width = _count(bsdf, 7)
+    t.area_height = _count(bsdf, 8)
+    side = _count(bsdf, 11)
+    slices = t.azimuth_count * t.angle_count
+    t.azimuths = bsdf.table + _HEADER
+    t.angles = t.azimuths + t.azimuth_count
+    t.normals = t.angles + t.angle_count
+    t.area = t.normals + t.normals_width * t.normals_height
+    t.visible = _grid_from(t.area + t.area_width * t.area_height, slices, _count(bsdf, 9), _count(bsdf, 10))
+    t.brightness = _grid_from(t.visible.rows + slices * t.visible.height, slices, side, side)
+    t.colors = t.brightness.rows + slices * side
+    return t
+
+
+@wp.func
+def angle_of(w: wp.vec3) -> float:
+    """Return the angle to the normal; the arc cosine would be inexact near it."""
+    return arc_tangent(wp.sqrt(w[0] * w[0] + w[1] * w[1]), w[2])
+
+
+@wp.func
+def turned(w: wp.vec3, signs: wp.vec2) -> wp.vec3:
+    """Return a direction in the part of the circle that was measured, or one of these as it was."""
+    return wp.vec3(w[0] * signs[0], w[1] * signs[1], w[2])
+
+
+@wp.func
+def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
+    """Return the viewer, by its direction, as the tables see it."""
+    v = Viewed()
+    v.signs = wp.vec2(1.0, 1.0)
+    # A half of the circle was measured where half a turn changes nothing, a quarter where both axes mirror the surface.
+    if t.reduction == 2:
+        both = wp.where(wo[1] < 0.0, 1.0, -1.0)
+        v.signs = wp.vec2(both, both)
+    if t.reduction == 4:
+        v.signs = wp.vec2(wp.where(wo[0] < 0.0, 1.0, -1.0), wp.where(wo[1] < 0.0, 1.0, -1.0))
+    v.wo = turned(wo, v.signs)
+    # −π, not π, where the viewer is at the end of a half.
+    v.azimuth = -arc_tangent(-v.wo[1], v.wo[0])
+    angle = angle_of(v.wo)
+    turns = wp.where(t.isotropic, 0.5, (v.azimuth + PI) / TWO_PI)
+    v.place = wp.vec2(wp.sqrt(angle * TWO_OVER_PI), turns)
+    across = find_interval(bsdf.tables, t.azimuths, t.azimuth_count, v.azimuth)
+    up = find_interval(bsdf.tables, t.angles, t.angle_count, angle)
+    blend = Blend()
+    blend.slice = across * t.angle_count + up
+    blend.next_first = wp.where(t.azimuth_count > 1, t.angle_count, 0)
+    blend.next_second = wp.min(t.angle_count - 1, 1)
+    blend.first_weight = position_between(bsdf.tables, t.azimuths, t.azimuth_count, across, v.azimuth)
+    blend.second_weight = position_between(bsdf.tables, t.angles, t.angle_count, up, angle)
+    v.blend = blend
+    return v
+
+
+@wp.func
+def _channel_at(bsdf: Bsdf, t: Tables, v: Viewed, cell: Cell, channel: int) -> float:
+    side = t.brightness.width
+    size = 3 * side * side
+    place = 3 * (cell.row * side + cell.column) + channel
+    above = place + 3 * side
+    lower = mixed(
+        blended(bsdf.tables, t.colors, size, place, v.blend),
+        blended(bsdf.tables, t.colors, size, place + 3, v.blend),
+        cell.x,
+    )
+    upper = mixed(
+        blended(bsdf.tables, t.colors, size, above, v.blend),
+        blended(bsdf.tables, t.colors, size, above + 3, v.blend),
+        cell.x,
+    )
+    return mixed(lower, upper, cell.y)
+
+
+@wp.func
+def color_at(bsdf: Bsdf, t: Tables, v: Viewed, u: wp.vec2) -> wp.vec3:
+    """Return M at a point of the square."""
+    cell = cell_at(t.brightness.width, t.brightness.width, u)
+    return wp.vec3(_channel_at(bsdf, t, v, cell, 0), _channel_at(bsdf, t, v, cell, 1), _channel_at(bsdf, t, v, cell, 2))
+
+
+@wp.func
+def factor_at(bsdf: Bsdf, t: Tables, v: Viewed, facet: wp.vec2) -> float:
+    """Return D / (4 σ), for a normal at a point of its square."""
+    if not t.jacobian:
+        return 1.0
+    d = bilinear(bsdf.tables, t.normals, t.normals_width, t.normals_height, facet)
+    area = bilinear(bsdf.tables, t.area, t.area_width, t.area_height, v.place)
+    return d / (4.0 * wp.max(area, _LEAST_AREA))

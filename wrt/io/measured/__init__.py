@@ -1,0 +1,1 @@
+"""Measured reflectances: their files, and the observer that sees spectra as colours."""
