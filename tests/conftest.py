@@ -46,6 +46,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 LONGEST = (
     "test_wide.py",
+    "test_emulated_cuda.py",
+    "test_wide_functions.py",
     "test_cuda_compile.py",
     "test_gallery.py",
     "test_render_kernel.py",

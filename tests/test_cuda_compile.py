@@ -42,13 +42,13 @@ MODELS = sorted({material.model for material in (cls.example() for cls in MATERI
 
 FEATURES = [
     Features(("diffuse",), False, "none"),
-    Features(("conductor", "dielectric"), False, "constant"),
     Features(("conductor", "dielectric"), False, "image", light_tree=True),
-    Features(("diffuse",), False, "none", instances="still"),
-    Features(("diffuse",), False, "none", instances="moving"),
-    Features(("diffuse",), False, "none", instances="deforming"),
+    # Each kind of instances, and each sampler.
+    *(
+        Features(("diffuse",), False, "none", instances=instances, sampler=sampler)
+        for instances, sampler in zip(("still", "moving", "deforming"), SAMPLERS[1:], strict=True)
+    ),
     Features(("diffuse",), True, "none", instances="moving", spheres=True, aovs=True),
-    Features(("diffuse",), False, "none", composite="sides"),
     Features(("diffuse",), False, "none", composite="mixed", aovs=True),
     # Two models with all that a scene can have besides. All in one took minutes.
     Features(
@@ -71,8 +71,7 @@ FEATURES = [
     # Each channel in its own way: dispersion, among bodies within bodies too, and thin films.
     Features(("conductor:film", "dielectric:dispersive", "rough_conductor:ggx:smith:conductor:film"), False, "none"),
     Features(("principled:transmission:dispersion:film:coat",), False, "none", media="absorbing", nested=True),
-    Features(("burley", "burley:thin", "burley:transmission"), False, "none"),
-    *(Features(("diffuse",), False, "none", sampler=name) for name in SAMPLERS[1:]),
+    Features(("burley", "burley:thin", "burley:transmission"), False, "none", composite="sides"),
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
         for name in INTEGRATORS
@@ -100,15 +99,16 @@ FEATURES = [
     ),
     Features(("diffuse", "null"), False, "constant", media="scattering", grid_media=True),
     # Each distribution of normals, and each masking with one of them.
-    *(
-        Features((f"rough_conductor:{distribution}:{maskings_of(distribution)[-1]}:schlick",), False, "none")
-        for distribution in DISTRIBUTIONS
+    Features(
+        tuple(sorted(f"rough_conductor:{name}:{maskings_of(name)[-1]}:schlick" for name in DISTRIBUTIONS)),
+        False,
+        "none",
     ),
 ]
 # Then each material's model as it comes, where none of those has it.
-FEATURES += [
-    Features((model,), False, "none") for model in MODELS if not any(model in features.models for features in FEATURES)
-]
+FEATURES.append(
+    Features(tuple(name for name in MODELS if not any(name in features.models for features in FEATURES)), False, "none")
+)
 
 
 def kernel_modules() -> Iterator[ModuleType]:
@@ -172,7 +172,7 @@ def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("features", [FEATURES[0], FEATURES[-1]], ids=lambda features: features.name)
+@pytest.mark.parametrize("features", FEATURES[:2], ids=lambda features: features.name)
 def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:
     # No source of ours asks for the architecture: a few tell as much as all, which take minutes.
     compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[-1], tmp_path)
