@@ -58,7 +58,9 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     assert not PLAIN.covers(WITH_HOLES)
 
 
-@pytest.mark.parametrize("changes", [{"media": "absorbing"}, {"aovs": True}, {"clamped": True}, {"cameras": ("own",)}])
+@pytest.mark.parametrize(
+    "changes", [{"media": "absorbing"}, {"aovs": True}, {"clamped": True}, {"cameras": ("own",)}, {"integrator": "ao"}]
+)
 def test_there_are_none_for_what_few_use(changes: dict[str, Any]) -> None:
     assert general.general_features(dataclasses.replace(PLAIN, **changes)) == []
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from wrt.backend import current_backend
 from wrt.backend.builds import Builds
-from wrt.compiling.kernel import SCALAR, name_of_kernel
+from wrt.compiling.kernel import SCALAR, UNLIKE_PATHS, name_of_kernel
 
 _OF_MESHES = ("diffuse", "principled")
 _WITHOUT_HOLES = (
@@ -51,8 +51,9 @@ def general_features(features: Any) -> list[Any]:
 
     There are none for scenes with media, and for options that few use.
     """
-    layers = features.aovs and not features.guides
-    if features.media != "none" or layers or features.clamped or features.regularized or features.cameras:
+    if not features.guides and (features.aovs or features.integrator in UNLIKE_PATHS):
+        return []
+    if features.media != "none" or features.clamped or features.regularized or features.cameras:
         return []
     own: dict[str, Any] = {"textured": True, "mipmapped": True, "tangents": True, "light_tree": True, "uv2_alpha": True}
     if not features.guides:

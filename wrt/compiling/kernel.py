@@ -23,6 +23,9 @@ from wrt.backend.recording import call_name, compiled_by_warp
 SCALAR = 1
 """The lanes of a scalar kernel."""
 
+UNLIKE_PATHS = ("whitted", "ao", "aov")
+"""Integrators whose kernels do not trace paths: they have no wide ones."""
+
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
 
 

@@ -50,9 +50,6 @@ _LOADING = threading.Lock()
 """Held by the thread that loads a wide kernel: Warp generates code in one thread at a time, and renderers of the same
 scene share a kernel."""
 
-_UNLIKE_PATHS = ("whitted", "ao", "aov")
-"""Integrators whose kernels do not trace paths."""
-
 
 class WideKernel:
     """The wide kernel for one scene, if it has one.
@@ -148,7 +145,7 @@ class WideKernel:
     def _is_usable(self) -> bool:
         if self._possible is None:
             self._lanes = lanes_here()
-            suits = self._lanes > 0 and self._features.integrator not in _UNLIKE_PATHS
+            suits = self._lanes > 0 and self._features.integrator not in compiler.UNLIKE_PATHS
             largest = partial(largest_array, self._device.backend)
             if suits and max(map(largest, self._records)) <= MOST_BYTES:
                 self._builds = self._device.backend.builds or Builds.known()
