@@ -42,6 +42,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "constants": ("presets",),
     "media": ("phase", "absorption", "scattering", "grid_media"),
     "lights": ("irradiance", "light_tree", "environment_sampling", "multiple_importance", "alias"),
+    "spheres": ("spheres", "sphere_pictures", "spheres_of_mitsuba"),
     "cameras": ("cameras", "lenses", "shutter"),
     "path": ("furnace", "estimators", "against_mitsuba"),
     "whitted": ("whitted",),

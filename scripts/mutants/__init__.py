@@ -1,12 +1,13 @@
 """Faults that `mutate.py` plants: a file, a text in it, the text in its place, and the tests that should notice."""
 
-from . import cuda, light, media, pictures, reflection
+from . import cuda, light, media, pictures, reflection, spheres
 from .mutant import Mutant
 
 MUTANTS: tuple[Mutant, ...] = (
     *reflection.FAULTS,
     *media.FAULTS,
     *light.FAULTS,
+    *spheres.FAULTS,
     *pictures.FAULTS,
     *cuda.FAULTS,
 )
