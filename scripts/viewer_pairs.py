@@ -110,12 +110,13 @@ def subjects_of_scenarios(config: Path, goldens: Path, models: Path, only: str) 
         if not files or not pictures:
             continue
         orbit, target, size = each["orbit"], each["target"], each["dimensions"]
+        place = (target["x"], target["y"], target["z"])
         yield Subject(
             each["name"].removeprefix("khronos-"),
             files[0],
             pictures,
             (orbit["theta"], 90.0 - orbit["phi"]),
-            Orbit(*(orbit[k] for k in ("theta", "phi", "radius")), tuple(target[k] for k in "xyz"), each["verticalFoV"]),
+            Orbit(orbit["theta"], orbit["phi"], orbit["radius"], place, each["verticalFoV"]),
             size["width"] / size["height"],
         )
 
@@ -191,8 +192,8 @@ def compared(subject: Subject, options: argparse.Namespace) -> tuple[Any, dict[s
     for name, path in subject.pictures.items():
         if re.fullmatch(options.viewers, name):
             rows[name], opaque = fitted(path, subject, width, height)
-            # Where cameras are known, edges that differ do not count.
-            covered = covered & opaque if subject.orbit is not None and 0.02 < opaque.mean() else covered
+            if subject.orbit is not None:  # what an animation or an older file has elsewhere does not count
+                covered = covered & opaque
     means = {name: lightness_and_chroma(row, covered) for name, row in rows.items()}
     sheet = Image.new("RGB", (len(rows) * width, height + LINE), (255, 255, 255))
     for k, (name, row) in enumerate(rows.items()):
