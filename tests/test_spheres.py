@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.accel.intersect import make_intersect
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.geometry.rays import Frame, Ray
+from wrt.kernels.geometry.spheres import along_meridian, along_turn
 from wrt.kernels.geometry.surface import leave, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.scene.spheres import Spheres
@@ -188,6 +189,33 @@ def test_texture_coordinates_and_axes(device: str) -> None:
     turned = ball.turned_inside_out()
     normal = cast_rays([turned], origins, directions, device)[3]
     assert ((normal[hit] * (position[hit] - ball.centers[0])).sum(axis=1) < 0.0).all()
+
+
+@wp.kernel(enable_backward=False)
+def differentiate(axes: Frame, radius: float, out: wp.array(dtype=wp.vec3), derivatives: wp.array2d(dtype=wp.vec3)):
+    i = wp.tid()
+    derivatives[i, 0] = along_turn(axes, out[i], radius)
+    derivatives[i, 1] = along_meridian(axes, out[i], radius)
+
+
+def test_derivatives_by_texture_coordinates_are_differences_of_points(device: str) -> None:
+    rng = np.random.default_rng(8)
+    own, radius, step = np.linalg.qr(rng.standard_normal((3, 3)))[0], 0.7, 1e-4
+    axes = Frame()
+    axes.s, axes.t, axes.n = (wp.vec3(*axis) for axis in own)
+    uv = rng.random((1000, 2)) * (1.0, 0.96) + (0.0, 0.02)
+
+    def points(u: NDArray, v: NDArray) -> NDArray:
+        turn, sine = 2.0 * np.pi * u, np.sin(np.pi * v)
+        return np.stack([sine * np.cos(turn), sine * np.sin(turn), np.cos(np.pi * v)], axis=1) @ own
+
+    u, v = uv.T
+    found = wp.zeros((len(uv), 2), dtype=wp.vec3, device=device)
+    out = wp.array(points(u, v), dtype=wp.vec3, device=device)
+    wp.launch(differentiate, len(uv), [axes, radius, out], [found], device=device)
+    by_u = (points(u + step, v) - points(u - step, v)) * radius / (2.0 * step)
+    by_v = (points(u, v + step) - points(u, v - step)) * radius / (2.0 * step)
+    assert np.abs(found.numpy() - np.stack([by_u, by_v], axis=1)).max() < 1e-5
 
 
 # --- As meshes ---------------------------------------------------------------------------------------
