@@ -33,12 +33,12 @@ def cast(
     directions: wp.array(dtype=wp.vec3),
     number_out: wp.array(dtype=int),
     ts_out: wp.array(dtype=wp.vec2),
-    position_out: wp.array(dtype=wp.vec3),
+    position_out: wp.array2d(dtype=wp.vec3),
     normal_out: wp.array(dtype=wp.vec3),
     uv_out: wp.array(dtype=wp.vec2),
     left_out: wp.array2d(dtype=int),
 ):
-    """Write the nearest hit and the surface there, and what rays hit that leave it to both sides and back."""
+    """Write the nearest hit, the surface there, the next hit, and what rays meet that leave to both sides and back."""
     i = wp.tid()
     ray = Ray()
     ray.origin = origins[i]
@@ -46,9 +46,12 @@ def cast(
     hit = closest_hit(scene, ray)
     number_out[i] = hit.triangle
     if hit.triangle >= 0:
-        ts_out[i] = wp.vec2(hit.t, next_hit(scene, ray, hit, 1.0e30).t)
+        after = next_hit(scene, ray, hit, 1.0e30)
+        ts_out[i] = wp.vec2(hit.t, after.t)
         surface = surface_at(scene, ray, hit)
-        position_out[i] = surface.position
+        position_out[i, 0] = surface.position
+        if after.triangle >= 0:
+            position_out[i, 1] = surface_at(scene, ray, after).position
         front = wp.where(surface.front, 1.0, -1.0)
         normal_out[i] = surface.normal * front
         uv_out[i] = add_texture_coordinates(scene, hit, surface).uv
@@ -73,7 +76,7 @@ def cast_rays(shapes: list[wrt.Mesh], origins: NDArray, directions: NDArray, dev
     built = build_scene(scene, Device(device), texture_coordinates=True)
     assert built.features.spheres
     n = len(origins)
-    made = [(int, n), (wp.vec2, n), (wp.vec3, n), (wp.vec3, n), (wp.vec2, n), (int, (n, 4))]
+    made = [(int, n), (wp.vec2, n), (wp.vec3, (n, 2)), (wp.vec3, n), (wp.vec2, n), (int, (n, 4))]
     out = [wp.zeros(shape, dtype=dtype, device=device) for dtype, shape in made]
     rays = [wp.array(values, dtype=wp.vec3, device=device) for values in (origins, directions)]
     wp.launch(cast, n, [built.data, *rays], out, device=device)
@@ -126,9 +129,11 @@ def test_hits_agree_with_the_closed_form(center: tuple, radius: float, distance:
     assert (np.abs(ts[hit] - expected[hit]) <= along[:, None]).all()
     out = normal[hit].astype(np.float64)
     assert np.abs(np.linalg.norm(out, axis=1) - 1.0).max() < 1e-6
-    assert np.abs(position[hit] - (c + r * out)).max() <= 4.0 * eps * (np.abs(c).max() + r)
+    assert np.abs(position[hit, 0] - (c + r * out)).max() <= 4.0 * eps * (np.abs(c).max() + r)
     points = origins[hit] + directions[hit].astype(np.float64) * expected[hit, :1]
     assert (np.linalg.norm(points - (c + r * out), axis=1) <= along + 1e-6 * r).all()
+    points = origins[hit] + directions[hit].astype(np.float64) * expected[hit, 1:]
+    assert (np.linalg.norm(points - position[hit, 1], axis=1) <= along + 1e-6 * r).all()
     # What leaves a sphere does not meet it again, and what enters it does.
     hit = number >= 0
     assert (left[hit, 0] == 0).all()
@@ -178,17 +183,17 @@ def test_texture_coordinates_and_axes(device: str) -> None:
     origins, directions = rays_to(rng, ball.centers[0], ball.radii[0], 5000, 4.0)
     number, _, position, normal, uv, _ = cast_rays([ball], origins, directions, device)
     hit = number == 0
-    own = np.concatenate([position[hit], np.ones((hit.sum(), 1))], axis=1) @ np.linalg.inv(matrix).T
+    own = np.concatenate([position[hit, 0], np.ones((hit.sum(), 1))], axis=1) @ np.linalg.inv(matrix).T
     x, y, z = ((own[:, :3] - (0.5, 0.25, 0.0)) / 0.5).T
     turn = np.arctan2(y, x) / (2.0 * np.pi) % 1.0
     off = np.abs(uv[hit, 0] - turn)
     sine = np.hypot(x, y)
     assert (np.minimum(off, 1.0 - off) * sine).max() < 2e-6
     assert np.abs(uv[hit, 1] - np.arctan2(sine, z) / np.pi).max() < 2e-6
-    assert ((normal[hit] * (position[hit] - ball.centers[0])).sum(axis=1) > 0.0).all()
+    assert ((normal[hit] * (position[hit, 0] - ball.centers[0])).sum(axis=1) > 0.0).all()
     turned = ball.turned_inside_out()
     normal = cast_rays([turned], origins, directions, device)[3]
-    assert ((normal[hit] * (position[hit] - ball.centers[0])).sum(axis=1) < 0.0).all()
+    assert ((normal[hit] * (position[hit, 0] - ball.centers[0])).sum(axis=1) < 0.0).all()
 
 
 @wp.kernel(enable_backward=False)
