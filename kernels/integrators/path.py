@@ -13,6 +13,7 @@ from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_trav
 from wrt.kernels.integrators.path_state import (
     PathResult,
     PathSettings,
+    PathState,
     begin_indirect,
     camera_path,
     path_result,
@@ -40,12 +41,15 @@ from wrt.kernels.sampling.sampler import (
 from wrt.kernels.scene.materials import has_panes
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import path_function
+from wrt.kernels.spmd_marks import inline_stage, path_function
 
 
 @specialised()
-def make_trace_path(features: Features) -> wp.Function:
-    """Return the device function that follows one path, with only what `features` names."""
+def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Function:
+    """Return the stage (scene, path, sampler, settings) -> PathState that follows a path to its end.
+
+    With `in_rounds` it follows the path to its next vertex only, and `path.is_done` tells whether it ended there.
+    """
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
     closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
@@ -58,14 +62,17 @@ def make_trace_path(features: Features) -> wp.Function:
     attenuates_shadows = can_attenuate_shadows(features)
 
     @wp.func
-    @path_function
-    def trace_path(
-        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
-    ) -> PathResult:
-        path = camera_path(camera_ray, pixel_footprint)
-        if wp.static(media or nested):
-            path.medium_stack = scene.inside_at_camera
+    @inline_stage
+    def follow_path(scene: SceneData, path: PathState, sampler: Sampler, settings: PathSettings) -> PathState:
+        if wp.static(in_rounds):
+            has_begun = bool(False)
+            goes_on = bool(False)
         while path.depth < settings.max_depth:
+            if wp.static(in_rounds):
+                if has_begun:
+                    goes_on = True
+                    break
+                has_begun = True
             path.depth += 1
             vertex_number = path.depth + path.medium_scatterings
             # Drawn before the ray is traced, as that waits for memory meanwhile: 5 % of a path in the Cornell box.
@@ -140,6 +147,41 @@ def make_trace_path(features: Features) -> wp.Function:
                     path.radiance += shadow_radiance
             if path.is_done:
                 break
+        if wp.static(in_rounds):
+            path.is_done = not goes_on
+        return path
+
+    return follow_path
+
+
+@specialised()
+def make_begin_path(features: Features) -> wp.Function:
+    """Return the stage (scene, camera_ray, pixel_footprint) -> PathState, a path that begins with a camera ray."""
+    bodies = features.bodies
+
+    @wp.func
+    @inline_stage
+    def begin_path(scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
+        path = camera_path(camera_ray, pixel_footprint)
+        if wp.static(bodies):
+            path.medium_stack = scene.inside_at_camera
+        return path
+
+    return begin_path
+
+
+@specialised()
+def make_trace_path(features: Features) -> wp.Function:
+    """Return the device function that follows one path, with only what `features` names."""
+    begin_path, follow_path = make_begin_path(features), make_follow_path(features)
+
+    @wp.func
+    @path_function
+    def trace_path(
+        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
+    ) -> PathResult:
+        path = begin_path(scene, camera_ray, pixel_footprint)
+        path = follow_path(scene, path, sampler, settings)
         result = path_result(path, settings.clamp_indirect)
         return result
 
