@@ -50,7 +50,8 @@ class RenderKernel:
         if found is not None and (read is None or read.has_uploads_of(found)):
             self.scalar, self.read = None, found
         else:
-            self.scalar, self.read = current_backend().call(*general.MAKE, features), features
+            make = general.MAKE if device.is_cpu else general.MAKE_FOR_GPUS
+            self.scalar, self.read = current_backend().call(*make, features), features
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""

@@ -1,41 +1,41 @@
-"""The kernel of a pass on CUDA, where a thread begins its next path as soon as one has ended."""
+"""The kernel of a pass for GPUs: a thread begins its next path as soon as one has ended.
+
+Where each thread follows its paths in a loop of their own, as in `render.py`, those of a warp whose path has ended wait
+for the longest one, at each sample. Here there is one loop, a round of which begins a path if there is none, follows it
+to its next vertex, and adds it to the film if it ended (Novák, Havran and Dachsbacher 2010).
+"""
 
 import warp as wp
 
-from wrt.kernels.camera.camera import Camera, shutter_time
-from wrt.kernels.camera.models import make_camera
+from wrt.kernels.camera.camera import Camera
+from wrt.kernels.camera.samples import make_camera_sample
 from wrt.kernels.features import Features
 from wrt.kernels.film.aovs import AovData
 from wrt.kernels.film.film import FilmData, is_finite_color
-from wrt.kernels.film.filters import filter_offset
 from wrt.kernels.integrators.path import make_begin_path, make_follow_path
 from wrt.kernels.integrators.path_state import PathSettings, PathState, path_result
-from wrt.kernels.native import include
-from wrt.kernels.render import CUDA_BOUNDS, FEW_MODELS
-from wrt.kernels.sampling.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_camera
+from wrt.kernels.render import launch_bounds, make_render_kernel
+from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 
-opaque_h = include("opaque.h")
 
-
-@wp.func_native("return wrt::opaque(value);")
-def opaque(value: int) -> int:
-    """Return the value, of which the compiler knows nothing from here on."""
-    opaque_h()
+def make_gpu_render_kernel(features: Features) -> wp.Kernel:
+    """Return the kernel that renders scenes with these features on a GPU: of paths alone, one that regenerates them."""
+    if features.integrator == "path" and not features.aovs:
+        return make_regenerating_kernel(features)
+    return make_render_kernel(features)
 
 
 @specialised()
 def make_regenerating_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel for scenes with these features."""
-    camera_ray = make_camera(features.cameras).ray
-    begin_path, follow_path = make_begin_path(features), make_follow_path(features, in_rounds=True)
-    sample_camera = make_sample_camera(features.sampler)
+    """Return the kernel for scenes with these features, which takes the arguments of `make_render_kernel`."""
+    camera_sample = make_camera_sample(features)
+    begin_path, advance_path = make_begin_path(features), make_follow_path(features, in_rounds=True)
     pixel_name = make_pixel_name(features.sampler)
-    bounds = CUDA_BOUNDS if len(features.models) <= FEW_MODELS else None
     module = wp.get_module(make_regenerating_kernel.module_name(features))
 
-    @wp.kernel(module=module, enable_backward=False, launch_bounds=bounds)
+    @wp.kernel(module=module, enable_backward=False, launch_bounds=launch_bounds(features))
     def render_pass(
         first_pixel: int,
         target_count: int,
@@ -56,24 +56,19 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
         index = film.count[pixel]
         path = PathState()
         path.is_done = True
-        while opaque(index) < target_count:
-            if opaque(int(path.is_done)) != 0:
+        # The last sample is noticed here, where all lanes come by in each round. Where a path ends, a way out of the
+        # loop would keep the lanes that take it from meeting the others before the end of the kernel.
+        while index < target_count:
+            if path.is_done:
                 sampler.index = wp.uint32(index)
-                u = sample_camera(sampler, BLOCK_FILM_AND_LENS)
-                position = wp.vec2(
-                    float(x) + 0.5 + filter_offset(filter_table, u[0]),
-                    float(y) + 0.5 + filter_offset(filter_table, u[1]),
-                )
-                time = camera.shutter_open
-                if camera.shutter_close > camera.shutter_open:
-                    time = shutter_time(camera, sample_camera(sampler, BLOCK_TIME)[0])
-                seen = camera_ray(camera, position, wp.vec2(u[2], u[3]), time)
+                seen = camera_sample(camera, filter_table, sampler, x, y).seen
                 path = begin_path(scene, seen.ray, seen.footprint)
                 if not seen.visible:
                     path.depth = settings.max_depth
-            path = follow_path(scene, path, sampler, settings)
+            path = advance_path(scene, path, sampler, settings)
             if path.is_done:
                 index += 1
+                # To memory at once: sums in registers, twelve of them for doubles alone, would be spilled on the way.
                 result = path_result(path, settings.clamp_indirect)
                 film.rays[pixel] = film.rays[pixel] + wp.int64(result.rays)
                 if is_finite_color(result.radiance):
