@@ -10,6 +10,7 @@ from typing import Any
 
 import wrt.backend
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
+from support.emulated_cuda.ptx import Entry, parse
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_backend import WarpBackend, initialize_warp
 
@@ -49,6 +50,11 @@ class EmulatedBackend(WarpBackend):
                 binary = compiled(ptx_of(module, self._arch), optimization=self._optimization, traces=self._traces)
                 self._libraries[key] = Library(binary)
             return self._libraries[key]
+
+    def entry(self, kernel: Any) -> Entry:
+        """Return a kernel as PTX."""
+        entries = parse(ptx_of(kernel.module, self._arch)).entries
+        return next(entry for entry in entries if entry.name == entry_of(kernel))
 
     def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
         """Run a grid, as Warp launches it."""
