@@ -1,6 +1,8 @@
 """Unidirectional path tracing with next-event estimation and multiple importance sampling.
 
-Kajiya (1986); Veach (1997), chapters 9 and 10. The stages of a path are in the files beside this one.
+Kajiya (1986); Veach (1997), chapters 9 and 10. The stages of a path are in the files beside this one. The loop follows
+a path to its end, or in rounds of one vertex, between which a GPU begins other paths (`kernels/regeneration.py`);
+`PathState.is_done` then tells whether the path ended in the round.
 """
 
 import warp as wp
@@ -46,33 +48,27 @@ from wrt.kernels.spmd_marks import inline_stage, path_function
 
 @specialised()
 def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Function:
-    """Return the stage (scene, path, sampler, settings) -> PathState that follows a path to its end.
-
-    With `in_rounds` it follows the path to its next vertex only, and `path.is_done` tells whether it ended there.
-    """
+    """Return the stage (scene, path, sampler, settings) -> PathState: to a path's end, or (`in_rounds`) next vertex."""
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
     closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
-    opacity, mixed, nested = features.opacity, features.mixed, features.nested
     media, scattering, grid_media = features.media != "none", features.media == "scattering", features.grid_media
     clamped, panes, light_shapes = features.clamped, has_panes(features.models), bool(features.light_shapes)
-    attenuates_shadows = can_attenuate_shadows(features)
+    mixed, holes, attenuated = features.mixed, features.opacity or features.nested, can_attenuate_shadows(features)
 
     @wp.func
     @inline_stage
     def follow_path(scene: SceneData, path: PathState, sampler: Sampler, settings: PathSettings) -> PathState:
         if wp.static(in_rounds):
-            has_begun = bool(False)
-            goes_on = bool(False)
+            rounds = int(0)
         while path.depth < settings.max_depth:
             if wp.static(in_rounds):
-                if has_begun:
-                    goes_on = True
+                rounds += 1
+                if rounds > 1:
                     break
-                has_begun = True
             path.depth += 1
             vertex_number = path.depth + path.medium_scatterings
             # Drawn before the ray is traced, as that waits for memory meanwhile: 5 % of a path in the Cornell box.
@@ -85,7 +81,6 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             u_more = wp.vec4()
             if wp.static(mixed or panes or scattering or grid_media):
                 u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
-
             # ---- Medium
             if wp.static(media):
                 segment = traverse_medium(scene, path, hit, wp.vec2(u_more[3], u_more[2]), settings.max_scatterings)
@@ -112,7 +107,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(scattering):
                 path.skin.hit.triangle = NO_HIT
             vertex = surface_vertex(scene, path, hit, u_more[0], sampler)
-            if wp.static(opacity or nested):
+            if wp.static(holes):
                 if not vertex.is_solid:
                     path = pass_through(path, vertex)
                     if path.is_done:
@@ -134,21 +129,21 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             light = direct_lighting(scene, path, vertex, u_light, settings.strategy)
             path.rays += light.rays
             shadow_radiance = wp.cw_mul(path.throughput, light.radiance)
-            if wp.static(attenuates_shadows):
+            if wp.static(attenuated):
                 path.radiance += shadow_radiance
 
             # ---- BSDF sampling and roulette
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
 
             # ---- Shadow ray, last, when little of the surface's state is still live
-            if wp.static(not attenuates_shadows):
+            if wp.static(not attenuated):
                 blocked = occluded(scene, light.shadow_ray, light.t_max)
                 if not blocked:
                     path.radiance += shadow_radiance
             if path.is_done:
                 break
         if wp.static(in_rounds):
-            path.is_done = not goes_on
+            path.is_done = rounds <= 1
         return path
 
     return follow_path

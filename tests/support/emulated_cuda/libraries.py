@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from support.emulated_cuda.ptx import NotTranslated, parse
 from support.emulated_cuda.translation import to_cpp
 

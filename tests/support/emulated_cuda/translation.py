@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
 from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.operands import Operands, name_of, unsigned
 from support.emulated_cuda.operations import SPACES, translate

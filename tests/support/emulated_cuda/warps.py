@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from support.emulated_cuda.flow import Flow
 
 WARP = 32
