@@ -1,8 +1,9 @@
-"""The kernel of a pass for GPUs: a thread begins its next path as soon as one has ended.
+"""A kernel of a pass for GPUs, on trial: a thread begins its next path as soon as one has ended.
 
 Where each thread follows its paths in a loop of their own, as in `render.py`, those of a warp whose path has ended wait
 for the longest one, at each sample. Here there is one loop, a round of which begins a path if there is none, follows it
-to its next vertex, and adds it to the film if it ended (Novák, Havran and Dachsbacher 2010).
+to its next vertex, and adds it to the film if it ended (Novák, Havran and Dachsbacher 2010). Rays of a warp are then
+less alike, and counts are for it in small scenes alone (docs/gpu.md): `WRT_REGENERATE=1` chooses it.
 """
 
 import warp as wp
@@ -21,7 +22,7 @@ from wrt.kernels.specialise import specialised
 
 
 def make_gpu_render_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel that renders scenes with these features on a GPU: of paths alone, one that regenerates them."""
+    """Return the kernel for scenes with these features that regenerates paths, where there are paths alone."""
     if features.integrator == "path" and not features.aovs:
         return make_regenerating_kernel(features)
     return make_render_kernel(features)

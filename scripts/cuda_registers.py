@@ -31,7 +31,8 @@ import wrt
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
-from wrt.kernels.regeneration import make_gpu_render_kernel
+from wrt.kernels.regeneration import make_regenerating_kernel
+from wrt.kernels.render import make_render_kernel
 from wrt.scene.materials import MATERIALS
 
 CPU_ONLY = {"trace_packets", "trace_interleaved"}
@@ -63,11 +64,12 @@ def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
             if isinstance(value, wp.Kernel) and value.func.__module__ == found.name and name not in CPU_ONLY:
                 yield f"{found.name.removeprefix('wrt.kernels.')}.{name}", value
     for name, features in render_features().items():
-        yield f"regeneration.render_pass ({name})", make_gpu_render_kernel(features)
+        yield f"render.render_pass ({name})", make_render_kernel(features)
+        yield f"regeneration.render_pass ({name})", make_regenerating_kernel(features)
 
 
 def find_tool(name: str, package: str) -> str | None:
-    """Return the path of a program of the CUDA toolkit, from its PyPI package, or from the PATH, where it may be old."""
+    """Return the path of a program of the CUDA toolkit, from its package, or from the PATH, where it may be old."""
     try:
         inside = [str(file.locate()) for file in files(package) or [] if file.name in (name, f"{name}.exe")]
     except PackageNotFoundError:

@@ -5,7 +5,8 @@
 The emulator of the tests runs the PTX of the render kernel thread by thread, and notes the blocks of code that each
 thread runs. Printed are, for each ray that is traced: instructions, loads from global memory, and accesses to local
 memory, which on a GPU is device memory too; and the efficiency of warps, the share of their 32 lanes that work, on
-average: for paths, whenever some of a warp trace their next segments, and for all instructions. Threads that part run
+average: for paths, whenever some of a warp trace their next segments, and for all instructions. Each scene is counted
+with both kernels for GPUs: the usual one, and that which regenerates paths. Threads that part run
 one after the other until they meet (`tests/support/emulated_cuda/warps.py`). `--write` puts the table into docs/gpu.md.
 
 These are counts, not times: registers, caches, and how ptxas orders instructions decide about times, and are not known
@@ -16,6 +17,7 @@ load came from memory, four numbers at a time, at the peaks of one GPU's data sh
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -104,17 +106,19 @@ class CountingBackend(EmulatedBackend):
         self.issued = Issued(sum(w.warps for w in warps), sum(w.threads for w in warps))
 
 
-def count(name: str) -> Counts:
-    """Count what a pass executes in the middle of a scene's picture."""
+def count(name: str, *, regenerates: bool) -> Counts:
+    """Count what a pass executes in the middle of a scene's picture, with one of the two kernels."""
     import wrt
+    from wrt.rendering.render_kernel import REGENERATE
 
+    os.environ[REGENERATE] = str(int(regenerates))
     backend = CountingBackend()
     with emulated_cuda(counting=backend):
         renderer = wrt.Renderer(wrt.load(name), width=SIZE, height=SIZE, crop=CROP, device="cuda")
         renderer._trace(SAMPLES, 0.0)
     total = dict(zip(COUNTED, backend.issued.threads @ backend.table / renderer.rays, strict=True))
     return Counts(
-        name,
+        f"{name}, regenerated" if regenerates else name,
         total["instructions"],
         total["ld global"],
         total["ld local"] + total["st local"],
@@ -141,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")
     options = parser.parse_args(arguments)
-    text = table([count(name) for name in options.scenes])
+    text = table([count(name, regenerates=each) for name in options.scenes for each in (False, True)])
     print(text)
     if options.write:
         page = PAGE.read_text(encoding="utf-8")

@@ -162,7 +162,9 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
-    compile_for_cuda(make_gpu_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+    if (kernel := make_gpu_render_kernel(features)) is not make_render_kernel(features):
+        compile_for_cuda(kernel.module, ARCHITECTURES[0], tmp_path / "regenerating", mode="debug")
 
 
 def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
@@ -180,7 +182,7 @@ def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
 @pytest.mark.parametrize("features", [FEATURES[0], FEATURES[-1]], ids=lambda features: features.name)
 def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:
     # No source of ours asks for the architecture: a few tell as much as all, which take minutes.
-    compile_for_cuda(make_gpu_render_kernel(features).module, ARCHITECTURES[-1], tmp_path)
+    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[-1], tmp_path)
 
 
 def test_no_source_asks_for_the_architecture() -> None:

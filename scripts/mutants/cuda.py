@@ -117,7 +117,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "sampler.index = wp.uint32(index)",
         "sampler.index = wp.uint32(film.count[pixel])",
-        "tests/test_emulated_cuda.py -k 'films_agree and cornell'",
+        "tests/test_emulated_cuda.py -k 'regenerated and cornell'",
     ),
     Mutant(
         "cuda-invisible",
@@ -125,6 +125,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "path.depth = settings.max_depth",
         "path.depth = 0",
-        "tests/test_emulated_cuda.py -k 'films_agree and fisheye'",
+        "tests/test_emulated_cuda.py -k 'regenerated and fisheye'",
     ),
 )

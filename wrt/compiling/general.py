@@ -17,8 +17,8 @@ from wrt.compiling.wide import name_of_wide
 MAKE = "wrt.kernels.render", "make_render_kernel"
 """Module and name of the function that declares the scalar kernel for some features."""
 
-MAKE_FOR_GPUS = "wrt.kernels.regeneration", "make_gpu_render_kernel"
-"""Those of the function that declares the kernel of GPUs."""
+MAKE_REGENERATING = "wrt.kernels.regeneration", "make_gpu_render_kernel"
+"""Those of the function that declares a kernel for GPUs that begins the next path as soon as one has ended."""
 
 _OF_MESHES = ("diffuse", "principled")
 _WITHOUT_HOLES = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,9 @@ from wrt.backend.lanes import lanes_here
 from wrt.compiling import general
 from wrt.rendering.wide_kernel import WORTH_SECONDS, WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
+
+REGENERATE = "WRT_REGENERATE"
+"""Environment variable: 1 has the threads of a GPU begin their next paths at once (`kernels/regeneration.py`)."""
 
 
 class RenderKernel:
@@ -50,7 +54,8 @@ class RenderKernel:
         if found is not None and (read is None or read.has_uploads_of(found)):
             self.scalar, self.read = None, found
         else:
-            make = general.MAKE if device.is_cpu else general.MAKE_FOR_GPUS
+            regenerates = not device.is_cpu and os.environ.get(REGENERATE) == "1"
+            make = general.MAKE_REGENERATING if regenerates else general.MAKE
             self.scalar, self.read = current_backend().call(*make, features), features
 
     def compile(self, compile: Callable[[Any], None]) -> None:
