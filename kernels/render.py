@@ -2,15 +2,14 @@
 
 import warp as wp
 
-from wrt.kernels.camera.camera import Camera, shutter_time
-from wrt.kernels.camera.models import make_camera
+from wrt.kernels.camera.camera import Camera
+from wrt.kernels.camera.samples import make_camera_sample
 from wrt.kernels.features import Features
 from wrt.kernels.film.aovs import AovData, make_add_aovs
 from wrt.kernels.film.film import FilmData, is_finite_color
-from wrt.kernels.film.filters import filter_offset
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.registry import make_trace
-from wrt.kernels.sampling.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_pixel_name, make_sample_camera
+from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import pixel_kernel
@@ -23,19 +22,22 @@ models together spill 2.2 KB even with 255 registers. Compiled, not timed (docs/
 """
 
 
+def launch_bounds(features: Features) -> tuple[int, int] | None:
+    """Return the bounds of a render kernel's launches on CUDA."""
+    return CUDA_BOUNDS if len(features.models) <= FEW_MODELS else None
+
+
 @specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features."""
-    camera_ray = make_camera(features.cameras).ray
+    camera_sample = make_camera_sample(features)
     trace = make_trace(features)
     add_aovs = make_add_aovs(features)
     has_aovs = features.aovs
-    sample_camera = make_sample_camera(features.sampler)
     pixel_name = make_pixel_name(features.sampler)
-    bounds = CUDA_BOUNDS if len(features.models) <= FEW_MODELS else None
     module = wp.get_module(make_render_kernel.module_name(features))
 
-    @wp.kernel(module=module, enable_backward=False, launch_bounds=bounds)
+    @wp.kernel(module=module, enable_backward=False, launch_bounds=launch_bounds(features))
     @pixel_kernel
     def render_pass(
         first_pixel: int,
@@ -60,20 +62,13 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         sampler.pixel = pixel_name(x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
-            u = sample_camera(sampler, BLOCK_FILM_AND_LENS)
-            position = wp.vec2(
-                float(x) + 0.5 + filter_offset(filter_table, u[0]),
-                float(y) + 0.5 + filter_offset(filter_table, u[1]),
-            )
-            time = camera.shutter_open
-            if camera.shutter_close > camera.shutter_open:
-                time = shutter_time(camera, sample_camera(sampler, BLOCK_TIME)[0])
-            seen = camera_ray(camera, position, wp.vec2(u[2], u[3]), time)
+            sample = camera_sample(camera, filter_table, sampler, x, y)
+            seen = sample.seen
             result = PathResult()
             if seen.visible:
                 result = trace(scene, seen.ray, seen.footprint, sampler, settings)
                 if wp.static(has_aovs):
-                    offset = position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
+                    offset = sample.position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
                     rays += add_aovs(scene, camera, seen, sampler, aovs, pixel, offset)
             rays += result.rays
             if is_finite_color(result.radiance):

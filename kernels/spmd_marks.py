@@ -31,9 +31,10 @@ def pixel_kernel(kernel: F) -> F:
 def path_function(function: F) -> F:
     """Mark the function that follows one path.
 
-    It has one outermost loop, each round of which advances to the next surface, and one `return` of a variable, at its
-    end. A round makes one `ray_query` for the next surface, then calls a `shading_point`, and may make further queries
-    for shadow rays. Arguments that a kernel passes on unchanged, such as the scene, are the same for all paths.
+    It has one outermost loop, itself or in a stage, each round of which advances to the next surface, and one `return`
+    of a variable, at its end. A round makes one `ray_query` for the next surface, then calls a `shading_point`, and may
+    make further queries for shadow rays. Arguments that a kernel passes on unchanged, such as the scene, are the same
+    for all paths.
     """
     return _marked(function, "path_function")
 

@@ -31,6 +31,7 @@ import wrt
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
+from wrt.kernels.regeneration import make_regenerating_kernel
 from wrt.kernels.render import make_render_kernel
 from wrt.scene.materials import MATERIALS
 
@@ -64,15 +65,16 @@ def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
                 yield f"{found.name.removeprefix('wrt.kernels.')}.{name}", value
     for name, features in render_features().items():
         yield f"render.render_pass ({name})", make_render_kernel(features)
+        yield f"regeneration.render_pass ({name})", make_regenerating_kernel(features)
 
 
 def find_tool(name: str, package: str) -> str | None:
-    """Return the path of a program of the CUDA toolkit, from the PATH or from its PyPI package."""
+    """Return the path of a program of the CUDA toolkit, from its package, or from the PATH, where it may be old."""
     try:
         inside = [str(file.locate()) for file in files(package) or [] if file.name in (name, f"{name}.exe")]
     except PackageNotFoundError:
         inside = []
-    return shutil.which(name) or next(iter(inside), None)
+    return next(iter(inside), None) or shutil.which(name)
 
 
 def run(*command: str) -> str:

@@ -2,10 +2,12 @@
 
     python scripts/gpu_model.py [SCENE ...] [--write]
 
-The emulator of the tests runs the PTX of the render kernel thread by thread, and counts. Printed are, for each ray that
-is traced: instructions, loads from global memory, and accesses to local memory, which on a GPU is device memory too;
-and the efficiency of warps: the share of their 32 lanes that work, on average, if lanes that are done with a sample
-wait for the slowest of the warp. `--write` puts the table into docs/gpu.md.
+The emulator of the tests runs the PTX of the render kernel thread by thread, and notes the blocks of code that each
+thread runs. Printed are, for each ray that is traced: instructions, loads from global memory, and accesses to local
+memory, which on a GPU is device memory too; and the efficiency of warps, the share of their 32 lanes that work, on
+average: for paths, whenever some of a warp trace their next segments, and for all instructions. Each scene is counted
+with both kernels for GPUs: the usual one, and that which regenerates paths. Threads that part run
+one after the other until they meet (`tests/support/emulated_cuda/warps.py`). `--write` puts the table into docs/gpu.md.
 
 These are counts, not times: registers, caches, and how ptxas orders instructions decide about times, and are not known
 here. The last two columns are a roofline: rays a second if all schedulers always issued an instruction, and if every
@@ -15,6 +17,7 @@ load came from memory, four numbers at a time, at the peaks of one GPU's data sh
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,12 +30,13 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda, entry_of  # noqa: E402
-from support.emulated_cuda.translation import COUNTED  # noqa: E402
+from support.emulated_cuda.flow import flow_of  # noqa: E402
+from support.emulated_cuda.translation import COUNTED, tally  # noqa: E402
+from support.emulated_cuda.warps import WARP, Issued, issued  # noqa: E402
 
-SCENES = ("cornell-box", "still-life", "teapot")
-"""Built-in scenes; `many-triangles` takes the emulator minutes to build."""
+SCENES = ("cornell-box", "still-life", "teapot", "many-triangles")
 
-SIZE, CROP, SAMPLES, WARP = 512, (224, 192, 288, 256), 4, 32
+SIZE, CROP, SAMPLES = 512, (224, 192, 288, 256), 16
 PAGE = ROOT / "docs" / "gpu.md"
 BEGIN, END = "<!-- counts -->", "<!-- end of counts -->"
 
@@ -52,12 +56,13 @@ LOAD_BYTES = 16
 
 
 class Counts(NamedTuple):
-    """Of a scene, for each ray, and the efficiency of its warps."""
+    """Of a scene, for each ray, and the efficiency of its warps: for segments of paths, and for instructions."""
 
     scene: str
     instructions: float
     loads: float
     local: float
+    paths: float
     efficiency: float
 
     def rays_by_instructions(self, peaks: Peaks) -> float:
@@ -70,55 +75,65 @@ class Counts(NamedTuple):
 
 
 class CountingBackend(EmulatedBackend):
-    """Counts the instructions of each thread of render kernels.
+    """Follows the threads of render kernels through their blocks.
 
     Attributes:
-        threads: of each pass (threads, len(COUNTED)).
+        issued: of the warps of the last pass.
+        table: what is in each block, see `tally`.
+        segments: the blocks in which rays to the next surface begin.
     """
 
+    issued: Issued
+    table: NDArray[np.int64]
+    segments: NDArray[np.int64]
+
     def __init__(self) -> None:
-        super().__init__(optimization=0, counts=True)
-        self.threads: list[NDArray[np.int64]] = []
+        super().__init__(optimization=0, traces=True)
 
     def run_grid(self, kernel: Any, count: int, packed: list[Any]) -> None:
         """Run a grid, a render kernel thread by thread."""
         if not kernel.key.endswith("render_pass"):
             super().run_grid(kernel, count, packed)
             return
-        library = self.library(kernel)
-        now = np.frombuffer(library.counts(), np.uint64)
-        found, before = np.zeros((count, len(COUNTED)), np.int64), now.astype(np.int64)
-        for i in range(count):
-            library.run(entry_of(kernel), count, packed, threads=range(i, i + 1))
-            found[i], before = now.astype(np.int64) - before, now.astype(np.int64)
-        self.threads.append(found)
+        library, entry = self.library(kernel), entry_of(kernel)
+        flow = flow_of(self.entry(kernel))
+        self.table, self.segments = tally(flow), np.zeros(flow.end, np.int64)
+        self.segments[list(flow.marks["nearest hit"])] = 1
+        warps = []
+        for first in range(0, count, WARP):
+            lanes = range(first, min(first + WARP, count))
+            warps.append(issued(flow, [library.trace(entry, count, packed, lane) for lane in lanes]))
+        self.issued = Issued(sum(w.warps for w in warps), sum(w.threads for w in warps))
 
 
-def count(name: str) -> Counts:
-    """Count what passes of one sample a pixel execute in the middle of a scene's picture."""
+def count(name: str, *, regenerates: bool) -> Counts:
+    """Count what a pass executes in the middle of a scene's picture, with one of the two kernels."""
     import wrt
+    from wrt.rendering.render_kernel import REGENERATE
 
+    os.environ[REGENERATE] = str(int(regenerates))
     backend = CountingBackend()
     with emulated_cuda(counting=backend):
         renderer = wrt.Renderer(wrt.load(name), width=SIZE, height=SIZE, crop=CROP, device="cuda")
-        for samples in range(1, SAMPLES + 1):
-            for _ in renderer.passes(spp=samples):
-                pass
-    passes = np.stack(backend.threads)
-    total = dict(zip(COUNTED, passes.sum(axis=(0, 1)) / renderer.rays, strict=True))
-    warps = passes[..., 0].reshape(len(passes), -1, WARP)
-    efficiency = float(warps.sum() / (WARP * warps.max(axis=2).sum()))
-    local = total["ld local"] + total["st local"]
-    return Counts(name, total["instructions"], total["ld global"], local, efficiency)
+        renderer._trace(SAMPLES, 0.0)
+    total = dict(zip(COUNTED, backend.issued.threads @ backend.table / renderer.rays, strict=True))
+    return Counts(
+        f"{name}, regenerated" if regenerates else name,
+        total["instructions"],
+        total["ld global"],
+        total["ld local"] + total["st local"],
+        backend.issued.efficiency(backend.segments),
+        backend.issued.efficiency(backend.table[:, 0]),
+    )
 
 
 def table(rows: Sequence[Counts]) -> str:
     """Return the counts as a table in Markdown."""
     bounds = f"Grays/s of an {H100.name}, by instructions | by loads without caches"
-    lines = [f"| scene | instructions | global loads | local accesses | warp efficiency | {bounds} |"]
-    lines.append("| --- " * 7 + "|")
+    lines = [f"| scene | instructions | global loads | local accesses | lanes, paths | lanes, all | {bounds} |"]
+    lines.append("| --- " * 8 + "|")
     for row in rows:
-        numbers = f"{row.instructions:.0f} | {row.loads:.0f} | {row.local:.0f} | {row.efficiency:.2f}"
+        numbers = f"{row.instructions:.0f} | {row.loads:.0f} | {row.local:.0f} | {row.paths:.2f} | {row.efficiency:.2f}"
         most, least = row.rays_by_instructions(H100) * 1e-9, row.rays_by_loads(H100) * 1e-9
         lines.append(f"| {row.scene} | {numbers} | {most:.1f} | {least:.1f} |")
     return "\n".join(lines)
@@ -130,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.relative_to(ROOT)}")
     options = parser.parse_args(arguments)
-    text = table([count(name) for name in options.scenes])
+    text = table([count(name, regenerates=each) for name in options.scenes for each in (False, True)])
     print(text)
     if options.write:
         page = PAGE.read_text(encoding="utf-8")

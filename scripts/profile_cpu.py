@@ -64,8 +64,8 @@ HELPERS = (
 )
 """Helpers, whose time counts for their callers."""
 
-OTHER_KERNELS = ("geometry/mesh_normals", "geometry/vertex_normals")
-"""Files that no render kernel uses."""
+OTHER_KERNELS = ("geometry/mesh_normals", "geometry/vertex_normals", "regeneration")
+"""Files that no render kernel of a CPU uses."""
 
 HOST = {
     "Python": ("python", "libpython", "_multiarray", "numpy", ".py", "libopenblas"),

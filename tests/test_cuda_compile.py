@@ -24,6 +24,7 @@ from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
+from wrt.kernels.regeneration import make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, FEW_MODELS, make_render_kernel
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
@@ -32,8 +33,11 @@ ARCHITECTURES = (75, 90)
 """Turing, the oldest that Warp supports, and Hopper."""
 
 TABLE_KERNELS = (make_coat_kernel, make_missing_kernel, make_missing_dielectric_kernel)
-FACTORIES = {("wrt.kernels.render", "make_render_kernel"), ("wrt.kernels.media.bodies", "make_count_crossings")} | {
-    (f.__module__, f.__name__) for f in TABLE_KERNELS
+FACTORIES = {
+    ("wrt.kernels.render", "make_render_kernel"),
+    ("wrt.kernels.regeneration", "make_regenerating_kernel"),
+    ("wrt.kernels.media.bodies", "make_count_crossings"),
+    *((f.__module__, f.__name__) for f in TABLE_KERNELS),
 }
 """Functions that make kernels; each is called below."""
 
@@ -159,13 +163,16 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
     compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+    if (kernel := make_gpu_render_kernel(features)) is not make_render_kernel(features):
+        compile_for_cuda(kernel.module, ARCHITECTURES[0], tmp_path / "regenerating", mode="debug")
 
 
 def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
     """A GPU refuses a launch of larger blocks than a kernel is bound to."""
-    bound = {len(f.models): make_render_kernel(f) for f in FEATURES}
-    assert min(bound) <= FEW_MODELS
-    for models, kernel in bound.items():
+    makes = (make_render_kernel, make_regenerating_kernel)
+    bound = {(len(f.models), make): make(f) for f in FEATURES for make in makes}
+    assert min(models for models, _ in bound) <= FEW_MODELS
+    for (models, _), kernel in bound.items():
         found = kernel.options.get("launch_bounds")
         assert found == (CUDA_BOUNDS if models <= FEW_MODELS else None)
         assert found is None or found[0] == kernel.module.options["block_dim"]

@@ -22,7 +22,7 @@ def test_no_kernel_is_left_out(script: ModuleType) -> None:
     declared = {name.removeprefix("wrt.kernels.") for name in declared_kernels()}
     left_out = {name for name in declared if name.rpartition(".")[2] in script.CPU_ONLY}
     assert len(left_out) == len(script.CPU_ONLY)
-    rendered = {f"render.render_pass ({name})" for name in script.render_features()}
+    rendered = {f"{of}.render_pass ({name})" for name in script.render_features() for of in ("render", "regeneration")}
     assert {name for name, _ in script.all_kernels()} == (declared - left_out) | rendered
 
 

@@ -21,6 +21,7 @@ from test_difficult_triangles import batches, mesh_of
 from test_tree_layout import assert_greedy
 
 import wrt
+from wrt.rendering.render_kernel import REGENERATE
 from wrt.upload.accel.binary_tree import CUDA_SIZES
 
 GPU = "cuda:0"
@@ -47,6 +48,21 @@ def test_films_agree(name: str, gpu: EmulatedBackend, report: Report) -> None:
     report(f"{name}: rays", films.rays[1], films.rays[0])
     for layer, share in films.agreeing.items():
         report(f"{name}, {layer}: pixels that agree", share)
+    assert films.problems == []
+
+
+REGENERATED = ("built-in-cornell-box", "panes-perspective", "models-fisheye", "bodies-moving", "clouds-perspective")
+"""Films of FILMS with ways on from a surface and through media, and with pixels that the camera does not see."""
+
+
+@pytest.mark.parametrize(
+    "name", [*REGENERATED[:2], *(pytest.param(n, marks=pytest.mark.slow) for n in REGENERATED[2:])]
+)
+def test_films_of_regenerated_paths_agree(name: str, gpu: EmulatedBackend, monkeypatch: pytest.MonkeyPatch) -> None:
+    if gpu.architecture_of(GPU) != 90:
+        pytest.skip("no source of ours asks for the architecture")
+    monkeypatch.setenv(REGENERATE, "1")
+    films = films_of(name, CASES[name], GPU)
     assert films.problems == []
 
 

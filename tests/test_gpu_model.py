@@ -1,23 +1,35 @@
-"""`scripts/gpu_model.py` counts what threads of the emulated GPU execute."""
+"""`scripts/gpu_model.py` counts what threads and warps of the emulated GPU execute."""
 
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, Report
+
+from wrt.rendering.render_kernel import REGENERATE
 
 
-@pytest.mark.slow
-def test_counts_of_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The script, for four warps."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     script = importlib.import_module("gpu_model")
-    monkeypatch.setattr(script, "CROP", (240, 240, 256, 248))
-    monkeypatch.setattr(script, "SAMPLES", 1)
-    counts = script.count("cornell-box")
+    monkeypatch.setenv(REGENERATE, "0")  # the script sets it
+    monkeypatch.setattr(script, "CROP", (200, 260, 216, 268))
+    return script
+
+
+def test_counts_of_a_scene(script: Any, report: Report) -> None:
+    loop, counts = (script.count("cornell-box", regenerates=each) for each in (False, True))
     # A ray through a tree of a few nodes, and shading: thousands of instructions, a twentieth of them loads.
     assert 500.0 < counts.instructions < 10_000.0
     assert 0.02 < counts.loads / counts.instructions < 0.3
     assert counts.local < 1.0, "the stack of such a tree is in registers"
-    assert 1.0 / script.WARP < counts.efficiency < 1.0
-    assert f"| cornell-box | {counts.instructions:.0f} | " in script.table([counts])
+    report("lanes that follow paths", counts.paths, loop.paths)
+    report("lanes that work", counts.efficiency, loop.efficiency)
+    assert loop.paths < 0.6, "lanes wait for the longest path"
+    assert counts.paths > 0.7, "lanes take their next sample as soon as a path ends"
+    assert 1.0 / script.WARP < counts.efficiency < counts.paths
+    assert f"| cornell-box, regenerated | {counts.instructions:.0f} | " in script.table([counts])

@@ -1,6 +1,8 @@
 """Unidirectional path tracing with next-event estimation and multiple importance sampling.
 
-Kajiya (1986); Veach (1997), chapters 9 and 10. The stages of a path are in the files beside this one.
+Kajiya (1986); Veach (1997), chapters 9 and 10. The stages of a path are in the files beside this one. The loop follows
+a path to its end, or in rounds of one vertex, between which a GPU begins other paths (`kernels/regeneration.py`);
+`PathState.is_done` then tells whether the path ended in the round.
 """
 
 import warp as wp
@@ -13,6 +15,7 @@ from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_trav
 from wrt.kernels.integrators.path_state import (
     PathResult,
     PathSettings,
+    PathState,
     begin_indirect,
     camera_path,
     path_result,
@@ -40,32 +43,32 @@ from wrt.kernels.sampling.sampler import (
 from wrt.kernels.scene.materials import has_panes
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import path_function
+from wrt.kernels.spmd_marks import inline_stage, path_function
 
 
 @specialised()
-def make_trace_path(features: Features) -> wp.Function:
-    """Return the device function that follows one path, with only what `features` names."""
+def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Function:
+    """Return the stage (scene, path, sampler, settings) -> PathState: to a path's end, or (`in_rounds`) next vertex."""
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
     closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
-    opacity, mixed, nested = features.opacity, features.mixed, features.nested
     media, scattering, grid_media = features.media != "none", features.media == "scattering", features.grid_media
     clamped, panes, light_shapes = features.clamped, has_panes(features.models), bool(features.light_shapes)
-    attenuates_shadows = can_attenuate_shadows(features)
+    mixed, holes, attenuated = features.mixed, features.opacity or features.nested, can_attenuate_shadows(features)
 
     @wp.func
-    @path_function
-    def trace_path(
-        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
-    ) -> PathResult:
-        path = camera_path(camera_ray, pixel_footprint)
-        if wp.static(media or nested):
-            path.medium_stack = scene.inside_at_camera
+    @inline_stage
+    def follow_path(scene: SceneData, path: PathState, sampler: Sampler, settings: PathSettings) -> PathState:
+        if wp.static(in_rounds):
+            rounds = int(0)
         while path.depth < settings.max_depth:
+            if wp.static(in_rounds):
+                rounds += 1
+                if rounds > 1:
+                    break
             path.depth += 1
             vertex_number = path.depth + path.medium_scatterings
             # Drawn before the ray is traced, as that waits for memory meanwhile: 5 % of a path in the Cornell box.
@@ -78,7 +81,6 @@ def make_trace_path(features: Features) -> wp.Function:
             u_more = wp.vec4()
             if wp.static(mixed or panes or scattering or grid_media):
                 u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
-
             # ---- Medium
             if wp.static(media):
                 segment = traverse_medium(scene, path, hit, wp.vec2(u_more[3], u_more[2]), settings.max_scatterings)
@@ -105,7 +107,7 @@ def make_trace_path(features: Features) -> wp.Function:
             if wp.static(scattering):
                 path.skin.hit.triangle = NO_HIT
             vertex = surface_vertex(scene, path, hit, u_more[0], sampler)
-            if wp.static(opacity or nested):
+            if wp.static(holes):
                 if not vertex.is_solid:
                     path = pass_through(path, vertex)
                     if path.is_done:
@@ -127,19 +129,54 @@ def make_trace_path(features: Features) -> wp.Function:
             light = direct_lighting(scene, path, vertex, u_light, settings.strategy)
             path.rays += light.rays
             shadow_radiance = wp.cw_mul(path.throughput, light.radiance)
-            if wp.static(attenuates_shadows):
+            if wp.static(attenuated):
                 path.radiance += shadow_radiance
 
             # ---- BSDF sampling and roulette
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
 
             # ---- Shadow ray, last, when little of the surface's state is still live
-            if wp.static(not attenuates_shadows):
+            if wp.static(not attenuated):
                 blocked = occluded(scene, light.shadow_ray, light.t_max)
                 if not blocked:
                     path.radiance += shadow_radiance
             if path.is_done:
                 break
+        if wp.static(in_rounds):
+            path.is_done = rounds <= 1
+        return path
+
+    return follow_path
+
+
+@specialised()
+def make_begin_path(features: Features) -> wp.Function:
+    """Return the stage (scene, camera_ray, pixel_footprint) -> PathState, a path that begins with a camera ray."""
+    bodies = features.bodies
+
+    @wp.func
+    @inline_stage
+    def begin_path(scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
+        path = camera_path(camera_ray, pixel_footprint)
+        if wp.static(bodies):
+            path.medium_stack = scene.inside_at_camera
+        return path
+
+    return begin_path
+
+
+@specialised()
+def make_trace_path(features: Features) -> wp.Function:
+    """Return the device function that follows one path, with only what `features` names."""
+    begin_path, follow_path = make_begin_path(features), make_follow_path(features)
+
+    @wp.func
+    @path_function
+    def trace_path(
+        scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
+    ) -> PathResult:
+        path = begin_path(scene, camera_ray, pixel_footprint)
+        path = follow_path(scene, path, sampler, settings)
         result = path_result(path, settings.clamp_indirect)
         return result
 

@@ -58,6 +58,8 @@ template<class Bvh, class Vector, class Skipped = NoneSkipped>
 WRT_INLINE wp::vec_t<4, float> trace_ray(
     const Bvh& bvh, const Vector& origin, const Vector& direction, const float t_min, const float t_max,
     const bool any_hit, Skipped skipped = {}) {
+    if (any_hit) WRT_MARK("any hit");
+    else WRT_MARK("nearest hit");
     Ray ray;
     Nearest nearest = {t_max, 0.0f, 0.0f, NOTHING_HIT};
     if (set_up(ray, origin, direction)) find_hit(tree_of(bvh), ray, 0, t_min, any_hit, nearest, skipped);

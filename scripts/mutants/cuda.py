@@ -101,4 +101,30 @@ FAULTS: tuple[Mutant, ...] = (
         "right = wp.min(right, chunks.centers[2 * c])",
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
+    Mutant(
+        "cuda-last-sample",
+        "cuda",
+        "kernels/regeneration.py",
+        "film.rejected[pixel] = film.rejected[pixel] + 1\n",
+        "film.rejected[pixel] = film.rejected[pixel] + 1\n"
+        "                if index >= target_count:\n"
+        "                    break\n",
+        "tests/test_gpu_model.py -k counts_of_a_scene",
+    ),
+    Mutant(
+        "cuda-next-sample",
+        "cuda",
+        "kernels/regeneration.py",
+        "sampler.index = wp.uint32(index)",
+        "sampler.index = wp.uint32(film.count[pixel])",
+        "tests/test_emulated_cuda.py -k 'regenerated and cornell'",
+    ),
+    Mutant(
+        "cuda-invisible",
+        "cuda",
+        "kernels/regeneration.py",
+        "path.depth = settings.max_depth",
+        "path.depth = 0",
+        "tests/test_emulated_cuda.py -k 'regenerated and fisheye'",
+    ),
 )

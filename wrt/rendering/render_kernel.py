@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,12 @@ from wrt.compiling import general, later
 from wrt.compiling.kernel import SCALAR, declaration
 from wrt.rendering.wide_kernel import WORTH_SECONDS, WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
+
+REGENERATE = "WRT_REGENERATE"
+"""Environment variable: 1 has the threads of a GPU begin their next paths at once (`kernels/regeneration.py`)."""
+
+REGENERATING = "wrt.kernels.regeneration", "make_gpu_render_kernel"
+"""Module and name of the function that declares that kernel."""
 
 
 class RenderKernel:
@@ -53,7 +60,9 @@ class RenderKernel:
         self.read = features if found is None else found
         self.scalar: Any = None
         if found is None or features.guides:
-            self.scalar = device.backend.call(*declaration(self.read, SCALAR))
+            regenerates = not device.is_cpu and os.environ.get(REGENERATE) == "1"
+            call = REGENERATING if regenerates else declaration(self.read, SCALAR)[:2]
+            self.scalar = device.backend.call(*call, self.read)
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import wrt.backend
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
+from support.emulated_cuda.ptx import Entry, parse
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_backend import WarpBackend, initialize_warp
 
@@ -26,17 +27,17 @@ class EmulatedBackend(WarpBackend):
         launches: how often each kernel was launched on the GPU, by its name in Python.
     """
 
-    def __init__(self, arch: int = ARCH, *, optimization: int = 1, counts: bool = False) -> None:
+    def __init__(self, arch: int = ARCH, *, optimization: int = 1, traces: bool = False) -> None:
         """Make a GPU of an architecture.
 
         Args:
             arch: such as 90.
             optimization: 0 compiles in a third of the time; 1 runs faster.
-            counts: whether to count instructions.
+            traces: whether kernels trace the blocks that they run, see `Library.trace`.
         """
         super().__init__()
         self.launches: dict[str, int] = {}
-        self._arch, self._optimization, self._counts = arch, optimization, counts
+        self._arch, self._optimization, self._traces = arch, optimization, traces
         self._libraries: dict[tuple[str, bytes], Library] = {}
         self._lock = threading.RLock()
 
@@ -46,9 +47,14 @@ class EmulatedBackend(WarpBackend):
         key = module.name, module.get_module_hash(BLOCK)
         with self._lock:
             if key not in self._libraries:
-                binary = compiled(ptx_of(module, self._arch), optimization=self._optimization, counts=self._counts)
+                binary = compiled(ptx_of(module, self._arch), optimization=self._optimization, traces=self._traces)
                 self._libraries[key] = Library(binary)
             return self._libraries[key]
+
+    def entry(self, kernel: Any) -> Entry:
+        """Return a kernel as PTX."""
+        entries = parse(ptx_of(kernel.module, self._arch)).entries
+        return next(entry for entry in entries if entry.name == entry_of(kernel))
 
     def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
         """Run a grid, as Warp launches it."""

@@ -11,11 +11,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from support.emulated_cuda.ptx import NotTranslated, parse
-from support.emulated_cuda.translation import COUNTED, to_cpp
+from support.emulated_cuda.translation import to_cpp
 
 BLOCK = 256
 """Threads of a block, Warp's default."""
+
+LONGEST_TRACE = 1 << 22
+"""Blocks of a traced thread at most."""
 
 _serial = itertools.count()
 
@@ -53,13 +59,22 @@ class Library:
         run = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *numbers)
         run(address)(ctypes.addressof(places), threads.start, threads.stop, block, blocks)
 
-    def counts(self) -> Any:
-        """Return the counters of a module that counts, see `translation.COUNTED`."""
-        address = self._clang.wp_lookup(self._handle, b"counts")
-        return (ctypes.c_uint64 * len(COUNTED)).from_address(address)
+    def trace(self, kernel: str, count: int, arguments: list[Any], thread: int) -> NDArray[np.uint32]:
+        """Run a thread of a module that traces, and return the blocks that it runs."""
+        blocks = np.empty(LONGEST_TRACE, np.uint32)
+        self._variable(b"trace").value, self._variable(b"longest").value = blocks.ctypes.data, len(blocks)
+        traced = self._variable(b"traced")
+        traced.value = 0
+        self.run(kernel, count, arguments, threads=range(thread, thread + 1))
+        if traced.value > len(blocks):
+            raise RuntimeError(f"a thread ran {traced.value} blocks, and {len(blocks)} were expected at most")
+        return blocks[: traced.value].copy()
+
+    def _variable(self, name: bytes) -> ctypes.c_uint64:
+        return ctypes.c_uint64.from_address(self._clang.wp_lookup(self._handle, name))
 
 
-def compiled(ptx: str, *, optimization: int = 1, counts: bool = False) -> bytes:
+def compiled(ptx: str, *, optimization: int = 1, traces: bool = False) -> bytes:
     """Return PTX as an object file for this CPU; it is kept beside Warp's kernels and found there the next time.
 
     Raises:
@@ -67,7 +82,7 @@ def compiled(ptx: str, *, optimization: int = 1, counts: bool = False) -> bytes:
     """
     from warp._src.build import build_cpu
 
-    cpp = to_cpp(parse(ptx), counts=counts)
+    cpp = to_cpp(parse(ptx), traces=traces)
     digest = hashlib.sha256(f"{optimization}\n{cpp}".encode()).hexdigest()
     kept = _folder() / f"{digest[:32]}.o"
     if kept.is_file():

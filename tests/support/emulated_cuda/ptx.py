@@ -32,6 +32,12 @@ class Label(NamedTuple):
     targets: tuple[str, ...] = ()
 
 
+class Mark(NamedTuple):
+    """A comment `// mark: NAME` of inline assembler, which tells a place in a kernel."""
+
+    name: str
+
+
 class Brace(NamedTuple):
     """The begin or the end of a block with registers of its own."""
 
@@ -76,7 +82,7 @@ class Variable(NamedTuple):
         return bits_of(self.kind) // 8 * (1 if self.count is None else self.count)
 
 
-Statement = Instruction | Label | Brace | Registers | Variable
+Statement = Instruction | Label | Mark | Brace | Registers | Variable
 
 
 class Entry(NamedTuple):
@@ -120,6 +126,7 @@ _IGNORED = (
     ".maxnreg",
     ".reqntid",
 )
+_MARK = "// mark: "
 _LABEL = re.compile(r"([\w$]+):\s*(?!:)(.*)")
 _REGISTERS = re.compile(r"\.reg \.(\w+)\s+(.*);")
 _VARIABLE = re.compile(
@@ -149,14 +156,16 @@ def parse(text: str) -> Module:
 
 
 class _Lines:
-    """The lines of a file without comments and empty ones."""
+    """The lines of a file without empty ones and comments, except for marks."""
 
     def __init__(self, text: str) -> None:
         self._rest = iter(text.rstrip("\0").split("\n"))
 
     def __iter__(self) -> Iterator[str]:
         for line in self._rest:
-            text = line.split("//", 1)[0].strip()
+            text = line.strip()
+            if not text.startswith(_MARK):
+                text = line.split("//", 1)[0].strip()
             if text:
                 yield " ".join(text.split())
 
@@ -203,6 +212,8 @@ def _body(lines: _Lines, depth: int = 0) -> Iterator[Statement]:
                 return
             if depth > 1 or line == "}":
                 yield Brace(line)
+        elif line.startswith(_MARK):
+            yield Mark(line.removeprefix(_MARK))
         elif found := _LABEL.fullmatch(line):
             rest = found[2]
             if rest.startswith(".branchtargets"):

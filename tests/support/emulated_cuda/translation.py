@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.operands import Operands, name_of, unsigned
 from support.emulated_cuda.operations import SPACES, translate
 from support.emulated_cuda.ptx import (
@@ -12,6 +16,7 @@ from support.emulated_cuda.ptx import (
     Entry,
     Instruction,
     Label,
+    Mark,
     Module,
     NotTranslated,
     Registers,
@@ -23,12 +28,21 @@ from support.emulated_cuda.ptx import (
 PRELUDE = (Path(__file__).parent / "prelude.h").read_text(encoding="utf-8")
 
 COUNTED = ("instructions", *(f"{what} {space}" for what in ("ld", "st") for space in SPACES), "other")
-"""What a module that counts has in its array `counts`."""
+"""What `tally` counts."""
 
 _THREAD = "char* const* P, char* shared, const u32 tid_x, const u32 ntid_x, const u32 ctaid_x, const u32 nctaid_x"
 
 
-def to_cpp(module: Module, *, counts: bool = False) -> str:
+def tally(flow: Flow) -> NDArray[np.int64]:
+    """Return how much of COUNTED is in each block: (blocks, len(COUNTED))."""
+    table = np.zeros((flow.end, len(COUNTED)), np.int64)
+    for i, block in enumerate(flow.blocks):
+        for instruction in block:
+            table[i, [0, _counter(instruction)]] += 1
+    return table
+
+
+def to_cpp(module: Module, *, traces: bool = False) -> str:
     """Return a module as C++.
 
     Each kernel becomes `void NAME(char* const* P, u64 first, u64 last, u32 block, u32 blocks)`, which runs the threads
@@ -36,14 +50,15 @@ def to_cpp(module: Module, *, counts: bool = False) -> str:
 
     Args:
         module: the PTX.
-        counts: whether to count instructions in the array `counts`, see COUNTED.
+        traces: whether kernels write the numbers of the blocks that they run to `trace`, see `flow_of`; `traced` is how
+            many these are, and `longest` the length of the array.
 
     Raises:
         NotTranslated: listing everything in it that the emulator does not know.
     """
     addresses, shared, out = {}, 0, [PRELUDE]
-    if counts:
-        out.append(f'extern "C" {{ u64 counts[{len(COUNTED)}]; }}')
+    if traces:
+        out.append('extern "C" { u32* trace; u64 traced, longest; }')
     used = {op for entry in (*module.functions, *module.entries) for op in _names(entry.body)}
     for variable in module.variables:
         if variable.space == "shared":
@@ -57,7 +72,7 @@ def to_cpp(module: Module, *, counts: bool = False) -> str:
     functions = frozenset(function.name for function in module.functions)
     out += [f"static void {name_of(name)}_called(char*, {_THREAD});" for name in sorted(functions)]
     for entry in (*module.functions, *module.entries):
-        out += _entry(entry, addresses, shared, functions, unknown, counts)
+        out += _entry(entry, addresses, shared, functions, unknown, traces)
     if unknown:
         raise NotTranslated(", ".join(dict.fromkeys(unknown)))
     return "\n".join(out) + "\n"
@@ -89,7 +104,7 @@ def _entry(
     shared: int,
     functions: frozenset[str],
     unknown: list[str],
-    counts: bool,
+    traces: bool,
 ) -> Iterator[str]:
     """Yield a function, or that of a thread of a kernel and the one that runs many; add to `unknown`."""
     name = name_of(entry.name)
@@ -104,9 +119,12 @@ def _entry(
             shared += statement.size
     called = entry.name in functions
     yield f"static void {name}_called(char* R, {_THREAD}) {{" if called else f"static void {name}_thread({_THREAD}) {{"
-    for statement in entry.body:
+    begins = flow_of(entry).first if traces and not called else {}
+    for place, statement in enumerate(entry.body):
         try:
-            yield _statement(statement, operands, counts)
+            block = begins.get(place)
+            yield "" if block is None else f"if (traced++ < longest) trace[traced - 1] = {block};"
+            yield _statement(statement, operands)
         except NotTranslated as error:
             unknown.append(str(error))
     yield "}"
@@ -117,7 +135,9 @@ def _entry(
 }}"""
 
 
-def _statement(statement: Statement, operands: Operands, counts: bool) -> str:
+def _statement(statement: Statement, operands: Operands) -> str:
+    if isinstance(statement, Mark):
+        return ""
     if isinstance(statement, Brace):
         return statement.text
     if isinstance(statement, Label):
@@ -134,11 +154,8 @@ def _statement(statement: Statement, operands: Operands, counts: bool) -> str:
         operands.addresses[statement.name] = f"(u64){name}"
         return f"alignas({max(statement.align, 8)}) char {name}[{statement.size}];"
     body = translate(statement, operands)
-    if counts:
-        body = f"++counts[{_counter(statement)}]; {body}"
     guard = f"if ({operands.value(statement.guard, 'pred')}) " if statement.guard else ""
-    issued = "++counts[0]; " if counts else ""  # whether its predicate holds or not
-    return f"{issued}{guard}{{ {body} }}"
+    return f"{guard}{{ {body} }}"
 
 
 def _counter(instruction: Instruction) -> int:
