@@ -8,13 +8,12 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import compiled_first, current_backend, is_own_process, note_compiled, using
-from wrt.backend.builds import NotCompiled
+from wrt.backend import compiled_first, using
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError
@@ -22,6 +21,7 @@ from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
+from wrt.rendering.movable import Movable
 from wrt.rendering.passes import Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
@@ -40,13 +40,11 @@ from wrt.values import integer, one_of
 if TYPE_CHECKING:
     from wrt.parts.part import Part
 
-Result = TypeVar("Result")
-
 STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
 
 
-class Renderer(Picture, Resumable):
+class Renderer(Picture, Resumable, Movable):
     """Renders a scene pass after pass; the picture improves with each and is available at any time.
 
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
@@ -133,36 +131,6 @@ class Renderer(Picture, Resumable):
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._inputs = self._prepare()
         self._guides = self._guides_at_start()
-
-    def with_backend(self, work: Callable[[], Result]) -> Result:
-        """Call `work` with the renderer's backend, and return its result.
-
-        If that needs a kernel that is not compiled, build the scene again with Warp, keep the picture, and call again.
-        """
-        try:
-            with using(self.device.backend):
-                return work()
-        except NotCompiled:
-            if is_own_process():  # what else it has made with this backend must be made again, too
-                raise
-        self._go_over_to_warp()
-        with using(self.device.backend):
-            result = work()
-        note_compiled()
-        return result
-
-    def _go_over_to_warp(self) -> None:
-        """Build the scene again with Warp, unless it was."""
-        if self.device.backend.builds is None:
-            return
-        with using(current_backend()):
-            self.device = Device(self.device.name, threads=self.device.threads)
-            self.film.move(self.device)
-            if self._pilot is not None:
-                self._pilot.film.move(self.device)
-            self._build()
-            self._inputs = self._prepare()
-            self._guides = None
 
     def _guides_at_start(self) -> Guides | None:
         """Return the guides of a picture that will be denoised, whose kernel is compiled with the others."""
