@@ -62,7 +62,10 @@ def test_films_of_regenerated_paths_agree(name: str, gpu: EmulatedBackend, monke
     if gpu.architecture_of(GPU) != 90:
         pytest.skip("no source of ours asks for the architecture")
     monkeypatch.setenv(REGENERATE, "1")
+    before = dict(gpu.launches)
     films = films_of(name, CASES[name], GPU)
+    launched = {kernel for kernel, count in gpu.launches.items() if count > before.get(kernel, 0)}
+    assert any(kernel.startswith("make_regenerating_kernel") for kernel in launched)
     assert films.problems == []
 
 
