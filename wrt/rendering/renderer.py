@@ -368,7 +368,8 @@ class Renderer(Picture, Resumable, Movable):
         """Move a shape's vertices and restart the picture, for the next frame of a simulation.
 
         The ray tree is refitted, which takes a fraction of the time of a build; tracing is fastest near the positions
-        of the build. Nothing else in the scene changes.
+        of the build. Nothing else in the scene changes. The first call builds the scene again unless Warp was imported
+        before the renderer was made.
 
         Args:
             shape: one of the scene's shapes, or its number; it must not emit, and the scene must not have instances or
