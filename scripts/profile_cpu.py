@@ -58,6 +58,7 @@ HELPERS = (
     "spmd_marks",
     "math",
     "native",
+    "sampling/bilinear",
     "sampling/warps",
     "scene/scene_data",
     "geometry/rays",
