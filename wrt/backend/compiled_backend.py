@@ -248,9 +248,16 @@ class CompiledBackend:
         kernel.arguments = Layout(self, *layout)
 
     def launch(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+        fields = kernel.arguments.numpy.fields
         arguments = np.zeros((), kernel.arguments.numpy)
+        numbers = arguments.reshape(1).view(np.uint8)
         for name, value in zip(kernel.arguments.kinds, [first, *inputs], strict=True):
-            arguments[name] = _packed(value)
+            packed, (kind, offset, *_) = _packed(value), fields[name]
+            if isinstance(packed, np.ndarray) and packed.ndim == 0 and packed.nbytes == kind.itemsize:
+                # All bytes at once. NumPy copies a struct field by field: 0.4 ms a launch, a twentieth of a short pass.
+                numbers[offset : offset + packed.nbytes] = packed.reshape(1).view(np.uint8)
+            else:
+                arguments[name] = packed
         kernel.function(ctypes.byref(Bounds(count, count, 1)), arguments.__array_interface__["data"][0])
 
     def gpus(self) -> int:
