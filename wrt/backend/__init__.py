@@ -59,11 +59,12 @@ def current_backend() -> Backend:
 
 
 @contextlib.contextmanager
-def using(backend: Backend) -> Iterator[None]:
+def using(backend: Backend | None) -> Iterator[_Apart]:
     """Within the context, let `current_backend` return a backend. Do not yield from a generator within."""
-    token = _apart.set(_Apart(backend))
+    apart = _Apart(backend)
+    token = _apart.set(apart)
     try:
-        yield
+        yield apart
     finally:
         _apart.reset(token)
 
@@ -78,14 +79,12 @@ def compiled_first(build: Callable[[], Result]) -> Result:
     builds = _known_builds() if prefers_compiled() else None
     if builds is None:
         return build()
-    apart = _Apart(_compiled(builds))
-    token = _apart.set(apart)
-    try:
-        return prepare(build)
-    finally:
-        _apart.reset(token)
-        if apart.backend is None and _has_imported_warp:
-            _note(builds)
+    with using(_compiled(builds)) as apart:
+        try:
+            return prepare(build)
+        finally:
+            if apart.backend is None and _has_imported_warp:
+                _note(builds)
 
 
 def _known_builds() -> Builds | None:
