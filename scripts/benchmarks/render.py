@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from peers.peer import OWN, PEERS, Environments, Peer, PeerError, Session, first_picture_command, prepare
+from peers.peer import OWN, PEERS, Environments, Peer, PeerError, Session, first_picture_command, prepare, prepare_file
 
+import wrt
 from benchmarks.agreement import agreement
 from benchmarks.measure import ROOT
 from benchmarks.scenes import CASES, Budget
@@ -50,20 +51,26 @@ def benchmark_render(options: argparse.Namespace) -> Row:
     rows = rows_of(options.json) if options.resume else []
     pictures: dict[str, Picture] = {}
     left_out: dict[str, str] = {}
-    for name in options.scenes:
+    files = {file.stem: file for file in options.files or []}
+    names = list(files) or options.scenes
+    for name in names:
         if any(row["scene"] == name for row in rows):
             continue
-        case = CASES[name]
-        scene = case.scene(options.size, Budget(options.share))
-        print(f"\n{name}: {case.about}", flush=True)
+        file = files.get(name)
+        scene = CASES[name].scene(options.size, Budget(options.share)) if file is None else wrt.load(file)
+        about = CASES[name].about if file is None else file.name
+        print(f"\n{name}: {about}", flush=True)
         with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
             folder = Path(temporary)
             triangles = sum(len(shape.mesh.faces) for shape in scene.shapes)
-            row: Row = {"scene": name, "about": case.about, "triangles": triangles, "renderers": {}}
+            row: Row = {"scene": name, "about": about, "triangles": triangles, "renderers": {}}
             sessions: dict[str, Session] = {}
             for peer in peers:
                 try:
-                    prepare(peer, scene, folder)
+                    if file is None:
+                        prepare(peer, scene, folder)
+                    else:
+                        prepare_file(file, options.size, folder)
                     sessions[peer.name] = stack.enter_context(
                         Session(peer, folder, environments, options.device, cpus=cpus)
                     )
@@ -71,7 +78,7 @@ def benchmark_render(options: argparse.Namespace) -> Row:
                     print(f"  {peer.name} is left out: {error}", flush=True)
                     row["renderers"][peer.name] = {"left_out": str(error)}
                     left_out[peer.name] = peer.hint
-            row |= {"size": options.size, "depth": case.depth}
+            row |= {"size": options.size, "depth": scene.settings.max_depth}
             pictures[name] = measure_scene(sessions, row, folder, options)
             for session in sessions.values():
                 session.process.kill()
@@ -87,7 +94,7 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             rows.append(row)
             if options.json:
                 options.json.write_text(json.dumps({"rows": rows}, indent=2) + "\n", encoding="utf-8")
-    rows.sort(key=lambda row: list(CASES).index(row["scene"]))
+    rows.sort(key=lambda row: names.index(row["scene"]) if row["scene"] in names else len(names))
     for name in left_out:
         if all("left_out" in row["renderers"].get(name, {}) for row in rows):
             print(f"\n{name} was in no scene. How to get it: {PEERS[name].hint}")
@@ -248,6 +255,7 @@ def start_seconds(peer: Peer, folder: Path, environments: Environments, options:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Tell what the command line takes."""
     parser.add_argument("--scenes", nargs="+", choices=list(CASES), default=list(CASES), metavar="NAME")
+    parser.add_argument("--files", nargs="+", type=Path, metavar="FILE", help="Mitsuba's XML instead of these scenes")
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), metavar="NAME", help=f"of {', '.join(PEERS)}")
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--size", type=int, default=512, help="pixels a side")

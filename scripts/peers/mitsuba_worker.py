@@ -1,6 +1,6 @@
 """Mitsuba 3 as one of the renderers that are compared: python mitsuba_worker.py FOLDER --device VARIANT, see worker.py.
 
-The folder has scene.json, which `write_scene` makes.
+The folder has scene.json, which `write_scene` makes, or names a file of Mitsuba's own format.
 """
 
 from __future__ import annotations
@@ -45,15 +45,27 @@ class MitsubaWorker:
 
     def __init__(self, folder: Path, variant: str) -> None:
         import mitsuba as mi
+        from worker import named_file
 
         mi.set_variant(variant)
         imported = time.perf_counter()
         self.mi = mi
-        tree = self.restored(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
-        self.scene = mi.load_dict(tree)
+        named = named_file(folder)
+        if named:
+            self.scene = mi.load_file(str(named[0]))
+            self.resize(named[1])
+        else:
+            tree = self.restored(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
+            self.scene = mi.load_dict(tree)
         loaded = time.perf_counter()
         self.seconds = {"import": imported - STARTED, "load": loaded - imported}
         self.image: Any = None
+
+    def resize(self, size: int) -> None:
+        """Give the picture so many pixels a side."""
+        values = self.mi.traverse(self.scene)
+        values[next(name for name in values.keys() if name.endswith("film.size"))] = [size, size]
+        values.update()
 
     def restored(self, value: Any) -> Any:
         """Return what `write_scene` wrote as it was."""

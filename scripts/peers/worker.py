@@ -40,6 +40,15 @@ class Worker(Protocol):
         """Write the last picture as PNG."""
 
 
+def named_file(folder: Path) -> tuple[Path, int] | None:
+    """Return the scene file that all renderers are to read, and the pixels a side; None where each has its own."""
+    note = folder / "file.json"
+    if not note.exists():
+        return None
+    found = json.loads(note.read_text(encoding="utf-8"))
+    return Path(found["file"]), int(found["size"])
+
+
 def peak_memory() -> int:
     """Return the most bytes of memory that this process has had.
 

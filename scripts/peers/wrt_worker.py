@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from worker import serve
+from worker import named_file, serve
 
 import wrt
 from wrt.rendering.passes import LONGEST_PASS
@@ -23,10 +23,12 @@ class WrtWorker:
 
         Device(device)  # imports and starts Warp
         imported = time.perf_counter()
-        self.scene = wrt.load(folder / "scene.toml")
+        named = named_file(folder)
+        self.scene = wrt.load(named[0] if named else folder / "scene.toml")
+        self.size = {"width": named[1], "height": named[1]} if named else {}
         loaded = time.perf_counter()
         self.device = device
-        self.renderer = wrt.Renderer(self.scene, device=device)
+        self.renderer = wrt.Renderer(self.scene, device=device, **self.size)
         built = time.perf_counter() - loaded
         compiled = self.renderer.seconds_compile + self.renderer.compile()
         self.seconds = {
@@ -45,7 +47,7 @@ class WrtWorker:
         """Render a new picture and return the seconds."""
         if not self.first or seed:
             del self.renderer  # before there is another one
-            self.renderer = wrt.Renderer(self.scene, device=self.device, seed=seed)
+            self.renderer = wrt.Renderer(self.scene, device=self.device, seed=seed, **self.size)
             self.renderer.compile()
         self.first = False
         started, cpu_started = time.perf_counter(), time.process_time()
