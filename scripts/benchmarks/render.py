@@ -65,12 +65,12 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             triangles = sum(len(shape.mesh.faces) for shape in scene.shapes)
             row: Row = {"scene": name, "about": about, "triangles": triangles, "renderers": {}}
             sessions: dict[str, Session] = {}
+            if file is not None:
+                prepare_file(file, options.size, folder)
             for peer in peers:
                 try:
                     if file is None:
                         prepare(peer, scene, folder)
-                    else:
-                        prepare_file(file, options.size, folder)
                     sessions[peer.name] = stack.enter_context(
                         Session(peer, folder, environments, options.device, cpus=cpus)
                     )
@@ -83,14 +83,7 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             for session in sessions.values():
                 session.process.kill()
             if name in options.start:
-                for peer in [session.peer for session in sessions.values()]:
-                    try:
-                        started = start_seconds(peer, folder, environments, options)
-                    except PeerError as error:
-                        print(f"  {error}", flush=True)
-                        continue
-                    row["renderers"][peer.name]["first_picture_seconds"] = started
-                    print(f"  {peer.name}: first picture after {in_words(started)}", flush=True)
+                measure_starts(sessions, row, folder, environments, options)
             rows.append(row)
             if options.json:
                 options.json.write_text(json.dumps({"rows": rows}, indent=2) + "\n", encoding="utf-8")
@@ -225,6 +218,20 @@ def squared_errors(image: Picture, references: Sequence[Picture]) -> dict[str, f
     product = (image - a) * (image - b)
     relative = product / (both**2 + (0.1 * mean) ** 2)
     return {"rmse": float(product.mean()) / mean**2, "relative": float(relative.mean())}
+
+
+def measure_starts(
+    sessions: dict[str, Session], row: Row, folder: Path, environments: Environments, options: argparse.Namespace
+) -> None:
+    """Fill in each renderer's seconds from the shell to a first picture."""
+    for name, session in sessions.items():
+        try:
+            started = start_seconds(session.peer, folder, environments, options)
+        except PeerError as error:
+            print(f"  {error}", flush=True)
+            continue
+        row["renderers"][name]["first_picture_seconds"] = started
+        print(f"  {name}: first picture after {in_words(started)}", flush=True)
 
 
 def start_seconds(peer: Peer, folder: Path, environments: Environments, options: argparse.Namespace) -> Row:

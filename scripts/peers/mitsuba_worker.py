@@ -64,7 +64,7 @@ class MitsubaWorker:
     def resize(self, size: int) -> None:
         """Give the picture so many pixels a side."""
         values = self.mi.traverse(self.scene)
-        values[next(name for name in values.keys() if name.endswith("film.size"))] = [size, size]
+        values[next(name for name, _ in values if name.endswith("film.size"))] = [size, size]
         values.update()
 
     def restored(self, value: Any) -> Any:
