@@ -32,14 +32,13 @@ FILES = {
 
 MITSUBA = """\
 import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[4])
 import mitsuba as mi
 mi.set_variant("llvm_ad_rgb")
-file, spp, size = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-scene = mi.load_file(file)
-values = mi.traverse(scene)
-values[next(name for name in values.keys() if name.endswith("film.size"))] = [size, size]
-values.update()
-mi.util.write_bitmap("mitsuba.png", mi.render(scene, spp=spp), write_async=False)
+from peers.mitsuba_worker import load_square
+scene = load_square(Path(sys.argv[1]), int(sys.argv[3]))
+mi.util.write_bitmap("mitsuba.png", mi.render(scene, spp=int(sys.argv[2])), write_async=False)
 """
 
 COMPILING_SECONDS = 600.0
@@ -70,7 +69,7 @@ def commands(file: Path, spp: int, size: int) -> dict[str, list[str]]:
     own = [sys.executable, "-m", "wrt", "render", str(file), "--size", f"{size}x{size}", "--spp", str(spp)]
     return {
         "wrt": [*own, "--quiet", "-o", "wrt.png", "--force"],
-        "mitsuba": [sys.executable, "-c", MITSUBA, str(file), str(spp), str(size)],
+        "mitsuba": [sys.executable, "-c", MITSUBA, str(file), str(spp), str(size), str(ROOT / "scripts")],
     }
 
 

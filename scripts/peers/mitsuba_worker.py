@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 STARTED = time.perf_counter()
 
@@ -40,6 +41,21 @@ def write_scene(scene: dict[str, Any], folder: Path) -> None:
     (folder / "scene.json").write_text(json.dumps(plain(scene)), encoding="utf-8")
 
 
+def load_square(file: Path, size: int) -> Any:
+    """Return a file's scene with a picture of so many pixels a side.
+
+    Its text is changed, since a camera that is loaded keeps the field of view that it has found for its film.
+    """
+    import mitsuba as mi
+
+    tree = ElementTree.parse(file)
+    for name in ("width", "height"):
+        for entry in tree.iterfind(f".//film/integer[@name='{name}']"):
+            entry.set("value", str(size))
+    mi.file_resolver().prepend(str(file.parent))
+    return mi.load_string(ElementTree.tostring(tree.getroot(), encoding="unicode"))
+
+
 class MitsubaWorker:
     """A dictionary with its meshes in PLY files."""
 
@@ -52,20 +68,13 @@ class MitsubaWorker:
         self.mi = mi
         named = named_file(folder)
         if named:
-            self.scene = mi.load_file(str(named[0]))
-            self.resize(named[1])
+            self.scene = load_square(*named)
         else:
             tree = self.restored(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
             self.scene = mi.load_dict(tree)
         loaded = time.perf_counter()
         self.seconds = {"import": imported - STARTED, "load": loaded - imported}
         self.image: Any = None
-
-    def resize(self, size: int) -> None:
-        """Give the picture so many pixels a side."""
-        values = self.mi.traverse(self.scene)
-        values[next(name for name, _ in values if name.endswith("film.size"))] = [size, size]
-        values.update()
 
     def restored(self, value: Any) -> Any:
         """Return what `write_scene` wrote as it was."""
