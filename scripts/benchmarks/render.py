@@ -66,7 +66,7 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             row: Row = {"scene": name, "about": about, "triangles": triangles, "renderers": {}}
             sessions: dict[str, Session] = {}
             if file is not None:
-                prepare_file(file, options.size, folder)
+                prepare_file(file, options.size, box=not options.own_filter, folder=folder)
             for peer in peers:
                 try:
                     if file is None:
@@ -263,6 +263,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Tell what the command line takes."""
     parser.add_argument("--scenes", nargs="+", choices=list(CASES), default=list(CASES), metavar="NAME")
     parser.add_argument("--files", nargs="+", type=Path, metavar="FILE", help="Mitsuba's XML instead of these scenes")
+    parser.add_argument("--own-filter", action="store_true", help="the filters of --files, not a box")
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), metavar="NAME", help=f"of {', '.join(PEERS)}")
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--size", type=int, default=512, help="pixels a side")

@@ -41,19 +41,28 @@ def write_scene(scene: dict[str, Any], folder: Path) -> None:
     (folder / "scene.json").write_text(json.dumps(plain(scene)), encoding="utf-8")
 
 
-def load_square(file: Path, size: int) -> Any:
-    """Return a file's scene with a picture of so many pixels a side.
+def load_square(file: Path, size: int, *, box: bool = False) -> Any:
+    """Return a file's scene with a picture of so many pixels a side, and a box filter if wanted.
 
     Its text is changed, since a camera that is loaded keeps the field of view that it has found for its film.
     """
     import mitsuba as mi
 
-    tree = ElementTree.parse(file)
-    for name in ("width", "height"):
-        for entry in tree.iterfind(f".//film/integer[@name='{name}']"):
-            entry.set("value", str(size))
+    root = ElementTree.parse(file).getroot()
+    while includes := [(parent, child) for parent in root.iter() for child in parent.iterfind("include")]:
+        for parent, include in includes:
+            place = list(parent).index(include)
+            parent.remove(include)
+            for child in reversed(ElementTree.parse(file.parent / include.attrib["filename"]).getroot()):
+                parent.insert(place, child)
+    for film in root.iter("film"):
+        for entry in film.iterfind("integer"):
+            if entry.get("name") in {"width", "height"}:
+                entry.set("value", str(size))
+        for entry in film.iterfind("rfilter") if box else ():
+            entry.set("type", "box")
     mi.file_resolver().prepend(str(file.parent))
-    return mi.load_string(ElementTree.tostring(tree.getroot(), encoding="unicode"))
+    return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
 
 
 class MitsubaWorker:
@@ -68,7 +77,7 @@ class MitsubaWorker:
         self.mi = mi
         named = named_file(folder)
         if named:
-            self.scene = load_square(*named)
+            self.scene = load_square(named.file, named.size, box=named.box)
         else:
             tree = self.restored(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
             self.scene = mi.load_dict(tree)

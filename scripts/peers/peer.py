@@ -205,9 +205,10 @@ def first_picture_command(peer: Peer, folder: Path, environments: Environments, 
     return [*command(peer, folder, environments, device), "--picture", str(file)]
 
 
-def prepare_file(file: Path, size: int, folder: Path) -> None:
-    """Have all workers read one scene file of others, and render it with so many pixels a side."""
-    (folder / "file.json").write_text(json.dumps({"file": str(file.resolve()), "size": size}), encoding="utf-8")
+def prepare_file(file: Path, size: int, *, box: bool, folder: Path) -> None:
+    """Have all workers read one scene file of others, with so many pixels a side, and a box filter if wanted."""
+    note = {"file": str(file.resolve()), "size": size, "box": box}
+    (folder / "file.json").write_text(json.dumps(note), encoding="utf-8")
 
 
 def prepare(peer: Peer, scene: wrt.Scene, folder: Path) -> None:

@@ -15,6 +15,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
@@ -40,13 +41,28 @@ class Worker(Protocol):
         """Write the last picture as PNG."""
 
 
-def named_file(folder: Path) -> tuple[Path, int] | None:
-    """Return the scene file that all renderers are to read, and the pixels a side; None where each has its own."""
+@dataclass(frozen=True)
+class NamedFile:
+    """A scene file that all renderers are to read.
+
+    Attributes:
+        file: Mitsuba's XML.
+        size: pixels a side of the picture.
+        box: whether the filter is a box, whatever the file says.
+    """
+
+    file: Path
+    size: int
+    box: bool
+
+
+def named_file(folder: Path) -> NamedFile | None:
+    """Return the scene file that all renderers are to read; None where each has its own."""
     note = folder / "file.json"
     if not note.exists():
         return None
     found = json.loads(note.read_text(encoding="utf-8"))
-    return Path(found["file"]), int(found["size"])
+    return NamedFile(Path(found["file"]), found["size"], found["box"])
 
 
 def peak_memory() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ class WrtWorker:
         Device(device)  # imports and starts Warp
         imported = time.perf_counter()
         named = named_file(folder)
-        self.scene = wrt.load(named[0] if named else folder / "scene.toml")
-        self.size = {"width": named[1], "height": named[1]} if named else {}
+        self.scene = wrt.load(named.file if named else folder / "scene.toml")
+        self.size = {"width": named.size, "height": named.size} if named else {}
+        if named and named.box:
+            self.scene = replace(self.scene, settings=replace(self.scene.settings, filter="box"))
         loaded = time.perf_counter()
         self.device = device
         self.renderer = wrt.Renderer(self.scene, device=device, **self.size)
