@@ -4,7 +4,7 @@
 
 Needs perf (Debian: linux-perf; Ubuntu: linux-tools-generic) and addr2line (binutils). Linux only. The kernel is
 compiled with line information, which does not change its code. perf samples each thread a thousand times a second, and
-the functions inlined at an address tell its file in kernels/. Scenes are those of scripts/benchmarks/scenes.py.
+the functions inlined at an address tell its file in kernels/. Scenes are those of scripts/benchmarks/scenes.py, or files.
 """
 
 from __future__ import annotations
@@ -96,7 +96,8 @@ def rendering(scene: str, size: int, threads: int | None) -> None:
     wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "") + LINES
     import wrt
 
-    renderer = wrt.Renderer(CASES[scene].scene(size, Budget()), threads=threads)
+    described = CASES[scene].scene(size, Budget()) if scene in CASES else wrt.load(scene)
+    renderer = wrt.Renderer(described, width=size, height=size, threads=threads)
     renderer.compile()
     passes = renderer.passes(time=1e6)
     for progress in passes:
@@ -257,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = ["cornell", "cornell-glossy", "bunny", "mountains", "lanterns", "textured", "fog"]
-    parser.add_argument("--scenes", nargs="+", metavar="NAME", choices=list(CASES), default=default)
+    parser.add_argument("--scenes", nargs="+", metavar="NAME", default=default, help="names, or scene files")
     parser.add_argument("--seconds", type=float, default=10.0, help="sampling time for each scene")
     parser.add_argument(
         "--functions", type=int, default=0, metavar="N", help="number of functions to list for each scene"
