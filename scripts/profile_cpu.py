@@ -4,7 +4,8 @@
 
 Needs perf (Debian: linux-perf; Ubuntu: linux-tools-generic) and addr2line (binutils). Linux only. The kernel is
 compiled with line information, which does not change its code. perf samples each thread a thousand times a second, and
-the functions inlined at an address tell its file in kernels/. Scenes are those of scripts/benchmarks/scenes.py, or files.
+the functions inlined at an address tell its file in kernels/. Scenes are those of
+scripts/benchmarks/scenes.py, or files.
 """
 
 from __future__ import annotations
