@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from peers.peer import OWN, Environments, Peer, PeerError, Session, prepare
 
+import wrt
 from benchmarks.render import next_seed, samples_for
 from benchmarks.scenes import CASES, Budget
 
@@ -31,7 +32,10 @@ def benchmark_checkouts(options: argparse.Namespace) -> dict[str, Any]:
     print("| scene | spp | M paths/s | over | ratio | quartiles |\n| --- | --- | --- | --- | --- | --- |")
     rows = []
     for name in options.scenes:
-        scene = CASES[name].scene(options.size, Budget(options.share))
+        scene = CASES[name].scene(options.size, Budget(options.share)) if name in CASES else wrt.load(name)
+        scene = dataclasses.replace(
+            scene, settings=dataclasses.replace(scene.settings, width=options.size, height=options.size)
+        )
         with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
             folder = Path(temporary)
             prepare(OWN, scene, folder)
@@ -42,7 +46,10 @@ def benchmark_checkouts(options: argparse.Namespace) -> dict[str, Any]:
         for k, checkout in enumerate(options.checkouts, start=1):
             ratios = [row[k] / row[0] for row in seconds]
             low, ratio, high = quartiles(ratios)
-            print(f"| `{name}` | {spp} | {rate:.3f} | {checkout} | {ratio:.3f} | {low:.2f} to {high:.2f} |", flush=True)
+            print(
+                f"| `{Path(name).stem}` | {spp} | {rate:.3f} | {checkout} | {ratio:.3f} | {low:.2f} to {high:.2f} |",
+                flush=True,
+            )
             rows.append({"scene": name, "spp": spp, "checkout": str(checkout), "ratio": ratio, "ratios": ratios})
     return {"benchmark": "checkouts", "size": options.size, "threads": options.threads, "rows": rows}
 
@@ -80,7 +87,7 @@ def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Tell what the command line takes."""
     parser.add_argument("checkouts", type=Path, nargs="+", metavar="FOLDER", help="another checkout of wrt")
-    parser.add_argument("--scenes", nargs="+", choices=list(CASES), default=list(CASES), metavar="NAME")
+    parser.add_argument("--scenes", nargs="+", default=list(CASES), metavar="NAME", help="names, or scene files")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--size", type=int, default=256, help="pixels a side")
     parser.add_argument("--seconds", type=float, default=0.35, help="for each render, about (default %(default)s)")
