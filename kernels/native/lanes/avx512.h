@@ -15,5 +15,6 @@ LANES_INLINE ints spread(ints packed, ints to, unsigned lanes) {
     return __builtin_ia32_expandsi512_mask(packed, to, (unsigned short)lanes);
 }
 LANES_INLINE ints moved(ints x, unsigned from, ints to, unsigned lanes) { return spread(packed(x, from), to, lanes); }
+LANES_INLINE f4 three(const char* p) { return __builtin_ia32_loadups128_mask((const f4*)p, (f4)0.0f, 7); }
 } // namespace lanes
 #endif

@@ -116,11 +116,19 @@ LANES_INLINE Place<typename Bare<M>::type, OFFSET + BY, SIZE> member(Place<T, OF
                   (int)__builtin_offsetof(lanes::Bare<decltype(*(array).data)>::type, field)>( \
         lanes::address(array, index))
 
-typedef float f4 __attribute__((ext_vector_type(4)));
 typedef float f4_anywhere __attribute__((ext_vector_type(4), aligned(4)));
 typedef float f8 __attribute__((ext_vector_type(8)));
 typedef double double_anywhere __attribute__((aligned(4)));
 typedef double d2 __attribute__((ext_vector_type(2)));
+
+#if !LANES_BIT_MASKS
+// Three numbers, without reading a fourth, which may be outside the array; `avx512.h` has one instruction for it.
+LANES_INLINE f4 three(const char* p) {
+    f4 v = __builtin_bit_cast(f4, (d2){*(const double_anywhere*)p, 0.0});
+    v[2] = *(const float*)(p + 8);
+    return v;
+}
+#endif
 
 // The numbers at(first), at(first + 4) and so on, side by side.
 template<class At> LANES_INLINE floats joined(At at, int first) {
@@ -179,13 +187,7 @@ template<int OFFSET, int SIZE> LANES_INLINE floats row(const char* base, ints re
         else return __builtin_shufflevector(
             a, b, LANES_FIRST_OF(1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31));
     } else if constexpr (SIZE == 12) {
-        return transposed([&](int l) __attribute__((always_inline)) {
-                   const char* p = base + safe[l];
-                   f4 v = __builtin_bit_cast(f4, (d2){*(const double_anywhere*)p, 0.0});
-                   v[2] = *(const float*)(p + 8);
-                   return v;
-               })
-            .r[OFFSET / 4];
+        return transposed([&](int l) __attribute__((always_inline)) { return three(base + safe[l]); }).r[OFFSET / 4];
     } else {
         constexpr int begin = (OFFSET & ~15) + 16 <= SIZE ? (OFFSET & ~15) : SIZE - 16;
         return transposed([&](int l) __attribute__((always_inline)) {

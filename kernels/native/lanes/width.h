@@ -24,6 +24,7 @@ typedef unsigned uints __attribute__((ext_vector_type(WIDTH)));
 typedef long long longs __attribute__((ext_vector_type(WIDTH)));
 typedef double doubles __attribute__((ext_vector_type(WIDTH)));
 typedef bool bools __attribute__((ext_vector_type(WIDTH)));
+typedef float f4 __attribute__((ext_vector_type(4)));
 
 // Numbers of fewer lanes, from one of 16.
 #if LANES_WIDTH == 16
