@@ -9,6 +9,7 @@ import re
 import shlex
 import threading
 from pathlib import Path
+from xml.etree import ElementTree
 
 import benchmark
 import numpy as np
@@ -16,7 +17,9 @@ import pytest
 from benchmarks import agreement, checkouts, figures, found, measure, render, report, scaling, scenes
 from conftest import ROOT, Report
 from peers import peer
+from peers.mitsuba_worker import square_text
 from peers.picture_tests import image_z_test
+from peers.worker import NamedFile, named_file
 
 import wrt
 from wrt.backend.device import Device
@@ -221,6 +224,40 @@ def test_a_run_goes_on_where_another_ended(tmp_path: Path, monkeypatch: pytest.M
     assert result["cores"] > 0
     with pytest.raises(SystemExit, match="--json"):
         benchmark.main(["render", "--quick", "--resume"])
+
+
+def test_scene_files_of_others_are_rendered_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All workers get the file; Mitsuba's text has the size and the filter, also where another file has the film."""
+    (tmp_path / "camera.xml").write_text(
+        '<scene><sensor type="perspective"><film type="hdrfilm"><integer name="width" value="$width"/>'
+        '<integer name="height" value="32"/><rfilter type="gaussian"/></film></sensor></scene>',
+        encoding="utf-8",
+    )
+    file = tmp_path / "box.xml"
+    file.write_text(
+        '<scene version="3.0.0"><default name="width" value="64"/><include filename="camera.xml"/>'
+        '<integrator type="path"/><shape type="rectangle"/></scene>',
+        encoding="utf-8",
+    )
+    film = ElementTree.fromstring(square_text(file, 24, box=True)).find("sensor/film")
+    assert film is not None
+    assert [entry.get("value") for entry in film.iterfind("integer")] == ["24", "24"]
+    assert [entry.get("type") for entry in film.iterfind("rfilter")] == ["box"]
+    assert 'rfilter type="gaussian"' in square_text(file, 24)
+
+    notes = []
+
+    def measure_scene(sessions: dict, row: dict, folder: Path, *_: object) -> np.ndarray:
+        notes.append(named_file(folder))
+        return np.zeros((2, 2, 3))
+
+    monkeypatch.setattr(render, "measure_scene", measure_scene)
+    monkeypatch.setattr(render, "Session", lambda given, *_, **__: contextlib.nullcontext(FakeSession(given)))
+    saved = tmp_path / "found.json"
+    benchmark.main(["render", "--peers", "mitsuba-llvm", "--size", "24", "--files", str(file), "--json", str(saved)])
+    assert notes == [NamedFile(file, 24, box=True)]
+    result = json.loads(saved.read_text())
+    assert (result["benchmark"], [row["scene"] for row in result["rows"]]) == ("files", ["box"])
 
 
 class FakeSession:

@@ -87,11 +87,12 @@ def benchmark_render(options: argparse.Namespace) -> Row:
             rows.append(row)
             if options.json:
                 options.json.write_text(json.dumps({"rows": rows}, indent=2) + "\n", encoding="utf-8")
-    rows.sort(key=lambda row: names.index(row["scene"]) if row["scene"] in names else len(names))
+    order = list(files or CASES)
+    rows.sort(key=lambda row: order.index(row["scene"]))
     for name in left_out:
         if all("left_out" in row["renderers"].get(name, {}) for row in rows):
             print(f"\n{name} was in no scene. How to get it: {PEERS[name].hint}")
-    result = {"benchmark": "render", "device": options.device, "size": options.size, "rows": rows}
+    result = {"benchmark": "files" if files else "render", "device": options.device, "size": options.size, "rows": rows}
     return result | {"options": {"seconds": options.seconds, "repeats": options.repeats}, "pictures": pictures}
 
 

@@ -35,7 +35,7 @@ def write_documents(result: Row, pictures: Mapping[str, NDArray[np.float64]]) ->
         write_section(section.page, section.name, section.text(result))
     if f"benchmark-{name}" in MEASURED:
         MEASURED[f"benchmark-{name}"](PICTURES / "plots" / f"benchmark-{name}.png")
-    if pictures and all(row["scene"] in pictures for row in result["rows"]):
+    if name == "render" and pictures and all(row["scene"] in pictures for row in result["rows"]):
         write_sheet(result["rows"], pictures)
 
 
@@ -284,6 +284,16 @@ def found_text(result: Row) -> str:
     return f"{said}\n\n{table(head, rows)}"
 
 
+def files_text(result: Row) -> str:
+    """Return the tables of `render --files`."""
+    rows = result["rows"]
+    peers = peers_of(rows)
+    size = rows[0]["size"]
+    said = f"On {result['machine']}, {result['cores']} cores; pictures of {size} x {size} pixels."
+    texts = [speed_table(rows, peers), error_table(rows, peers), agreement_table(rows, peers)]
+    return "\n".join([f"{said}\n", *texts])
+
+
 def _first_ratio(row: Row) -> float:
     """Return Mitsuba's seconds of CPU over those of wrt's first render."""
     ratio: float = row["programs"]["mitsuba"]["cpu_seconds"] / row["programs"]["wrt"]["first_cpu_seconds"]
@@ -298,6 +308,7 @@ SECTIONS = {
     "scaling": (Section(NOTES / "scaling.md", "scaling", scaling_text),),
     "profile": (Section(NOTES / "profile.md", "profile", profile_text),),
     "found": (Section(PAGE, "found", found_text),),
+    "files": (Section(NOTES / "comparison.md", "files", files_text),),
     "compile": (Section(NOTES / "compiling.md", "compile", compile_text),),
 }
 """What writes the tables of the documentation, by the benchmark."""

@@ -41,13 +41,8 @@ def write_scene(scene: dict[str, Any], folder: Path) -> None:
     (folder / "scene.json").write_text(json.dumps(plain(scene)), encoding="utf-8")
 
 
-def load_square(file: Path, size: int, *, box: bool = False) -> Any:
-    """Return a file's scene with a picture of so many pixels a side, and a box filter if wanted.
-
-    Its text is changed, since a camera that is loaded keeps the field of view that it has found for its film.
-    """
-    import mitsuba as mi
-
+def square_text(file: Path, size: int, *, box: bool = False) -> str:
+    """Return a file's scene as one text, with a picture of so many pixels a side, and a box filter if wanted."""
     root = ElementTree.parse(file).getroot()
     while includes := [(parent, child) for parent in root.iter() for child in parent.iterfind("include")]:
         for parent, include in includes:
@@ -61,8 +56,15 @@ def load_square(file: Path, size: int, *, box: bool = False) -> Any:
                 entry.set("value", str(size))
         for entry in film.iterfind("rfilter") if box else ():
             entry.set("type", "box")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def load_square(file: Path, size: int, *, box: bool = False) -> Any:
+    """Return the scene of `square_text`: a camera that is loaded keeps the field of view that it found for its film."""
+    import mitsuba as mi
+
     mi.file_resolver().prepend(str(file.parent))
-    return mi.load_string(ElementTree.tostring(root, encoding="unicode"))
+    return mi.load_string(square_text(file, size, box=box))
 
 
 class MitsubaWorker:
