@@ -412,8 +412,7 @@ def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-m", "wrt", *CORNELL_BOX]
     subprocess.run([*command, "right.npy"], cwd=tmp_path, env=environment, check=True)
-    missing = "wp_wrt.render.", "wp_wrt.kernels.accel.build.split_"
-    copy_of_warm_cache(tmp_path / "cache", but_for=lambda name: name.startswith(missing))
+    copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.render.", "wrt.kernels.accel.build.split_"))
     environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
     environment.pop("WARP_CACHE_PATH", None)
     process = subprocess.Popen(
