@@ -8,22 +8,10 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.covering_kernels import covering, render_with
 
 import wrt
 
 FAR = 1000.0
-TREES: dict[str, Any] = {"integrator": "whitted", "sampler": "sobol"}
-KERNELS = (
-    covering("dielectric", "diffuse", "mirror", "plastic", "rough_conductor:ggx:smith:schlick:multiple", **TREES),
-    covering("dielectric", "diffuse", "null", media="absorbing", **TREES),
-)
-"""They render most of the scenes: each scene's own kernel would take longer to compile than all pictures to render."""
-
-
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
 
 
 def wall(z: float, *, facing: float) -> wrt.Mesh:

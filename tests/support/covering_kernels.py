@@ -6,7 +6,7 @@ For files whose claims are about scenes, and whose kernels would take longer to 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -33,10 +33,16 @@ def covering(*models: str, **fields: Any) -> Features:
 
 def render_with(kernels: Sequence[Features], monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the first kernel that covers a scene render it; a scene that none covers gets its own."""
+    render_by(lambda own: next((kernel for kernel in kernels if kernel.covers(own)), own), monkeypatch)
+
+
+def render_by(kernel_for: Callable[[Features], Features], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Render each scene with the kernel that a function of the scene's own features chooses."""
     make = RenderKernel.__init__
 
     def init(self: RenderKernel, device: Any, features: Features, *rest: Any, **options: Any) -> None:
-        found = next((kernel for kernel in kernels if kernel.covers(features)), features)
-        make(self, device, found, *rest, **options)
+        kernel = kernel_for(features)
+        assert kernel == features or (kernel.covers(features) and features.integrator == "path")
+        make(self, device, kernel, *rest, **options)
 
     monkeypatch.setattr(RenderKernel, "__init__", init)
