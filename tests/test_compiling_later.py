@@ -15,7 +15,6 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from support.caches import copy_of_warm_cache
 
 from wrt.backend.builds import Builds
 from wrt.backend.device import Device
@@ -286,7 +285,6 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
     variables = {key: value for key, value in os.environ.items() if key not in (WIDE, BUILD_MACHINE)}
     variables |= {SWITCH: "1", "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     variables.pop("WARP_CACHE_PATH", None)
-    copy_of_warm_cache(tmp_path / "cache")
 
     def render(name: str) -> list[str]:
         """Return the wide kernels that were loaded without Warp."""
