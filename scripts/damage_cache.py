@@ -61,10 +61,12 @@ KINDS = {
 class Place:
     """A folder with a cache of its own, and an intact copy of the cache."""
 
-    def __init__(self, folder: Path) -> None:
-        """Fill the cache by rendering."""
+    def __init__(self, folder: Path, start: Path | None = None) -> None:
+        """Fill the cache by rendering, into a copy of `start` if given."""
         self.cache, self._whole, self._folder = folder / "cache", folder / "whole", folder
         folder.mkdir()
+        if start is not None:
+            shutil.copytree(start, self.cache)
         for _ in range(2):  # the second render uses the notes of the first
             status, said = self.render()
             if status != 0 or said:
@@ -138,7 +140,13 @@ def play(place: Place, seed: int, number: int) -> tuple[str, str, str]:
     return name, "noticed" if said else "harmless", ""
 
 
-def run(rounds: Sequence[int], jobs: int, seed: int, tell: Callable[[str], None] = print) -> Counter[tuple[str, str]]:
+def run(
+    rounds: Sequence[int],
+    jobs: int,
+    seed: int,
+    tell: Callable[[str], None] = print,
+    start: Path | None = None,
+) -> Counter[tuple[str, str]]:
     """Play rounds; return the number of rounds by kind and outcome.
 
     Args:
@@ -146,11 +154,12 @@ def run(rounds: Sequence[int], jobs: int, seed: int, tell: Callable[[str], None]
         jobs: how many rounds to play at once.
         seed: determines what each round does.
         tell: called with a description of each failure.
+        start: a cache to begin with copies of; None for empty ones.
     """
     counts: Counter[tuple[str, str]] = Counter()
     with tempfile.TemporaryDirectory(prefix="damage-cache-") as folder, ThreadPoolExecutor(jobs) as pool:
         places: queue.SimpleQueue[Place] = queue.SimpleQueue()
-        for place in pool.map(Place, (Path(folder, str(job)) for job in range(jobs))):
+        for place in pool.map(lambda job: Place(Path(folder, str(job)), start), range(jobs)):
             places.put(place)
 
         def play_somewhere(number: int) -> tuple[str, str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -50,6 +50,9 @@ LONGEST = (
     "test_wide_functions.py",
     "test_cuda_compile.py",
     "test_gallery.py",
+    "test_digests.py",
+    "test_mitsuba_files.py",
+    "test_kernel_cache.py",
     "test_render_kernel.py",
     "test_against_mitsuba.py",
 )
@@ -81,10 +84,18 @@ ONE_OF_A_FILE = {
 """Files whose tests compile render kernels that no other file needs, and the test of each that a quick run takes."""
 
 
-@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort tests. Mark as slow those that launch kernels, except for the first parameter set of each."""
-    items.sort(key=lambda item: item.path.name not in LONGEST)
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
+    """Mark some tests as slow before tests are chosen by their marks; then sort tests."""
+    _mark_slow(items)
+    yield
+    # After pytest has put those with the `device` fixture first, because that is made once for all of them.
+    places = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path.name, len(places)))
+
+
+def _mark_slow(items: list[pytest.Item]) -> None:
+    """Mark as slow the tests that launch kernels, except for the first parameter set of each."""
     seen: set[tuple[str, str, object]] = set()
     for item in items:
         if not isinstance(item, pytest.Function) or "device" not in item.fixturenames:

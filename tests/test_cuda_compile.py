@@ -9,17 +9,21 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 import warp as wp
 
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels import regeneration
 from wrt.kernels.accel.bvh import Bvh, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.features import Features
+from wrt.kernels.integrators import path
+from wrt.kernels.integrators.path import can_attenuate_shadows, has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
@@ -163,8 +167,36 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
     compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
-    if (kernel := make_gpu_render_kernel(features)) is not make_render_kernel(features):
-        compile_for_cuda(kernel.module, ARCHITECTURES[0], tmp_path / "regenerating", mode="debug")
+
+
+def loop_of(features: Features) -> tuple[Any, ...]:
+    """Return all that the loop along a path asks of the features itself: the rest is in functions that it calls."""
+    asked = features.media, features.grid_media, features.nested, features.opacity, features.mixed, features.clamped
+    shadows = can_attenuate_shadows(features), bool(features.light_shapes), features.geometry
+    return *asked, *shadows, has_panes(features.models)
+
+
+REGENERATING = {
+    loop_of(features): features
+    for features in reversed(FEATURES)
+    if make_gpu_render_kernel(features) is not make_render_kernel(features)
+}
+"""Kernels that regenerate paths call the same functions, from another loop: one for each loop."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("features", REGENERATING.values(), ids=lambda features: features.name)
+def test_kernels_that_regenerate_paths_compile(features: Features, tmp_path: Path) -> None:
+    compile_for_cuda(make_gpu_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+
+
+def test_the_loop_asks_for_nothing_else() -> None:
+    asked: set[str] = set()
+    for module in (path, regeneration):
+        asked |= set(re.findall(r"\bfeatures\.(\w+)", Path(str(module.__file__)).read_text(encoding="utf-8")))
+    known = {"media", "grid_media", "nested", "opacity", "mixed", "clamped", "light_shapes", "geometry", "models"}
+    # The source of random numbers is a function too, bodies are media or nested, and layers have no such kernel.
+    assert asked - {"sampler", "bodies", "integrator", "aovs"} == known
 
 
 def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
@@ -186,9 +218,9 @@ def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: P
 
 
 def test_no_source_asks_for_the_architecture() -> None:
-    for path in Path(wrt.kernels.__file__).parent.rglob("*.[hp]*"):
-        if path.suffix in (".h", ".py"):
-            assert not re.search(r"__CUDA_ARCH__\s*[<>=)]*\s*[<>=]", path.read_text(encoding="utf-8")), path
+    for file in Path(wrt.kernels.__file__).parent.rglob("*.[hp]*"):
+        if file.suffix in (".h", ".py"):
+            assert not re.search(r"__CUDA_ARCH__\s*[<>=)]*\s*[<>=]", file.read_text(encoding="utf-8")), file
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from support.caches import CORNELL_BOX, copy_of_warm_cache
 
 from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
@@ -213,7 +214,8 @@ def test_the_script_that_damages_caches_finds_nothing(tmp_path: Path) -> None:
             seen.add(kind)
             rounds.append(number)
     assert seen == set(damage_cache.KINDS)
-    counts = damage_cache.run(rounds, 1, 0, failures.append)
+    copy_of_warm_cache(tmp_path / "cache")
+    counts = damage_cache.run(rounds, 1, 0, failures.append, tmp_path / "cache")
     assert not failures
     assert sum(count for (_, outcome), count in counts.items() if outcome == "noticed") >= len(seen) - 3
 
@@ -396,26 +398,28 @@ def test_a_fork_does_not_remove_the_folder_of_its_parent(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("number", "seconds", "options"),
     [
-        (signal.SIGTERM, 1.0, []),
-        (signal.SIGINT, 2.0, []),
-        (signal.SIGHUP, 2.5, []),
-        (signal.SIGTERM, 3.0, ["--threads", "1"]),
-        (signal.SIGKILL, 3.5, []),
+        (signal.SIGTERM, 0.1, []),
+        (signal.SIGINT, 0.7, []),
+        (signal.SIGHUP, 1.1, []),
+        (signal.SIGTERM, 1.5, ["--threads", "1"]),
+        (signal.SIGKILL, 1.9, []),
     ],
 )
 def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
     number: signal.Signals, seconds: float, options: list[str], tmp_path: Path
 ) -> None:
+    """The two kernels that take longest are not compiled yet, and two threads are at it."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
-    command = [sys.executable, "-m", "wrt", "render", "cornell-box", "--size", "16x16", "--spp", "1", "--quiet", "-o"]
+    command = [sys.executable, "-m", "wrt", *CORNELL_BOX]
     subprocess.run([*command, "right.npy"], cwd=tmp_path, env=environment, check=True)
+    copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.render.", "wrt.kernels.accel.build.split_"))
     environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
     environment.pop("WARP_CACHE_PATH", None)
     process = subprocess.Popen(
         [*command, "film.npy", *options], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
-    while not list(tmp_path.glob("wrt-work-*")) and process.poll() is None:
+    while not list(tmp_path.glob("wrt-work-*/kernels/*")) and process.poll() is None:
         time.sleep(0.01)
     time.sleep(seconds)
     process.send_signal(number)

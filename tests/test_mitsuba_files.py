@@ -11,6 +11,7 @@ from conftest import Report
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
+from support.covering_kernels import covering, render_with
 from support.mitsuba_files import compare, render_by_mitsuba, write_files
 from support.mitsuba_scene import VARIANT, Reference
 from support.statistics import ImageTest, sidak
@@ -122,6 +123,27 @@ CASES = {
     "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
 SIGNIFICANCE = sidak(0.01, len(CASES))
+ROUGH_METALS = (
+    "rough_conductor:beckmann:walter:conductor",
+    "rough_conductor:ggx:smith-separable:conductor",
+    "rough_conductor:ggx:smith:conductor",
+)
+COATS = "plastic", "rough_plastic:beckmann:walter", "rough_plastic:ggx:smith-separable"
+KERNELS = (
+    covering("diffuse"),
+    covering(
+        *("burley", "conductor", "dielectric", "diffuse", "measured", "mirror", "thin_dielectric"),
+        *("rough_dielectric:ggx:smith-separable", *ROUGH_METALS, *COATS),
+    ),
+    covering("conductor", "dielectric", "diffuse", "mirror", ROUGH_METALS[0], spheres=True),
+    covering("dielectric", "diffuse", "null", "plastic", "rough_dielectric:beckmann:walter", media="scattering"),
+)
+"""They render most of the scenes, whose own kernels would be thirty."""
+
+
+@pytest.fixture(autouse=True)
+def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with(KERNELS, monkeypatch)
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import warp as wp
 from conftest import ROOT
+from support.caches import copy_of_warm_cache
 from test_cli import run
 
 import wrt
@@ -86,9 +87,12 @@ print(*(name for name in current_backend().builds._loaded if ".wide" in name))
 @pytest.mark.slow
 @pytest.mark.parametrize("way", ["command", "python"])
 def test_the_first_render_has_everything(way: str, tmp_path: Path) -> None:
-    """With an empty cache; a render then starts without Warp, in another size."""
+    """With an empty cache, and with one that lacks a kernel; a render then starts without Warp, in another size."""
     variables = {key: value for key, value in os.environ.items() if key not in (WIDE, "WARP_CACHE_PATH")}
     variables |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+    if way == "python":
+        copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.kernels.film.", "wrt.kernels.accel.build.top_"))
 
     def python(*arguments: str) -> str:
         done = subprocess.run(

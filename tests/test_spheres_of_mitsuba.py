@@ -18,6 +18,7 @@ import wrt
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
+from support.covering_kernels import covering, render_with
 from support.mitsuba_scene import Reference, render_reference
 from support.statistics import sidak
 from test_against_mitsuba import Case, compare
@@ -25,6 +26,7 @@ from test_plastic_of_mitsuba import COLOR, MASKING, FittedPlastic, internal_of
 
 from wrt.backend.device import Device
 from wrt.scene.textures import ColorSource
+from wrt.upload.materials import model_name
 from wrt.upload.tables.material_tables import table
 from wrt.values import Vec3
 
@@ -123,6 +125,13 @@ exactly, differs at the rim alone: at α = 0.3 four boundaries on the way may ma
 
 CASE = Case(wrt.Scene, max_depth=16, spp=512, reference_spp=512, size=(32, 32))
 SIGNIFICANCE = sidak(0.01, len(MATERIALS))
+KERNEL = covering(*{model_name(material) for material, _ in MATERIALS.values()})
+
+
+@pytest.fixture(autouse=True)
+def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Render all balls with one kernel, which still chooses the model of each."""
+    render_with([KERNEL], monkeypatch)
 
 
 @functools.cache

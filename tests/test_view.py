@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from PIL import Image
+from support.caches import copy_of_warm_cache
 from tests.support import chromium
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -200,6 +201,7 @@ def test_a_missing_scene_is_an_error_at_once():
 @pytest.mark.slow
 def test_a_layer_that_was_never_compiled_appears(tmp_path):
     """The view has begun without Warp, and goes over to it; camera and exposure stay."""
+    copy_of_warm_cache(tmp_path)
     cached = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "WARP_CACHE_PATH": ""}
     command = [sys.executable, "-m", "wrt", "render", "cornell-box", *SIZE, "--spp", "1", "-o", tmp_path / "box.png"]
     subprocess.run(command, check=True, capture_output=True, env=cached)

@@ -1,0 +1,45 @@
+"""Copies of the kernel cache, for tests that need one of their own, but no empty one, which 12 s of CPU would fill."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from conftest import ROOT
+
+from wrt.backend.cache_folders import user_folder, warp_folder
+
+CORNELL_BOX = ("render", "cornell-box", "--size", "16x16", "--spp", "1", "--quiet", "-o")
+"""Arguments of a small render, before the name of its picture."""
+
+
+def copy_of_warm_cache(cache: Path, but_for: tuple[str, ...] = ()) -> None:
+    """Fill a cache folder with the headers and the kernels of CORNELL_BOX, without notes.
+
+    Args:
+        cache: a folder, to be named by XDG_CACHE_HOME.
+        but_for: names of modules to leave out, or what they begin with.
+    """
+    for headers in (user_folder() / "wrt").glob("headers-*"):
+        shutil.copytree(headers, cache / "wrt" / headers.name)
+    for folder in _kernels():
+        if not folder.name.startswith(tuple(f"wp_{name}" for name in but_for)):
+            shutil.copytree(folder, cache / "warp" / folder.parent.name / folder.name)
+
+
+@functools.cache
+def _kernels() -> tuple[Path, ...]:
+    """Return the folders of the kernels in the usual cache; those that are missing are compiled."""
+    with tempfile.TemporaryDirectory() as notes:
+        environment = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": notes, "WARP_CACHE_PATH": str(warp_folder())}
+        command = [sys.executable, "-m", "wrt", *CORNELL_BOX, "film.npy"]
+        subprocess.run(command, cwd=notes, env={**os.environ, **environment}, check=True)
+        (file,) = Path(notes).glob("wrt/builds-*.json")
+        known = json.loads(file.read_bytes().partition(b"\n")[2])
+    return tuple(Path(each["file"]).parent for each in known["files"].values())
