@@ -130,8 +130,8 @@ class WarpBackend:
         return int(self._wp.get_device(gpu).arch)
 
     def memory_of(self, gpu: str) -> int:
-        """Return the bytes of memory of a GPU."""
-        return int(self._wp.get_device(gpu).total_memory)
+        """Return the bytes of memory of a GPU that are free."""
+        return int(self._wp.get_device(gpu).free_memory)
 
     def _type(self, dtype: Any) -> Any:
         if dtype == "vec8":

@@ -100,7 +100,7 @@ class EmulatedBackend(WarpBackend):
         return self._arch
 
     def memory_of(self, gpu: str) -> int:
-        """Return the bytes of memory of a GPU."""
+        """Return the bytes of memory of a GPU that are free."""
         return memory_left()
 
 

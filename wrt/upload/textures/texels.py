@@ -62,6 +62,11 @@ class Texels:
                 n_codes += len(flat)
         self.colors, self.codes = np.concatenate(colors), np.concatenate(codes)
 
+    @property
+    def bytes(self) -> int:
+        """Bytes of the texels and palettes."""
+        return self.colors.nbytes + self.codes.nbytes + sum(palette.nbytes for palette in self.palettes)
+
     def _coded(self, pixels: FloatArray) -> tuple[Codes, int] | None:
         """Return the (N, 3) codes of an image and the number of its palette; None if it has too many values."""
         for linear in (False, True):
