@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from wrt.backend import current_backend
+from wrt.backend.gpus import require_gpus
 from wrt.backend.memory import memory_left
 from wrt.backend.slices import Threads, available_threads, finish, run_slices
 from wrt.errors import InputError, NotEnoughMemory, did_you_mean
@@ -59,12 +60,8 @@ class Device:
         self.backend = current_backend()
         self.backend.start()
         if kind == "cuda":
-            count = self.backend.gpus()
-            if count == 0:
-                raise InputError(f"device {name!r}: no CUDA GPU was found; use cpu")
             index = int(number or 0)
-            if index >= count:
-                raise InputError(f"device {name!r}: there are only {count} CUDA GPUs, numbered from 0")
+            require_gpus(self.backend, name, [index])
             self.name = f"cuda:{index}"
             self.threads = 1
         else:

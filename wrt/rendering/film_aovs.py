@@ -19,7 +19,8 @@ _PREFIX = "layer_"
 
 def bytes_per_pixel(names: tuple[str, ...]) -> int:
     """Return the bytes of layers per pixel."""
-    channels = [(8 if LAYERS[name].averaged else 4) * len(LAYERS[name].channels) for name in names]
+    own = [LAYERS[name] for name in names if name not in NUMBERS]
+    channels = [(8 if layer.averaged else 4) * len(layer.channels) for layer in own]
     return sum(channels) + 8 if names else 0
 
 

@@ -72,9 +72,13 @@ class MaterialTable:
         return self.numbers[id(material)]
 
     @property
-    def texture_bytes(self) -> int:
-        """Bytes that images take on a device; it computes them, but does not upload them."""
-        return self._prepared()[2].bytes
+    def bytes(self) -> int:
+        """Bytes that materials and images will take on a device, without the tables of reflection models."""
+        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+        slots, records, texels = self._prepared()
+        tables = (slots.rows, k.ColorSlot), (slots.images, k.ImageRecord), (slots.normal_maps, k.NormalMapRecord)
+        sizes = (len(rows) * int(np.dtype(struct.numpy_dtype()).itemsize) for rows, struct in tables)
+        return records.nbytes + texels.bytes + sum(sizes)
 
     def _prepared(self) -> tuple[_Slots, NDArray[Any], Texels]:
         """Return all values, records still without tables, and the texels of all images; made once."""

@@ -114,7 +114,11 @@ def make_parser() -> argparse.ArgumentParser:
     parts = ": shapes, materials, textures, lights and camera"
     info = command("info", "show what a scene or mesh file contains", parts)
     info.add_argument("source", metavar="SCENE", nargs="?", help="as for wrt render")
-    info.add_argument("--system", action="store_true", help="show versions, threads, and the kernel of this machine")
+    info.add_argument(
+        "--system", action="store_true", help="show versions, threads, the kernel and the GPUs of this machine"
+    )
+    info.add_argument("--memory", action="store_true", help="show the memory that a picture takes on a GPU, by part")
+    info.add_argument("--size", metavar="WxH", type=size, help="with --memory: the picture's size")
     info.add_argument("--confined", action="store_true", help=CONFINED)
 
     bits = ", with its arrays in a folder beside it. Both render to bit-identical pictures"
