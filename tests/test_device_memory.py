@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 import warp as wp
-from conftest import Report
+from conftest import ROOT, Report
 from support.device_memory import allocations
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda
 from test_presplit import slivers
@@ -23,6 +26,23 @@ from wrt.cli import main
 from wrt.describe.memory import memory_text
 from wrt.errors import NotEnoughMemory
 from wrt.memory_needed import DeviceMemory, device_memory
+
+OLD_DRIVER = """
+import sys
+from warp._src.context import Runtime
+load = Runtime.load_dll
+
+def loaded(self, path):
+    library = load(self, path)
+    if str(path).endswith("warp.so"):
+        library.wp_cuda_driver_is_initialized = lambda: 1
+        library.wp_cuda_driver_version = lambda: 12080
+    return library
+
+Runtime.load_dll = loaded
+from wrt.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
 
 GPU = "cuda:0"
 RNG = np.random.default_rng(3)
@@ -301,3 +321,17 @@ class TestGpus:
             assert main(["info", "--system"]) == 0
             rows = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
             assert ["GPUs", said] in rows
+
+    def test_a_driver_that_is_too_old_is_one_line(self, tmp_path) -> None:
+        """The whole command, in a process whose Warp finds a driver of CUDA 12.8 when it starts."""
+        command = [sys.executable, "-c", OLD_DRIVER, "render", "cornell-box", "--device", "cuda", "-o", "picture.png"]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 2
+        assert re.fullmatch(
+            r"wrt: error: device 'cuda': the NVIDIA driver is too old, for CUDA 12\.8 instead of \d+\.\d; update it, or "
+            r"use cpu\n",
+            done.stderr,
+        )
+        assert done.stdout == ""
+        assert list(tmp_path.iterdir()) == []

@@ -22,9 +22,16 @@ from wrt.errors import NotEnoughMemory
 LOAD_SECONDS = 0.2
 """A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
 
-# Lines that Warp writes at every start and that users cannot act on: that there is no GPU, which wrt reports when it
-# matters, and that its next release will drop the oldest Python.
-_HELD_BACK = (b"Could not find or load the NVIDIA CUDA driver", b"Support for Python")
+# Lines that Warp writes at every start and that users cannot act on: that there is no GPU or that its driver is too old,
+# which wrt reports in one line when it matters, and that its next release will drop the oldest Python.
+_HELD_BACK = (
+    b"Could not find or load the NVIDIA CUDA driver",
+    b"Warp UserWarning: \n",
+    b"Insufficient CUDA driver version",
+    b"The minimum required CUDA driver version",
+    b"Visit https://nvidia.github.io/warp",
+    b"Support for Python",
+)
 
 _NO_MEMORY = re.compile(r"Failed to allocate (\d+) bytes")
 """What Warp says when memory runs out."""
