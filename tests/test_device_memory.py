@@ -329,8 +329,8 @@ class TestGpus:
         done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 2
         assert re.fullmatch(
-            r"wrt: error: device 'cuda': the NVIDIA driver is too old, for CUDA 12\.8 instead of \d+\.\d; update it, or "
-            r"use cpu\n",
+            r"wrt: error: device 'cuda': the NVIDIA driver is too old, for CUDA 12\.8 instead of \d+\.\d; "
+            r"update it, or use cpu\n",
             done.stderr,
         )
         assert done.stdout == ""

@@ -22,7 +22,7 @@ from wrt.errors import NotEnoughMemory
 LOAD_SECONDS = 0.2
 """A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
 
-# Lines that Warp writes at every start and that users cannot act on: that there is no GPU or that its driver is too old,
+# Lines that Warp writes at every start and that users cannot act on: that there is no GPU or its driver is too old,
 # which wrt reports in one line when it matters, and that its next release will drop the oldest Python.
 _HELD_BACK = (
     b"Could not find or load the NVIDIA CUDA driver",

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
 from wrt.scene.srgb import of_codes
+from wrt.upload.limits import require_countable
 
 FloatArray = NDArray[np.float32]
 Codes = NDArray[np.uint8]
@@ -41,8 +41,7 @@ class Texels:
         Raises:
             InputError: when they have more texels than 32 bits can count.
         """
-        if sum(image.shape[0] * image.shape[1] for image in images) >= 2**31:
-            raise InputError("the scene's textures have more than 2^31 texels")
+        require_countable(sum(image.shape[0] * image.shape[1] for image in images), "texels of the scene's textures")
         self.palettes: list[FloatArray] = []
         self.places: list[tuple[int, int]] = []
         colors: list[FloatArray] = [np.zeros((0, 3), np.float32)]
