@@ -23,9 +23,8 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.gpus import CudaVersions
 from wrt.cli import main
-from wrt.describe.memory import memory_text
 from wrt.errors import NotEnoughMemory
-from wrt.memory_needed import DeviceMemory, device_memory
+from wrt.memory_needed import DeviceMemory, device_memory, memory_text
 
 OLD_DRIVER = """
 import sys

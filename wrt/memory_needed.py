@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrt.api import load
+from wrt.backend import current_backend
 from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
@@ -15,6 +16,8 @@ from wrt.scene.scene import UNBIASED, RenderSettings
 from wrt.studio.framing import with_camera
 from wrt.upload.memory import SceneMemory
 from wrt.upload.scene_data import describe_scene, memory_of
+
+_PARTS = ("geometry", "trees", "materials", "lights", "film", "layers")
 
 
 @dataclass(frozen=True)
@@ -93,3 +96,23 @@ def device_memory(
     coordinates = "uv" in settings.layers
     of_scene = memory_of(describe_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
     return DeviceMemory.of(of_scene, settings)
+
+
+def memory_text(memory: DeviceMemory, width: int, height: int) -> str:
+    """Return lines that tell what a picture of width x height pixels takes on a GPU, and which GPU here has that."""
+    parts = [(name, _size(getattr(memory, name))) for name in _PARTS if getattr(memory, name)]
+    peak = f"{_size(memory.peak)} while the ray tree is built"
+    if memory.peak_if_cut > memory.peak:
+        peak += f"; {_size(memory.peak_if_cut)} if it cuts large triangles"
+    rows = [*parts, ("in all", _size(memory.kept)), ("at most", peak)]
+    backend = current_backend()
+    backend.start()
+    for name in (f"cuda:{number}" for number in range(backend.gpus())):
+        free = backend.memory_of(name)
+        fits = memory.peak <= free
+        rows.append((name, f"{_size(free)} free: {'enough' if fits else 'not enough'}"))
+    return "\n".join([f"memory of a picture of {width}x{height} on a GPU", *(f"  {a:<9} {b}" for a, b in rows)])
+
+
+def _size(number: int) -> str:
+    return f"{number / 1e9:.2f} GB" if number >= 1e9 else f"{number / 1e6:.1f} MB"

@@ -235,6 +235,9 @@ class CompiledBackend:
         count = count or len(source)
         target.rows[dest_offset : dest_offset + count] = source.rows[:count]
 
+    def fetch(self, array: Array) -> NDArray[Any]:
+        return array.rows
+
     def sums_before(self, counts: Array) -> Any:
         return self.array(np.cumsum(counts.rows, dtype=counts.rows.dtype) - counts.rows, counts.dtype)
 

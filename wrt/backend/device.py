@@ -93,8 +93,8 @@ class Device:
         for name, needed in places.items():
             left = memory_left() if name == "cpu" else self.backend.memory_of(name)
             if needed > left:
-                figures = f"{needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} has left"
-                raise NotEnoughMemory(f"{what} needs {figures}" + (f"; {advice}" if advice else ""))
+                text = f"{what} needs {needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} has left"
+                raise NotEnoughMemory(f"{text}; {advice}" if advice else text)
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:
         """Return an uninitialised array in huge pages, for large data such as a ray tree."""

@@ -15,7 +15,7 @@ from typing import Any
 
 from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.gpus import CudaVersions, Gpu
-from wrt.backend.memory import MEMORY_ADVICE, forget_code, trim, zeros
+from wrt.backend.memory import LARGE, MEMORY_ADVICE, forget_code, trim, zeros
 from wrt.backend.recording import call_name
 from wrt.errors import NotEnoughMemory
 
@@ -134,10 +134,23 @@ class WarpBackend:
             forget_code(*_libraries())
 
     def launch(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
-        """Run threads `first` to first + count − 1 of a loaded kernel, on this core or a GPU, and wait for them."""
+        """Run threads `first` to first + count − 1 of a loaded kernel, on this core or a GPU, and wait for them.
+
+        On a GPU they run on Warp's current stream, and nothing else is waited for.
+        """
         self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
         if device != "cpu":
-            self._wp.synchronize_device(device)
+            self._wp.synchronize_stream(device)
+
+    def fetch(self, array: Any) -> Any:
+        """Return an array as NumPy data, of a CPU its own memory; on a GPU only the current stream is waited for."""
+        if array.device.is_cpu:
+            return array.numpy()
+        pinned = array.capacity < LARGE  # pinning large memory takes longer than copying it
+        copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=pinned)
+        self._wp.copy(copy, array)
+        self._wp.synchronize_stream(array.device)
+        return copy.numpy()
 
     def gpus(self) -> int:
         """Return the number of GPUs."""

@@ -95,8 +95,7 @@ def info(options: argparse.Namespace) -> int:
 def _memory(options: argparse.Namespace) -> str:
     """Return what a picture of a scene takes on a GPU."""
     from wrt.api import load
-    from wrt.describe.memory import memory_text
-    from wrt.memory_needed import device_memory
+    from wrt.memory_needed import device_memory, memory_text
 
     scene = load(options.source, confined=options.confined)
     width, height = options.size or (scene.settings.width, scene.settings.height)

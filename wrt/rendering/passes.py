@@ -128,7 +128,7 @@ class Limits:
         limited = math.inf if self.time is None else self.time
         if self.noise is not None:
             return 0.0
-        left = math.inf if self.spp is None else self.spp - int(film.counts.min())
+        left = math.inf if self.spp is None else self.spp - film.tally().least
         return min(left * film.pixels / (FASTEST * film.device.threads), limited)
 
     def goal(self, estimate: NoiseEstimate, done: int, is_even: bool) -> _Goal:

@@ -210,8 +210,8 @@ class Session:
 
     def _present_main(self) -> Renderer:
         main = self._required().aim(self._required().main, self._required_camera())
-        if main.spp == 0 or int(main.film.counts.max()) != main.spp:  # after a pass that was ended
-            for _ in main.passes(spp=max(1, int(main.film.counts.max()))):
+        if main.spp == 0 or main.film.tally().most != main.spp:  # after a pass that was ended
+            for _ in main.passes(spp=max(1, main.film.tally().most)):
                 pass
         return main
 
