@@ -16,6 +16,7 @@ from support.kernels import upload
 
 import wrt
 from wrt.backend import current_backend
+from wrt.backend.warp_backend import WarpBackend
 from wrt.scene.normals import vertex_normals, with_normals
 
 RNG = np.random.default_rng(2)
@@ -168,26 +169,48 @@ def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPa
     assert said == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0"), ("launch", "cpu")]
 
 
-def test_small_results_are_fetched_by_the_current_stream(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`wp.array.numpy` would wait for all streams of the device."""
+@pytest.mark.parametrize("beside", [False, True])
+def test_what_is_fetched_waits_for_one_stream(beside: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`wp.array.numpy` would wait for all streams of the device; copies beside passes have a stream of their own."""
     said: list[object] = []
 
     class OnGpu:
-        device, shape, dtype, capacity = SimpleNamespace(is_cpu=False), (4,), wp.int32, 16
+        device, shape, dtype, capacity = SimpleNamespace(is_cpu=False, stream="current"), (4,), wp.int32, 16
 
         def numpy(self) -> None:
             said.append("wait for the device")
 
-    def copy(target: wp.array, source: object) -> None:
-        said.append("copy")
+    def copy(target: wp.array, source: object, *, stream: object) -> None:
+        said.append(f"copy on {stream}")
         target.fill_(7)
 
-    empty = wp.empty
-    monkeypatch.setattr(wp, "empty", lambda shape, dtype, device, pinned: empty(shape, dtype=dtype, device=device))
+    def empty(shape: object, *, dtype: object, device: str, pinned: bool) -> wp.array:
+        assert pinned
+        return zeros(shape, dtype=dtype, device=device)
+
+    class FakeGpus(WarpBackend):
+        """With streams of names, of which a GPU has one each."""
+
+        def _copies(self, device: object) -> object:
+            return "that for copies"
+
+    zeros = wp.zeros
+    monkeypatch.setattr(wp, "empty", empty)
     monkeypatch.setattr(wp, "copy", copy)
-    monkeypatch.setattr(wp, "synchronize_stream", lambda device: said.append("wait for the stream"))
-    assert current_backend().fetch(OnGpu()).tolist() == [7] * 4
-    assert said == ["copy", "wait for the stream"]
+    monkeypatch.setattr(wp, "synchronize_stream", lambda stream: said.append(f"wait for {stream}"))
+    assert FakeGpus().fetch(OnGpu(), beside=beside).tolist() == [7] * 4
+    name = "that for copies" if beside else "current"
+    assert said == [f"copy on {name}", f"wait for {name}"]
+
+
+def test_a_snapshot_stays_as_it_is_while_passes_go_on(device: str) -> None:
+    renderer = renderer_of(hilly(0.1, smooth=False), device)
+    before = rendered(renderer)
+    fetch = renderer.film.snapshot()
+    for _ in renderer.passes(spp=8):
+        pass
+    assert np.abs(renderer.image() - before).max() > 0.01
+    np.testing.assert_array_equal(fetch(), before)
 
 
 def test_meshes_are_made_of_warp_arrays(device: str) -> None:

@@ -235,7 +235,7 @@ class CompiledBackend:
         count = count or len(source)
         target.rows[dest_offset : dest_offset + count] = source.rows[:count]
 
-    def fetch(self, array: Array) -> NDArray[Any]:
+    def fetch(self, array: Array, *, beside: bool = False) -> NDArray[Any]:
         return array.rows
 
     def sums_before(self, counts: Array) -> Any:

@@ -57,6 +57,7 @@ class WarpBackend:
         self._wp: Any = warp
         self.modules: set[str] = set()
         self.calls: dict[str, Any] = {}
+        self._streams: dict[Any, Any] = {}
 
     def start(self) -> None:
         """Start the backend; further calls do nothing."""
@@ -142,15 +143,26 @@ class WarpBackend:
         if device != "cpu":
             self._wp.synchronize_stream(device)
 
-    def fetch(self, array: Any) -> Any:
-        """Return an array as NumPy data, of a CPU its own memory; on a GPU only the current stream is waited for."""
+    def fetch(self, array: Any, *, beside: bool = False) -> Any:
+        """Return an array as NumPy data, of a CPU its own memory; on a GPU only one stream is waited for.
+
+        That is the current one, which writes the array; or one for copies alone, if the array is complete and other
+        threads may launch kernels meanwhile.
+        """
         if array.device.is_cpu:
             return array.numpy()
         pinned = array.capacity < LARGE  # pinning large memory takes longer than copying it
         copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=pinned)
-        self._wp.copy(copy, array)
-        self._wp.synchronize_stream(array.device)
+        stream = self._copies(array.device) if beside else array.device.stream
+        self._wp.copy(copy, array, stream=stream)
+        self._wp.synchronize_stream(stream)
         return copy.numpy()
+
+    def _copies(self, device: Any) -> Any:
+        """Return the stream for copies of a GPU."""
+        if device not in self._streams:
+            self._streams[device] = self._wp.Stream(device)
+        return self._streams[device]
 
     def gpus(self) -> int:
         """Return the number of GPUs."""

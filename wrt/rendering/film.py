@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -202,6 +202,17 @@ class Film:
         n = np.maximum(self.fetch("count"), 1)[:, None]
         mean: NDArray[np.float32] = (self.fetch("total") / n).astype(np.float32)
         return mean.reshape(self.height, self.width, 3)
+
+    def snapshot(self) -> Callable[[], NDArray[np.float32]]:
+        """Keep `mean` as it is now, and return a function that fetches it.
+
+        On a GPU it is copied there. Another thread can fetch the copy while passes go on, which do not wait for that.
+        """
+        if self.device.is_cpu:
+            image = self.mean()
+            return lambda: image
+        kept, backend = self.device_mean(), self.device.backend
+        return lambda: backend.fetch(kept, beside=True)
 
     def on_device(self) -> dict[str, Any]:
         """Return (H, W) arrays on the device by name, which are the film's own memory; see `Renderer.device_film`."""
