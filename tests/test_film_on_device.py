@@ -73,6 +73,38 @@ def test_a_target_of_noise_fetches_it_at_powers_of_two_alone(fetched: list[int])
     assert sorted(large) == sorted([4 * WIDTH * HEIGHT, 24 * WIDTH * HEIGHT] * len(observed))
 
 
+def test_a_frame_of_a_simulation_waits_for_no_other_stream(
+    gpu: EmulatedBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`wp.array.numpy` waits for all streams of a GPU; a frame reads numbers only by `fetch`, which waits for one."""
+    renderer = renderer_of()
+    vertices = renderer.scene.shapes[1].mesh.vertices  # Warp says that arrays of the emulated GPU are on the CPU
+    numpy, fetch, inside = wp.array.numpy, type(gpu).fetch, []
+
+    def by_fetch(self: EmulatedBackend, array: wp.array, **how: bool) -> np.ndarray:
+        inside.append(True)
+        try:
+            return fetch(self, array, **how)
+        finally:
+            inside.pop()
+
+    def only_by_fetch(self: wp.array) -> np.ndarray:
+        assert inside, "the host reads an array by itself"
+        return numpy(self)
+
+    monkeypatch.setattr(type(gpu), "fetch", by_fetch)
+    monkeypatch.setattr(wp.array, "numpy", only_by_fetch)
+    for _ in range(2):
+        renderer.update_vertices(1, vertices)
+        assert [progress.spp for progress in renderer.passes(spp=2)] == [1, 2]
+        image = renderer.device_image()
+        film = renderer.device_film()
+        renderer.film.snapshot()
+    monkeypatch.undo()
+    assert image.numpy().any()
+    assert (film["count"].numpy() == 2).all()
+
+
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (257, 1), (40, 33)])
 @pytest.mark.parametrize("share", [None, 0.0, 0.5, 1.0])
 def test_counts_are_those_of_the_host(size: tuple[int, int], share: float | None, gpu: EmulatedBackend) -> None:

@@ -119,4 +119,4 @@ def first_not_finite(points: Any, device: Device) -> int:
 
     found = backend.array([-1], int, device.name)
     device.launch(refit.find_not_finite, len(points), [points, found])
-    return int(found.numpy()[0])
+    return int(backend.fetch(found)[0])
