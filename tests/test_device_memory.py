@@ -197,6 +197,7 @@ class TestWhatDoesNotFit:
         assert not picture.exists()
 
     def test_the_builder_on_the_cpu_is_counted(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("wrt.upload.scene_data.WORTH_ASKING", 0)
         monkeypatch.setattr("wrt.backend.device.memory_left", lambda: 1_000_000)
         with pytest.raises(NotEnoughMemory, match=r"building a scene of 20,480 triangles needs 0\.0 GB"):
             wrt.Renderer(SCENES["a ball"](), width=8, height=8)

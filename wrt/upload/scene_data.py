@@ -33,6 +33,10 @@ from wrt.upload.spheres import mark_spheres, with_exact_spheres
 from wrt.upload.vertex_updates import WorldMeshes
 
 
+WORTH_ASKING = 1 << 26
+"""Bytes from which the CPU is asked whether it has them; the question takes 0.2 ms."""
+
+
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene on a device.
@@ -130,6 +134,8 @@ def _require_memory(described: Described, device: Device, texture_coordinates: b
     """
     if device.is_cpu:
         needed = tree_memory(described.layout, is_cpu=True).most
+        if needed < WORTH_ASKING:
+            return
     else:
         memory = memory_of(described, is_cpu=False, texture_coordinates=texture_coordinates)
         needed = memory.kept + memory.scratch
