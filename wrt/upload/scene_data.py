@@ -32,7 +32,6 @@ from wrt.upload.memory import SceneMemory, scene_memory, tree_memory
 from wrt.upload.spheres import mark_spheres, with_exact_spheres
 from wrt.upload.vertex_updates import WorldMeshes
 
-
 WORTH_ASKING = 1 << 26
 """Bytes from which the CPU is asked whether it has them; the question takes 0.2 ms."""
 
