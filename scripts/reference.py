@@ -37,6 +37,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "Progress",
         "precompile",
         "Precompiled",
+        "device_memory",
+        "DeviceMemory",
     ),
     "Several machines": ("Part", "merge", "Merged"),
     "Scenes": ("Scene", "Shape", "RenderSettings"),

@@ -289,6 +289,8 @@ def test_what_is_not_noted_is_not_compiled() -> None:
         lambda: noted.call("known", "make", 1),
         lambda: noted.load(noted.kernels("known").kernel, "cpu"),
         noted.gpus,
+        noted.cuda_versions,
+        lambda: noted.gpu("cuda:0"),
     ):
         with pytest.raises(NotCompiled):
             ask()
@@ -341,7 +343,7 @@ def test_kernels_whose_threads_wait_for_one_another_are_left_to_warp(monkeypatch
 
     Device("cpu").compile(film_noise)
     found = files_of_warp()
-    assert set(found[FILM]["kernels"]) == {"film_mean", "film_noise"}
+    assert set(found[FILM]["kernels"]) == {"film_mean", "film_noise", "film_tally", "hide_pixels", "show_pixels"}
     # A name that all of them have, in place of one that such kernels have.
     monkeypatch.setattr(recording, "_COOPERATIVE", b"film_mean")
     assert FILM not in files_of_warp()

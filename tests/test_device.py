@@ -227,7 +227,7 @@ def test_bad_thread_counts(threads: object) -> None:
 def test_cuda_without_a_gpu(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     Device("cpu")
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 0)
-    with pytest.raises(wrt.InputError, match="no CUDA GPU was found; use cpu") as caught:
+    with pytest.raises(wrt.InputError, match="was found; use cpu") as caught:  # no driver, or no GPU
         Device(name)
     assert repr(name) in str(caught.value)
 
@@ -238,7 +238,7 @@ def test_a_gpu_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Device("cuda").name == "cuda:0"
     device = Device("cuda:1", threads=4)
     assert (device.name, device.threads, device.is_cpu) == ("cuda:1", 1, False)
-    with pytest.raises(wrt.InputError, match="only 2 CUDA GPUs"):
+    with pytest.raises(wrt.InputError, match="only cuda:0 to cuda:1"):
         Device("cuda:2")
 
 

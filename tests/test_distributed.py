@@ -262,12 +262,14 @@ def test_names_of_several_devices(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     backend = "wrt.backend.warp_backend.WarpBackend.gpus"
     monkeypatch.setattr(backend, lambda _: 0)
     assert main(["render", "cornell-box", "--device", "cuda:0,1", "--quiet"]) == 2
-    assert capsys.readouterr().err == "wrt: error: device 'cuda:0,1': no CUDA GPU was found; use cpu\n"
+    said = capsys.readouterr().err  # no driver, or no GPU
+    assert said.startswith("wrt: error: device 'cuda:0,1': no ")
+    assert said.endswith(" was found; use cpu\n")
     monkeypatch.setattr(backend, lambda _: 3)
     assert devices_of("cuda:all") == ["cuda:0", "cuda:1", "cuda:2"]
     assert devices_of("cuda:2,0") == ["cuda:2", "cuda:0"]
     assert [devices_of(name) for name in ("cpu", "cuda", "cuda:1", "cuda:0,", "cuda:0-2")] == [None] * 5
-    for name, why in (("cuda:0,3", "only 3 CUDA GPUs"), ("cuda:1,1", "named twice")):
+    for name, why in (("cuda:0,3", "only cuda:0 to cuda:2"), ("cuda:1,1", "named twice")):
         with pytest.raises(wrt.InputError, match=why):
             devices_of(name)
 

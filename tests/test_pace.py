@@ -6,7 +6,7 @@ import math
 import pytest
 
 import wrt
-from wrt.rendering.passes import LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
+from wrt.rendering.passes import BRIEF_PASS, LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
 
 
 def passes(target, sample, *, limit=math.inf, **how):
@@ -58,6 +58,18 @@ class TestShort:
     @pytest.mark.parametrize("asked", [None, 5.0])
     def test_short_ones_stay_short(self, asked):
         assert max(passes(10**4, 0.01, asked=asked, short=True)[1]) <= SHORT_PASS + 1e-9
+
+    def test_what_nobody_waits_for_need_not_double(self):
+        counts, seconds = passes(10**4, 1e-4, short=True)
+        assert counts[:3] == [1, 496, 496]
+        assert seconds[1] <= BRIEF_PASS
+        assert passes(10**4, 0.02, short=True)[0][:4] == [1, 2, 3, 6]
+
+    def test_the_first_pass_tells_the_time_of_all(self):
+        """A thousand samples of a GPU that takes one in a millisecond: one, a short pass, doubled, then 0.4 s each."""
+        counts, seconds = passes(1000, 1e-3, short=True)
+        assert counts == [1, 48, 48, 96, 192, 384, 224, 7]
+        assert max(seconds) <= SHORT_PASS
 
 
 class TestTime:

@@ -6,6 +6,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from conftest import ROOT
 from support.kernels import upload
 
 import wrt
+from wrt.backend import current_backend
+from wrt.backend.warp_backend import WarpBackend
 from wrt.scene.normals import vertex_normals, with_normals
 
 RNG = np.random.default_rng(2)
@@ -104,6 +107,110 @@ def test_the_picture_on_the_device_is_the_picture(device: str) -> None:
     if device == "cpu":
         # What torch.from_dlpack and jax.dlpack.from_dlpack do too.
         np.testing.assert_array_equal(np.from_dlpack(on_device), image)
+
+
+def test_the_film_on_the_device_is_the_film(device: str) -> None:
+    renderer = renderer_of(hilly(0.1, smooth=False), device)
+    film = renderer.device_film()
+    image = rendered(renderer)
+    assert {name: (array.shape, array.dtype) for name, array in film.items()} == {
+        "total": ((36, 48), wp.vec3d),
+        "total_of_squares": ((36, 48), wp.vec3d),
+        "count": ((36, 48), wp.int32),
+        "rejected": ((36, 48), wp.int32),
+        "rays": ((36, 48), wp.int64),
+    }
+    # The arrays were asked for before the pass: they are the film's own memory.
+    assert {array.ptr for array in film.values()} == {
+        getattr(renderer.film.data, name).ptr for name in ("total", "total_of_squares", "count", "rejected", "rays")
+    }
+    mean = film["total"].numpy() / film["count"].numpy()[..., None]
+    np.testing.assert_array_equal(mean.astype(np.float32), image)
+    assert film["rays"].numpy().sum() == renderer.rays
+    renderer.update_vertices(1, hilly(0.2, smooth=False).vertices)
+    assert not film["count"].numpy().any()
+
+
+@pytest.mark.parametrize("way", ["numpy", "array interface", "jax", "torch"])
+def test_others_share_film_and_image_without_a_copy(way: str) -> None:
+    renderer = renderer_of(hilly(0.1, smooth=False), "cpu")
+    image = rendered(renderer)
+    on_device, total = renderer.device_image(), renderer.device_film()["total"]
+    if way == "jax":
+        jax = pytest.importorskip("jax")
+        jax.config.update("jax_enable_x64", True)
+        shared, sums = jax.dlpack.from_dlpack(on_device), jax.dlpack.from_dlpack(total)
+        places = shared.unsafe_buffer_pointer(), sums.unsafe_buffer_pointer()
+        assert float(shared.mean()) == pytest.approx(float(image.mean()), rel=1e-5)
+    elif way == "torch":
+        torch = pytest.importorskip("torch")
+        shared, sums = torch.from_dlpack(on_device), torch.from_dlpack(total)
+        places = shared.data_ptr(), sums.data_ptr()
+        assert float(shared.mean()) == pytest.approx(float(image.mean()), rel=1e-5)
+    else:
+        take = np.from_dlpack if way == "numpy" else np.asarray
+        shared, sums = take(on_device), take(total)
+        places = shared.ctypes.data, sums.ctypes.data
+    assert places == (on_device.ptr, total.ptr)
+    assert (shared.shape, sums.shape) == ((36, 48, 3), (36, 48, 3))
+    np.testing.assert_array_equal(np.asarray(shared), image)
+    np.testing.assert_array_equal(np.asarray(sums), renderer.film.fetch("total").reshape(36, 48, 3))
+
+
+def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A simulation on another stream goes on; what is launched on this one before comes first."""
+    backend, said = current_backend(), []
+    monkeypatch.setattr(wp, "launch", lambda kernel, dim, inputs, device: said.append(("launch", device)))
+    monkeypatch.setattr(wp, "synchronize_stream", lambda device: said.append(("wait for the stream of", device)))
+    for name in ("synchronize", "synchronize_device"):
+        monkeypatch.setattr(wp, name, lambda *_: said.append("wait for the device"))
+    backend.launch(None, 0, 8, [], "cuda:0")
+    backend.launch(None, 0, 8, [], "cpu")
+    assert said == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0"), ("launch", "cpu")]
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_what_is_fetched_waits_for_one_stream(beside: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`wp.array.numpy` would wait for all streams of the device; copies beside passes have a stream of their own."""
+    said: list[object] = []
+
+    class OnGpu:
+        device, shape, dtype, capacity = SimpleNamespace(is_cpu=False, stream="current"), (4,), wp.int32, 16
+
+        def numpy(self) -> None:
+            said.append("wait for the device")
+
+    def copy(target: wp.array, source: object, *, stream: object) -> None:
+        said.append(f"copy on {stream}")
+        target.fill_(7)
+
+    def empty(shape: object, *, dtype: object, device: str, pinned: bool) -> wp.array:
+        assert pinned
+        return zeros(shape, dtype=dtype, device=device)
+
+    class FakeGpus(WarpBackend):
+        """With streams of names, of which a GPU has one each."""
+
+        def _copies(self, device: object) -> object:
+            return "that for copies"
+
+    zeros = wp.zeros
+    monkeypatch.setattr(wp, "empty", empty)
+    monkeypatch.setattr(wp, "copy", copy)
+    monkeypatch.setattr(wp, "synchronize_stream", lambda stream: said.append(f"wait for {stream}"))
+    assert FakeGpus().fetch(OnGpu(), beside=beside).tolist() == [7] * 4
+    name = "that for copies" if beside else "current"
+    assert said == [f"copy on {name}", f"wait for {name}"]
+
+
+def test_a_snapshot_stays_as_it_is_while_passes_go_on(device: str) -> None:
+    renderer = renderer_of(hilly(0.1, smooth=False), device)
+    before = rendered(renderer)
+    fetch = renderer.film.snapshot()
+    for _ in renderer.passes(spp=8):
+        pass
+    assert np.abs(renderer.image() - before).max() > 0.01
+    np.testing.assert_array_equal(fetch(), before)
 
 
 def test_meshes_are_made_of_warp_arrays(device: str) -> None:

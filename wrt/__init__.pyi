@@ -13,6 +13,8 @@ from wrt.io.load_mesh import load_mesh as load_mesh
 from wrt.io.measured.measurement import load_measurement as load_measurement
 from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
+from wrt.memory_needed import DeviceMemory as DeviceMemory
+from wrt.memory_needed import device_memory as device_memory
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part

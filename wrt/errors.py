@@ -23,6 +23,10 @@ class InputError(ValueError):
         super().__init__(one_line(str(message)))
 
 
+class NotEnoughMemory(InputError):
+    """A device lacks the memory for a scene or a picture; the message gives both figures in one line."""
+
+
 class InputWarning(UserWarning):
     """A part of a file was left out; the message is one line."""
 

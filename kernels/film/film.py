@@ -66,3 +66,70 @@ def film_mean(
     n = wp.float64(wp.max(count[pixel], 1))
     mean = total[pixel] / n
     mean_out[pixel] = wp.vec3(float(mean[0]), float(mean[1]), float(mean[2]))
+
+
+PIXELS_OF_TALLY = 256
+"""Consecutive pixels that a thread of `film_tally` counts."""
+
+
+@wp.kernel(enable_backward=False)
+def film_tally(
+    first_thread: int,
+    pixels: int,
+    film: FilmData,
+    counted: wp.array(dtype=wp.uint8),
+    tally_out: wp.array2d(dtype=wp.int64),
+):
+    """Write the samples and rays of PIXELS_OF_TALLY pixels, and the least and the most samples in one of them.
+
+    Where `counted` has entries, only those pixels count that are not 0 there.
+    """
+    thread = first_thread + wp.tid()
+    first = thread * wp.static(PIXELS_OF_TALLY)
+    chosen = counted.shape[0] > 0
+    samples = wp.int64(0)
+    rays = wp.int64(0)
+    least = int(0x7FFFFFFF)
+    most = int(-1)
+    for pixel in range(first, wp.min(first + wp.static(PIXELS_OF_TALLY), pixels)):
+        counts = bool(True)
+        if chosen:
+            counts = counted[pixel] != wp.uint8(0)
+        if counts:
+            count = film.count[pixel]
+            samples += wp.int64(count)
+            rays += film.rays[pixel]
+            least = wp.min(least, count)
+            most = wp.max(most, count)
+    tally_out[thread, 0] = samples
+    tally_out[thread, 1] = rays
+    tally_out[thread, 2] = wp.int64(least)
+    tally_out[thread, 3] = wp.int64(most)
+
+
+@wp.kernel(enable_backward=False)
+def hide_pixels(
+    first_pixel: int,
+    hidden: wp.array(dtype=wp.uint8),
+    samples: int,
+    film: FilmData,
+    count_before_out: wp.array(dtype=wp.int32),
+):
+    """Let the pixels that are not 0 in `hidden` seem to have so many samples already."""
+    pixel = first_pixel + wp.tid()
+    if hidden[pixel] != wp.uint8(0):
+        count_before_out[pixel] = film.count[pixel]
+        film.count[pixel] = samples
+
+
+@wp.kernel(enable_backward=False)
+def show_pixels(
+    first_pixel: int,
+    hidden: wp.array(dtype=wp.uint8),
+    count_before: wp.array(dtype=wp.int32),
+    film: FilmData,
+):
+    """Undo `hide_pixels`."""
+    pixel = first_pixel + wp.tid()
+    if hidden[pixel] != wp.uint8(0):
+        film.count[pixel] = count_before[pixel]

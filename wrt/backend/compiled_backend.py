@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.gpus import CudaVersions, Gpu
 from wrt.backend.memory import LARGE, zeros
 from wrt.backend.recording import SUFFIXES, call_name
 
@@ -234,6 +235,9 @@ class CompiledBackend:
         count = count or len(source)
         target.rows[dest_offset : dest_offset + count] = source.rows[:count]
 
+    def fetch(self, array: Array, *, beside: bool = False) -> NDArray[Any]:
+        return array.rows
+
     def sums_before(self, counts: Array) -> Any:
         return self.array(np.cumsum(counts.rows, dtype=counts.rows.dtype) - counts.rows, counts.dtype)
 
@@ -264,6 +268,12 @@ class CompiledBackend:
         raise NotCompiled("kernels for CUDA")
 
     def architecture_of(self, gpu: str) -> int:
+        raise NotCompiled("kernels for CUDA")
+
+    def gpu(self, name: str) -> Gpu:
+        raise NotCompiled("kernels for CUDA")
+
+    def cuda_versions(self) -> CudaVersions:
         raise NotCompiled("kernels for CUDA")
 
     def memory_of(self, gpu: str) -> int:

@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from typing import Any
 
 from wrt.backend import current_backend
+from wrt.backend.gpus import require_gpus
 from wrt.backend.memory import memory_left
 from wrt.backend.slices import Threads, available_threads, finish, run_slices
-from wrt.errors import InputError, did_you_mean
+from wrt.errors import InputError, NotEnoughMemory, did_you_mean
 from wrt.values import integer
 
 _LOADING: dict[str, threading.Lock] = {}
@@ -59,12 +60,8 @@ class Device:
         self.backend = current_backend()
         self.backend.start()
         if kind == "cuda":
-            count = self.backend.gpus()
-            if count == 0:
-                raise InputError(f"device {name!r}: no CUDA GPU was found; use cpu")
             index = int(number or 0)
-            if index >= count:
-                raise InputError(f"device {name!r}: there are only {count} CUDA GPUs, numbered from 0")
+            require_gpus(self.backend, name, [index])
             self.name = f"cuda:{index}"
             self.threads = 1
         else:
@@ -79,8 +76,8 @@ class Device:
         """True if kernels run on the CPU."""
         return self.name == "cpu"
 
-    def require_memory(self, size: int, what: str, *, copies: int = 0) -> None:
-        """Raise InputError when `what` needs more memory than is available.
+    def require_memory(self, size: int, what: str, *, copies: int = 0, advice: str = "") -> None:
+        """Raise NotEnoughMemory when `what` needs more memory than is available.
 
         On the CPU such an allocation may succeed, but using it can get the process killed.
 
@@ -88,6 +85,7 @@ class Device:
             size: bytes on the device.
             what: the object that needs them, for the message.
             copies: additional bytes for temporary copies in host memory.
+            advice: what to do about it, for the message.
         """
         places = {"cpu": (size if self.is_cpu else 0) + copies}
         if not self.is_cpu:
@@ -95,9 +93,8 @@ class Device:
         for name, needed in places.items():
             left = memory_left() if name == "cpu" else self.backend.memory_of(name)
             if needed > left:
-                raise InputError(
-                    f"{what} needs {needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} has left"
-                )
+                text = f"{what} needs {needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} has left"
+                raise NotEnoughMemory(f"{text}; {advice}" if advice else text)
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:
         """Return an uninitialised array in huge pages, for large data such as a ray tree."""

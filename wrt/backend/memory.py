@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 LARGE = 1 << 21
 """Bytes of a huge page; larger arrays have pages of their own."""
 
+MEMORY_ADVICE = "'wrt info --memory SCENE' says what takes it"
+"""The end of messages about memory that does not suffice."""
+
 _MADV_DONTNEED = 4  # of Linux's mman.h
 _MAPPING = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) \S+ \S+ \S+ +(/.*)")
 

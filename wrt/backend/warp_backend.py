@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
+import re
 import sys
 import time
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from wrt.backend import cache_folders, kernel_cache
-from wrt.backend.memory import forget_code, trim, zeros
+from wrt.backend.gpus import CudaVersions, Gpu
+from wrt.backend.memory import LARGE, MEMORY_ADVICE, forget_code, trim, zeros
 from wrt.backend.recording import call_name
+from wrt.errors import NotEnoughMemory
 
 LOAD_SECONDS = 0.2
 """A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
 
-# Lines that Warp writes at every start and that users cannot act on: that there is no GPU, which wrt reports when it
-# matters, and that its next release will drop the oldest Python.
-_HELD_BACK = (b"Could not find or load the NVIDIA CUDA driver", b"Support for Python")
+# Lines that Warp writes at every start and that users cannot act on: that there is no GPU or its driver is too old,
+# which wrt reports in one line when it matters, and that its next release will drop the oldest Python.
+_HELD_BACK = (
+    b"Could not find or load the NVIDIA CUDA driver",
+    b"Warp UserWarning: \n",
+    b"Insufficient CUDA driver version",
+    b"The minimum required CUDA driver version",
+    b"Visit https://nvidia.github.io/warp",
+    b"Support for Python",
+)
+
+_NO_MEMORY = re.compile(r"Failed to allocate (\d+) bytes")
+"""What Warp says when memory runs out."""
 
 
 class WarpBackend:
@@ -42,6 +57,7 @@ class WarpBackend:
         self._wp: Any = warp
         self.modules: set[str] = set()
         self.calls: dict[str, Any] = {}
+        self._streams: dict[Any, Any] = {}
 
     def start(self) -> None:
         """Start the backend; further calls do nothing."""
@@ -60,15 +76,18 @@ class WarpBackend:
 
     def array(self, data: Any, dtype: Any, device: str = "cpu", *, copy: bool = True) -> Any:
         """Return an array of NumPy data; on the CPU it shares their memory unless `copy` is set."""
-        return self._wp.array(data, dtype=self._type(dtype), device=device, copy=copy)
+        with _one_line(device):
+            return self._wp.array(data, dtype=self._type(dtype), device=device, copy=copy)
 
     def empty(self, shape: Any, dtype: Any = float, device: str = "cpu") -> Any:
         """Return an uninitialised array."""
-        return self._wp.empty(shape, dtype=self._type(dtype), device=device)
+        with _one_line(device):
+            return self._wp.empty(shape, dtype=self._type(dtype), device=device)
 
     def zeros(self, shape: Any, dtype: Any = float, device: str = "cpu") -> Any:
         """Return an array of zeros."""
-        return self._wp.zeros(shape, dtype=self._type(dtype), device=device)
+        with _one_line(device):
+            return self._wp.zeros(shape, dtype=self._type(dtype), device=device)
 
     def empty_large(self, count: int, dtype: Any = float, device: str = "cpu") -> Any:
         """Return an uninitialised array for large data such as a ray tree.
@@ -116,27 +135,76 @@ class WarpBackend:
             forget_code(*_libraries())
 
     def launch(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
-        """Run threads `first` to first + count − 1 of a loaded kernel, on this core or a GPU, and wait for them."""
+        """Run threads `first` to first + count − 1 of a loaded kernel, on this core or a GPU, and wait for them.
+
+        On a GPU they run on Warp's current stream, and nothing else is waited for.
+        """
         self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
         if device != "cpu":
-            self._wp.synchronize_device(device)
+            self._wp.synchronize_stream(device)
+
+    def fetch(self, array: Any, *, beside: bool = False) -> Any:
+        """Return an array as NumPy data, of a CPU its own memory; on a GPU only one stream is waited for.
+
+        That is the current one, which writes the array; or one for copies alone, if the array is complete and other
+        threads may launch kernels meanwhile.
+        """
+        if array.device.is_cpu:
+            return array.numpy()
+        pinned = array.capacity < LARGE  # pinning large memory takes longer than copying it
+        copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=pinned)
+        stream = self._copies(array.device) if beside else array.device.stream
+        self._wp.copy(copy, array, stream=stream)
+        self._wp.synchronize_stream(stream)
+        return copy.numpy()
+
+    def _copies(self, device: Any) -> Any:
+        """Return the stream for copies of a GPU."""
+        if device not in self._streams:
+            self._streams[device] = self._wp.Stream(device)
+        return self._streams[device]
 
     def gpus(self) -> int:
         """Return the number of GPUs."""
         return int(self._wp.get_cuda_device_count())
+
+    def gpu(self, name: str) -> Gpu:
+        """Return what a GPU is."""
+        device = self._wp.get_device(name)
+        return Gpu(name, str(device.name), int(device.arch), int(device.total_memory), int(device.free_memory))
+
+    def cuda_versions(self) -> CudaVersions:
+        """Return the versions of CUDA of Warp and of the driver."""
+        from warp._src.context import runtime
+
+        toolkit = runtime.toolkit_version or (0, 0)
+        return CudaVersions(toolkit, runtime.driver_version, runtime.min_driver_version or toolkit)
 
     def architecture_of(self, gpu: str) -> int:
         """Return the compute capability of a GPU, such as 90."""
         return int(self._wp.get_device(gpu).arch)
 
     def memory_of(self, gpu: str) -> int:
-        """Return the bytes of memory of a GPU."""
-        return int(self._wp.get_device(gpu).total_memory)
+        """Return the bytes of memory of a GPU that are free."""
+        return int(self._wp.get_device(gpu).free_memory)
 
     def _type(self, dtype: Any) -> Any:
         if dtype == "vec8":
             return self._wp.types.vector(length=8, dtype=self._wp.float32)
         return getattr(self._wp, dtype) if isinstance(dtype, str) else dtype
+
+
+@contextlib.contextmanager
+def _one_line(device: str) -> Iterator[None]:
+    """Within the context, raise NotEnoughMemory when memory runs out."""
+    try:
+        yield
+    except RuntimeError as error:
+        found = _NO_MEMORY.match(str(error))
+        if not found:
+            raise
+        text = f"memory ran out on {device}: {int(found[1]) / 1e9:.2f} GB more were needed; {MEMORY_ADVICE}"
+        raise NotEnoughMemory(text) from None
 
 
 def initialize_warp() -> None:

@@ -74,7 +74,12 @@ def info(options: argparse.Namespace) -> int:
     from wrt.io.safe_read import confined_to
     from wrt.progress.bar import short_warnings
 
+    if options.size and not options.memory:
+        raise InputError("--size is for --memory")
     with short_warnings(warn):
+        if options.memory:
+            _say(_memory(options))
+            return 0
         # A mesh file is described without the studio that `load` adds.
         path = Path(options.source)
         alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
@@ -85,6 +90,16 @@ def info(options: argparse.Namespace) -> int:
             scene = load(options.source, confined=options.confined)
         _say(scene_text(scene))
     return 0
+
+
+def _memory(options: argparse.Namespace) -> str:
+    """Return what a picture of a scene takes on a GPU."""
+    from wrt.api import load
+    from wrt.memory_needed import device_memory, memory_text
+
+    scene = load(options.source, confined=options.confined)
+    width, height = options.size or (scene.settings.width, scene.settings.height)
+    return memory_text(device_memory(scene, width=width, height=height), width, height)
 
 
 def develop(options: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from wrt.cli.process import end, end_soon
-from wrt.errors import InputError, one_line
+from wrt.errors import InputError, NotEnoughMemory, one_line
 
 FAILED = 1
 UNUSABLE = 2
@@ -42,7 +42,7 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
         return run()
     except InputError as error:
         _complain_of(name, str(error))
-        return UNUSABLE
+        return FAILED if isinstance(error, NotEnoughMemory) else UNUSABLE
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _complain_of(name, f"{where}{error.strerror or error}")

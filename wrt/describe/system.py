@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import platform
 
+from wrt.backend import current_backend
+from wrt.backend.gpus import dotted
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
+from wrt.backend.memory import memory_left
 from wrt.backend.processor import processor_flags
 from wrt.backend.slices import available_threads
 from wrt.compiling import later
@@ -14,17 +17,32 @@ from wrt.compiling import later
 def system_text() -> str:
     """Return lines that tell what wrt finds on this machine."""
     import wrt
-    from wrt.backend import current_backend
 
+    backend = current_backend()
     rows = {
-        "wrt": f"{wrt.__version__}, Warp {current_backend().version}, Python {platform.python_version()}",
+        "wrt": f"{wrt.__version__}, Warp {backend.version}, Python {platform.python_version()}",
         "system": f"{platform.system()}, {platform.machine()}",
         "threads": str(available_threads()),
         "CPU kernel": kernel_text(),
         "compiling": later_text(),
+        "memory": f"{memory_left() / 1e9:.1f} GB free for this process",
+        **gpu_rows(),
     }
     width = max(map(len, rows))
     return "\n".join(f"{name:<{width}}  {text}" for name, text in rows.items())
+
+
+def gpu_rows() -> dict[str, str]:
+    """Return the versions of CUDA, and each GPU by its name for `--device`."""
+    backend = current_backend()
+    backend.start()
+    versions = backend.cuda_versions()
+    driver = "no driver" if versions.driver is None else f"the driver supports {dotted(versions.driver)}"
+    gpus = {f"cuda:{number}": backend.gpu(f"cuda:{number}").description for number in range(backend.gpus())}
+    if not gpus:
+        gpus = {"GPUs": (versions.problem or "none was found").partition(";")[0]}
+    needed = dotted(versions.needed)
+    return {"CUDA": f"{dotted(versions.toolkit)} compiles kernels, {needed} is needed, {driver}", **gpus}
 
 
 def kernel_text() -> str:

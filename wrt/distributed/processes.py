@@ -30,16 +30,14 @@ def devices_of(name: str) -> list[str] | None:
     found = _SEVERAL.fullmatch(name)
     if not found:
         return None
+    from wrt.backend.gpus import require_gpus
     from wrt.backend.warp_backend import WarpBackend
 
     backend = WarpBackend()
     backend.start()
     count = backend.gpus()
-    if count == 0:
-        raise InputError(f"device {name!r}: no CUDA GPU was found; use cpu")
     numbers = list(range(count)) if found[1] == "all" else [int(number) for number in found[1].split(",")]
-    if max(numbers) >= count:
-        raise InputError(f"device {name!r}: there are only {count} CUDA GPUs, numbered from 0")
+    require_gpus(backend, name, numbers)
     if len(set(numbers)) < len(numbers):
         raise InputError(f"device {name!r}: a GPU is named twice")
     return [f"cuda:{number}" for number in numbers]

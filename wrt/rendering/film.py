@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,22 @@ NOISE_PIXELS = 1 << 14
 """Fewest pixels in a slice of the noise kernel: their work is several times that of starting the slice."""
 
 
+class Tally(NamedTuple):
+    """Samples in some of a film's pixels.
+
+    Attributes:
+        samples: all of them.
+        rays: rays that were traced for them.
+        least: the fewest in one pixel.
+        most: the most in one pixel.
+    """
+
+    samples: int
+    rays: int
+    least: int
+    most: int
+
+
 class Film:
     """Sums of samples and of their squares, and sample counts, for each pixel of a picture."""
 
@@ -41,6 +57,8 @@ class Film:
         self.device, backend = device, device.backend
         self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
         self.aovs = FilmAovs(self._layers, self.width, self.height, device)
+        self._count_before: Any = None
+        self._chosen: tuple[NDArray[np.bool_], Any] | None = None
         self.data = backend.kernels("wrt.kernels.film.film").FilmData()
         self.data.total = backend.zeros(self.pixels, "vec3d", device.name)
         self.data.total_of_squares = backend.zeros(self.pixels, "vec3d", device.name)
@@ -50,7 +68,7 @@ class Film:
 
     def move(self, device: Device) -> None:
         """Move to another device, with all samples."""
-        state, rays = self.arrays(), self.data.rays.numpy()
+        state, rays = self.arrays(), self.fetch("rays")
         self._start(device)
         self.restore(state)
         device.backend.copy(self.data.rays, device.backend.array(rays, "int64", device.name))
@@ -67,18 +85,46 @@ class Film:
         if pixels is None:
             yield
             return
-        backend = self.device.backend
-        target = self.data.count
-        before = target.numpy()[pixels]  # a copy
-        counts = target.numpy().copy()
-        counts[pixels] = spp
+        film = self._kernels()
+        if self._count_before is None:
+            self._count_before = self.device.backend.empty(self.pixels, "int32", self.device.name)
+        hidden, before = self._on_device(pixels), self._count_before
+        self.device.launch(film.hide_pixels, self.pixels, [hidden, spp, self.data, before])
         try:
-            backend.copy(target, backend.array(counts, target.dtype, self.device.name))
             yield
         finally:
-            counts = target.numpy().copy()
-            counts[pixels] = before
-            backend.copy(target, backend.array(counts, target.dtype, self.device.name))
+            self.device.launch(film.show_pixels, self.pixels, [hidden, before, self.data])
+
+    def tally(self, pixels: NDArray[np.bool_] | None = None) -> Tally:
+        """Count samples and rays, in all pixels or in those that are true in (pixels,), without fetching the film."""
+        if self.device.is_cpu:
+            count, rays = self.data.count.numpy(), self.data.rays.numpy()
+            if pixels is not None:
+                count, rays = count[pixels], rays[pixels]
+            return Tally(int(count.sum(dtype=np.int64)), int(rays.sum()), int(count.min()), int(count.max()))
+        backend, film = self.device.backend, self._kernels()
+        threads = -(-self.pixels // film.PIXELS_OF_TALLY)
+        counted = backend.empty(0, "uint8", self.device.name) if pixels is None else self._on_device(pixels)
+        found = backend.empty((threads, 4), "int64", self.device.name)
+        self.device.launch(film.film_tally, threads, [self.pixels, self.data, counted, found])
+        rows = backend.fetch(found)
+        samples, rays = rows[:, :2].sum(axis=0).tolist()
+        return Tally(samples, rays, int(rows[:, 2].min()), int(rows[:, 3].max()))
+
+    def _kernels(self) -> Any:
+        return self.device.backend.kernels("wrt.kernels.film.film")
+
+    def _on_device(self, chosen: NDArray[np.bool_]) -> Any:
+        """Return (pixels,) bool on the device; what was sent there last is kept, as it seldom changes."""
+        if self._chosen is None or not np.array_equal(self._chosen[0], chosen):
+            bits = np.ascontiguousarray(chosen, np.uint8)
+            self._chosen = chosen, self.device.backend.array(bits, "uint8", self.device.name)
+        return self._chosen[1]
+
+    def fetch(self, name: str) -> NDArray[Any]:
+        """Return an array of FilmData by name; on the CPU it is the film's own."""
+        array: NDArray[Any] = self.device.backend.fetch(getattr(self.data, name))
+        return array
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return copies of all arrays needed to resume, by name."""
@@ -86,7 +132,7 @@ class Film:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that `state` copies; on the CPU these are the film's own arrays."""
-        own = {name: getattr(self.data, name).numpy() for name in STATE_ARRAYS}
+        own = {name: self.fetch(name) for name in STATE_ARRAYS}
         return {**own, **self.aovs.state()}
 
     def clear(self) -> None:
@@ -138,24 +184,41 @@ class Film:
     @property
     def counts(self) -> NDArray[np.int32]:
         """(H, W) int32 samples in each pixel."""
-        counts: NDArray[np.int32] = self.data.count.numpy().reshape(self.height, self.width)
+        counts: NDArray[np.int32] = self.fetch("count").reshape(self.height, self.width)
         return counts
 
     @property
     def rays(self) -> int:
         """Rays traced since this film was created."""
-        return int(self.data.rays.numpy().sum())
+        return self.tally().rays
 
     @property
     def rejected(self) -> int:
         """Samples that were not finite and counted as black."""
-        return int(self.data.rejected.numpy().sum())
+        return int(self.fetch("rejected").sum())
 
     def mean(self) -> NDArray[np.float32]:
         """Return (H, W, 3) float32 linear radiance; pixels without samples are black."""
-        n = np.maximum(self.data.count.numpy(), 1)[:, None]
-        mean: NDArray[np.float32] = (self.data.total.numpy() / n).astype(np.float32)
+        n = np.maximum(self.fetch("count"), 1)[:, None]
+        mean: NDArray[np.float32] = (self.fetch("total") / n).astype(np.float32)
         return mean.reshape(self.height, self.width, 3)
+
+    def snapshot(self) -> Callable[[], NDArray[np.float32]]:
+        """Keep `mean` as it is now, and return a function that fetches it.
+
+        On a GPU it is copied there. Another thread can fetch the copy while passes go on, which do not wait for that.
+        """
+        if self.device.is_cpu:
+            image = self.mean()
+            return lambda: image
+        kept, backend = self.device_mean(), self.device.backend
+        return lambda: backend.fetch(kept, beside=True)
+
+    def on_device(self) -> dict[str, Any]:
+        """Return (H, W) arrays on the device by name, which are the film's own memory; see `Renderer.device_film`."""
+        backend = self.device.backend
+        own = {name: getattr(self.data, name) for name in (*STATE_ARRAYS, "rays")}
+        return {name: backend.view(each, each.dtype, (self.height, self.width)) for name, each in own.items()}
 
     def device_mean(self) -> Any:
         """Return `mean` as (H, W) wp.array of vec3 on the device."""
@@ -168,10 +231,10 @@ class Film:
 
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the mean; NaN below two samples."""
-        n = self.data.count.numpy().astype(np.float64)[:, None]
+        n = self.fetch("count").astype(np.float64)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            mean = self.data.total.numpy() / n
-            spread = np.maximum(self.data.total_of_squares.numpy() / n - mean * mean, 0.0)
+            mean = self.fetch("total") / n
+            spread = np.maximum(self.fetch("total_of_squares") / n - mean * mean, 0.0)
             variance = np.where(n > 1.0, spread / (n - 1.0), np.nan)
         return variance.reshape(self.height, self.width, 3)
 
@@ -188,7 +251,7 @@ class Film:
         error = backend.zeros(self.height, "float64", self.device.name)
         rows = -(-NOISE_PIXELS // self.width)
         self.device.launch(film.film_noise, self.height, [self.width, self.data, mean, error], least=rows)
-        total = float(mean.numpy().sum())
+        total = float(backend.fetch(mean).sum())
         if total <= 0.0:
             return None
-        return float(error.numpy().sum()) / total
+        return float(backend.fetch(error).sum()) / total

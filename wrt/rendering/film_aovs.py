@@ -19,7 +19,8 @@ _PREFIX = "layer_"
 
 def bytes_per_pixel(names: tuple[str, ...]) -> int:
     """Return the bytes of layers per pixel."""
-    channels = [(8 if LAYERS[name].averaged else 4) * len(LAYERS[name].channels) for name in names]
+    own = [LAYERS[name] for name in names if name not in NUMBERS]
+    channels = [(8 if layer.averaged else 4) * len(layer.channels) for layer in own]
     return sum(channels) + 8 if names else 0
 
 
@@ -61,7 +62,7 @@ class FilmAovs:
         """Return the arrays to save for resuming, by name; on the CPU these are the layers' own arrays."""
         if not self.names:
             return {}
-        return {_PREFIX + name: getattr(self.data, name).numpy() for name in _ARRAYS}
+        return {_PREFIX + name: self.device.backend.fetch(getattr(self.data, name)) for name in _ARRAYS}
 
     def clear(self) -> None:
         """Remove all samples."""
@@ -110,10 +111,11 @@ class FilmAovs:
         """
         if not self.names:
             return {}
-        objects = self.data.object_number.numpy()
+        fetch = self.device.backend.fetch
+        objects = fetch(self.data.object_number)
         numbers = [0, *materials]
-        averages = self.data.sums.numpy() / np.maximum(counts.reshape(-1, 1), 1)
-        nearest = self.data.nearest.numpy()
+        averages = fetch(self.data.sums) / np.maximum(counts.reshape(-1, 1), 1)
+        nearest = fetch(self.data.nearest)
         result: dict[str, NDArray[Any]] = {}
         for name in self.names:
             if name in NUMBERS:

@@ -28,6 +28,10 @@ MAX_SPP = 2**31 - 1
 SHORT_PASS = 0.4
 """Least seconds of a pass: long enough for its overhead not to matter, short enough to watch."""
 
+BRIEF_PASS = 0.05
+"""Seconds of a short pass that nobody waits for. A GPU takes hundreds of samples in that time, which by doubling alone
+would be ten passes, each with a launch, a wait and a count of its own."""
+
 SHARE = 0.25
 """Seconds of the next pass as a share of those rendered so far; it removes about a tenth of the noise."""
 
@@ -128,7 +132,7 @@ class Limits:
         limited = math.inf if self.time is None else self.time
         if self.noise is not None:
             return 0.0
-        left = math.inf if self.spp is None else self.spp - int(film.counts.min())
+        left = math.inf if self.spp is None else self.spp - film.tally().least
         return min(left * film.pixels / (FASTEST * film.device.threads), limited)
 
     def goal(self, estimate: NoiseEstimate, done: int, is_even: bool) -> _Goal:
@@ -170,9 +174,12 @@ def samples_of_next_pass(
     wanted = min(wanted, SHORT_PASS if short else LONGEST_PASS)
     # At most half of the time left, since the time of a sample is only estimated.
     wanted = min(wanted, max(SHORT_PASS, 0.5 * seconds_left), seconds_left)
-    # For a viewer, at most double the samples, so that the first pictures follow each other quickly.
-    most = target - done if asked is not None else min(target - done, done)
-    count = max(1, min(most, math.floor(wanted / max(seconds_of_sample, 1e-9))))
+    in_time = math.floor(wanted / max(seconds_of_sample, 1e-9))
+    most = target - done
+    if asked is None:  # at most double the samples for a viewer, so that the first pictures follow each other quickly
+        brief = math.floor(BRIEF_PASS / max(seconds_of_sample, 1e-9)) if short else 0
+        most = min(most, max(done, brief))
+    count = max(1, min(most, in_time))
     return count - count % SAMPLES_TOGETHER if count > SAMPLES_TOGETHER else count
 
 

@@ -44,7 +44,7 @@ class Picture(ABC):
     @property
     def spp(self) -> int:
         """Smallest number of samples of a pixel."""
-        return int(self.film.counts.min())
+        return self.film.tally().least
 
     @property
     def renders_light(self) -> bool:

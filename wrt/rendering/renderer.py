@@ -263,7 +263,7 @@ class Renderer(Picture, Resumable, Movable):
 
     def _trace(self, target: int, seconds_left: float) -> tuple[float, int]:
         """Bring every pixel to `target` samples; return the seconds and camera paths that it took."""
-        before = int(self.film.counts.sum(dtype=np.int64))
+        before = self.film.tally().samples
         started = time.perf_counter()
         try:
             with using(self.device.backend), self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
@@ -272,7 +272,7 @@ class Renderer(Picture, Resumable, Movable):
                 self._pilot.trace(self, target)
         finally:  # an interrupted pass counts, too
             seconds = time.perf_counter() - started
-            paths = int(self.film.counts.sum(dtype=np.int64)) - before
+            paths = self.film.tally().samples - before
             self.seconds_render += seconds
             self.paths += paths
         return seconds, paths
@@ -331,10 +331,25 @@ class Renderer(Picture, Resumable, Movable):
     def device_image(self) -> Any:
         """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
 
-        Other frameworks share it without a copy by DLPack: `torch.from_dlpack(image)`, `jax.dlpack.from_dlpack(image)`.
+        Other frameworks share it without a copy, as (H, W, 3): by DLPack, `torch.from_dlpack(image)` or
+        `jax.dlpack.from_dlpack(image)`, and by `__cuda_array_interface__`, or `__array_interface__` on the CPU. On a
+        GPU it is made on Warp's current stream.
         """
         self._go_over_to_warp()
         return self.film.device_mean()
+
+    def device_film(self) -> dict[str, Any]:
+        """Return the film itself as (H, W) Warp arrays on the renderer's device, without a copy; only read them.
+
+        They change with each pass, and hold the next picture after `update_vertices` or `set_camera`. Other frameworks
+        share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
+
+        Returns:
+            "total" and "total_of_squares", vec3d sums of samples and of their squares; "count", int32 samples, and
+            "rejected", int32 of these that were not finite and count as black; "rays", int64 rays traced.
+        """
+        self._go_over_to_warp()
+        return self.film.on_device()
 
     def set_camera(self, camera: Camera) -> None:
         """Look at the scene through another camera and restart the picture; nothing else is built again.

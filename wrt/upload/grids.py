@@ -12,6 +12,7 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.medium import DensityGrid, Medium
+from wrt.upload.limits import require_countable
 
 CELLS_PER_MAJORANT = 8
 """Cells along each axis that share a majorant: a cloud of 128 x 72 x 96 cells had 1.53 times the paths per second of
@@ -133,8 +134,7 @@ class _Tables:
         self, arrays: list[NDArray[np.float32]], flat: NDArray[np.float32], shape: tuple[int, ...]
     ) -> tuple[int, int, int, int]:
         first = sum(len(array) for array in arrays)
-        if first + len(flat) >= 2**31:
-            raise InputError("the grids of the scene's media have more than 2^31 cells")
+        require_countable(first + len(flat), "cells of the grids of the scene's media")
         arrays.append(flat)
         nz, ny, nx = shape[:3]
         return first, nx, ny, nz

@@ -60,6 +60,7 @@ class MaterialTable:
     composite: str = "none"
     tangents: bool = False
     mipmapped: bool = False
+    _made: tuple[_Slots, NDArray[Any], Texels] | None = None
 
     def add(self, material: Material) -> int:
         """Return the number of a material, which is added if new."""
@@ -70,18 +71,35 @@ class MaterialTable:
                 self.add(part)
         return self.numbers[id(material)]
 
+    @property
+    def bytes(self) -> int:
+        """Bytes that materials and images will take on a device, without the tables of reflection models."""
+        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+        slots, records, texels = self._prepared()
+        tables = (slots.rows, k.ColorSlot), (slots.images, k.ImageRecord), (slots.normal_maps, k.NormalMapRecord)
+        sizes = (len(rows) * int(np.dtype(struct.numpy_dtype()).itemsize) for rows, struct in tables)
+        return records.nbytes + texels.bytes + sum(sizes)
+
+    def _prepared(self) -> tuple[_Slots, NDArray[Any], Texels]:
+        """Return all values, records still without tables, and the texels of all images; made once."""
+        if self._made is None:
+            k = current_backend().kernels("wrt.kernels.scene.scene_data")
+            slots, records = _Slots(), np.zeros(len(self.materials), k.MaterialRecord.numpy_dtype())
+            for record, material in zip(records, self.materials, strict=True):
+                self._describe(record, material, slots)
+            self.emission_slots = [slots.add(emission) if _varies(emission) else -1 for emission in self.emissions]
+            self._made = slots, records, Texels(slots.pixels)
+        return self._made
+
     def upload(self, data: Any, device: Device) -> None:
         """Fill the tables of a SceneData struct: materials, slots, images, texels, normal maps, tables."""
         backend = current_backend()
         k = backend.kernels("wrt.kernels.scene.scene_data")
 
-        slots = _Slots()
-        records = np.zeros(len(self.materials), k.MaterialRecord.numpy_dtype())
+        slots, records, texels = self._prepared()
         tables, places = pack_tables([material.table_key for material in self.materials], device)
         for record, material in zip(records, self.materials, strict=True):
-            self._describe(record, material, slots)
             record["table"] = 0 if material.table_key is None else places[material.table_key]
-        self.emission_slots = [slots.add(emission) if _varies(emission) else -1 for emission in self.emissions]
         rows = np.zeros(len(slots.rows), k.ColorSlot.numpy_dtype())
         for i, row in enumerate(slots.rows):
             rows[i] = row
@@ -90,7 +108,6 @@ class MaterialTable:
         data.slots = backend.array(rows, k.ColorSlot, device.name)
         data.tables = backend.array(tables, float, device.name)
         if slots.images:
-            texels = Texels(slots.pixels)
             images = slots.image_table(texels, k.ImageRecord.numpy_dtype())
             data.images = backend.array(images, k.ImageRecord, device.name)
             data.texels = backend.array(texels.colors, "vec3", device.name)
@@ -101,6 +118,7 @@ class MaterialTable:
             for i, normal_map in enumerate(slots.normal_maps):
                 normal_maps[i] = normal_map
             data.normal_maps = backend.array(normal_maps, k.NormalMapRecord, device.name)
+        self._made = None  # release the pixels
 
     def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
         from wrt.kernels.registry import model_number

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.backend.memory import MEMORY_ADVICE
 from wrt.errors import InputError
 from wrt.scene.camera import Camera
+from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
+from wrt.scene.lights import Light
 from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, columns
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.textures import ImageTexture
 from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout, lay_out
@@ -24,8 +28,12 @@ from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
 from wrt.upload.lights.table import LightTable, light_table, texture_of
 from wrt.upload.materials import MaterialTable, describe_materials
+from wrt.upload.memory import SceneMemory, scene_memory, tree_memory
 from wrt.upload.spheres import mark_spheres, with_exact_spheres
 from wrt.upload.vertex_updates import WorldMeshes
+
+WORTH_ASKING = 1 << 26
+"""Bytes from which the CPU is asked whether it has them; the question takes 0.2 ms."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +78,70 @@ def _check_sizes(scene: Scene) -> None:
         raise InputError(f"{what}; rays need a size of {SMALLEST:g} at least; scale it up")
 
 
+class Described(NamedTuple):
+    """A scene as the upload takes it.
+
+    Attributes:
+        scene: the scene, in which spheres that kernels cannot meet as such are triangles.
+        layout: its shapes, sorted into trees.
+        spheres: whether it has exact spheres.
+        environment: the environment as kernels have it.
+        lights: the lights without triangles.
+        textures: the textures of those, by their numbers.
+        materials: its materials.
+    """
+
+    scene: Scene
+    layout: Layout
+    spheres: bool
+    environment: ConstantEnvironment | ImageEnvironment | None
+    lights: list[Light]
+    textures: dict[int, ImageTexture]
+    materials: MaterialTable
+
+
+def describe_scene(scene: Scene) -> Described:
+    """Check a scene and prepare its upload; raise InputError as `build_scene` does."""
+    if not scene.shapes:
+        raise InputError("the scene has no shapes to render")
+    _check_sizes(scene)
+    scene = with_exact_spheres(scene)
+    layout = lay_out(scene)
+    spheres = mark_spheres(layout)
+    environment, sky_lights = resolve_environment(scene.environment)
+    lights = [*scene.lights, *sky_lights]
+    textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
+    materials = describe_materials(
+        [shape.material for shape in scene.shapes],
+        [*(shape.emission for shape in scene.shapes), *textures.values()],
+    )
+    return Described(scene, layout, spheres, environment, lights, textures, materials)
+
+
+def memory_of(described: Described, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
+    """Return the memory that the upload will take on the CPU or on a GPU, see `scene_memory`."""
+    scene, layout, _, environment, lights, _, materials = described
+    return scene_memory(
+        scene, layout, materials, environment, lights, is_cpu=is_cpu, texture_coordinates=texture_coordinates
+    )
+
+
+def _require_memory(described: Described, device: Device, texture_coordinates: bool) -> None:
+    """Raise NotEnoughMemory if the device lacks what the upload takes at least.
+
+    On the CPU only trees and their builder count, as it shares the other arrays with the scene.
+    """
+    if device.is_cpu:
+        needed = tree_memory(described.layout, is_cpu=True).most
+        if needed < WORTH_ASKING:
+            return
+    else:
+        memory = memory_of(described, is_cpu=False, texture_coordinates=texture_coordinates)
+        needed = memory.kept + memory.scratch
+    triangles = sum(len(shape.mesh.faces) for shape in described.scene.shapes)
+    device.require_memory(needed, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
+
+
 def build_scene(
     scene: Scene,
     device: Device,
@@ -96,19 +168,9 @@ def build_scene(
 
     from wrt.kernels.features import Features
 
-    if not scene.shapes:
-        raise InputError("the scene has no shapes to render")
-    _check_sizes(scene)
-    scene = with_exact_spheres(scene)
-    layout = lay_out(scene)
-    spheres = mark_spheres(layout)
-    environment, sky_lights = resolve_environment(scene.environment)
-    lights = [*scene.lights, *sky_lights]
-    textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
-    materials = describe_materials(
-        [shape.material for shape in scene.shapes],
-        [*(shape.emission for shape in scene.shapes), *textures.values()],
-    )
+    described = describe_scene(scene)
+    scene, layout, spheres, environment, lights, textures, materials = described
+    _require_memory(described, device, texture_coordinates)
     data = scene_data.SceneData()
     places = _places(layout)
     first_triangles = places.of_shapes

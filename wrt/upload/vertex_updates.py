@@ -83,7 +83,7 @@ class WorldMeshes:
             given = self._given(f"{shape.name}: normals", normals, count)
             wp.copy(self._data.normals, given, dest_offset=first, count=count)
             if shape.mesh.normals is None:
-                shapes = self._data.shapes.numpy()
+                shapes = self._device.backend.fetch(self._data.shapes)
                 shapes["smooth"][number] = True
                 self._data.shapes.assign(shapes)
         elif shape.mesh.normals is not None:

@@ -7,6 +7,7 @@ import struct
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,15 @@ class Frame:
 
 @dataclass
 class _Source:
-    image: NDArray[np.float32]
+    fetch: Callable[[], NDArray[np.float32]]
     is_radiance: bool
     header: dict[str, Any] = field(default_factory=dict)
     guides: dict[str, NDArray[np.float32]] | None = None
+
+    @cached_property
+    def image(self) -> NDArray[np.float32]:
+        """The image, fetched by the thread that asks first."""
+        return self.fetch()
 
     def is_of(self, other: _Source | None) -> bool:
         """Return whether both are of one picture, which rests."""
@@ -77,13 +83,13 @@ class Encoder:
 
     def put(
         self,
-        image: NDArray[np.float32],
+        fetch: Callable[[], NDArray[np.float32]],
         is_radiance: bool,
         header: dict[str, Any],
         guides: dict[str, NDArray[np.float32]] | None = None,
     ) -> None:
-        """Make a frame of an image; with guides, denoise it and make a frame of the result."""
-        source = _Source(image, is_radiance, header, guides)
+        """Make a frame of the image that `fetch` returns; with guides, denoise it and make a frame of the result."""
+        source = _Source(fetch, is_radiance, header, guides)
         with self._waiting:
             self._source, self._due = source, guides is None or not source.is_of(self._denoised)
             if guides is not None and not self._denoising:
@@ -99,7 +105,8 @@ class Encoder:
             with self._waiting:
                 newest = self._source
                 if self.look.denoise and source.is_of(newest):
-                    self._denoised, self._due = _Source(image, True, {**source.header, "denoised": True}), True
+                    result = _Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
+                    self._denoised, self._due = result, True
                     self._waiting.notify()
                 if newest is None or newest is source or newest.guides is None or not self.look.denoise or self._closed:
                     self._denoising = False

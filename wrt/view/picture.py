@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,8 +71,10 @@ def _table() -> NDArray[np.uint8]:
     return np.floor(255.0 * srgb_from_linear(values) + 0.5).astype(np.uint8)
 
 
-def shown_image(renderer: Renderer, layer: str) -> tuple[NDArray[np.float32], bool]:
-    """Return what a view of a layer shows as (H, W, 3) linear colours, and whether it is radiance.
+def shown_image(renderer: Renderer, layer: str) -> tuple[Callable[[], NDArray[np.float32]], bool]:
+    """Return a function for what a view of a layer shows as (H, W, 3) linear colours, and whether it is radiance.
+
+    The function returns the picture as it is now, whenever another thread calls it.
 
     Args:
         renderer: the renderer, which has the layer.
@@ -79,10 +82,12 @@ def shown_image(renderer: Renderer, layer: str) -> tuple[NDArray[np.float32], bo
             "" for radiance.
     """
     if layer == "noise":
-        return noise_colors(renderer.image(), renderer.variance()), False
+        noise = noise_colors(renderer.image(), renderer.variance())
+        return lambda: noise, False
     if layer:
-        return layer_colors(layer, renderer.layers()[layer]), False
-    return renderer.image(), True
+        colors = layer_colors(layer, renderer.layers()[layer])
+        return lambda: colors, False
+    return renderer.film.snapshot(), True
 
 
 def noise_colors(image: NDArray[np.float32], variance: NDArray[np.float64]) -> NDArray[np.float32]:

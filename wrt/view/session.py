@@ -210,8 +210,8 @@ class Session:
 
     def _present_main(self) -> Renderer:
         main = self._required().aim(self._required().main, self._required_camera())
-        if main.spp == 0 or int(main.film.counts.max()) != main.spp:  # after a pass that was ended
-            for _ in main.passes(spp=max(1, int(main.film.counts.max()))):
+        if main.spp == 0 or main.film.tally().most != main.spp:  # after a pass that was ended
+            for _ in main.passes(spp=max(1, main.film.tally().most)):
                 pass
         return main
 
@@ -348,7 +348,7 @@ class Session:
             self._put(renderer, self.settings, self._serial, self._progress)
 
     def _put(self, renderer: Renderer, settings: Settings, serial: Any, progress: Progress | None) -> None:
-        image, is_radiance = shown_image(renderer, settings.layer)
+        fetch, is_radiance = shown_image(renderer, settings.layer)
         self._progress = progress or self._progress
         guided = is_radiance and progress is not None and self._encoder.look.denoise
         guides = renderer.denoising_guides() if guided else None
@@ -363,4 +363,4 @@ class Session:
             "width": renderer.film.width,
             "height": renderer.film.height,
         }
-        self._encoder.put(image, is_radiance, header, guides)
+        self._encoder.put(fetch, is_radiance, header, guides)

@@ -11,6 +11,7 @@ from typing import Any
 import wrt.backend
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
 from support.emulated_cuda.ptx import Entry, parse
+from wrt.backend.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_backend import WarpBackend, initialize_warp
 
@@ -95,12 +96,20 @@ class EmulatedBackend(WarpBackend):
         """Return the number of GPUs."""
         return 1
 
+    def gpu(self, name: str) -> Gpu:
+        """Return what a GPU is."""
+        return Gpu(name, "Emulated GPU", self._arch, memory_left(), memory_left())
+
+    def cuda_versions(self) -> CudaVersions:
+        """Return versions of which none is an obstacle."""
+        return CudaVersions((13, 4), (13, 4), (13, 0))
+
     def architecture_of(self, gpu: str) -> int:
         """Return the compute capability of a GPU."""
         return self._arch
 
     def memory_of(self, gpu: str) -> int:
-        """Return the bytes of memory of a GPU."""
+        """Return the bytes of memory of a GPU that are free."""
         return memory_left()
 
 

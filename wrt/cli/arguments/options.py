@@ -112,10 +112,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
 
     parts = ": shapes, materials, textures, lights and camera"
-    info = command("info", "show what a scene or mesh file contains", parts)
-    info.add_argument("source", metavar="SCENE", nargs="?", help="as for wrt render")
-    info.add_argument("--system", action="store_true", help="show versions, threads, and the kernel of this machine")
-    info.add_argument("--confined", action="store_true", help=CONFINED)
+    _add_info_options(command("info", "show what a scene or mesh file contains", parts))
 
     bits = ", with its arrays in a folder beside it. Both render to bit-identical pictures"
     convert = command("convert", "convert any scene or mesh to a scene file or GLB", bits)
@@ -155,6 +152,16 @@ def make_parser() -> argparse.ArgumentParser:
     render.epilog = EXAMPLES
     _add_render_options(render)
     return parser
+
+
+def _add_info_options(parser: Parser) -> None:
+    """Add the options of wrt info."""
+    add = parser.add_argument
+    add("source", metavar="SCENE", nargs="?", help="as for wrt render")
+    add("--system", action="store_true", help="show versions, threads, the kernel and the GPUs of this machine")
+    add("--memory", action="store_true", help="show the memory that a picture takes on a GPU, by part")
+    add("--size", metavar="WxH", type=size, help="with --memory: the picture's size")
+    add("--confined", action="store_true", help=CONFINED)
 
 
 def _add_merge_options(parser: Parser) -> None:

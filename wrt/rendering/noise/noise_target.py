@@ -91,8 +91,8 @@ class NoiseEstimate:
         """Note the film's state if the pixels that go on have `spp` samples and this is the next power of two."""
         if spp & (spp - 1) or 2 * spp < FIRST or spp <= self.spp:
             return
-        counts = np.maximum(self.film.data.count.numpy(), 1)
-        mean = np.asarray(self.film.data.total.numpy(), np.float64).reshape(-1, 3) / counts[:, None]
+        counts = np.maximum(self.film.fetch("count"), 1)
+        mean = np.asarray(self.film.fetch("total"), np.float64).reshape(-1, 3) / counts[:, None]
         if self._mean is not None and spp == 2 * self.spp:
             self._earlier = self._changes
             self._changes = np.where(self.stopped, 0.0, self.tiles.sums(np.abs(mean - self._mean).sum(axis=1)))
@@ -167,14 +167,12 @@ class NoiseEstimate:
 
     def samples_of_tiles_that_go_on(self) -> tuple[int, bool]:
         """Return their smallest number of samples, and whether all their pixels have it, as but for interrupts."""
-        counts = self.film.data.count.numpy()
         stopped = self.stopped_pixels()
         chosen = self.measured
         if stopped is not None and not stopped.all():
             chosen = ~stopped if chosen is None else chosen & ~stopped
-        if chosen is not None:
-            counts = counts[chosen]
-        return int(counts.min()), int(counts.min()) == int(counts.max())
+        tally = self.film.tally(chosen)
+        return tally.least, tally.least == tally.most
 
     @property
     def share_going_on(self) -> float:

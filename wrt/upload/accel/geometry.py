@@ -13,6 +13,7 @@ from wrt.backend.device import Device
 from wrt.backend.memory import zeros
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
+from wrt.upload.limits import require_countable
 
 
 def upload_meshes(meshes: Sequence[Mesh], device: str) -> tuple[Any, Any]:
@@ -39,8 +40,8 @@ def upload_triangles(
     Raises:
         InputError: when there are more than 32 bits can count.
     """
-    if sum(len(m.vertices) for m in vertices) >= 2**31 or 3 * sum(len(m.faces) for m in faces) >= 2**31:
-        raise InputError("there are more than 2^31 triangle corners or vertices")
+    require_countable(sum(len(m.vertices) for m in vertices), "vertices of the scene")
+    require_countable(3 * sum(len(m.faces) for m in faces), "corners of the scene's triangles")
     indices = zeros((sum(len(m.faces) for m in faces), 3), np.int32)
     stop = 0
     for mesh, first in zip(faces, first_vertices.tolist(), strict=True):
@@ -118,4 +119,4 @@ def first_not_finite(points: Any, device: Device) -> int:
 
     found = backend.array([-1], int, device.name)
     device.launch(refit.find_not_finite, len(points), [points, found])
-    return int(found.numpy()[0])
+    return int(backend.fetch(found)[0])

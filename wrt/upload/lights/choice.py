@@ -11,6 +11,7 @@ from wrt.backend.device import Device
 from wrt.upload.lights.alias import make_alias_table
 from wrt.upload.lights.table import LightTable
 from wrt.upload.lights.tree import build_light_tree
+from wrt.upload.limits import require_countable
 
 LIGHT_CHOICES = ("auto", "power", "tree")
 """"power": by power alone, the same everywhere; "tree": by a light tree; "auto": the better one for the light count."""
@@ -36,6 +37,7 @@ def upload_light_choice(data: Any, lights: LightTable, device: Device, choice: s
     weights = lights.weights
     if with_tree:
         tree = build_light_tree(bounds)
+        require_countable(tree.nodes.size, "numbers of the tree over lights")
         irradiance = np.where(bounds.is_far, bounds.power, 0.0)
         data.light_tree.nodes = backend.array(tree.nodes.ravel(), float, device.name)
         data.light_tree.parents = backend.array(tree.parents, int, device.name)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.device import Device
+from wrt.upload.limits import require_countable
 from wrt.upload.tables.albedo import reflection_table
 from wrt.upload.tables.coat import coat_table
 from wrt.upload.tables.dielectric import dielectric_table, dispersive_table
@@ -51,4 +52,5 @@ def pack_tables(keys: Iterable[TableKey | None], device: Device) -> tuple[NDArra
             places[key] = size
             parts.append(table(key, device))
             size += len(parts[-1])
+            require_countable(size, "numbers in the tables of the scene's materials")
     return np.concatenate(parts), places

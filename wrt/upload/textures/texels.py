@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
 from wrt.scene.srgb import of_codes
+from wrt.upload.limits import require_countable
 
 FloatArray = NDArray[np.float32]
 Codes = NDArray[np.uint8]
@@ -41,8 +41,7 @@ class Texels:
         Raises:
             InputError: when they have more texels than 32 bits can count.
         """
-        if sum(image.shape[0] * image.shape[1] for image in images) >= 2**31:
-            raise InputError("the scene's textures have more than 2^31 texels")
+        require_countable(sum(image.shape[0] * image.shape[1] for image in images), "texels of the scene's textures")
         self.palettes: list[FloatArray] = []
         self.places: list[tuple[int, int]] = []
         colors: list[FloatArray] = [np.zeros((0, 3), np.float32)]
@@ -61,6 +60,11 @@ class Texels:
                 codes.append(_packed(channels))
                 n_codes += len(flat)
         self.colors, self.codes = np.concatenate(colors), np.concatenate(codes)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of the texels and palettes."""
+        return self.colors.nbytes + self.codes.nbytes + sum(palette.nbytes for palette in self.palettes)
 
     def _coded(self, pixels: FloatArray) -> tuple[Codes, int] | None:
         """Return the (N, 3) codes of an image and the number of its palette; None if it has too many values."""

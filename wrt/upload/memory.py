@@ -1,0 +1,212 @@
+"""Memory that a scene takes on a device, known before it is taken."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wrt.backend import current_backend
+from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
+from wrt.scene.lights import Light
+from wrt.scene.medium import Medium
+from wrt.scene.scene import Scene
+from wrt.upload.accel.binary_tree import CPU_SIZES, CUDA_SIZES, BuildSizes
+from wrt.upload.accel.bvh import MORE_PIECES
+from wrt.upload.accel.instancing import Layout
+from wrt.upload.grids import CELLS_PER_MAJORANT
+from wrt.upload.lights.choice import FEW_LIGHTS
+from wrt.upload.lights.environment import environment_kind
+from wrt.upload.lights.environment_sampling import COLUMNS, ROWS, STEPS, finest_side
+from wrt.upload.materials import MaterialTable
+
+TRIANGLES_IN_LEAF, LEAVES_IN_NODE = 7.2, 5.0
+"""Means over trees, measured: 7.1 to 7.5 triangles of eight, and 4.9 to 5.2 leaves for each node."""
+
+INSTANCES_IN_NODE = 6.0
+"""Mean number of instances for each node of the tree over them, measured: 5.9 to 6.3 of a hundred and more."""
+
+SUBTREE_SHARE = 0.7
+"""Mean size of a subtree that one thread builds over the largest, measured."""
+
+LIGHTS_IN_NODE = 4.5
+"""Mean number of lights for each node of the light tree, measured: 4.0 to 4.8 for a thousand lights and more."""
+
+
+@dataclass(frozen=True)
+class SceneMemory:
+    """Bytes that a scene takes on a device, by part.
+
+    Those of trees follow from the mean number of triangles in a leaf and are right within 4 %, all others but for a
+    few kilobytes. Tables of rough materials, under 1 MB, are not counted, nor what a driver takes for itself.
+
+    Attributes:
+        geometry: vertices, triangles, and what belongs to them.
+        trees: the ray trees.
+        materials: materials, texels of images and normal maps, the environment with its tables, and grids of media.
+        lights: light records, and what selects one.
+        scratch: the most that building takes beside what is there by then; it is released afterwards.
+        scratch_if_cut: the same if the builder cuts large triangles, which it decides when it has seen the tree.
+    """
+
+    geometry: int
+    trees: int
+    materials: int
+    lights: int
+    scratch: int
+    scratch_if_cut: int
+
+    @property
+    def kept(self) -> int:
+        """Bytes of the built scene."""
+        return self.geometry + self.trees + self.materials + self.lights
+
+
+def scene_memory(
+    scene: Scene,
+    layout: Layout,
+    materials: MaterialTable,
+    environment: ConstantEnvironment | ImageEnvironment | None,
+    lights: Sequence[Light],
+    *,
+    is_cpu: bool,
+    texture_coordinates: bool = False,
+) -> SceneMemory:
+    """Return what the upload of a scene will take; the arguments are what `build_scene` makes of it.
+
+    Args:
+        scene: the scene.
+        layout: its shapes, sorted into trees.
+        materials: its materials.
+        environment: its environment as kernels have it.
+        lights: its lights without triangles.
+        is_cpu: whether the device is the CPU, where builders work in larger pieces.
+        texture_coordinates: whether to upload these even if no material needs them.
+    """
+    textured = materials.textured or materials.tangents or texture_coordinates
+    trees = tree_memory(layout, is_cpu=is_cpu)
+    return SceneMemory(
+        geometry=_geometry(layout, textured=textured, uv2_alpha=materials.uv2_alpha),
+        trees=trees.kept,
+        materials=materials.bytes + _environment(environment) + _grids(scene.media),
+        lights=_lights(scene, environment, lights),
+        scratch=trees.most - trees.kept,
+        scratch_if_cut=trees.most_if_cut - trees.kept,
+    )
+
+
+def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool) -> int:
+    keys = [key for shared in layout.shared for key in shared.keys]
+    vertices = sum(len(mesh.vertices) for mesh in (*layout.world_meshes, *keys))
+    triangles = sum(len(mesh.faces) for mesh in (*layout.world_meshes, *(s.keys[0] for s in layout.shared)))
+    shapes = len(layout.world_shapes) + len(layout.instances)
+    of_vertex = 24 + 20 * textured + 12 * uv2_alpha  # points, normals; coordinates, colours; a second set
+    return of_vertex * vertices + 16 * triangles + shapes * _size("wrt.kernels.scene.scene_data", "ShapeRecord")
+
+
+class _Builder(NamedTuple):
+    """Sizes in bytes of what the builder of trees handles."""
+
+    node: int
+    leaf: int
+    binary_node: int
+    bins: int
+    sizes: BuildSizes
+
+    def tree(self, triangles: int) -> int:
+        """Return the bytes of a tree."""
+        leaves = max(1, round(triangles / TRIANGLES_IN_LEAF))
+        return leaves * self.leaf + max(1, round(leaves / LEAVES_IN_NODE)) * self.node
+
+    def scratch(self, boxes: int) -> int:
+        """Return the bytes that building a binary tree over boxes takes at once (`split_boxes`)."""
+        # A box and a number; for each of two nodes the node, its centres, its parent and whether a move touches it.
+        each = 32 + 2 * (self.binary_node + 32 + 4 + 4)
+        subtrees = math.ceil(boxes / min(boxes, SUBTREE_SHARE * self.sizes.subtree))
+        chunks = 2 * math.ceil(boxes / self.sizes.chunk)  # those of the first level and of the last are both there
+        return each * boxes + self.bins * subtrees + (self.bins + 2 * 32 + 5 * 4) * chunks
+
+    def scratch_if_cut(self, triangles: int) -> int:
+        """Return the bytes that building takes if a second tree over cut triangles is built beside the first."""
+        first = 32 + 2 * self.binary_node + 4  # a box, two nodes, the number of pieces
+        return first * triangles + self.tree(triangles) // 8 + self.scratch(round((1.0 + MORE_PIECES) * triangles))
+
+
+class TreeMemory(NamedTuple):
+    """Bytes of ray trees.
+
+    Attributes:
+        kept: those of all trees.
+        most: the most that they and their builder take at once.
+        most_if_cut: the same if the builder cuts large triangles.
+    """
+
+    kept: int
+    most: int
+    most_if_cut: int
+
+
+def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
+    """Return what the trees of a scene will take."""
+    constants = current_backend().kernels("wrt.kernels.native.constants")
+    binary_node = _size("wrt.kernels.accel.build.split", "BinaryNode")
+    bins = 3 * constants.BINS * (32 + 4)
+    sizes = CPU_SIZES if is_cpu else CUDA_SIZES
+    builder = _Builder(4 * constants.NODE_FLOATS, 4 * constants.LEAF_FLOATS, binary_node, bins, sizes)
+    kept = most = most_if_cut = 0
+    world = sum(len(mesh.faces) for mesh in layout.world_meshes)
+    shared = [(len(mesh.keys[0].faces), len(mesh.keys)) for mesh in layout.shared]
+    for triangles, keys in ([(world, 1)] if world else []) + shared:
+        own = kept + 12 * triangles * bool(layout.shared)
+        most = max(most, own + builder.scratch(triangles))
+        most_if_cut = max(most_if_cut, own + builder.scratch_if_cut(triangles))
+        kept += keys * builder.tree(triangles)
+        most = max(most, kept + (builder.tree(triangles) if keys > 1 else 0))  # a tree, and its copies for each key
+    if layout.instances:
+        count = len(layout.instances) + bool(world)
+        kept += count * _size("wrt.kernels.accel.instances", "InstanceRecord")
+        kept += builder.node * math.ceil(count / INSTANCES_IN_NODE)
+    return TreeMemory(kept, max(most, kept), max(most_if_cut, most, kept))
+
+
+def _environment(environment: ConstantEnvironment | ImageEnvironment | None) -> int:
+    if environment_kind(environment) != "image" or not isinstance(environment, ImageEnvironment):
+        return 0
+    height, width = map(int, environment.pixels.shape[:2])
+    side = finest_side((height, width))  # the table of bins may be coarser
+    normals, cells = (STEPS + 1) ** 2 + 1, ROWS * COLUMNS
+    return 12 * height * width + 2 * normals * (ROWS + cells) + 2 * cells * (side + side * side)
+
+
+def _grids(media: Sequence[Medium]) -> int:
+    grids = {id(medium.density): medium.density for medium in media if medium.density is not None}
+    size: int = 0
+    for grid in grids.values():
+        blocks = math.prod(-(-int(cells) // CELLS_PER_MAJORANT) for cells in grid.values.shape)
+        size += 4 * (int(grid.values.size) + 2 * blocks)
+        colors = [each for each in (grid.albedo, grid.emission) if each is not None]
+        size += sum(12 * math.prod(map(int, each.shape[:3])) for each in colors)
+    return size
+
+
+def _lights(scene: Scene, environment: Any, lights: Sequence[Light]) -> int:
+    of_triangles = sum(len(shape.mesh.faces) for shape in scene.shapes if shape.emits)
+    near = of_triangles + sum(light.extent().corners is not None for light in lights)
+    count = of_triangles + len(lights) + (environment_kind(environment) == "image")
+    has_tree = near > FEW_LIGHTS
+    size = count * _size("wrt.kernels.scene.scene_data", "LightRecord")
+    if not has_tree or count > near:  # a table of those at infinity, or of all
+        size += 8 * count
+    if has_tree:
+        floats = current_backend().kernels("wrt.kernels.native.constants").LIGHT_NODE_FLOATS
+        nodes = math.ceil(near / LIGHTS_IN_NODE)
+        size += (4 * floats + 4) * nodes + 4 * count
+    return size
+
+
+def _size(module: str, struct: str) -> int:
+    """Return the bytes of a struct of a module of `kernels/`."""
+    return int(np.dtype(getattr(current_backend().kernels(module), struct).numpy_dtype()).itemsize)
