@@ -32,7 +32,7 @@ from wrt.kernels.native.constants import (
     STACK_SIZE,
     WIDTH,
 )
-from wrt.upload.accel.binary_tree import CPU_SIZES
+from wrt.upload.accel.binary_tree import SUBTREE
 from wrt.upload.accel.bvh import build_bvh
 
 OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k in range(8)])

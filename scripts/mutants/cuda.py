@@ -80,25 +80,9 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "cuda-subtrees",
         "cuda",
-        "wrt/upload/accel/binary_tree.py",
-        "sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES",
-        "sizes = CPU_SIZES",
-        "tests/test_emulated_cuda.py -k 'trees and soup'",
-    ),
-    Mutant(
-        "cuda-chunk-bins",
-        "cuda",
-        "kernels/accel/build/top.py",
-        "wp.min(chunks.bin_boxes[bins + k], chunks.bin_boxes[of])",
-        "chunks.bin_boxes[of]",
-        "tests/test_emulated_cuda.py -k 'trees and soup'",
-    ),
-    Mutant(
-        "cuda-chunk-centres",
-        "cuda",
-        "kernels/accel/build/top.py",
-        "right = wp.min(right, chunks.centers[2 * c + 1])",
-        "right = wp.min(right, chunks.centers[2 * c])",
+        "wrt/upload/accel/gpu_tree.py",
+        "-(-2 * count // levels.SUBTREE)",
+        "-(-count // levels.SUBTREE // 4)",
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
     Mutant(
