@@ -18,6 +18,9 @@ wp.set_module_options({"max_unroll": 1})
 UNDECIDED, CHOSEN, EXCLUDED = 0, 1, 2
 """States of a move."""
 
+LONGEST_WAY = 64
+"""Moves on the way up from a node's new place that are followed at most."""
+
 NOT_RATED = 3.0e38
 """Key of places without a node, behind all areas."""
 
@@ -147,21 +150,29 @@ def choose_moves(
 
 @wp.kernel(enable_backward=False)
 def exclude_circles(first: int, moves: Moves, parents: wp.array(dtype=int), round: int):
-    """Exclude moves to below a node that moves itself with more gain, or to below the moved node.
+    """Exclude moves that would leave a node below itself, as two nodes could move to below each other.
 
-    Two nodes could otherwise move to below each other. Around a circle of such moves gains cannot fall all the way, so
-    each loses one move at least.
+    Follows the way up that a moved node would have: to the next node that moves, then on from where it goes. On a way
+    that comes back, the move with the least gain is excluded. So are moves on a way of more than LONGEST_WAY moves.
     """
     i = first + wp.tid()
     if moves.state[i] != CHOSEN:
         return
     key = key_of(moves, i, round)
+    least = key
+    node = moves.node[i]
     at = moves.place[i]
-    while at >= 0:
-        if moves.mover[at] >= key:
-            moves.state[i] = EXCLUDED
-            return
-        at = parents[at]
+    jumps = int(0)
+    while at >= 0 and at != node and jumps < wp.static(LONGEST_WAY):
+        mover = moves.mover[at]
+        if (mover >> wp.int64(48)) == wp.int64(round):
+            least = wp.min(least, mover)
+            at = moves.place[moves.node.shape[0] - int(mover & wp.int64(65535))]
+            jumps += 1
+        else:
+            at = parents[at]
+    if jumps == wp.static(LONGEST_WAY) or (at == node and least == key):
+        moves.state[i] = EXCLUDED
 
 
 @wp.kernel(enable_backward=False)
