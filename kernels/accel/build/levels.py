@@ -1,6 +1,6 @@
 """The top of the binary tree on a GPU: splits level by level, with all counters on the device.
 
-The splits are those of `kernels/accel/build/top.py`, in the same bins. But the host neither knows nor waits for how many
+The splits are those of `kernels/accel/build/top.py`, in the same bins. But the host does not wait to learn how many
 nodes a level has: it launches as many threads as there may be, and those without work end. Bins and bounds of chunks
 are joined by atomic minima and sums, which give the same result in any order, so a tree is the same each time.
 """

@@ -74,7 +74,11 @@ def list_level_inner(first: int, level: int, wide: WideLevels, nodes: wp.array(d
 
 @wp.kernel(enable_backward=False)
 def summarize(
-    first: int, wide: WideLevels, nodes: wp.array(dtype=BinaryNode), costs: wp.array(dtype=float), out: wp.array(dtype=int)
+    first: int,
+    wide: WideLevels,
+    nodes: wp.array(dtype=BinaryNode),
+    costs: wp.array(dtype=float),
+    out: wp.array(dtype=int),
 ):
     """Write what the host needs, in one thread: number of leaves, cost, box, and the starts of the levels.
 

@@ -13,7 +13,6 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.upload.accel.reinsertion import levels_of, reinsert
 
-
 SUBTREE = 16384
 """One thread builds subtrees of up to this many triangles, whose boxes fit in a core's cache."""
 

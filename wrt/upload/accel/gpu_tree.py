@@ -60,15 +60,19 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
     """Split all nodes and set their boxes."""
     backend = current_backend()
     levels = backend.kernels("wrt.kernels.accel.build.levels")
+    split = backend.kernels("wrt.kernels.accel.build.split")
 
     name, count = device.name, len(boxes)
     depths = most_levels(count, levels.SUBTREE, sah_depth)
     most_nodes = count // (levels.SUBTREE + 1) + 1
     most_chunks = count // levels.CHUNK + most_nodes
     counts = backend.zeros(depths + 1, "int64", name)
-    level, following = (_level(counts, most_nodes, name) for _ in range(2))
-    following.bin_boxes, following.bin_counts = level.bin_boxes, level.bin_counts
-    following.splits = level.splits
+    bins, splits = _bins(most_nodes, name), backend.empty(most_nodes, split.Split, name)
+    level, following = levels.Level(), levels.Level()
+    for each in (level, following):
+        each.counts, each.splits = counts, splits
+        each.bin_boxes, each.bin_counts = bins
+        each.node, each.start = (backend.empty(most_nodes, int, name) for _ in range(2))
     chunks = levels.LevelChunks()
     chunks.place, chunks.left, chunks.left_before = (backend.empty(most_chunks, int, name) for _ in range(3))
     chunks.bin_boxes, chunks.bin_counts = _bins(most_chunks, name)
@@ -93,20 +97,8 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
         launch(levels.list_level, most_nodes, level, following, nodes, roots, root_count)
         level, following = following, level
     threads = min(-(-2 * count // levels.SUBTREE), MOST_BUILDERS)
-    bins = _bins(threads, name)
+    bins = _bins(threads, name)  # of each thread
     launch(levels.build_listed, threads, threads, roots, root_count, nodes, boxes, centers, *bins, sah_depth)
-
-
-def _level(counts: Any, most_nodes: int, name: str) -> Any:
-    """Return an empty level of up to so many nodes."""
-    backend = current_backend()
-    split = backend.kernels("wrt.kernels.accel.build.split")
-    level = backend.kernels("wrt.kernels.accel.build.levels").Level()
-    level.counts = counts
-    level.node, level.start = (backend.empty(most_nodes, int, name) for _ in range(2))
-    level.splits = backend.empty(most_nodes, split.Split, name)
-    level.bin_boxes, level.bin_counts = _bins(most_nodes, name)
-    return level
 
 
 def _bins(count: int, name: str) -> tuple[Any, Any]:
