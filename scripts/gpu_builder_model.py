@@ -42,7 +42,7 @@ LANES = 0.25
 """Share of lanes assumed to work; threads of a warp take other ways through the tree."""
 
 LAUNCH_SECONDS = 15e-6
-"""For a launch: the device takes some 5 us, but the host 8 to 14 us to queue one, measured for these kernels on a CPU."""
+"""Of a launch: a device takes some 5 us, but the host 8 to 14 us to queue one, measured for these kernels on a CPU."""
 
 LOAD_SECONDS = 0.6e-6
 """Latency of a load that misses all caches."""
@@ -235,12 +235,10 @@ def grown(counts: Sequence[float], sizes: Sequence[int], target: int) -> float:
 def estimated(counts: Sequence[Count], target: int) -> Count:
     """Return what would be counted for more triangles."""
     sizes, last, none = [c.triangles for c in counts], counts[-1], Launches(0, 0)
-    kernels = {
-        name: Launches(
-            *(grown([c.kernels.get(name, none)[k] for c in counts], sizes, target) for k in range(len(none)))
-        )
-        for name in last.kernels
-    }
+    kernels = {}
+    for name in last.kernels:
+        columns = zip(*(c.kernels.get(name, none) for c in counts), strict=True)
+        kernels[name] = Launches(*(grown(column, sizes, target) for column in columns))
     reads, read_bytes = ([float(c[k]) for c in counts] for k in (2, 3))
     return Count(target, kernels, round(grown(reads, sizes, target)), round(grown(read_bytes, sizes, target)))
 

@@ -1,9 +1,8 @@
-"""Trees are built on a GPU without waiting for the host, in many threads, and come out the same in any order of these."""
+"""A GPU builds trees in many threads without waiting for the host, and the same ones in any order of its threads."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -109,10 +108,10 @@ def _ends(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.float
 
 
 @pytest.fixture(scope="module")
-def counted() -> Iterator[Any]:
+def counted() -> Any:
     """The model's counts of builds and refits over balls of 1280 and 5120 triangles."""
     script = model()
-    yield script, [script.count(subdivisions) for subdivisions in (3, 4)]
+    return script, [script.count(subdivisions) for subdivisions in (3, 4)]
 
 
 def test_the_host_reads_back_a_few_numbers(counted: Any, report: Report) -> None:
@@ -137,9 +136,9 @@ def test_no_stage_has_one_thread(counted: Any, report: Report) -> None:
         # Launches without work are part of the mean, and levels in use grow by two of six.
         assert growth < 2.5
     assert max(k.threads for k in refit.kernels.values()) > 500
-    report(
-        f"s for {script.TARGET} triangles, estimated", script.seconds(script.estimated([small, large], script.TARGET))
-    )
+    goal = script.estimated([small, large], script.TARGET)
+    report(f"s for {goal.triangles} triangles, estimated", script.seconds(goal))
+    assert script.seconds(goal) < 0.3
 
 
 def test_counts_of_a_kernel_are_those_of_its_code(counted: Any) -> None:

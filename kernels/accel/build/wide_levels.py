@@ -78,17 +78,17 @@ def summarize(
     wide: WideLevels,
     nodes: wp.array(dtype=BinaryNode),
     costs: wp.array(dtype=float),
-    out: wp.array(dtype=int),
+    numbers_out: wp.array(dtype=int),
 ):
     """Write what the host needs, in one thread: number of leaves, cost, box, and the starts of the levels.
 
     Numbers other than integers are written as their bits.
     """
     last = wide.root.shape[0] - 1
-    out[0] = wide.leaves_before[last] + wide.leaves[last]
-    out[1] = wp.cast(costs[1], wp.int32)
+    numbers_out[0] = wide.leaves_before[last] + wide.leaves[last]
+    numbers_out[1] = wp.cast(costs[1], wp.int32)
     for axis in range(3):
-        out[2 + axis] = wp.cast(nodes[0].lower[axis], wp.int32)
-        out[5 + axis] = wp.cast(nodes[0].upper[axis], wp.int32)
+        numbers_out[2 + axis] = wp.cast(nodes[0].lower[axis], wp.int32)
+        numbers_out[5 + axis] = wp.cast(nodes[0].upper[axis], wp.int32)
     for k in range(wide.start.shape[0]):
-        out[8 + k] = wide.start[k]
+        numbers_out[8 + k] = wide.start[k]

@@ -187,17 +187,17 @@ def _cut_ones(counts: Any, device: Device) -> _Cut | None:
         cut = np.flatnonzero(on_host > 1)
         if not len(cut):
             return None
-        arrays = (backend.array(rows, int, device.name) for rows in (cut, on_host[cut]))
-        return _Cut(*arrays, int(on_host[cut].sum()))
+        triangles, numbers = (backend.array(rows, int, device.name) for rows in (cut, on_host[cut]))
+        return _Cut(triangles, numbers, int(on_host[cut].sum()))
     presplit = backend.kernels("wrt.kernels.accel.build.presplit")
     is_cut = backend.empty(len(counts), int, device.name)
     device.launch(presplit.mark_cut, len(counts), [counts, is_cut], waits=False)
     place, number = _sums_before(is_cut)
     if not number:
         return None
-    found = [backend.empty(number, int, device.name) for _ in range(2)]
-    device.launch(presplit.list_cut, len(counts), [counts, place, *found], waits=False)
-    return _Cut(*found, sum(_sums_before(found[1])[1:]))
+    triangles, numbers = (backend.empty(number, int, device.name) for _ in range(2))
+    device.launch(presplit.list_cut, len(counts), [counts, place, triangles, numbers], waits=False)
+    return _Cut(triangles, numbers, _sums_before(numbers)[1])
 
 
 def _pieces(points: Any, indices: Any, scene: list[Any], pieces: Any, device: Device) -> Any:
