@@ -51,6 +51,9 @@ TREES = {
 }
 
 
+FEW = [*list(TREES)[:3], *(pytest.param(name, marks=pytest.mark.slow) for name in list(TREES)[3:])]
+
+
 def model() -> Any:
     """Return the module `scripts/gpu_builder_model.py`, which puts its own folder on the path."""
     with pytest.MonkeyPatch.context() as patch:
@@ -63,7 +66,7 @@ def built_by(backend: EmulatedBackend, corners: NDArray[np.float32]) -> Tree:
         return build(corners, GPU)
 
 
-@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("name", FEW)
 def test_the_order_of_threads_changes_no_bit(name: str) -> None:
     corners = TREES[name]()
     first = built_by(EmulatedBackend(optimization=0), corners)
@@ -87,7 +90,7 @@ def visits(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.floa
     return total / len(origins)
 
 
-@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("name", FEW)
 def test_rays_visit_as_many_boxes_as_in_the_tree_of_the_cpu(name: str, report: Report) -> None:
     """Splits are the same, and so are moves, but for those between equal areas."""
     corners = TREES[name]()
