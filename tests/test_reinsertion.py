@@ -19,7 +19,7 @@ from wrt.upload.accel.binary_tree import split_boxes
 from wrt.upload.accel.bvh import SAH_DEPTHS, _boxes
 from wrt.upload.accel.gpu_reinsertion import reinsert_on_gpu
 from wrt.upload.accel.gpu_tree import find_parents, split_on_gpu
-from wrt.upload.accel.reinsertion import LEAST, levels_of, reinsert
+from wrt.upload.accel.reinsertion import ANY_VISITS, LEAST, levels_of, reinsert
 
 Nodes = NDArray[Any]
 
@@ -106,7 +106,7 @@ def test_the_best_place_is_found(seed: int, device: str, report: Report) -> None
     before = float(areas(everything[inner(nodes)]).sum())
     moving = np.array([k for k in used if parents[k] > 0], np.int32)
     places, gains = (wp.zeros(len(moving), dtype=kind, device=device) for kind in (int, float))
-    inputs = [upload(moving, int, device), nodes, upload(parents, int, device), places, gains]
+    inputs = [upload(moving, int, device), nodes, upload(parents, int, device), ANY_VISITS, places, gains]
     Device(device).launch(bvh_reinsert.find_places, len(moving), inputs)
     better = 0
     for node, place, gain in zip(moving, places.numpy(), gains.numpy(), strict=True):
@@ -161,6 +161,25 @@ def test_trees_stay_whole(name: str, device: str, report: Report) -> None:
 def test_rays_find_what_they_found(device: str) -> None:
     corners = scattered(3000)
     check(build(corners, device), corners)
+
+
+def test_a_search_ends_after_so_many_nodes(device: str) -> None:
+    """With what it has found by then: nothing, less than the best, or the best."""
+    nodes = split(scattered(300), Device(device))
+    parents, used = parents_of(nodes), np.concatenate(levels_of(nodes))
+    moving = np.array([k for k in used if parents[k] > 0], np.int32)
+    found = []
+    for visits in (1, 8, 4 * len(used), ANY_VISITS):
+        places, gains = (wp.zeros(len(moving), dtype=kind, device=device) for kind in (int, float))
+        inputs = [upload(moving, int, device), nodes, upload(parents, int, device), visits, places, gains]
+        Device(device).launch(bvh_reinsert.find_places, len(moving), inputs)
+        found.append((places.numpy().copy(), gains.numpy().copy()))
+    assert (found[0][0] == -1).all(), "the first node is the sibling, beside which it is"
+    some, best = found[1], found[3]
+    assert 0 < (some[0] >= 0).sum() < (best[0] >= 0).sum()
+    assert (some[1] <= best[1]).all()
+    for one, other in zip(found[2], best, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_small_trees_are_left_alone(device: str, monkeypatch: pytest.MonkeyPatch) -> None:

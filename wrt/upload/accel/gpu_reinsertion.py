@@ -8,6 +8,10 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.upload.accel.reinsertion import LARGEST, LEAST, ROUNDS
 
+MOST_VISITS = 4096
+"""Nodes that a search visits at most. Among triangles of ordinary size the longest search visits some hundred. Among those
+as large as the scene it visits all nodes, one thread after the other waiting for memory."""
+
 TURNS = 6
 """Turns in which the moves of a round are chosen. Moves still undecided then wait for the next round."""
 
@@ -44,7 +48,7 @@ def reinsert_on_gpu(nodes: Any, parents: Any, visits: Any, device: Device) -> No
         launch(kernels.rate_nodes, size, nodes, keys, numbers)
         backend.sort_pairs(keys, numbers, size)
         launch(kernels.pick_largest, count, keys, numbers, max(LEAST, 1), moves.node)
-        launch(reinsert.find_places, count, moves.node, nodes, parents, moves.place, moves.gain)
+        launch(reinsert.find_places, count, moves.node, nodes, parents, MOST_VISITS, moves.place, moves.gain)
         for turn in range(TURNS):
             turns = number * TURNS + turn
             launch(kernels.lock_nodes, count, moves, nodes, parents, number, turns, int(turn == 0))
