@@ -82,7 +82,7 @@ FAULTS: tuple[Mutant, ...] = (
         "cuda",
         "kernels/accel/build/levels.py",
         "range(i, root_count[0], threads)",
-        "range(i, wp.min(root_count[0], threads - 1), threads)",
+        "range(i, root_count[0] - 1, threads)",
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
     Mutant(

@@ -102,14 +102,14 @@ def begin_tree(
     first: int,
     count: int,
     nodes: wp.array(dtype=BinaryNode),
-    centers: wp.array(dtype=vec8),
+    centers_out: wp.array(dtype=vec8),
     level: Level,
     roots: wp.array(dtype=int),
     root_count: wp.array(dtype=int),
 ):
     """Make the root of a tree over `count` boxes, in one thread."""
     nodes[0].count = count
-    centers[0] = vec8(LARGE)
+    centers_out[0] = vec8(LARGE)
     enlist(0, count, level, 0, roots, root_count)
 
 

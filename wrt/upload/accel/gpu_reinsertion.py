@@ -9,8 +9,8 @@ from wrt.backend.device import Device
 from wrt.upload.accel.reinsertion import LARGEST, LEAST, ROUNDS
 
 MOST_VISITS = 4096
-"""Nodes that a search visits at most. Among triangles of ordinary size the longest search visits some hundred. Among those
-as large as the scene it visits all nodes, one thread after the other waiting for memory."""
+"""Nodes that a search visits at most. Among triangles of ordinary size the longest visits some hundred; among those as
+large as the scene it would visit nearly all nodes, one after the other."""
 
 TURNS = 6
 """Turns in which the moves of a round are chosen. Moves still undecided then wait for the next round."""
