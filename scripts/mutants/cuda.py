@@ -110,22 +110,6 @@ FAULTS: tuple[Mutant, ...] = (
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
     Mutant(
-        "cuda-locks",
-        "cuda",
-        "kernels/accel/build/moves.py",
-        "if moves.locks[above] != key or moves.locks[sibling] != key:",
-        "if moves.locks[above] != key:",
-        "tests/test_gpu_builder.py -k 'visit and large'",
-    ),
-    Mutant(
-        "cuda-circles",
-        "cuda",
-        "kernels/accel/build/moves.py",
-        "at == node and least == key",
-        "at == node and least != key",
-        "tests/test_gpu_builder.py -k 'visit and large'",
-    ),
-    Mutant(
         "cuda-last-sample",
         "cuda",
         "kernels/regeneration.py",
