@@ -7,15 +7,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from conftest import ROOT, Report
 from numpy.typing import NDArray
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda, entry_of
 from support.emulated_cuda.libraries import BLOCK
+from support.kernels import upload
 from test_bvh import HARD, Tree, build, check, rays, soup
 from test_reinsertion import scattered
 
+from wrt.backend.device import Device
+from wrt.kernels.accel.build import moves
 from wrt.kernels.accel.build.levels import SUBTREE
+from wrt.kernels.accel.build.split import BinaryNode
 from wrt.upload.accel.gpu_tree import most_levels
+from wrt.upload.accel.reinsertion import levels_of
 
 ONE_THREAD = {"begin_tree", "begin_levels", "summarize"}
 """Kernels of one thread."""
@@ -108,6 +114,35 @@ def _ends(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.float
 
     triangle, tuv = cast_rays(tree, origins, directions, "cpu")
     return np.where(triangle >= 0, tuv[:, 0], np.inf).astype(np.float64)
+
+
+@pytest.mark.parametrize("gains", [(2.0, 1.0), (1.0, 2.0)])
+def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float, float]) -> None:
+    """Their neighbours are apart, so locks exclude neither, and both together would cut a ring off the tree."""
+    inner = {0: (1, 2), 1: (3, 4), 2: (5, 6), 3: (7, 8), 5: (9, 10), 7: (11, 12), 9: (13, 14)}
+    rows, parents = np.zeros(15, BinaryNode.numpy_dtype()), np.full(15, -1)
+    rows["count"] = 1
+    for parent, children in inner.items():
+        rows["left"][parent], rows["right"][parent] = children
+        parents[list(children)] = parent
+    with emulated_cuda(optimization=0):
+        device, state = Device(GPU), moves.Moves()
+        nodes, above = upload(rows, BinaryNode, GPU), upload(parents, int, GPU)
+        state.node, state.place = upload([3, 5], int, GPU), upload([13, 11], int, GPU)
+        state.gain, state.state = upload(gains, float, GPU), upload([0, 0], int, GPU)
+        state.locks, state.mover = (upload(np.zeros(15), wp.int64, GPU) for _ in range(2))
+        state.touched = upload(np.zeros(15), int, GPU)
+        device.launch(moves.lock_nodes, 2, [state, nodes, above, 1, 6, 1])
+        device.launch(moves.choose_moves, 2, [state, nodes, above, 1, 6])
+        assert (state.state.numpy() == moves.CHOSEN).all()
+        device.launch(moves.exclude_circles, 2, [state, above, 1])
+        device.launch(moves.make_moves, 2, [state, nodes, above])
+        found = nodes.numpy()
+    first = gains[0] > gains[1]
+    assert state.state.numpy().tolist() == [moves.CHOSEN, moves.EXCLUDED][:: 1 if first else -1]
+    np.testing.assert_array_equal(np.sort(np.concatenate(levels_of(nodes))), np.arange(15))
+    parent, place, node = (1, 13, 3) if first else (2, 11, 5)
+    assert (found["left"][parent], found["right"][parent]) == (place, node)
 
 
 @pytest.fixture(scope="module")

@@ -110,6 +110,14 @@ FAULTS: tuple[Mutant, ...] = (
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
     Mutant(
+        "cuda-circles",
+        "cuda",
+        "kernels/accel/build/moves.py",
+        "or (at == node and least == key)",
+        "",
+        "tests/test_gpu_builder.py -k below_each_other",
+    ),
+    Mutant(
         "cuda-last-sample",
         "cuda",
         "kernels/regeneration.py",
