@@ -21,8 +21,8 @@ from test_difficult_triangles import batches, mesh_of
 from test_tree_layout import assert_greedy
 
 import wrt
+from wrt.kernels.accel.build.levels import SUBTREE
 from wrt.rendering.render_kernel import REGENERATE
-from wrt.upload.accel.binary_tree import CUDA_SIZES
 
 GPU = "cuda:0"
 
@@ -175,8 +175,8 @@ def test_trees_are_whole_and_tight(name: str, gpu: EmulatedBackend) -> None:
     tree = build(corners, GPU)
     check(tree, corners)
     assert_greedy(tree)
-    split = gpu.launches.get("split_level", 0) > before.get("split_level", 0)
-    assert split == (tree.built.references > CUDA_SIZES.subtree)
+    split = gpu.launches.get("split_nodes", 0) > before.get("split_nodes", 0)
+    assert split == (tree.built.references > SUBTREE)
 
 
 @pytest.mark.parametrize("name", ["soup", "large triangles"])

@@ -14,10 +14,12 @@ from test_bvh import HARD, build, check, soup
 
 from wrt.backend.device import Device
 from wrt.kernels.accel.build import reinsert as bvh_reinsert
-from wrt.upload.accel import reinsertion
+from wrt.upload.accel import gpu_reinsertion, reinsertion
 from wrt.upload.accel.binary_tree import split_boxes
 from wrt.upload.accel.bvh import SAH_DEPTHS, _boxes
-from wrt.upload.accel.reinsertion import LEAST, levels_of, reinsert
+from wrt.upload.accel.gpu_reinsertion import reinsert_on_gpu
+from wrt.upload.accel.gpu_tree import find_parents, split_on_gpu
+from wrt.upload.accel.reinsertion import ANY_VISITS, LEAST, levels_of, reinsert
 
 Nodes = NDArray[Any]
 
@@ -35,8 +37,19 @@ def split(corners: NDArray[np.float32], device: Device) -> Any:
     """Return the binary tree over triangles as the splits leave it."""
     points = upload(corners.reshape(-1, 3), wp.vec3, device.name)
     indices = upload(np.arange(3 * len(corners)), int, device.name)
-    nodes, _ = split_boxes(_boxes(points, indices, device), device, SAH_DEPTHS[0], reinserts=False)
+    make = split_boxes if device.is_cpu else split_on_gpu
+    nodes, _ = make(_boxes(points, indices, device), device, SAH_DEPTHS[0], reinserts=False)
     return nodes
+
+
+def improve(nodes: Any, device: Device) -> None:
+    """Reinsert nodes as builds on the device do."""
+    if device.is_cpu:
+        reinsert(nodes, device)
+    else:
+        visits = upload(np.zeros(len(nodes)), int, device.name)
+        reinsert_on_gpu(nodes, find_parents(nodes, device), visits, device)
+        assert not visits.numpy().any()
 
 
 def areas(nodes: Nodes) -> NDArray[np.float64]:
@@ -93,7 +106,7 @@ def test_the_best_place_is_found(seed: int, device: str, report: Report) -> None
     before = float(areas(everything[inner(nodes)]).sum())
     moving = np.array([k for k in used if parents[k] > 0], np.int32)
     places, gains = (wp.zeros(len(moving), dtype=kind, device=device) for kind in (int, float))
-    inputs = [upload(moving, int, device), nodes, upload(parents, int, device), places, gains]
+    inputs = [upload(moving, int, device), nodes, upload(parents, int, device), ANY_VISITS, places, gains]
     Device(device).launch(bvh_reinsert.find_places, len(moving), inputs)
     better = 0
     for node, place, gain in zip(moving, places.numpy(), gains.numpy(), strict=True):
@@ -130,7 +143,7 @@ def test_trees_stay_whole(name: str, device: str, report: Report) -> None:
     nodes = split(corners, Device(device))
     before, everything = inner(nodes), nodes.numpy().copy()
     leaves = np.setdiff1d(np.concatenate(levels_of(nodes)), before)
-    reinsert(nodes, Device(device))
+    improve(nodes, Device(device))
     after, result = inner(nodes), nodes.numpy()
     np.testing.assert_array_equal(np.sort(after), np.sort(before))
     np.testing.assert_array_equal(np.sort(np.setdiff1d(np.concatenate(levels_of(nodes)), after)), np.sort(leaves))
@@ -150,16 +163,36 @@ def test_rays_find_what_they_found(device: str) -> None:
     check(build(corners, device), corners)
 
 
+def test_a_search_ends_after_so_many_nodes(device: str) -> None:
+    """With what it has found by then: nothing, less than the best, or the best."""
+    nodes = split(scattered(300), Device(device))
+    parents, used = parents_of(nodes), np.concatenate(levels_of(nodes))
+    moving = np.array([k for k in used if parents[k] > 0], np.int32)
+    found = []
+    for visits in (1, 8, 4 * len(used), ANY_VISITS):
+        places, gains = (wp.zeros(len(moving), dtype=kind, device=device) for kind in (int, float))
+        inputs = [upload(moving, int, device), nodes, upload(parents, int, device), visits, places, gains]
+        Device(device).launch(bvh_reinsert.find_places, len(moving), inputs)
+        found.append((places.numpy().copy(), gains.numpy().copy()))
+    assert (found[0][0] == -1).all(), "the first node is the sibling, beside which it is"
+    some, best = found[1], found[3]
+    assert 0 < (some[0] >= 0).sum() < (best[0] >= 0).sum()
+    assert (some[1] <= best[1]).all()
+    for one, other in zip(found[2], best, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_small_trees_are_left_alone(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     corners = scattered(8 * LEAST // 4)
     nodes = split(corners, Device(device))
     assert 1 < len(np.concatenate(levels_of(nodes))) < LEAST
     before = nodes.numpy().copy()
-    reinsert(nodes, Device(device))
+    improve(nodes, Device(device))
     used = np.concatenate(levels_of(nodes))
     np.testing.assert_array_equal(nodes.numpy()[used], before[used])
-    monkeypatch.setattr(reinsertion, "LEAST", 0)
-    reinsert(nodes, Device(device))
+    for module in (reinsertion, gpu_reinsertion):
+        monkeypatch.setattr(module, "LEAST", 0)
+    improve(nodes, Device(device))
     assert (nodes.numpy()[used] != before[used]).any()
 
 
@@ -167,7 +200,7 @@ def test_threads_change_nothing() -> None:
     trees = []
     for threads in (1, 3):
         nodes = split(scattered(5000), Device("cpu", threads=threads))
-        reinsert(nodes, Device("cpu", threads=threads))
+        improve(nodes, Device("cpu", threads=threads))
         used = np.concatenate(levels_of(nodes))
         trees.append((used, *(nodes.numpy()[name][used] for name in ("lower", "upper", "right"))))
     for one, other in zip(*trees, strict=True):

@@ -32,7 +32,7 @@ from wrt.kernels.native.constants import (
     STACK_SIZE,
     WIDTH,
 )
-from wrt.upload.accel.binary_tree import CPU_SIZES
+from wrt.upload.accel.binary_tree import CHUNK, SUBTREE
 from wrt.upload.accel.bvh import build_bvh
 
 OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k in range(8)])
@@ -110,7 +110,7 @@ def test_children_by_octant_or_sorted_give_the_same_hits(name: str, report: Repo
     np.testing.assert_array_equal(sorted_tuv, tuv)
 
 
-SIZES = sorted({size + more for size in CPU_SIZES for more in (-1, 0, 1)} | {2 * CPU_SIZES.chunk + 1})
+SIZES = sorted({size + more for size in (SUBTREE, CHUNK) for more in (-1, 0, 1)} | {2 * CHUNK + 1})
 
 
 @pytest.mark.parametrize("count", SIZES)
@@ -129,7 +129,7 @@ def test_trees_over_as_many_triangles_as_a_thread_has(count: int, device: str) -
 
 def test_trees_over_equal_boxes_larger_than_a_chunk(device: str) -> None:
     """No plane parts them: the chunks of a node are halved by number."""
-    count = 2 * CPU_SIZES.chunk + 3
+    count = 2 * CHUNK + 3
     indices = np.tile(np.arange(3), count)
     points = soup(1)[0]
     tree = build_indexed(points, indices, device)

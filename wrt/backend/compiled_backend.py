@@ -264,6 +264,18 @@ class CompiledBackend:
                 arguments[name] = packed
         kernel.function(ctypes.byref(Bounds(count, count, 1)), arguments.__array_interface__["data"][0])
 
+    def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+        raise NotCompiled("kernels for CUDA")
+
+    def sum_before(self, counts: Array, sums_out: Array) -> None:
+        raise NotCompiled("kernels for CUDA")
+
+    def total(self, values: Array) -> float:
+        raise NotCompiled("kernels for CUDA")
+
+    def sort_pairs(self, keys: Array, values: Array, count: int) -> None:
+        raise NotCompiled("kernels for CUDA")
+
     def gpus(self) -> int:
         raise NotCompiled("kernels for CUDA")
 

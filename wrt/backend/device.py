@@ -158,16 +158,19 @@ class Device:
         spared: int = 0,
         least: int = 1,
         cancellable: bool = False,
+        waits: bool = True,
     ) -> None:
         """Run `kernel` over indices 0 to count − 1 on all threads but `spared`, and wait for it.
 
         The kernel's first argument is the index of its thread 0. On the CPU slices of the range run in parallel; for
         interrupts and for `least` see `run_slices`. A cancellable launch on the CPU ends early when `cancelled` is set.
+        On CUDA a launch with `waits` unset returns at once; launches run in their order.
         """
         # Compile before the threads start: otherwise each would compile the kernel.
         self.compile(kernel)
         if not self.is_cpu:
-            self.backend.launch(kernel, 0, count, inputs, self.name)
+            run_all = self.backend.launch if waits else self.backend.queue
+            run_all(kernel, 0, count, inputs, self.name)
             return
 
         def run(start: int, size: int) -> None:

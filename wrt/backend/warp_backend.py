@@ -113,8 +113,20 @@ class WarpBackend:
     def sums_before(self, counts: Any) -> Any:
         """Return the exclusive prefix sums of an array."""
         sums = self._wp.empty_like(counts)
-        self._wp.utils.array_scan(counts, sums, inclusive=False)
+        self.sum_before(counts, sums)
         return sums
+
+    def sum_before(self, counts: Any, sums_out: Any) -> None:
+        """Write the exclusive prefix sums of an array."""
+        self._wp.utils.array_scan(counts, sums_out, inclusive=False)
+
+    def total(self, values: Any) -> float:
+        """Return the sum of an array of int or float."""
+        return float(self._wp.utils.array_sum(values))
+
+    def sort_pairs(self, keys: Any, values: Any, count: int) -> None:
+        """Sort the first `count` keys and their values; both arrays have room for twice as many."""
+        self._wp.utils.radix_sort_pairs(keys, values, count)
 
     def fields(self, value: Any) -> dict[str, Any]:
         """Return the fields of a struct by name; nothing for other values."""
@@ -139,7 +151,7 @@ class WarpBackend:
 
         On a GPU they run on Warp's current stream, and nothing else is waited for.
         """
-        self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
+        self.queue(kernel, first, count, inputs, device)
         if device != "cpu":
             self._wp.synchronize_stream(device)
 
@@ -163,6 +175,10 @@ class WarpBackend:
         if device not in self._streams:
             self._streams[device] = self._wp.Stream(device)
         return self._streams[device]
+
+    def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+        """Do the same, but on a GPU return at once: what comes later there finds these threads done."""
+        self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
 
     def gpus(self) -> int:
         """Return the number of GPUs."""

@@ -68,7 +68,7 @@ class RenderKernel:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
         film = self._device.backend.kernels("wrt.kernels.film.film")
         # The largest first, then those needed last: building the tree meanwhile compiles from the other end.
-        for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building())):
+        for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building(self._device))):
             if kernel is not None:
                 compile(kernel)
 

@@ -97,19 +97,18 @@ def children_of(nodes: wp.array(dtype=BinaryNode), root: int):
     return children
 
 
-@wp.kernel(enable_backward=False)
-def find_children(
-    first: int,
-    level: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
-    children_out: wp.array(dtype=int),
-    inner_out: wp.array(dtype=int),
-    leaves_out: wp.array(dtype=int),
-):
-    """Write the children of each wide node of a level, −1 for unused places, and count inner nodes and leaves."""
-    i = first + wp.tid()
-    root = nodes[level[i]]
-    children = children_of(nodes, level[i])
+@wp.func
+def sort_children(nodes: wp.array(dtype=BinaryNode), index: int, i: int, children_out: wp.array(dtype=int)) -> wp.vec2i:
+    """Write the children of wide node `i`, −1 for unused places; return the numbers of inner nodes and of leaves.
+
+    Args:
+        nodes: the binary tree.
+        index: its node that becomes the wide node.
+        i: number of the wide node in the list of children.
+        children_out: eight for each wide node.
+    """
+    root = nodes[index]
+    children = children_of(nodes, index)
     count = children[15]
     middle = root.lower + root.upper
     inner = int(0)
@@ -142,8 +141,23 @@ def find_children(
         children_out[8 * i + best_place] = children[best_child]
         if nodes[children[best_child]].right != 0:
             inner += 1
-    inner_out[i] = inner
-    leaves_out[i] = count - inner
+    return wp.vec2i(inner, count - inner)
+
+
+@wp.kernel(enable_backward=False)
+def find_children(
+    first: int,
+    level: wp.array(dtype=int),
+    nodes: wp.array(dtype=BinaryNode),
+    children_out: wp.array(dtype=int),
+    inner_out: wp.array(dtype=int),
+    leaves_out: wp.array(dtype=int),
+):
+    """Write the children of each wide node of a level, −1 for unused places, and count inner nodes and leaves."""
+    i = first + wp.tid()
+    found = sort_children(nodes, level[i], i, children_out)
+    inner_out[i] = found[0]
+    leaves_out[i] = found[1]
 
 
 @wp.kernel(enable_backward=False)

@@ -97,6 +97,28 @@ def count_pieces(first: int, importance: wp.array(dtype=float), factor: float, c
 
 
 @wp.kernel(enable_backward=False)
+def mark_cut(first: int, count: wp.array(dtype=int), is_cut_out: wp.array(dtype=int)):
+    """Write 1 for each triangle of several pieces, 0 for others."""
+    i = first + wp.tid()
+    is_cut_out[i] = wp.where(count[i] > 1, 1, 0)
+
+
+@wp.kernel(enable_backward=False)
+def list_cut(
+    first: int,
+    count: wp.array(dtype=int),
+    place: wp.array(dtype=int),
+    triangles_out: wp.array(dtype=int),
+    count_out: wp.array(dtype=int),
+):
+    """List the triangles of several pieces, and their numbers of pieces."""
+    i = first + wp.tid()
+    if count[i] > 1:
+        triangles_out[place[i]] = i
+        count_out[place[i]] = count[i]
+
+
+@wp.kernel(enable_backward=False)
 def pick_corners(
     first: int, indices: wp.array(dtype=int), triangles: wp.array(dtype=int), indices_out: wp.array(dtype=int)
 ):

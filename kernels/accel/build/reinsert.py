@@ -51,12 +51,13 @@ def find_places(
     moving: wp.array(dtype=int),
     nodes: wp.array(dtype=BinaryNode),
     parents: wp.array(dtype=int),
+    most_visits: int,
     places_out: wp.array(dtype=int),
     gains_out: wp.array(dtype=float),
 ):
     """Find the best new sibling for each of the listed nodes, −1 for none, and the area that the move saves.
 
-    The root and its children stay.
+    The root and its children stay. After `most_visits` nodes a search ends with the best place so far.
     """
     i = first + wp.tid()
     node = moving[i]
@@ -80,13 +81,15 @@ def find_places(
     sums = _waiting_sums()
     below = parent
     other = sibling
+    left = int(most_visits)
     while other >= 0:
         # Search below the sibling of the way up: `sums` is the area saved after nodes on the way down have grown.
         top = int(1)
         waiting[0] = other
         sums[0] = saved
-        while top > 0:
+        while top > 0 and left > 0:
             top -= 1
+            left -= 1
             at = waiting[top]
             most = sums[top]
             if most - own > best:
@@ -103,7 +106,7 @@ def find_places(
                     top += 2
         other = int(-1)
         above = parents[below]
-        if above >= 0:
+        if above >= 0 and left > 0:
             if below != parent:
                 saved += half_area(nodes[below].upper - nodes[below].lower) - half_area(left_upper - left_lower)
             other = sibling_of(nodes, above, below)

@@ -182,6 +182,39 @@ def split_node(
     add_children(nodes, index, children, children + 1, split.left)
 
 
+@wp.func
+def build_subtree(
+    root: int,
+    nodes: wp.array(dtype=BinaryNode),
+    boxes: wp.array(dtype=vec8),
+    centers: wp.array(dtype=vec8),
+    bin_boxes: wp.array(dtype=vec8),
+    bin_counts: wp.array(dtype=int),
+    scratch: int,
+    max_sah_depth: int,
+):
+    """Build the subtree below a node."""
+    stack = _task_stack()
+    stack[0] = root
+    top = int(1)
+    free = root + 1
+    while top > 0:
+        top -= 1
+        index = stack[top]
+        split_node(nodes, index, free, boxes, centers, bin_boxes, bin_counts, scratch, max_sah_depth)
+        if nodes[index].right != 0:
+            # The larger child waits, so the stack never exceeds log2 of the triangles.
+            small = free
+            large = free + 1
+            if nodes[small].count > nodes[large].count:
+                small = free + 1
+                large = free
+            stack[top] = large
+            stack[top + 1] = small
+            top += 2
+            free += 2
+
+
 @wp.kernel(enable_backward=False)
 def build_subtrees(
     first: int,
@@ -195,23 +228,4 @@ def build_subtrees(
 ):
     """Build the subtrees below the listed nodes."""
     i = first + wp.tid()
-    root = roots[i]
-    stack = _task_stack()
-    stack[0] = root
-    top = int(1)
-    free = root + 1
-    while top > 0:
-        top -= 1
-        index = stack[top]
-        split_node(nodes, index, free, boxes, centers, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)
-        if nodes[index].right != 0:
-            # The larger child waits, so the stack never exceeds log2 of the triangles.
-            small = free
-            large = free + 1
-            if nodes[small].count > nodes[large].count:
-                small = free + 1
-                large = free
-            stack[top] = large
-            stack[top + 1] = small
-            top += 2
-            free += 2
+    build_subtree(roots[i], nodes, boxes, centers, bin_boxes, bin_counts, i * wp.static(3 * BINS), max_sah_depth)

@@ -85,10 +85,10 @@ class EmulatedBackend(WarpBackend):
         else:
             self.library(kernel)
 
-    def launch(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
-        """Run threads `first` to first + count − 1 of a kernel."""
+    def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+        """Run threads `first` to first + count − 1 of a kernel; on the GPU too they are done afterwards."""
         if device == "cpu":
-            super().launch(kernel, first, count, inputs, device)
+            super().queue(kernel, first, count, inputs, device)
         else:
             self.run(kernel, (count,), [first, *inputs])
 

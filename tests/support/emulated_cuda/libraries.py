@@ -62,13 +62,23 @@ class Library:
     def trace(self, kernel: str, count: int, arguments: list[Any], thread: int) -> NDArray[np.uint32]:
         """Run a thread of a module that traces, and return the blocks that it runs."""
         blocks = np.empty(LONGEST_TRACE, np.uint32)
-        self._variable(b"trace").value, self._variable(b"longest").value = blocks.ctypes.data, len(blocks)
+        traced = self.trace_all(kernel, count, arguments, range(thread, thread + 1), blocks)
+        if traced > len(blocks):
+            raise RuntimeError(f"a thread ran {traced} blocks, and {len(blocks)} were expected at most")
+        return blocks[:traced].copy()
+
+    def trace_all(
+        self, kernel: str, count: int, arguments: list[Any], threads: range, blocks_out: NDArray[np.uint32]
+    ) -> int:
+        """Run threads of a module that traces, write the first blocks that they run, and return how many these are.
+
+        Each thread begins with block 0.
+        """
+        self._variable(b"trace").value, self._variable(b"longest").value = blocks_out.ctypes.data, len(blocks_out)
         traced = self._variable(b"traced")
         traced.value = 0
-        self.run(kernel, count, arguments, threads=range(thread, thread + 1))
-        if traced.value > len(blocks):
-            raise RuntimeError(f"a thread ran {traced.value} blocks, and {len(blocks)} were expected at most")
-        return blocks[: traced.value].copy()
+        self.run(kernel, count, arguments, threads=threads)
+        return int(traced.value)
 
     def _variable(self, name: bytes) -> ctypes.c_uint64:
         return ctypes.c_uint64.from_address(self._clang.wp_lookup(self._handle, name))

@@ -1,8 +1,11 @@
-"""Build the binary tree below the wide BVH: the host side of `split.py` and `top.py`."""
+"""Build the binary tree below the wide BVH on the CPU: the host side of `split.py` and `top.py`.
+
+GPUs make the same splits without waiting for the host: `gpu_tree.py`.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -10,24 +13,11 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.upload.accel.reinsertion import levels_of, reinsert
 
+SUBTREE = 16384
+"""One thread builds subtrees of up to this many triangles, whose boxes fit in a core's cache."""
 
-class BuildSizes(NamedTuple):
-    """The work of one thread.
-
-    Attributes:
-        subtree: one thread builds subtrees of up to this many triangles.
-        chunk: triangles of a larger node that one thread processes.
-    """
-
-    subtree: int
-    chunk: int
-
-
-CPU_SIZES = BuildSizes(subtree=16384, chunk=32768)
-"""The boxes of a subtree fit in a core's cache."""
-
-CUDA_SIZES = BuildSizes(subtree=128, chunk=256)
-"""Enough threads for a GPU; not measured on one."""
+CHUNK = 32768
+"""Triangles of a larger node that one thread processes."""
 
 
 def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) -> tuple[Any, float]:
@@ -54,21 +44,20 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) 
     backend.copy(nodes, backend.array(root, split.BinaryNode, name), count=1)
 
     # Split the top level by level with many threads a node, down to subtrees that one thread builds whole.
-    sizes = CPU_SIZES if device.is_cpu else CUDA_SIZES
-    first_chunks = _chunks(np.zeros(1, np.int64), np.array([count]), sizes.chunk, name)
+    first_chunks = _chunks(np.zeros(1, np.int64), np.array([count]), CHUNK, name)
     device.launch(top.find_centers, len(first_chunks.first), [first_chunks, boxes])
     root_centers = backend.array(first_chunks.centers.numpy().min(axis=0), "vec8", name)
     backend.copy(centers, root_centers, count=1)
     roots, root_counts = [], []
     level, firsts, counts = np.zeros(1, np.int32), np.zeros(1, np.int64), np.array([count])
     while len(level):
-        large = counts > sizes.subtree
+        large = counts > SUBTREE
         roots.append(level[~large])
         root_counts.append(counts[~large])
         level, firsts, counts = level[large], firsts[large], counts[large]
         if not len(level):
             break
-        chunks = _chunks(firsts, counts, sizes.chunk, name)
+        chunks = _chunks(firsts, counts, CHUNK, name)
         on_device, n, chunk_count = backend.array(level, int, name), len(level), len(chunks.first)
         splits = backend.empty(n, split.Split, name)
         device.launch(top.fill_chunk_bins, chunk_count, [on_device, chunks, boxes, centers])
@@ -76,7 +65,7 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) 
         device.launch(top.part_chunks, chunk_count, [on_device, chunks, splits, centers, boxes])
         device.launch(top.join_centers, n, [on_device, chunks, nodes, centers])
         left = splits.numpy()["left"]
-        swaps = _swaps(chunks, firsts + left, sizes.chunk)
+        swaps = _swaps(chunks, firsts + left, CHUNK)
         on_both_sides = [backend.array(numbers, int, name) for numbers in swaps]
         device.launch(top.swap_boxes, len(swaps[0]), [*on_both_sides, boxes])
         level = np.stack([level + 1, level + 2 * left], axis=1).ravel().astype(np.int32)

@@ -13,6 +13,8 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.upload.accel.binary_tree import split_boxes
+from wrt.upload.accel.gpu_collapse import collapse_on_gpu
+from wrt.upload.accel.gpu_tree import split_on_gpu
 
 SAH_DEPTHS = (48, 8)
 """Depths down to which the binary tree is split by the surface area heuristic, tried in this order until the tree is
@@ -92,14 +94,14 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
         if other.cost < WORTH_CUTTING * tree.cost:
             tree = other
         del pieces, other
-    starts, leaf_count, references = _level_starts(tree.levels), _leaf_count(tree.levels), len(tree.boxes)
+    starts, leaf_count, references = tree.level_starts, tree.leaf_count, len(tree.boxes)
     if max(leaf_count * constants.LEAF_FLOATS, starts[-1] * constants.NODE_FLOATS) >= 2**31:
         raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
     data = bvh.Bvh()
     data.nodes = device.empty_large(starts[-1] * constants.NODE_FLOATS)
     leaf_ranges = _write_nodes(tree, -1, data.nodes, device)
     numbers = device.empty_large(references, int)
-    device.launch(collapse.list_numbers, references, [tree.boxes, numbers])
+    device.launch(collapse.list_numbers, references, [tree.boxes, numbers], waits=False)
     del tree  # free its memory for the leaves, which are as large
     data.leaves = device.empty_large(leaf_count * constants.LEAF_FLOATS)
     device.launch(
@@ -108,15 +110,13 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     return BuiltBvh(data, starts, leaf_count, references, 4 * (len(data.nodes) + len(data.leaves)))
 
 
-def kernels_of_building() -> list[Any]:
-    """Return one kernel of each module that builds trees, in order of use."""
-    modules = {
-        "split": "make_boxes",
-        "top": "find_centers",
-        "reinsert": "find_places",
-        "collapse": "price_nodes",
-        "presplit": "find_importance",
-    }
+def kernels_of_building(device: Device) -> list[Any]:
+    """Return one kernel of each module that builds trees on a device, in order of use."""
+    modules = {"split": "make_boxes", "top": "find_centers", "reinsert": "find_places"}
+    if not device.is_cpu:
+        modules = {"split": "make_boxes", "levels": "begin_tree", "upwards": "write_all_parents"}
+        modules |= {"moves": "rate_nodes", "reinsert": "find_places", "wide_levels": "begin_levels"}
+    modules |= {"collapse": "price_nodes", "presplit": "find_importance"}
     backend = current_backend()
     return [getattr(backend.kernels(f"wrt.kernels.accel.build.{name}"), kernel) for name, kernel in modules.items()]
 
@@ -126,7 +126,7 @@ def _boxes(points: Any, indices: Any, device: Device) -> Any:
     split = current_backend().kernels("wrt.kernels.accel.build.split")
     count = len(indices) // 3
     boxes = device.empty_large(count, "vec8")
-    device.launch(split.make_boxes, count, [points, indices, boxes])
+    device.launch(split.make_boxes, count, [points, indices, boxes], waits=False)
     return boxes
 
 
@@ -141,28 +141,63 @@ def _cut_triangles(points: Any, indices: Any, tree: _Tree, device: Device) -> An
     """
     presplit = current_backend().kernels("wrt.kernels.accel.build.presplit")
 
-    count, root = len(indices) // 3, tree.nodes[:1].numpy()[0]
-    low = root["lower"]
+    count, (low, high) = len(indices) // 3, tree.box
     with np.errstate(over="ignore"):
-        size = np.maximum(root["upper"] - low, np.float32(1e-30))
+        size = np.maximum(high - low, np.float32(1e-30))
     if not np.isfinite(size).all():
         return None
     scene = [tuple(low.tolist()), tuple(size.tolist())]
     importance = device.empty_large(count)
-    device.launch(presplit.find_importance, count, [points, indices, *scene, importance])
+    device.launch(presplit.find_importance, count, [points, indices, *scene, importance], waits=False)
     # Pieces in proportion to importance respect MORE_PIECES, and do not split triangles that are all alike.
-    total = float(importance.numpy().sum(dtype=np.float64))
+    total = _sum(importance, device)
     if not 0.0 < total < np.inf:
         return None
     pieces = device.empty_large(count, int)
-    device.launch(presplit.count_pieces, count, [importance, MORE_PIECES * count / total, pieces])
+    device.launch(presplit.count_pieces, count, [importance, MORE_PIECES * count / total, pieces], waits=False)
     del importance  # free its memory
-    cut = np.flatnonzero(pieces.numpy() > 1)
-    if not len(cut) or count + int(pieces.numpy()[cut].sum()) - len(cut) >= 2**26:
+    cut = _cut_ones(pieces, device)
+    if cut is None or count + cut.pieces - len(cut.triangles) >= 2**26:
         return None
-    if FEW_CUT * len(cut) < count and not _worth_cutting(points, indices, scene, pieces, cut, device):
+    if FEW_CUT * len(cut.triangles) < count and not _worth_cutting(points, indices, scene, cut, device):
         return None
     return _pieces(points, indices, scene, pieces, device)
+
+
+def _sum(values: Any, device: Device) -> float:
+    """Return the sum of an array of float."""
+    if device.is_cpu:
+        return float(values.numpy().sum(dtype=np.float64))
+    return current_backend().total(values)
+
+
+class _Cut(NamedTuple):
+    """Triangles that are cut: their numbers and how many pieces each makes, on the device, and the sum of these."""
+
+    triangles: Any
+    counts: Any
+    pieces: int
+
+
+def _cut_ones(counts: Any, device: Device) -> _Cut | None:
+    """Return the triangles that make more than one piece, given the pieces of each; None if there are none."""
+    backend = current_backend()
+    if device.is_cpu:
+        on_host = counts.numpy()
+        cut = np.flatnonzero(on_host > 1)
+        if not len(cut):
+            return None
+        triangles, numbers = (backend.array(rows, int, device.name) for rows in (cut, on_host[cut]))
+        return _Cut(triangles, numbers, int(on_host[cut].sum()))
+    presplit = backend.kernels("wrt.kernels.accel.build.presplit")
+    is_cut = backend.empty(len(counts), int, device.name)
+    device.launch(presplit.mark_cut, len(counts), [counts, is_cut], waits=False)
+    place, number = _sums_before(is_cut)
+    if not number:
+        return None
+    triangles, numbers = (backend.empty(number, int, device.name) for _ in range(2))
+    device.launch(presplit.list_cut, len(counts), [counts, place, triangles, numbers], waits=False)
+    return _Cut(triangles, numbers, _sums_before(numbers)[1])
 
 
 def _pieces(points: Any, indices: Any, scene: list[Any], pieces: Any, device: Device) -> Any:
@@ -170,23 +205,21 @@ def _pieces(points: Any, indices: Any, scene: list[Any], pieces: Any, device: De
     presplit = current_backend().kernels("wrt.kernels.accel.build.presplit")
     start, total = _sums_before(pieces)
     boxes = device.empty_large(total, "vec8")
-    device.launch(presplit.write_pieces, len(pieces), [points, indices, *scene, start, pieces, boxes])
+    device.launch(presplit.write_pieces, len(pieces), [points, indices, *scene, start, pieces, boxes], waits=False)
     return boxes
 
 
-def _worth_cutting(
-    points: Any, indices: Any, scene: list[Any], pieces: Any, cut: NDArray[np.intp], device: Device
-) -> bool:
+def _worth_cutting(points: Any, indices: Any, scene: list[Any], cut: _Cut, device: Device) -> bool:
     """Return whether splitting pays in a tree over the split triangles alone, as an estimate for the whole."""
     backend = current_backend()
     presplit = backend.kernels("wrt.kernels.accel.build.presplit")
     constants = backend.kernels("wrt.kernels.native.constants")
 
-    corners = backend.empty(3 * len(cut), int, device.name)
-    device.launch(presplit.pick_corners, len(cut), [indices, backend.array(cut, int, device.name), corners])
-    some = backend.array(pieces.numpy()[cut], int, device.name)
+    count = len(cut.triangles)
+    corners = backend.empty(3 * count, int, device.name)
+    device.launch(presplit.pick_corners, count, [indices, cut.triangles, corners], waits=False)
     whole = _wide_tree(_boxes(points, corners, device), device, constants.MAX_DEPTH)
-    split = _wide_tree(_pieces(points, corners, scene, some, device), device, constants.MAX_DEPTH)
+    split = _wide_tree(_pieces(points, corners, scene, cut.counts, device), device, constants.MAX_DEPTH)
     return split.cost < WORTH_CUTTING * whole.cost
 
 
@@ -201,10 +234,11 @@ def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> Non
     """
     refit = current_backend().kernels("wrt.kernels.accel.build.refit")
 
-    device.launch(refit.refit_leaves, built.leaves, [points, indices, _as_int(built.data.leaves), built.data])
+    numbers = _as_int(built.data.leaves)
+    device.launch(refit.refit_leaves, built.leaves, [points, indices, numbers, built.data], waits=False)
     children = _as_int(built.data.nodes)
     for start, end in reversed(list(itertools.pairwise(built.level_starts))):
-        device.launch(refit.refit_level, end - start, [start, built.data, children])
+        device.launch(refit.refit_level, end - start, [start, built.data, children], waits=start == 0)
 
 
 def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> Any:
@@ -225,30 +259,81 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     boxes = backend.array(rows, "vec8", device.name)
     # Each leaf becomes another node, whose children are single boxes.
     tree = _wide_tree(boxes, device, constants.MAX_DEPTH - 1)
-    leaf_nodes = _level_starts(tree.levels)[-1]
-    out = device.empty_large((leaf_nodes + _leaf_count(tree.levels)) * constants.NODE_FLOATS)
+    leaf_nodes = tree.level_starts[-1]
+    out = device.empty_large((leaf_nodes + tree.leaf_count) * constants.NODE_FLOATS)
     leaf_ranges = _write_nodes(tree, leaf_nodes, out, device)
     device.launch(collapse.write_leaf_nodes, len(leaf_ranges), [leaf_ranges, boxes, leaf_nodes, out, _as_int(out)])
     return out
 
 
-class _Tree(NamedTuple):
-    """A wide tree by levels, its binary tree, its boxes in order, and the expected cost of a ray."""
+class _Part(NamedTuple):
+    """Wide nodes that are written together.
 
-    levels: list[_Level]
+    Attributes:
+        size: their number.
+        children: the binary nodes of their children, eight for each.
+        inner_start: number of the first inner child of each, counted from that of the first node.
+        leaf_start: likewise of the first leaf.
+        first: number of the first node, of its first inner child, and of its first leaf.
+    """
+
+    size: int
+    children: Any
+    inner_start: Any
+    leaf_start: Any
+    first: tuple[int, int, int]
+
+
+class _Tree(NamedTuple):
+    """A wide tree that is not written yet.
+
+    Attributes:
+        level_starts: number of the first wide node of each level, then the number of all nodes.
+        leaf_count: number of leaves.
+        parts: the wide nodes.
+        nodes: the binary tree.
+        boxes: the boxes in order.
+        box: (2, 3) float32 corners of the root.
+        cost: expected cost of a ray.
+    """
+
+    level_starts: tuple[int, ...]
+    leaf_count: int
+    parts: list[_Part]
     nodes: Any
     boxes: Any
+    box: NDArray[np.float32]
     cost: float
 
 
 def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
     """Return the wide tree over boxes, and reorder them to match."""
+    make = _tree_of_cpu if device.is_cpu else _tree_of_gpu
     for sah_depth in SAH_DEPTHS:
-        nodes, cost = split_boxes(boxes, device, sah_depth, reinserts=sah_depth == SAH_DEPTHS[0])
-        levels = _levels(nodes, device, max_depth)
-        if len(levels) <= max_depth:
+        tree = make(boxes, device, max_depth, sah_depth, sah_depth == SAH_DEPTHS[0])
+        if len(tree.level_starts) - 1 <= max_depth:
             break
-    return _Tree(levels, nodes, boxes, cost)
+    return tree
+
+
+def _tree_of_cpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> _Tree:
+    nodes, cost = split_boxes(boxes, device, sah_depth, reinserts=reinserts)
+    levels = _levels(nodes, device, max_depth)
+    starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
+    leaves = list(itertools.accumulate((level.leaf_total for level in levels), initial=0))
+    parts = [
+        _Part(level.size, level.children, level.inner_start, level.leaf_start, (*pair, leaf))
+        for level, pair, leaf in zip(levels, itertools.pairwise(starts), leaves[:-1], strict=True)
+    ]
+    root = nodes[:1].numpy()[0]
+    return _Tree(starts, leaves[-1], parts, nodes, boxes, np.stack([root["lower"], root["upper"]]), cost)
+
+
+def _tree_of_gpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> _Tree:
+    nodes, costs = split_on_gpu(boxes, device, sah_depth, reinserts=reinserts)
+    wide = collapse_on_gpu(nodes, costs, device, max_depth)
+    part = _Part(wide.level_starts[-1], wide.children, wide.inner_start, wide.leaf_start, (0, 1, 0))
+    return _Tree(wide.level_starts, wide.leaf_count, [part], nodes, boxes, wide.box, wide.cost)
 
 
 class _Level(NamedTuple):
@@ -284,16 +369,6 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
     return levels
 
 
-def _level_starts(levels: list[_Level]) -> tuple[int, ...]:
-    """Return the number of the first wide node of each level, then the number of all nodes."""
-    return tuple(itertools.accumulate((level.size for level in levels), initial=0))
-
-
-def _leaf_count(levels: list[_Level]) -> int:
-    """Return the number of leaves."""
-    return sum(level.leaf_total for level in levels)
-
-
 def _write_nodes(tree: _Tree, leaf_nodes: int, out: Any, device: Device) -> Any:
     """Write the wide nodes; return for each leaf its first box and the number of boxes, as vec2i.
 
@@ -306,15 +381,12 @@ def _write_nodes(tree: _Tree, leaf_nodes: int, out: Any, device: Device) -> Any:
     backend = current_backend()
     collapse = backend.kernels("wrt.kernels.accel.build.collapse")
 
-    levels, nodes = tree.levels, tree.nodes
-    leaf_ranges = backend.empty(_leaf_count(levels), "vec2i", device.name)
-    first_leaf = 0
-    for level, (first_node, first_child) in zip(levels, itertools.pairwise(_level_starts(levels)), strict=True):
-        places = [level.inner_start, level.leaf_start, first_node, first_child, first_leaf, leaf_nodes]
-        device.launch(
-            collapse.write_nodes, level.size, [level.children, nodes, *places, out, _as_int(out), leaf_ranges]
-        )
-        first_leaf += level.leaf_total
+    leaf_ranges = backend.empty(tree.leaf_count, "vec2i", device.name)
+    outputs = [leaf_nodes, out, _as_int(out), leaf_ranges]
+    for part in tree.parts:
+        places = [part.inner_start, part.leaf_start, *part.first]
+        inputs = [part.children, tree.nodes, *places, *outputs]
+        device.launch(collapse.write_nodes, part.size, inputs, waits=False)
     return leaf_ranges
 
 

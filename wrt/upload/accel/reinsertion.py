@@ -19,6 +19,9 @@ LARGEST = 4096
 NEAR_ROOT = 8 * LARGEST
 """These nodes are searched for in the top levels that hold this many: areas shrink further down."""
 
+ANY_VISITS = 2**31 - 1
+"""Nodes that a search may visit: as many as there are."""
+
 LEAST = 32
 """Smaller trees are not worth optimising."""
 
@@ -60,7 +63,7 @@ def reinsert(nodes: Any, device: Device) -> None:
         on_device = backend.array(moving, int, device.name)
         places = backend.empty(len(moving), int, device.name)
         gains = backend.empty(len(moving), float, device.name)
-        device.launch(kernels.find_places, len(moving), [on_device, nodes, parents, places, gains])
+        device.launch(kernels.find_places, len(moving), [on_device, nodes, parents, ANY_VISITS, places, gains])
         found, saved = places.numpy(), gains.numpy()
         order = np.argsort(-saved, kind="stable")
         order = order[found[order] >= 0]

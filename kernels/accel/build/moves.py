@@ -1,0 +1,191 @@
+"""Reinsertion on a GPU: moves that exclude one another are sorted out by locks, the others happen at once.
+
+Meister and Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy Optimization" (2018), section 3.3. The rules
+are those of `kernels/accel/build/reinsert.py`, where one thread takes the moves by their gain: a move locks five nodes,
+and of two that need the same the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
+this chooses what one thread would choose.
+"""
+
+import warp as wp
+
+from wrt.kernels.accel.build.boxes import half_area
+from wrt.kernels.accel.build.reinsert import replace_child, sibling_of
+from wrt.kernels.accel.build.split import BinaryNode
+
+# Unrolled loops take Warp many times as long to compile and run no faster.
+wp.set_module_options({"max_unroll": 1})
+
+UNDECIDED, CHOSEN, EXCLUDED = 0, 1, 2
+"""States of a move."""
+
+LONGEST_WAY = 64
+"""Moves on the way up from a node's new place that are followed at most."""
+
+NOT_RATED = 3.0e38
+"""Key of places without a node, behind all areas."""
+
+
+@wp.struct
+class Moves:
+    """The moves of a round.
+
+    `node` and `place` are the node that moves and its new sibling, −1 for none; `gain` is the area saved and `state`
+    one of the above. For each node of the tree `locks` has the best key of a move that needs it, `touched` the last
+    round in which a chosen move did, and `mover` the key of its own move. Keys of later turns are larger.
+    """
+
+    node: wp.array(dtype=int)
+    place: wp.array(dtype=int)
+    gain: wp.array(dtype=float)
+    state: wp.array(dtype=int)
+    locks: wp.array(dtype=wp.int64)
+    touched: wp.array(dtype=int)
+    mover: wp.array(dtype=wp.int64)
+
+
+@wp.kernel(enable_backward=False)
+def rate_nodes(
+    first: int, nodes: wp.array(dtype=BinaryNode), keys_out: wp.array(dtype=float), numbers_out: wp.array(dtype=int)
+):
+    """Write the negated area and the number of each node, to sort them by."""
+    i = first + wp.tid()
+    key = float(NOT_RATED)
+    if nodes[i].count > 0:
+        area = half_area(nodes[i].upper - nodes[i].lower)
+        if wp.isfinite(area):
+            key = -area
+        elif area > 0.0:
+            key = -NOT_RATED
+    keys_out[i] = key
+    numbers_out[i] = i
+
+
+@wp.kernel(enable_backward=False)
+def pick_largest(
+    first: int, keys: wp.array(dtype=float), numbers: wp.array(dtype=int), least: int, node_out: wp.array(dtype=int)
+):
+    """Write the nodes with the largest area; the root, which never moves, in place of those that there are not.
+
+    A tree of fewer than `least` nodes is left alone.
+    """
+    i = first + wp.tid()
+    node = int(0)
+    if keys[i] < NOT_RATED and keys[least - 1] < NOT_RATED:
+        node = numbers[i]
+    node_out[i] = node
+
+
+@wp.func
+def key_of(moves: Moves, i: int, turn: int) -> wp.int64:
+    """Return a number that orders moves by turn, then gain, then the earlier first."""
+    gain = wp.int64(wp.cast(moves.gain[i], wp.int32))
+    return (wp.int64(turn) << wp.int64(48)) | (gain << wp.int64(16)) | wp.int64(moves.node.shape[0] - i)
+
+
+@wp.func
+def neighbours(moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), i: int):
+    """Return the nodes that a move changes or relies on: itself, its place, the parents of both, and its sibling."""
+    node = moves.node[i]
+    place = moves.place[i]
+    parent = parents[node]
+    return node, place, parent, parents[place], sibling_of(nodes, parent, node)
+
+
+@wp.kernel(enable_backward=False)
+def lock_nodes(
+    first: int,
+    moves: Moves,
+    nodes: wp.array(dtype=BinaryNode),
+    parents: wp.array(dtype=int),
+    round: int,
+    turn: int,
+    is_first: int,
+):
+    """Exclude moves whose neighbours a chosen move needs; let each of the rest lock its own."""
+    i = first + wp.tid()
+    if is_first != 0:
+        moves.state[i] = wp.where(moves.place[i] >= 0, UNDECIDED, EXCLUDED)
+    if moves.state[i] != UNDECIDED:
+        return
+    node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)
+    last = wp.max(wp.max(moves.touched[node], moves.touched[place]), moves.touched[parent])
+    if wp.max(last, wp.max(moves.touched[above], moves.touched[sibling])) == round:
+        moves.state[i] = EXCLUDED
+        return
+    key = key_of(moves, i, turn)
+    wp.atomic_max(moves.locks, node, key)
+    wp.atomic_max(moves.locks, place, key)
+    wp.atomic_max(moves.locks, parent, key)
+    wp.atomic_max(moves.locks, above, key)
+    wp.atomic_max(moves.locks, sibling, key)
+
+
+@wp.kernel(enable_backward=False)
+def choose_moves(
+    first: int,
+    moves: Moves,
+    nodes: wp.array(dtype=BinaryNode),
+    parents: wp.array(dtype=int),
+    round: int,
+    turn: int,
+):
+    """Choose the moves that hold all their locks."""
+    i = first + wp.tid()
+    if moves.state[i] != UNDECIDED:
+        return
+    node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)
+    key = key_of(moves, i, turn)
+    if moves.locks[node] != key or moves.locks[place] != key or moves.locks[parent] != key:
+        return
+    if moves.locks[above] != key or moves.locks[sibling] != key:
+        return
+    moves.state[i] = CHOSEN
+    moves.mover[node] = key_of(moves, i, round)
+    moves.touched[node] = round
+    moves.touched[place] = round
+    moves.touched[parent] = round
+    moves.touched[above] = round
+    moves.touched[sibling] = round
+
+
+@wp.kernel(enable_backward=False)
+def exclude_circles(first: int, moves: Moves, parents: wp.array(dtype=int), round: int):
+    """Exclude moves that would leave a node below itself, as two nodes could move to below each other.
+
+    Follows the way up that a moved node would have: to the next node that moves, then on from where it goes. On a way
+    that comes back, the move with the least gain is excluded. So are moves on a way of more than LONGEST_WAY moves.
+    """
+    i = first + wp.tid()
+    if moves.state[i] != CHOSEN:
+        return
+    key = key_of(moves, i, round)
+    least = key
+    node = moves.node[i]
+    at = moves.place[i]
+    jumps = int(0)
+    while at >= 0 and at != node and jumps < wp.static(LONGEST_WAY):
+        mover = moves.mover[at]
+        if (mover >> wp.int64(48)) == wp.int64(round):
+            least = wp.min(least, mover)
+            at = moves.place[moves.node.shape[0] - int(mover & wp.int64(65535))]
+            jumps += 1
+        else:
+            at = parents[at]
+    if jumps == wp.static(LONGEST_WAY) or (at == node and least == key):
+        moves.state[i] = EXCLUDED
+
+
+@wp.kernel(enable_backward=False)
+def make_moves(first: int, moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int)):
+    """Move nodes to their places. Of nodes that are not locked, each move changes another child."""
+    i = first + wp.tid()
+    if moves.state[i] != CHOSEN:
+        return
+    node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)
+    # The parent moves along and joins both.
+    replace_child(nodes, parents, parents[parent], parent, sibling)
+    # The place may be above: its parent is then what it was.
+    replace_child(nodes, parents, above, place, parent)
+    nodes[parent].left = place
+    nodes[parent].right = node
+    parents[place] = parent
