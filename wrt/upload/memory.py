@@ -14,9 +14,11 @@ from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.lights import Light
 from wrt.scene.medium import Medium
 from wrt.scene.scene import Scene
-from wrt.upload.accel.binary_tree import CPU_SIZES, CUDA_SIZES, BuildSizes
+from wrt.upload.accel.binary_tree import CHUNK, SUBTREE
 from wrt.upload.accel.bvh import MORE_PIECES
+from wrt.upload.accel.gpu_tree import MOST_BUILDERS
 from wrt.upload.accel.instancing import Layout
+from wrt.upload.accel.reinsertion import LARGEST
 from wrt.upload.grids import CELLS_PER_MAJORANT
 from wrt.upload.lights.choice import FEW_LIGHTS
 from wrt.upload.lights.environment import environment_kind
@@ -108,13 +110,13 @@ def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool) -> int:
 
 
 class _Builder(NamedTuple):
-    """Sizes in bytes of what the builder of trees handles."""
+    """Sizes in bytes of what the builder of trees handles; `bins` are those of a node."""
 
     node: int
     leaf: int
     binary_node: int
     bins: int
-    sizes: BuildSizes
+    is_cpu: bool
 
     def tree(self, triangles: int) -> int:
         """Return the bytes of a tree."""
@@ -122,17 +124,34 @@ class _Builder(NamedTuple):
         return leaves * self.leaf + max(1, round(leaves / LEAVES_IN_NODE)) * self.node
 
     def scratch(self, boxes: int) -> int:
-        """Return the bytes that building a binary tree over boxes takes at once (`split_boxes`)."""
+        """Return the bytes that building a binary tree over boxes takes at once."""
+        return self._scratch_on_cpu(boxes) if self.is_cpu else self._scratch_on_gpu(boxes)
+
+    def _scratch_on_cpu(self, boxes: int) -> int:
         # A box and a number; for each of two nodes the node, its centres, its parent and whether a move touches it.
         each = 32 + 2 * (self.binary_node + 32 + 4 + 4)
-        subtrees = math.ceil(boxes / min(boxes, SUBTREE_SHARE * self.sizes.subtree))
-        chunks = 2 * math.ceil(boxes / self.sizes.chunk)  # those of the first level and of the last are both there
+        subtrees = math.ceil(boxes / min(boxes, SUBTREE_SHARE * SUBTREE))
+        chunks = 2 * math.ceil(boxes / CHUNK)  # those of the first level and of the last are both there
         return each * boxes + self.bins * subtrees + (self.bins + 2 * 32 + 5 * 4) * chunks
+
+    def _scratch_on_gpu(self, boxes: int) -> int:
+        levels = current_backend().kernels("wrt.kernels.accel.build.levels")
+        # Of each box, and of two nodes the node and its costs; then either what splitting or what moving takes.
+        kept = 32 + 2 * (self.binary_node + 32)
+        nodes = boxes // (levels.SUBTREE + 1) + 1
+        chunks = boxes // levels.CHUNK + nodes
+        builders = min(math.ceil(2 * boxes / levels.SUBTREE), MOST_BUILDERS)
+        roots, sorted_boxes = 4, 32 * (boxes > levels.SUBTREE)
+        splitting = (roots + sorted_boxes) * boxes + self.bins * (nodes + chunks + builders) + 12 * chunks
+        # Of each node its parent, whether it was visited, two locks, whether a move touches it, keys and numbers.
+        moving = 2 * (4 + 4 + 2 * 8 + 4 + 2 * (4 + 4)) * boxes + 4 * 4 * min(LARGEST, 2 * boxes)
+        return kept * boxes + max(splitting, moving)
 
     def scratch_if_cut(self, triangles: int) -> int:
         """Return the bytes that building takes if a second tree over cut triangles is built beside the first."""
         first = 32 + 2 * self.binary_node + 4  # a box, two nodes, the number of pieces
-        return first * triangles + self.tree(triangles) // 8 + self.scratch(round((1.0 + MORE_PIECES) * triangles))
+        wide = self.tree(triangles) // 8 if self.is_cpu else 4 * (8 + 2) * triangles
+        return first * triangles + wide + self.scratch(round((1.0 + MORE_PIECES) * triangles))
 
 
 class TreeMemory(NamedTuple):
@@ -154,8 +173,7 @@ def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
     constants = current_backend().kernels("wrt.kernels.native.constants")
     binary_node = _size("wrt.kernels.accel.build.split", "BinaryNode")
     bins = 3 * constants.BINS * (32 + 4)
-    sizes = CPU_SIZES if is_cpu else CUDA_SIZES
-    builder = _Builder(4 * constants.NODE_FLOATS, 4 * constants.LEAF_FLOATS, binary_node, bins, sizes)
+    builder = _Builder(4 * constants.NODE_FLOATS, 4 * constants.LEAF_FLOATS, binary_node, bins, is_cpu)
     kept = most = most_if_cut = 0
     world = sum(len(mesh.faces) for mesh in layout.world_meshes)
     shared = [(len(mesh.keys[0].faces), len(mesh.keys)) for mesh in layout.shared]
