@@ -145,7 +145,8 @@ class _Builder(NamedTuple):
         splitting = (roots + sorted_boxes) * boxes + self.bins * (nodes + chunks + builders) + 12 * chunks
         # Of each node its parent, whether it was visited, two locks, whether a move touches it, keys and numbers.
         moving = 2 * (4 + 4 + 2 * 8 + 4 + 2 * (4 + 4)) * boxes + 4 * 4 * min(LARGEST, 2 * boxes)
-        return kept * boxes + max(splitting, moving)
+        scratch: int = kept * boxes + max(splitting, moving)
+        return scratch
 
     def scratch_if_cut(self, triangles: int) -> int:
         """Return the bytes that building takes if a second tree over cut triangles is built beside the first."""
