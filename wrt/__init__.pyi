@@ -67,6 +67,8 @@ from wrt.scene.medium import DensityGrid as DensityGrid
 from wrt.scene.medium import Medium as Medium
 from wrt.scene.mesh import Mesh as Mesh
 from wrt.scene.motion import Motion as Motion
+from wrt.scene.quadrics import cylinder as cylinder
+from wrt.scene.quadrics import disk as disk
 from wrt.scene.scene import RenderSettings as RenderSettings
 from wrt.scene.scene import Scene as Scene
 from wrt.scene.scene import Shape as Shape

@@ -10,7 +10,8 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
-from wrt.kernels.features import Features, instances_of
+from wrt.kernels.features import Features, has_quadrics, instances_of
+from wrt.kernels.geometry.quadrics import NO_QUADRIC, make_quadric_of
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -18,6 +19,7 @@ from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
 from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
+from wrt.kernels.lights.quadrics import quadric_pdf, sample_mesh_quadric
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
@@ -123,13 +125,21 @@ def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver
 
 @specialised()
 def make_sample_surface(geometry: str) -> wp.Function:
-    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or a sphere of a mesh."""
+    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or a sphere of a mesh.
+
+    See `Features.geometry`; there may be disks and cylinders, too.
+    """
     triangle_of = make_triangle_of(instances_of(geometry))
     sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
+    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
 
     @wp.func
     def sample_surface(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
         sample = LightSample()
+        if wp.static(quadrics):
+            quadric = quadric_of(scene, light.triangle, light.instance, receiver.time)
+            if quadric.kind != NO_QUADRIC:
+                return sample_mesh_quadric(light, quadric, receiver, u)
         sphere = sphere_of(scene, light.triangle, light.instance, receiver.time)
         if sphere.radius > 0.0:
             axes = sphere_axes(scene, light.triangle, light.instance, receiver.time)
@@ -149,11 +159,16 @@ def make_hit_pdf(geometry: str) -> wp.Function:
     It is for scenes with spheres; elsewhere `hit_triangle_pdf` serves.
     """
     sphere_of = make_sphere_of(geometry)
+    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
 
     @wp.func
     def hit_pdf(
         scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
     ) -> float:
+        if wp.static(quadrics):
+            quadric = quadric_of(scene, hit.triangle, hit.instance, receiver.time)
+            if quadric.kind != NO_QUADRIC:
+                return quadric_pdf(quadric, distance, -wp.dot(surface.normal, direction))
         sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
         if sphere.radius > 0.0:
             return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
@@ -200,7 +215,7 @@ def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Fun
     return emission_at
 
 
-@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "light_tree")
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "quadrics", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, light_tree = features.textured, features.light_tree

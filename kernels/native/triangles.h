@@ -1,7 +1,7 @@
 #pragma once
 // The triangle test of Woop, Benthin and Wald (2013): a ray against the triangles of a leaf, or many rays against one.
 #include "boxes.h"
-#include "spheres.h"
+#include "quadrics.h"
 
 namespace wrt {
 // The nearest hit so far; `id` is NOTHING_HIT before the first.
@@ -96,11 +96,29 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
     unsigned met = some & mask_of((roots.far >= t_min) & (roots.near <= nearest.t));
     __builtin_memcpy(nears, &roots.near, sizeof nears);
     __builtin_memcpy(fars, &roots.far, sizeof fars);
+    const auto keep = [&](const Roots<float>& meets, const int id) {
+        const float t = first_of<float>(
+            meets, [&](float root) { return root > 0.0f && root >= t_min && !skipped(root, id); });
+        if (t > 0.0f && (t < nearest.t || (t == nearest.t && id < nearest.id))) nearest = {t, 0.0f, 0.0f, id};
+    };
+#if defined(WRT_QUADRICS)
+    const i8 rises[3] = {corner(0, 0) < corner(1, 0), corner(0, 1) < corner(1, 1), corner(0, 2) < corner(1, 2)};
+    const unsigned disks = mask_of(rises[0] == rises[2]);
+    for (unsigned others = some & mask_of(rises[0] != rises[1]); others; others &= others - 1) {
+        const int k = lowest_bit(others);
+        if (k > 0 && ids[k] == ids[k - 1]) continue;
+        const auto coordinate = [&](int vertex, int axis) { return leaf[LEAF_SIZE * (3 * vertex + axis) + k]; };
+        const auto axis_of = [&](int which, int axis) { return ray.axes.of(ids[k], which)[axis]; };
+        const bool is_disk = disks >> k & 1;
+        keep(
+            roots_of_quadric<float>(coordinate, axis_of, is_disk, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz),
+            ids[k]);
+        met &= ~(1u << k);
+    }
+#endif
     for (; met; met &= met - 1) {
         const int k = lowest_bit(met);
-        const float t = first_of<float>(
-            {nears[k], fars[k]}, [&](float root) { return root > 0.0f && root >= t_min && !skipped(root, ids[k]); });
-        if (t > 0.0f && (t < nearest.t || (t == nearest.t && ids[k] < nearest.id))) nearest = {t, 0.0f, 0.0f, ids[k]};
+        keep({nears[k], fars[k]}, ids[k]);
     }
     return some == (1u << LEAF_SIZE) - 1;
 }

@@ -24,7 +24,7 @@ from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
 from wrt.upload.lights.table import LightTable, light_table, texture_of
 from wrt.upload.materials import MaterialTable, describe_materials
-from wrt.upload.spheres import mark_spheres, with_exact_spheres
+from wrt.upload.analytic import mark_exact, with_exact_shapes
 from wrt.upload.vertex_updates import WorldMeshes
 
 
@@ -99,9 +99,9 @@ def build_scene(
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
     _check_sizes(scene)
-    scene = with_exact_spheres(scene)
+    scene = with_exact_shapes(scene)
     layout = lay_out(scene)
-    spheres = mark_spheres(layout)
+    spheres, quadrics = mark_exact(layout)
     environment, sky_lights = resolve_environment(scene.environment)
     lights = [*scene.lights, *sky_lights]
     textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
@@ -139,6 +139,7 @@ def build_scene(
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,
         spheres=spheres,
+        quadrics=quadrics,
     )
     read = on_features(features)
     textured = read.textured or read.tangents or texture_coordinates

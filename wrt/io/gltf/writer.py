@@ -19,6 +19,7 @@ from wrt.io.gltf.written_materials import Tree, WrittenMaterials, has_vertex_alp
 from wrt.io.safe_read import PathLike
 from wrt.io.safe_write import Kind, require_writable, write_atomically
 from wrt.scene import shapes
+from wrt.scene.analytic import Analytic
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.lights import (
     DirectionalLight,
@@ -33,7 +34,6 @@ from wrt.scene.materials import Diffuse, Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres
 
 GLB_SUFFIX = ".glb"
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -151,8 +151,8 @@ class _Writer:
             mesh = shape.deformation.at(time, mesh)
         if isinstance(shape.transform, Motion):
             self.note("motion within the exposure")
-        if isinstance(mesh, Spheres):
-            self.note("exact spheres: meshes stand for them")
+        if isinstance(mesh, Analytic):
+            self.note("exact shapes: meshes stand for them")
             mesh = mesh.tessellated()
         node: Tree = {"name": shape.name, "mesh": self.once("meshes", {"primitives": [self._primitive(shape, mesh)]})}
         if shape.transform is not None:

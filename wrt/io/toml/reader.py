@@ -34,7 +34,7 @@ from wrt.io.toml.scene_keys import (
 )
 from wrt.io.toml.tables import TableReader
 from wrt.io.toml.values import Table, check_triangles, choice, points_of, table_of, text_of
-from wrt.scene import shapes
+from wrt.scene import quadrics, shapes
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.lights import LIGHTS, Light
@@ -320,6 +320,9 @@ class _SceneReader(TableReader):
             "box": shapes.box,
             "sphere": shapes.sphere,
             "spheres": self.spheres,
+            "disk": quadrics.disk,
+            "cylinder": quadrics.cylinder,
+            "quadrics": self.quadrics,
             "polygon": self.polygon,
             "polygons": self.polygons,
             "mesh": self.mesh_file,
@@ -363,6 +366,17 @@ class _SceneReader(TableReader):
 
         with self.at("file"):
             return read_spheres(self.beside(file))
+
+    def quadrics(self, file: Annotated[Any, TEXT]) -> Mesh:
+        """Return exact disks and cylinders that `wrt convert` wrote.
+
+        Args:
+            file: a NumPy archive (.npz) of their arrays `boxes` (N, 2, 3) and `axes` (N, 3, 3).
+        """
+        from wrt.io.arrays import read_quadrics
+
+        with self.at("file"):
+            return read_quadrics(self.beside(file))
 
     def mesh_file(self, file: Annotated[Any, TEXT], smooth: Annotated[Any, BOOLEAN] = True) -> list[Shape]:
         """Return the shapes of a mesh file.
