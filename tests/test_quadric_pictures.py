@@ -14,7 +14,7 @@ from test_sphere_pictures import picture
 from test_wide import differences, needs_lanes
 
 import wrt
-from wrt.scene.quadrics import Quadrics
+from wrt.scene.exact.quadrics import Quadrics
 
 
 def clear_of(where: NDArray, center: tuple[float, float], height: float, radius: float) -> NDArray:
@@ -87,7 +87,11 @@ def test_no_light_leaks_out_of_a_can(center: tuple[float, float, float], device:
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(middle + (0.3, -0.2, 0.5), middle + (-0.4, 0.3, -1), fov_degrees=90))
     axis = np.array([0.2, 0.9, -0.3])
     side = wrt.cylinder(tuple(middle - axis), tuple(middle + axis), 0.8).turned_inside_out()
-    for mesh in (side, wrt.disk(tuple(middle - axis), tuple(axis), 0.8001), wrt.disk(tuple(middle + axis), tuple(-axis), 0.8001)):
+    for mesh in (
+        side,
+        wrt.disk(tuple(middle - axis), tuple(axis), 0.8001),
+        wrt.disk(tuple(middle + axis), tuple(-axis), 0.8001),
+    ):
         scene.add(mesh, material=wrt.Diffuse(albedo), emission=1.0)
     renderer = wrt.Renderer(scene, sampler="independent", width=32, height=32, seed=1, max_depth=1000, device=device)
     for _ in renderer.passes(spp=256):
@@ -122,8 +126,14 @@ def moving(exact: bool) -> wrt.Scene:
     grow = wrt.Motion(np.array([0.0, 1.0]), np.stack([first, last]))
     plate = wrt.disk((0, 0, 0), (1, 1, 2), 0.3)
     scene.add(cut(plate, exact), material=wrt.Diffuse(image), transform=grow, emission=image)
-    tubes = [wrt.cylinder(tuple(a), tuple(a + b), 0.03) for a, b in zip(rng.uniform(-0.4, 0.4, (9, 3)), 0.3 * rng.standard_normal((9, 3)), strict=True)]
-    plates = [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in zip(rng.uniform(-0.4, 0.4, (9, 3)), rng.standard_normal((9, 3)), strict=True)]
+    tubes = [
+        wrt.cylinder(tuple(a), tuple(a + b), 0.03)
+        for a, b in zip(rng.uniform(-0.4, 0.4, (9, 3)), 0.3 * rng.standard_normal((9, 3)), strict=True)
+    ]
+    plates = [
+        wrt.disk(tuple(a), tuple(b), 0.1)
+        for a, b in zip(rng.uniform(-0.4, 0.4, (9, 3)), rng.standard_normal((9, 3)), strict=True)
+    ]
     for x, mirror in ((1.2, 1.0), (-1.4, -1.0)):
         place = np.diag([mirror, 1.0, 1.0, 1.0])
         place[:3, 3] = x, 0.5, -0.3

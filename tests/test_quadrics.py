@@ -14,7 +14,7 @@ from support.exact_shapes import cast_rays
 
 import wrt
 from wrt.kernels.geometry.quadrics import CYLINDER, DISK, Quadric, by_coordinate, point_of
-from wrt.scene.quadrics import Quadrics, quadrics_of
+from wrt.scene.exact.quadrics import Quadrics, quadrics_of
 
 EPS = 2.0**-24
 
@@ -170,9 +170,17 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
     """Among triangles and spheres, of all that a ray meets the nearest is found, and the next after it."""
     rng = np.random.default_rng(3)
     n = 300
-    disks = [wrt.disk(tuple(c), tuple(m), r) for c, m, r in zip(rng.uniform(-1, 1, (n, 3)), rng.standard_normal((n, 3)), rng.uniform(0.02, 0.2, n))]
+    disks = [
+        wrt.disk(tuple(c), tuple(m), r)
+        for c, m, r in zip(
+            rng.uniform(-1, 1, (n, 3)), rng.standard_normal((n, 3)), rng.uniform(0.02, 0.2, n), strict=True
+        )
+    ]
     ends = rng.uniform(-1, 1, (n, 3))
-    tubes = [wrt.cylinder(tuple(a), tuple(a + b), r) for a, b, r in zip(ends, 0.2 * rng.standard_normal((n, 3)), rng.uniform(0.01, 0.1, n))]
+    tubes = [
+        wrt.cylinder(tuple(a), tuple(a + b), r)
+        for a, b, r in zip(ends, 0.2 * rng.standard_normal((n, 3)), rng.uniform(0.01, 0.1, n), strict=True)
+    ]
     made = [*disks, *tubes]
     flags = np.array([True] * n + [False] * n)
     order = rng.permutation(2 * n)

@@ -15,7 +15,7 @@ from support.exact_shapes import cast_rays
 import wrt
 from wrt.kernels.geometry.rays import Frame
 from wrt.kernels.geometry.spheres import along_meridian, along_turn
-from wrt.scene.spheres import Spheres
+from wrt.scene.exact.spheres import Spheres
 
 
 def roots(center: NDArray, radius: NDArray, origins: NDArray, directions: NDArray) -> tuple[NDArray, NDArray]:

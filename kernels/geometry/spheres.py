@@ -1,9 +1,9 @@
 """Spheres of the scene in world space at a time, and points on them.
 
-The host stores a sphere as a triangle (`wrt/scene/spheres.py`): its corners are two opposite corners of the box around
-it, the normals of its vertices are the sphere's axes, and its texture coordinates are (0, 0), (1, 0) and (0, 1). So all
-that is interpolated over a triangle by u and v is interpolated over a sphere by the fraction of a turn about its z axis
-and the angle from that axis over π.
+The host stores a sphere as a triangle (`wrt/scene/exact/spheres.py`): its corners are two opposite corners of the box
+around it, the normals of its vertices are the sphere's axes, and its texture coordinates are (0, 0), (1, 0) and (0, 1).
+So all that is interpolated over a triangle by u and v is interpolated over a sphere by the fraction of a turn about its
+z axis and the angle from that axis over π.
 """
 
 import warp as wp

@@ -75,7 +75,15 @@ def make_passed_shares(features: Features) -> PassedShares:
 
 
 @specialised(
-    "instances", "spheres", "quadrics", "opacity", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields
+    "instances",
+    "spheres",
+    "quadrics",
+    "opacity",
+    "media",
+    "grid_media",
+    "nested",
+    "light_shapes",
+    *make_passed_shares.fields,
 )
 def make_transmission(features: Features) -> wp.Function:
     """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""

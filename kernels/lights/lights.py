@@ -11,7 +11,18 @@ import warp as wp
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
 from wrt.kernels.features import Features, has_quadrics, instances_of
-from wrt.kernels.geometry.quadrics import NO_QUADRIC, make_quadric_of
+from wrt.kernels.geometry.quadrics import (
+    DISK,
+    NO_QUADRIC,
+    Quadric,
+    area_of,
+    front_of,
+    in_unit_shape,
+    make_quadric_of,
+    point_of,
+    quadric_coordinates,
+    sizes_of,
+)
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -19,12 +30,12 @@ from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
 from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
-from wrt.kernels.lights.quadrics import quadric_pdf, sample_mesh_quadric
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
+from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
 from wrt.kernels.sampling.solid_angle import cone_pdf, sample_sphere, sphere_one_minus_cos
-from wrt.kernels.sampling.warps import square_to_triangle
+from wrt.kernels.sampling.warps import TWO_PI, square_to_triangle
 from wrt.kernels.scene.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -121,6 +132,60 @@ def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver
             margin = error * (1.0 + sphere.radius / wp.max(half_chord, wp.sqrt(error * sphere.radius)))
             sample.distance = wp.max(way.distance - 2.0 * margin, 0.0)
     return sample
+
+
+# --- Disks and cylinders ---------------------------------------------------------------------------
+
+_OFF_QUADRIC = wp.constant(2.0**-19)
+"""A shadow ray ends this far off the light, relative to the sizes of the terms that make up its points."""
+
+
+@wp.func
+def place_on_quadric(quadric: Quadric, receiver: Receiver, u: wp.vec2) -> wp.vec3:
+    """Return a place on the unit shape, uniform by area; u = 0 is the middle, or of a cylinder the nearest to it."""
+    if quadric.kind == DISK:
+        around = sine_cosine(TWO_PI * u[1])
+        r = wp.sqrt(u[0])
+        return wp.vec3(r * around[1], r * around[0], 0.0)
+    towards = in_unit_shape(quadric, receiver.position - quadric.center)
+    around = sine_cosine(arc_tangent(towards[1], towards[0]) + TWO_PI * u[0])
+    return wp.vec3(around[1], around[0], wp.where(u[1] < 0.5, u[1], u[1] - 1.0))
+
+
+@wp.func
+def quadric_pdf(quadric: Quadric, distance: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point that is uniform on a disk or cylinder."""
+    return distance * distance / (area_of(quadric) * cos_light)
+
+
+@wp.func
+def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver, u: wp.vec2) -> LightSample:
+    """Return a sample of a disk or cylinder with the light's mean radiance; of pdf 0 where its back is seen."""
+    sample = LightSample()
+    sample.point.triangle = light.triangle
+    sample.point.instance = light.instance
+    place = place_on_quadric(quadric, receiver, u)
+    weights = quadric_coordinates(quadric, place)
+    sample.point.u = weights[0]
+    sample.point.v = weights[1]
+    point = point_of(quadric, place)
+    normal = front_of(quadric, place)
+    if wp.dot(normal, receiver.position - point) < 0.0 and light.two_sided != 0:
+        normal = -normal
+    if wp.dot(normal, receiver.position - point) > 0.0:
+        off = wp.dot(sizes_of(quadric), wp.vec3(_OFF_QUADRIC)) + quadric.slack
+        way = point + normal * off - receiver.position
+        distance = wp.length(way)
+        sample.wi = way / distance
+        sample.distance = distance * _BEFORE_TRIANGLE
+        cos_light = -wp.dot(sample.wi, normal)
+        if cos_light > 0.0:
+            sample.pdf = quadric_pdf(quadric, distance, cos_light)
+            sample.radiance = light.value
+    return sample
+
+
+# --- Surfaces of meshes ----------------------------------------------------------------------------
 
 
 @specialised()

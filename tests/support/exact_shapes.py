@@ -15,6 +15,7 @@ from wrt.kernels.geometry.surface import leave, make_add_texture_coordinates, ma
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.upload.scene_data import build_scene
 
+
 @functools.cache
 def make_cast(geometry: str) -> wp.Kernel:
     intersect, surface_at = make_intersect(geometry), make_surface_at(geometry)
@@ -33,7 +34,7 @@ def make_cast(geometry: str) -> wp.Kernel:
         uv_out: wp.array(dtype=wp.vec2),
         left_out: wp.array2d(dtype=int),
     ):
-        """Write the nearest hit, the surface there, the next hit, and what rays meet that leave to both sides and back."""
+        """Write the nearest hit, the surface there, the next hit, and what rays meet that leave to both sides."""
         i = wp.tid()
         ray = Ray()
         ray.origin = origins[i]

@@ -10,9 +10,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from wrt.errors import one_line
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.materials import Material
 from wrt.scene.materials.measured import Measurement
-from wrt.scene.analytic import Analytic
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene, Shape
 from wrt.scene.textures import FirstAlike, ImageTexture, NormalMap, VertexColor

@@ -12,10 +12,10 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import naming_file, read_file
+from wrt.scene.exact.analytic import Analytic, stored_in
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres, spheres
 from wrt.scene.mesh import Mesh
-from wrt.scene.analytic import Analytic, stored_in
-from wrt.scene.quadrics import Quadrics
-from wrt.scene.spheres import Spheres, spheres
 
 
 def read_arrays(file: Path, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, NDArray[Any]]:

@@ -268,7 +268,7 @@ class Intersector:
 
 def _triangles(mesh: Mesh) -> Mesh:
     """Return a mesh that has triangles alone; raise InputError for exact shapes."""
-    from wrt.scene.analytic import Analytic
+    from wrt.scene.exact.analytic import Analytic
 
     if isinstance(mesh, Analytic):
         raise InputError(f"{mesh.name}: an intersector has triangles only; give it those of mesh.tessellated()")

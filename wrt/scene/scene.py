@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.errors import InputError
-from wrt.scene.analytic import Analytic
 from wrt.scene.camera import Camera
 from wrt.scene.deformation import Deformation
 from wrt.scene.environment import Environment
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from wrt.scene.analytic import Analytic
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
-from wrt.scene.quadrics import Quadrics
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.instancing import Layout
 

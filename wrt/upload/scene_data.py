@@ -19,12 +19,12 @@ from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.accel.scene_instances import place
+from wrt.upload.analytic import mark_exact, with_exact_shapes
 from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
 from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
 from wrt.upload.lights.table import LightTable, light_table, texture_of
 from wrt.upload.materials import MaterialTable, describe_materials
-from wrt.upload.analytic import mark_exact, with_exact_shapes
 from wrt.upload.vertex_updates import WorldMeshes
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrt.backend.device import Device
 from wrt.errors import InputError
-from wrt.scene.analytic import Analytic
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh
 from wrt.scene.normals import same_positions
 from wrt.scene.scene import Scene, Shape

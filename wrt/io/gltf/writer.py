@@ -19,8 +19,8 @@ from wrt.io.gltf.written_materials import Tree, WrittenMaterials, has_vertex_alp
 from wrt.io.safe_read import PathLike
 from wrt.io.safe_write import Kind, require_writable, write_atomically
 from wrt.scene import shapes
-from wrt.scene.analytic import Analytic
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.lights import (
     DirectionalLight,
     DiskLight,

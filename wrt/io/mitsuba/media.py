@@ -15,13 +15,13 @@ from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.volume.read import read_volume
 from wrt.io.volume.volume import Volume
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.materials import Material
 from wrt.scene.materials.body import Body, Null
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene
-from wrt.scene.quadrics import Quadrics
-from wrt.scene.spheres import Spheres
 
 _GRIDS = ("gridvolume", "grid")
 

@@ -20,15 +20,15 @@ from wrt.io.mitsuba.media import boundary_of_nothing, continued, filled, medium_
 from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
 from wrt.io.mitsuba.plugin import Plugin, positive
 from wrt.io.mitsuba.surfaces import Detail, is_closed
-from wrt.scene.analytic import Analytic, keeps_spheres
 from wrt.scene.camera import PerspectiveCamera
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import basis, quadrics_of, unit_cylinder, unit_disk
+from wrt.scene.exact.spheres import ball, spheres
 from wrt.scene.lights import DiskLight, Light, RectangleLight, SphereLight
 from wrt.scene.materials import Material
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Shape
-from wrt.scene.quadrics import basis, quadrics_of, unit_cylinder, unit_disk
-from wrt.scene.spheres import ball, spheres
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import Vec3, vec3
 

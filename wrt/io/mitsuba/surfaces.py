@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.mesh import Mesh, box_around
-from wrt.scene.quadrics import Quadrics
-from wrt.scene.spheres import Spheres
 
 Matrix = NDArray[np.float64]
 

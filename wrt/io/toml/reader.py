@@ -34,9 +34,10 @@ from wrt.io.toml.scene_keys import (
 )
 from wrt.io.toml.tables import TableReader
 from wrt.io.toml.values import Table, check_triangles, choice, points_of, table_of, text_of
-from wrt.scene import quadrics, shapes
+from wrt.scene import shapes
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.exact import quadrics
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING

@@ -25,16 +25,16 @@ from wrt.io.codes import codes_of, save_codes
 from wrt.io.measured.measurement import save_measurement
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
-from wrt.scene.analytic import Analytic
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
-from wrt.scene.quadrics import Quadrics
 from wrt.scene.scene import Scene, Shape
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.scene.analytic import Analytic
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
 from wrt.scene.textures import CHANNELS, ImageTexture, VertexColor

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.backend import current_backend
 from wrt.errors import InputError
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.analytic import Analytic
-from wrt.scene.quadrics import Quadrics
 from wrt.scene.textures import ImageTexture
 from wrt.upload.accel.instancing import Layout, is_moving
 from wrt.upload.lights.bounds import LightBounds

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.scene.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
+from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
+from wrt.scene.exact.spheres import circle, curved, grid
 from wrt.scene.mesh import Mesh
-from wrt.scene.spheres import circle, curved, grid
 from wrt.values import Vec3, number, vector
 
 _SQUARE = 1e-5
@@ -59,13 +59,13 @@ class Quadrics(Analytic):
         """(N,) float64 areas of one side, square metres."""
         x, y, z = np.moveaxis(self.axes, 1, 0)
         of_cylinders = 2.0 * math.pi * np.linalg.norm(x, axis=1) * np.linalg.norm(z, axis=1)
-        return np.where(self.are_disks, math.pi * np.linalg.norm(np.cross(x, y), axis=1), of_cylinders)
+        return np.asarray(np.where(self.are_disks, math.pi * np.linalg.norm(np.cross(x, y), axis=1), of_cylinders))
 
     @property
     def fronts(self) -> FloatArray:
         """(N, 3) float64 unit normals of the fronts of disks, and the axes of cylinders."""
         z = self.axes[:, 2] / np.linalg.norm(self.axes[:, 2], axis=1, keepdims=True)
-        return np.where((self.are_disks & self.inside_out)[:, None], -z, z)
+        return np.asarray(np.where((self.are_disks & self.inside_out)[:, None], -z, z))
 
     def check(self) -> None:
         """Raise InputError where vectors from a file are no disk's or cylinder's."""
@@ -123,8 +123,9 @@ class Quadrics(Analytic):
             if self.colors is not None:
                 colors.append(np.repeat(self.colors[3 * k : 3 * k + 1], len(place), axis=0))
             first += len(place)
-        made = [np.concatenate(each) for each in (points, faces, normals, uvs)]
-        return Mesh.taking(*made, np.concatenate(colors) if colors else None, self.name)
+        joined = [np.concatenate(each) for each in (points, faces, normals, uvs)]
+        of_corners = np.concatenate(colors) if colors else None
+        return Mesh.taking(joined[0], joined[1], joined[2], joined[3], of_corners, self.name)
 
 
 def disk(center: Vec3 = (0.0, 0.0, 0.0), normal: Vec3 = (0.0, 1.0, 0.0), radius: float = 1.0) -> Quadrics:
@@ -138,8 +139,8 @@ def disk(center: Vec3 = (0.0, 0.0, 0.0), normal: Vec3 = (0.0, 1.0, 0.0), radius:
         radius: metres.
 
     Raises:
-        InputError: on values that are not finite, a normal of length 0, or a radius that is not above 0 or too small for
-            float32 at the centre.
+        InputError: on values that are not finite, a normal of length 0, or a radius that is not above 0 or too small
+            for float32 at the centre.
     """
     middle, front = np.array(vector(center, "center")), np.array(vector(normal, "normal"))
     size, length = number(radius, "radius", above=0.0), float(np.linalg.norm(front))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.scene.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
+from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
 from wrt.scene.mesh import Mesh
 from wrt.values import array
 
