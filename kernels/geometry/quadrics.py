@@ -1,9 +1,9 @@
 """Disks and open cylinders of the scene in world space at a time, and points on them.
 
 The host stores them as it does spheres (`wrt/scene/exact/quadrics.py`). The vectors of a shape, which are the normals
-of its three vertices, map the unit shape to it: x and y are two radii, z is the normal of a disk, or the axis of a cylinder
-from end to end. Texture coordinates are Mitsuba's: of a disk, the distance from the middle in radii and the fraction of
-a turn from x; of a cylinder, the fraction of a turn and the height in its length.
+of its three vertices, map the unit shape to it: x and y are two radii, z is the normal of a disk, or the axis of a
+cylinder from end to end. Texture coordinates are Mitsuba's: of a disk, the distance from the middle in radii and the
+fraction of a turn from x; of a cylinder, the fraction of a turn and the height in its length.
 """
 
 import warp as wp
