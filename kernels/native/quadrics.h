@@ -17,10 +17,10 @@ template<class V> struct Local {
 
 // Where a line enters and leaves an open cylinder, or meets a disk, in the space of the unit shape, in which s is the
 // same number. As for spheres the root nearer to the origin comes from the product of both, so that a ray which leaves
-// one side is never taken for a ray from the other. Roots beyond the shape are NaN.
+// one side is never taken for a ray from the other. Roots beyond the shape are negative.
 template<class V> WRT_INLINE Roots<V> roots_in_unit_shape(const Local<V>& o, const Local<V>& d, V unit, bool is_disk) {
     WRT_NO_CONTRACTION
-    const V none = (V)__builtin_nanf("");
+    const V none = -1.0f;
     if (is_disk) {
         const V s = -o.z / d.z;
         const V x = o.x + product(s, d.x), y = o.y + product(s, d.y);
