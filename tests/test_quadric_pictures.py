@@ -23,7 +23,9 @@ def clear_of(where: NDArray, center: tuple[float, float], height: float, radius:
     return np.hypot(*(where - at)) > radius * 1.1 + 0.15
 
 
-@pytest.mark.parametrize(("strategy", "radius", "spp"), [("mis", 0.3, 1024), ("light", 0.01, 256), ("bsdf", 0.9, 4096)])
+@pytest.mark.parametrize(
+    ("strategy", "radius", "spp"), [("mis", 0.3, 1024), ("light", 0.01, 256), ("light", 0.9, 1024), ("bsdf", 0.9, 4096)]
+)
 def test_irradiance_of_a_disk(strategy: str, radius: float, spp: int, device: str, report: Report) -> None:
     """A disk parallel to the floor: E = π L ½ (1 − (h² + s² − r²) / √((h² + s² + r²)² − 4 r² s²)) (Howell, B-13)."""
     scene = floor_scene()
