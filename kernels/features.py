@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 _LONGEST_NAME = 100
-_SPHERES = "_spheres"
+_SPHERES, _QUADRICS = "_spheres", "_quadrics"
 
 _COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha")
 _COVERING = ("models", "light_shapes", "environment", "opacity", "composite", *_COVERING_FLAGS)
@@ -39,7 +39,8 @@ class Features:
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
         grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
-        spheres: whether spheres lie among the triangles of the ray tree.
+        spheres: whether spheres, disks or cylinders lie among the triangles of the ray tree.
+        quadrics: whether some of these are disks or cylinders.
         composite: without `opacity`: "none" where no material has parts, "sides" where front and back may differ, or
             "mixed" where hits choose parts of mixtures at random.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
@@ -67,6 +68,7 @@ class Features:
     mipmapped: bool = False
     composite: str = "none"
     spheres: bool = False
+    quadrics: bool = False
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""
@@ -85,7 +87,9 @@ class Features:
 
     @property
     def geometry(self) -> str:
-        """What rays meet: `instances`, with a suffix where there are spheres (see `has_spheres`)."""
+        """What rays meet: `instances`, with a suffix where there are spheres and the like (see `has_spheres`)."""
+        if self.quadrics:
+            return self.instances + _QUADRICS
         return self.instances + _SPHERES if self.spheres else self.instances
 
     @property
@@ -110,13 +114,18 @@ class Features:
 
 
 def has_spheres(geometry: str) -> bool:
-    """Return whether there are spheres in a `Features.geometry`."""
-    return geometry.endswith(_SPHERES)
+    """Return whether there may be spheres in a `Features.geometry`."""
+    return geometry.endswith((_SPHERES, _QUADRICS))
+
+
+def has_quadrics(geometry: str) -> bool:
+    """Return whether there are disks or cylinders in a `Features.geometry`."""
+    return geometry.endswith(_QUADRICS)
 
 
 def instances_of(geometry: str) -> str:
     """Return the instances of a `Features.geometry`."""
-    return geometry.removesuffix(_SPHERES)
+    return geometry.removesuffix(_SPHERES).removesuffix(_QUADRICS)
 
 
 def identifier(parts: Iterable[object]) -> str:

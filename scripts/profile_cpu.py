@@ -40,6 +40,7 @@ PHASES: dict[str, tuple[str, ...]] = {
         "scene/materials",
         "geometry/surface",
         "geometry/spheres",
+        "geometry/quadrics",
     ),
     "lights": ("lights", "integrators/next_event", "sampling/piecewise", "sampling/solid_angle"),
     "media": ("media",),

@@ -57,6 +57,8 @@ FEATURES = [
         for instances, sampler in zip(("still", "moving", "deforming"), SAMPLERS[1:], strict=True)
     ),
     Features(("diffuse",), True, "none", instances="moving", spheres=True, aovs=True),
+    Features(("diffuse",), True, "none", instances="moving", spheres=True, quadrics=True, aovs=True),
+    Features(("diffuse",), False, "none", spheres=True, quadrics=True),
     Features(("diffuse",), False, "none", composite="mixed", aovs=True),
     # Two models with all that a scene can have besides. All in one took minutes.
     Features(

@@ -47,6 +47,11 @@ CASES = {
     ),
     "balls": Case("spheres: rough, glass, textured, turned, shining", ('value="2, 3, 4"', 'value="2, 3.4, 4"')),
     "curved": Case("sphere, cylinder, disk; conductor by eta and k, and none", ('value="0.4"/>', 'value="0.38"/>')),
+    "tubes": Case(
+        "cylinder, disk: textured, brushed, an ellipse, flip_normals, shining with an image",
+        ('"0.1"/><float name="alpha_v" value="0.5"', '"0.5"/><float name="alpha_v" value="0.1"'),
+        1024,
+    ),
     "lens": Case("thinlens: fov_axis, aperture_radius, focus_distance", ('"3"/>', '"3.2"/>'), 1024),
     "orthographic": Case("orthographic; a shape without bsdf", ('x="1.1" y="1.1"', 'x="1.13" y="1.13"')),
     "shifted": Case("perspective: fov_axis diagonal, principal_point_offset, crop", ('value="0.1"', 'value="0.09"')),

@@ -13,7 +13,7 @@ from test_irradiance import check, floor_scene, irradiance, pixel_mean
 from test_wide import differences, needs_lanes
 
 import wrt
-from wrt.scene.spheres import Spheres
+from wrt.scene.exact.spheres import Spheres
 
 
 @pytest.mark.parametrize(("strategy", "radius", "spp"), [("mis", 0.3, 1024), ("light", 1e-3, 256), ("bsdf", 0.9, 4096)])

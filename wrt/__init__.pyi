@@ -35,6 +35,9 @@ from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment
 from wrt.scene.environment import SphericalHarmonicsEnvironment as SphericalHarmonicsEnvironment
 from wrt.scene.environment import SunSkyEnvironment as SunSkyEnvironment
+from wrt.scene.exact.quadrics import cylinder as cylinder
+from wrt.scene.exact.quadrics import disk as disk
+from wrt.scene.exact.spheres import spheres as spheres
 from wrt.scene.lights import DirectionalLight as DirectionalLight
 from wrt.scene.lights import DiskLight as DiskLight
 from wrt.scene.lights import Light as Light
@@ -76,7 +79,6 @@ from wrt.scene.shapes import box as box
 from wrt.scene.shapes import polygon as polygon
 from wrt.scene.shapes import quad as quad
 from wrt.scene.shapes import sphere as sphere
-from wrt.scene.spheres import spheres as spheres
 from wrt.scene.textures import ImageTexture as ImageTexture
 from wrt.scene.textures import NormalMap as NormalMap
 from wrt.scene.textures import VertexColor as VertexColor

@@ -14,13 +14,14 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Bvh, Hit
 from wrt.kernels.accel.ray_batch import RayBatch, reach_of, write_answer
-from wrt.kernels.features import has_spheres, instances_of
+from wrt.kernels.features import has_quadrics, has_spheres, instances_of
 from wrt.kernels.geometry.motion import MotionKey, MotionRecord, Placement, transform_at
 from wrt.kernels.native import include
 from wrt.kernels.specialise import specialised
 
 instances_h = include("instances.h")
 instances_spheres_h = include("instances_spheres.h")
+instances_quadrics_h = include("instances_quadrics.h")
 
 
 @wp.struct
@@ -82,8 +83,31 @@ _found = wp.types.vector(length=5, dtype=float)
 
 @specialised()
 def make_traverse(geometry: str) -> wp.Function:
-    """Return the function (tree, origin, direction, time, t_min, t_max, any_hit) -> argument of `instance_hit`."""
+    """Return the function (tree, origin, direction, time, t_min, t_max, any_hit) -> argument of `instance_hit`.
+
+    With disks or cylinders, the scene's corners and normals follow the tree.
+    """
     kind = f"wrt::Instances::{instances_of(geometry)}"
+    if has_quadrics(geometry):
+        placed = "wrt::instances_with_axes(tree, corners, normals)"
+
+        @wp.func_native(
+            f"return wrt::closest_instance_hit<{kind}>({placed}, origin, direction, time, t_min, t_max, any_hit);"
+        )
+        def traverse_quadrics(
+            tree: InstanceTree,
+            corners: wp.array(dtype=wp.vec3i),
+            normals: wp.array(dtype=wp.vec3),
+            origin: wp.vec3,
+            direction: wp.vec3,
+            time: float,
+            t_min: float,
+            t_max: float,
+            any_hit: bool,
+        ) -> _found:
+            instances_quadrics_h()
+
+        return traverse_quadrics
     header = instances_spheres_h if has_spheres(geometry) else instances_h
 
     @wp.func_native(f"return wrt::closest_instance_hit<{kind}>(tree, origin, direction, time, t_min, t_max, any_hit);")
@@ -106,11 +130,31 @@ def make_traverse_after(geometry: str) -> wp.Function:
     """Return the device function that finds the next hit, ordered by distance, instance and triangle.
 
     Its arguments are (tree, origin, direction, time, t_min, t_max, last_instance, last_id), where t_min is the distance
-    of the last hit and last_id its triangle's number within its mesh.
+    of the last hit and last_id its triangle's number within its mesh. With disks or cylinders, the scene's corners and
+    normals follow the tree.
     """
     kind = f"wrt::Instances::{instances_of(geometry)}"
     header = instances_spheres_h if has_spheres(geometry) else instances_h
     arguments = "tree, origin, direction, time, t_min, t_max, last_instance, last_id"
+    if has_quadrics(geometry):
+        arguments = arguments.replace("tree", "wrt::instances_with_axes(tree, corners, normals)")
+
+        @wp.func_native(f"return wrt::next_instance_hit<{kind}>({arguments});")
+        def traverse_after_quadrics(
+            tree: InstanceTree,
+            corners: wp.array(dtype=wp.vec3i),
+            normals: wp.array(dtype=wp.vec3),
+            origin: wp.vec3,
+            direction: wp.vec3,
+            time: float,
+            t_min: float,
+            t_max: float,
+            last_instance: int,
+            last_id: int,
+        ) -> _found:
+            instances_quadrics_h()
+
+        return traverse_after_quadrics
 
     @wp.func_native(f"return wrt::next_instance_hit<{kind}>({arguments});")
     def traverse_after(

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.accel import spheres
+from wrt.kernels.accel import quadrics, spheres
 from wrt.kernels.accel.bvh import Hit, bvh_any_hit, bvh_closest_hit, bvh_next_hit
 from wrt.kernels.accel.instances import instance_hit, make_traverse, make_traverse_after
-from wrt.kernels.features import has_spheres, instances_of
+from wrt.kernels.features import has_quadrics, has_spheres, instances_of
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
@@ -65,14 +65,21 @@ def make_intersect(geometry: str) -> Intersect:
     """Return the functions for scenes with this `Features.geometry`."""
     if instances_of(geometry) == "none":
         if has_spheres(geometry):
-            return Intersect(spheres.closest_hit, spheres.closest_hit_before, spheres.next_hit, spheres.occluded)
+            of = quadrics if has_quadrics(geometry) else spheres
+            return Intersect(of.closest_hit, of.closest_hit_before, of.next_hit, of.occluded)
         return Intersect(closest_hit, closest_hit_before, next_hit, occluded)
     traverse = make_traverse(geometry)
     traverse_after = make_traverse_after(geometry)
+    quadric = has_quadrics(geometry)
 
     @wp.func(name=f"closest_hit_before_{geometry}")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
-        found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, False)
+        if wp.static(quadric):
+            found = traverse(
+                scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, 0.0, distance, False
+            )
+        else:
+            found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, False)
         return instance_hit(scene.placed, found)
 
     @wp.func(name=f"closest_hit_{geometry}")
@@ -84,13 +91,34 @@ def make_intersect(geometry: str) -> Intersect:
     def following(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
         placed = scene.placed
         triangle = last.triangle - placed.instances[last.instance].first_triangle
-        found = traverse_after(placed, ray.origin, ray.direction, ray.time, last.t, distance, last.instance, triangle)
+        if wp.static(quadric):
+            found = traverse_after(
+                placed,
+                scene.corners,
+                scene.normals,
+                ray.origin,
+                ray.direction,
+                ray.time,
+                last.t,
+                distance,
+                last.instance,
+                triangle,
+            )
+        else:
+            found = traverse_after(
+                placed, ray.origin, ray.direction, ray.time, last.t, distance, last.instance, triangle
+            )
         return instance_hit(placed, found)
 
     @wp.func(name=f"occluded_{geometry}")
     @ray_query
     def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
-        found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, True)
+        if wp.static(quadric):
+            found = traverse(
+                scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, 0.0, distance, True
+            )
+        else:
+            found = traverse(scene.placed, ray.origin, ray.direction, ray.time, 0.0, distance, True)
         return wp.cast(found[0], wp.int32) >= 0
 
     return Intersect(nearest, before, following, blocked)

@@ -12,6 +12,7 @@ from wrt.kernels.camera.camera import Camera, CameraRay
 from wrt.kernels.camera.models import make_camera
 from wrt.kernels.features import Features
 from wrt.kernels.film.film import is_finite_color
+from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadric_of, point_of
 from wrt.kernels.geometry.rays import to_local, to_world
 from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -86,14 +87,14 @@ def make_directional_albedo(features: Features) -> wp.Function:
     return directional_albedo
 
 
-@specialised("instances", "spheres", "cameras")
+@specialised("instances", "spheres", "quadrics", "cameras")
 def make_motion_on_film(features: Features) -> wp.Function:
     """Return the device function (scene, camera, first, direction, time) -> vec2, a point's motion in pixels.
 
     It leads from the point's position on the film when the shutter opens to that when it closes.
     """
     triangle_of = make_triangle_of(features.instances)
-    spheres = features.spheres
+    spheres, quadrics, quadric_of = features.spheres, features.quadrics, make_quadric_of(features.geometry)
     sphere_of, sphere_axes = make_sphere_of(features.geometry), make_sphere_axes(features.geometry)
     film_position = make_camera(features.cameras).film_position
 
@@ -122,6 +123,14 @@ def make_motion_on_film(features: Features) -> wp.Function:
                     axes = sphere_axes(scene, hit.triangle, hit.instance, camera.shutter_close)
                     sphere = sphere_of(scene, hit.triangle, hit.instance, camera.shutter_close)
                     end = sphere.center + to_world(axes, place) * sphere.radius
+            if wp.static(quadrics):
+                quadric = quadric_of(scene, hit.triangle, hit.instance, time)
+                if quadric.kind != NO_QUADRIC:
+                    on_unit = in_unit_shape(quadric, first.surface.position - quadric.center)
+                    opened = quadric_of(scene, hit.triangle, hit.instance, camera.shutter_open)
+                    begin = point_of(opened, on_unit)
+                    closed = quadric_of(scene, hit.triangle, hit.instance, camera.shutter_close)
+                    end = point_of(closed, on_unit)
         there = film_position(camera, end, distant, camera.shutter_close)
         return there - film_position(camera, begin, distant, camera.shutter_open)
 

@@ -1,15 +1,16 @@
 """Spheres of the scene in world space at a time, and points on them.
 
-The host stores a sphere as a triangle (`wrt/scene/spheres.py`): its corners are two opposite corners of the box around
-it, the normals of its vertices are the sphere's axes, and its texture coordinates are (0, 0), (1, 0) and (0, 1). So all
-that is interpolated over a triangle by u and v is interpolated over a sphere by the fraction of a turn about its z axis
-and the angle from that axis over π.
+The host stores a sphere as a triangle (`wrt/scene/exact/spheres.py`): its corners are two opposite corners of the box
+around it, the normals of its vertices are the sphere's axes, and its texture coordinates are (0, 0), (1, 0) and (0, 1).
+So all that is interpolated over a triangle by u and v is interpolated over a sphere by the fraction of a turn about its
+z axis and the angle from that axis over π.
 """
 
 import warp as wp
 
-from wrt.kernels.accel.instances import make_instance_placement
+from wrt.kernels.accel.instances import InstanceRecord, make_instance_placement
 from wrt.kernels.features import instances_of
+from wrt.kernels.geometry.motion import Placement
 from wrt.kernels.geometry.rays import Frame, Ray, to_local, to_world
 from wrt.kernels.math.trigonometry import arc_tangent
 from wrt.kernels.sampling.warps import TWO_PI
@@ -71,6 +72,16 @@ def sphere_of_one_tree(scene: SceneData, triangle: int, instance: int, time: flo
     return sphere
 
 
+@wp.func
+def slack_of(record: InstanceRecord, placement: Placement, sizes: wp.vec3) -> float:
+    """Return the distance by which rays may miss points of an instance, whose coordinates are at most `sizes`."""
+    size = float(0.0)
+    if record.round_trip > 0.0:
+        for k in range(3):
+            size = wp.max(size, wp.dot(wp.abs(placement.linear[k]), sizes) + wp.abs(placement.offset[k]))
+    return size * _EPSILON * _ROUNDINGS * (1.0 + record.round_trip)
+
+
 @specialised()
 def make_sphere_of(geometry: str) -> wp.Function:
     """Return the device function (scene, triangle, instance, time) -> Sphere; see `Features.geometry`.
@@ -88,12 +99,7 @@ def make_sphere_of(geometry: str) -> wp.Function:
             record = scene.placed.instances[instance]
             placement = instance_placement(scene.placed, record, time)
             linear = placement.linear
-            if record.round_trip > 0.0:
-                size = float(0.0)
-                products = wp.abs(sphere.center) + wp.vec3(sphere.radius)
-                for k in range(3):
-                    size = wp.max(size, wp.dot(wp.abs(linear[k]), products) + wp.abs(placement.offset[k]))
-                sphere.slack = size * _EPSILON * _ROUNDINGS * (1.0 + record.round_trip)
+            sphere.slack = slack_of(record, placement, wp.abs(sphere.center) + wp.vec3(sphere.radius))
             sphere.center = linear * sphere.center + placement.offset
             sphere.radius = sphere.radius * wp.length(wp.vec3(linear[0, 0], linear[1, 0], linear[2, 0]))
         return sphere

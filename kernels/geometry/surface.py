@@ -4,8 +4,18 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.instances import make_instance_placement
-from wrt.kernels.features import has_spheres, instances_of
+from wrt.kernels.features import has_quadrics, has_spheres, instances_of
 from wrt.kernels.geometry.motion import key_at
+from wrt.kernels.geometry.quadrics import (
+    NO_QUADRIC,
+    by_coordinate,
+    clearance_of_quadric,
+    front_of,
+    make_quadric_of,
+    point_of,
+    point_on_quadric,
+    quadric_coordinates,
+)
 from wrt.kernels.geometry.rays import Frame, Ray, make_frame
 from wrt.kernels.geometry.spheres import (
     along_meridian,
@@ -118,6 +128,8 @@ def make_surface_at(geometry: str) -> wp.Function:
 
     With spheres, `uv` are the weights by which `make_add_texture_coordinates` interpolates.
     """
+    if has_quadrics(geometry):
+        return _make_surface_or_quadric_at(geometry)
     if has_spheres(geometry):
         return _make_surface_or_sphere_at(geometry)
     instances = geometry
@@ -199,6 +211,42 @@ def _make_surface_or_sphere_at(geometry: str) -> wp.Function:
         else:
             surface = on_triangle(scene, ray, hit)
             surface.uv = wp.vec2(hit.u, hit.v)
+        return surface
+
+    return at
+
+
+@specialised()
+def _make_surface_or_quadric_at(geometry: str) -> wp.Function:
+    """Return the function of `make_surface_at` for scenes with disks or cylinders."""
+    placed = instances_of(geometry) != "none"
+    elsewhere = _make_surface_or_sphere_at(geometry)
+    quadric_of = make_quadric_of(geometry)
+
+    @wp.func(name=f"surface_at_{geometry}")
+    @shading_point
+    def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
+        surface = Surface()
+        quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
+        if quadric.kind != NO_QUADRIC:
+            point = point_on_quadric(quadric, ray, hit.t)
+            surface.position = point_of(quadric, point.place)
+            normal = front_of(quadric, point.place)
+            surface.clearance = clearance_of_quadric(quadric, normal)
+            surface.normal = wp.where(point.front, normal, -normal)
+            surface.frame = make_frame(surface.normal)
+            surface.front = point.front
+            if wp.static(placed):
+                surface.shape = scene.placed.instances[hit.instance].shape
+                if surface.shape < 0:
+                    surface.shape = scene.triangle_shape[hit.triangle]
+            else:
+                surface.shape = scene.triangle_shape[hit.triangle]
+            surface.uv = quadric_coordinates(quadric, point.place)
+            surface.e1 = by_coordinate(quadric, point.place, 0)
+            surface.e2 = by_coordinate(quadric, point.place, 1)
+        else:
+            surface = elsewhere(scene, ray, hit)
         return surface
 
     return at

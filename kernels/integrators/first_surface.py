@@ -30,7 +30,16 @@ class FirstSurface:
 
 
 @specialised(
-    "sampler", "instances", "spheres", "textured", "uv2_alpha", "mipmapped", "opacity", "composite", "tangents"
+    "sampler",
+    "instances",
+    "spheres",
+    "quadrics",
+    "textured",
+    "uv2_alpha",
+    "mipmapped",
+    "opacity",
+    "composite",
+    "tangents",
 )
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.

@@ -42,7 +42,7 @@ class PassedShares(NamedTuple):
     holes: wp.Function
 
 
-@specialised("textured", "tangents", "spheres", *make_share_passed.fields)
+@specialised("textured", "tangents", "spheres", "quadrics", *make_share_passed.fields)
 def make_passed_shares(features: Features) -> PassedShares:
     """Return the functions for scenes with these features."""
     textured, tangents = features.textured, features.tangents
@@ -75,7 +75,15 @@ def make_passed_shares(features: Features) -> PassedShares:
 
 
 @specialised(
-    "instances", "spheres", "opacity", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields
+    "instances",
+    "spheres",
+    "quadrics",
+    "opacity",
+    "media",
+    "grid_media",
+    "nested",
+    "light_shapes",
+    *make_passed_shares.fields,
 )
 def make_transmission(features: Features) -> wp.Function:
     """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
@@ -150,7 +158,7 @@ def make_transmission(features: Features) -> wp.Function:
     return transmission
 
 
-@specialised("instances", "spheres", "media", "grid_media", "light_shapes")
+@specialised("instances", "spheres", "quadrics", "media", "grid_media", "light_shapes")
 def make_unblocked(features: Features) -> wp.Function:
     """Return the visibility where surfaces block all light; see `make_visibility`."""
     media = features.media != "none"

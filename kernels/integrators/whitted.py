@@ -208,7 +208,7 @@ def make_lights_seen(features: Features) -> wp.Function:
     return with_lights
 
 
-@specialised("instances", "spheres", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
+@specialised("instances", "spheres", "quadrics", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
 def make_tree_vertex(features: Features) -> wp.Function:
     """Return the device function (scene, ray, r, hit, pixel_footprint, index) -> TreeVertex; `ray` is that of `r`."""
     surface_at = make_surface_at(features.geometry)

@@ -10,7 +10,19 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
-from wrt.kernels.features import Features, instances_of
+from wrt.kernels.features import Features, has_quadrics, instances_of
+from wrt.kernels.geometry.quadrics import (
+    DISK,
+    NO_QUADRIC,
+    Quadric,
+    area_of,
+    front_of,
+    in_unit_shape,
+    make_quadric_of,
+    point_of,
+    quadric_coordinates,
+    sizes_of,
+)
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -21,8 +33,9 @@ from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
+from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
 from wrt.kernels.sampling.solid_angle import cone_pdf, sample_sphere, sphere_one_minus_cos
-from wrt.kernels.sampling.warps import square_to_triangle
+from wrt.kernels.sampling.warps import TWO_PI, square_to_triangle
 from wrt.kernels.scene.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -121,15 +134,77 @@ def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver
     return sample
 
 
+# --- Disks and cylinders ---------------------------------------------------------------------------
+
+_OFF_QUADRIC = wp.constant(2.0**-19)
+"""A shadow ray ends this far off the light, relative to the sizes of the terms that make up its points."""
+
+
+@wp.func
+def place_on_quadric(quadric: Quadric, receiver: Receiver, u: wp.vec2) -> wp.vec3:
+    """Return a place on the unit shape, uniform by area; u = 0 is the middle, or of a cylinder the nearest to it."""
+    if quadric.kind == DISK:
+        around = sine_cosine(TWO_PI * u[1])
+        r = wp.sqrt(u[0])
+        return wp.vec3(r * around[1], r * around[0], 0.0)
+    towards = in_unit_shape(quadric, receiver.position - quadric.center)
+    around = sine_cosine(arc_tangent(towards[1], towards[0]) + TWO_PI * u[0])
+    return wp.vec3(around[1], around[0], wp.where(u[1] < 0.5, u[1], u[1] - 1.0))
+
+
+@wp.func
+def quadric_pdf(quadric: Quadric, distance: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point that is uniform on a disk or cylinder."""
+    return distance * distance / (area_of(quadric) * cos_light)
+
+
+@wp.func
+def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver, u: wp.vec2) -> LightSample:
+    """Return a sample of a disk or cylinder with the light's mean radiance; of pdf 0 where its back is seen."""
+    sample = LightSample()
+    sample.point.triangle = light.triangle
+    sample.point.instance = light.instance
+    place = place_on_quadric(quadric, receiver, u)
+    weights = quadric_coordinates(quadric, place)
+    sample.point.u = weights[0]
+    sample.point.v = weights[1]
+    point = point_of(quadric, place)
+    normal = front_of(quadric, place)
+    if wp.dot(normal, receiver.position - point) < 0.0 and light.two_sided != 0:
+        normal = -normal
+    if wp.dot(normal, receiver.position - point) > 0.0:
+        off = wp.dot(sizes_of(quadric), wp.vec3(_OFF_QUADRIC)) + quadric.slack
+        way = point + normal * off - receiver.position
+        distance = wp.length(way)
+        sample.wi = way / distance
+        sample.distance = distance * _BEFORE_TRIANGLE
+        cos_light = -wp.dot(sample.wi, normal)
+        if cos_light > 0.0:
+            sample.pdf = quadric_pdf(quadric, distance, cos_light)
+            sample.radiance = light.value
+    return sample
+
+
+# --- Surfaces of meshes ----------------------------------------------------------------------------
+
+
 @specialised()
 def make_sample_surface(geometry: str) -> wp.Function:
-    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or a sphere of a mesh."""
+    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or a sphere of a mesh.
+
+    See `Features.geometry`; there may be disks and cylinders, too.
+    """
     triangle_of = make_triangle_of(instances_of(geometry))
     sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
+    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
 
     @wp.func
     def sample_surface(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
         sample = LightSample()
+        if wp.static(quadrics):
+            quadric = quadric_of(scene, light.triangle, light.instance, receiver.time)
+            if quadric.kind != NO_QUADRIC:
+                return sample_mesh_quadric(light, quadric, receiver, u)
         sphere = sphere_of(scene, light.triangle, light.instance, receiver.time)
         if sphere.radius > 0.0:
             axes = sphere_axes(scene, light.triangle, light.instance, receiver.time)
@@ -149,11 +224,16 @@ def make_hit_pdf(geometry: str) -> wp.Function:
     It is for scenes with spheres; elsewhere `hit_triangle_pdf` serves.
     """
     sphere_of = make_sphere_of(geometry)
+    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
 
     @wp.func
     def hit_pdf(
         scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
     ) -> float:
+        if wp.static(quadrics):
+            quadric = quadric_of(scene, hit.triangle, hit.instance, receiver.time)
+            if quadric.kind != NO_QUADRIC:
+                return quadric_pdf(quadric, distance, -wp.dot(surface.normal, direction))
         sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
         if sphere.radius > 0.0:
             return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
@@ -200,7 +280,7 @@ def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Fun
     return emission_at
 
 
-@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "light_tree")
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "quadrics", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, light_tree = features.textured, features.light_tree

@@ -1,6 +1,6 @@
 #pragma once
 // A ray against the eight boxes of a node, and many rays against one of them.
-#include "vectors.h"
+#include "shape_axes.h"
 
 namespace wrt {
 // Slab test (Kay and Kajiya 1986) as t = b * (1 / d) - o * (1 / d) for a coordinate d of the direction and o of the
@@ -26,6 +26,9 @@ struct Ray {
     int near_row[4], far_row[4], flip;
     float origin[3], shear[3];
     int kx, ky, kz;
+#if defined(WRT_QUADRICS)
+    Axes axes;
+#endif
 };
 
 // Prepare a ray and return whether it can hit anything.

@@ -124,9 +124,23 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
             };
 #if defined(WRT_SPHERES)
             if (corner(0, 0) == corner(2, 0) && corner(0, 1) == corner(2, 1) && corner(0, 2) == corner(2, 2)) {
-                const Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
-                if (!((roots.far >= t_min) & (roots.near <= nearest.t))) continue;
                 const int id = leaf.id(9 * LEAF_SIZE + first + k);
+                Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
+#if defined(WRT_QUADRICS)
+                // The corners are in the order of the ray's axes.
+                const auto rises = [&](int axis) {
+                    const int k = axis == ray.kx ? 0 : axis == ray.ky ? 1 : 2;
+                    return corner(0, k) < corner(1, k);
+                };
+                if (rises(0) != rises(1)) {
+                    const auto axis_of = [&](int which, int axis) {
+                        return ray.axes.of(id, which)[axis == 0 ? ray.kx : axis == 1 ? ray.ky : ray.kz];
+                    };
+                    const bool is_disk = rises(0) == rises(2);
+                    roots = roots_of_quadric<float>(corner, axis_of, is_disk, ray.origin, ray.shear, 0, 1, 2);
+                }
+#endif
+                if (!((roots.far >= t_min) & (roots.near <= nearest.t))) continue;
                 const float t = first_of<float>(
                     roots, [&](float root) { return root > 0.0f && root >= t_min && !skipped(root, id); });
                 if (t > 0.0f) keep(t, 0.0f, 0.0f);

@@ -111,6 +111,9 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
         }
         Ray ray;
         if (!set_up(ray, origin, direction)) return any_hit && best_instance >= 0;
+#if defined(WRT_QUADRICS)
+        ray.axes = placed.axes.from(instance.first_triangle);
+#endif
         const int nothing_yet = best_instance >= 0 && best_instance < number ? -1 : NOTHING_HIT;
         Nearest nearest = {best.t, 0.0f, 0.0f, nothing_yet};
         const auto& mesh = placed.meshes.data[instance.mesh];

@@ -45,6 +45,9 @@ template<int N> struct alignas(64) Rays {
     int near_rows[3][N], far_rows[3][N], kxs[N], kys[N], kzs[N], flips[N];
     float reach[N], us[N], vs[N];
     int ids[N];
+#if defined(WRT_QUADRICS)
+    Axes axes;
+#endif
 
     WRT_MEMBER Ray one(const int n) const {
         Ray ray;
@@ -61,6 +64,9 @@ template<int N> struct alignas(64) Rays {
         ray.kx = kxs[n];
         ray.ky = kys[n];
         ray.kz = kzs[n];
+#if defined(WRT_QUADRICS)
+        ray.axes = axes;
+#endif
         return ray;
     }
     WRT_MEMBER Nearest nearest(const int n) const { return {reach[n], us[n], vs[n], ids[n]}; }
@@ -144,9 +150,7 @@ WRT_INLINE void test_leaf(
         return sheared<Floats>(corner, origin, shear, kx, ky, kz);
     };
 #if defined(WRT_SPHERES)
-    const auto test_sphere = [&](int j) WRT_INLINE_LAMBDA {
-        const auto corner = [&](int vertex, int axis) WRT_INLINE_LAMBDA { return corner_of(j, vertex, axis); };
-        const Roots<Floats> roots = roots_of<Floats>(corner, origin, shear, kx, ky, kz);
+    const auto keep_first = [&](int j, const Roots<Floats>& roots) WRT_INLINE_LAMBDA {
         const Floats t = first_of(
             roots, [&](const Floats& root) WRT_INLINE_LAMBDA { return (root > 0.0f) & (root >= t_min); });
         const Ints better = within & (t > 0.0f) & ((t < best) | ((t == best) & (ids[j] < best_id)));
@@ -154,6 +158,24 @@ WRT_INLINE void test_leaf(
         best_u = better ? (Floats)0.0f : best_u;
         best_v = better ? (Floats)0.0f : best_v;
         best_id = better ? (Ints)ids[j] : best_id;
+    };
+    const auto test_sphere = [&](int j) WRT_INLINE_LAMBDA {
+        const auto corner = [&](int vertex, int axis) WRT_INLINE_LAMBDA { return corner_of(j, vertex, axis); };
+#if defined(WRT_QUADRICS)
+        const auto rises = [&](int axis) WRT_INLINE_LAMBDA {
+            return leaf[LEAF_SIZE * axis + j] < leaf[LEAF_SIZE * (3 + axis) + j];
+        };
+        if (rises(0) != rises(1)) {
+            const auto axis_of = [&](int which, int axis) WRT_INLINE_LAMBDA -> Floats {
+                const float* v = a.axes.of(ids[j], which);
+                return axes ? in_order(axis, (Floats)v[0], (Floats)v[1], (Floats)v[2]) : (Floats)v[axis];
+            };
+            const bool is_disk = rises(0) == rises(2);
+            keep_first(j, roots_of_quadric<Floats>(corner, axis_of, is_disk, origin, shear, kx, ky, kz));
+            return;
+        }
+#endif
+        keep_first(j, roots_of<Floats>(corner, origin, shear, kx, ky, kz));
     };
 #endif
     unsigned some = 0;

@@ -62,6 +62,9 @@ WRT_INLINE wp::vec_t<4, float> trace_ray(
     else WRT_MARK("nearest hit");
     Ray ray;
     Nearest nearest = {t_max, 0.0f, 0.0f, NOTHING_HIT};
+#if defined(WRT_QUADRICS)
+    ray.axes = bvh.axes;
+#endif
     if (set_up(ray, origin, direction)) find_hit(tree_of(bvh), ray, 0, t_min, any_hit, nearest, skipped);
     return wp::vec_t<4, float>(float_of(nearest.id == NOTHING_HIT ? -1 : nearest.id), nearest.t, nearest.u, nearest.v);
 }

@@ -1,6 +1,6 @@
 """Faults that `mutate.py` plants: a file, a text in it, the text in its place, and the tests that should notice."""
 
-from . import cuda, light, media, pictures, reflection, spheres
+from . import cuda, light, media, pictures, quadrics, reflection, spheres
 from .mutant import Mutant
 
 MUTANTS: tuple[Mutant, ...] = (
@@ -8,6 +8,7 @@ MUTANTS: tuple[Mutant, ...] = (
     *media.FAULTS,
     *light.FAULTS,
     *spheres.FAULTS,
+    *quadrics.FAULTS,
     *pictures.FAULTS,
     *cuda.FAULTS,
 )

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from wrt.errors import one_line
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.materials import Material
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres
 from wrt.scene.textures import FirstAlike, ImageTexture, NormalMap, VertexColor
 
 Row: TypeAlias = tuple[str, ...]
@@ -47,15 +48,16 @@ def scene_text(scene: Scene) -> str:
 
 
 def _faces(shapes: Iterable[Shape]) -> str:
-    counts = {True: 0, False: 0}
+    counts: Counter[str] = Counter()
     for shape in shapes:
-        counts[isinstance(shape.mesh, Spheres)] += len(shape.mesh.faces)
-    triangles = _count(counts[False], "triangle")
-    return f"{triangles}, {_count(counts[True], 'exact sphere')}" if counts[True] else triangles
+        mesh = shape.mesh
+        counts.update(mesh.counts if isinstance(mesh, Analytic) else {"triangle": len(mesh.faces)})
+    exact = [_count(counts[noun], f"exact {noun}") for noun in ("sphere", "disk", "cylinder") if counts[noun]]
+    return ", ".join([_count(counts["triangle"], "triangle"), *exact])
 
 
 def _vertices(mesh: Mesh) -> int:
-    return 0 if isinstance(mesh, Spheres) else len(mesh.vertices)
+    return 0 if isinstance(mesh, Analytic) else len(mesh.vertices)
 
 
 def _materials(shapes: Iterable[Shape]) -> list[Material]:
@@ -94,12 +96,12 @@ def _shape_rows(shapes: Iterable[Shape], materials: list[Material]) -> list[Row]
     rows: list[Row] = []
     for shape in shapes:
         mesh = shape.mesh
-        of_vertices = ("colors",) if isinstance(mesh, Spheres) else ("normals", "uvs", "colors")
+        of_vertices = ("colors",) if isinstance(mesh, Analytic) else ("normals", "uvs", "colors")
         has = [name for name in of_vertices if getattr(mesh, name) is not None]
         has += ["emission"] * shape.emits
         faces, vertices = f"{len(mesh.faces):,}", f"{len(mesh.vertices):,}"
-        if isinstance(mesh, Spheres):
-            faces, vertices = _count(len(mesh.faces), "sphere"), "-"
+        if isinstance(mesh, Analytic):
+            faces, vertices = ", ".join(_count(count, noun) for noun, count in mesh.counts.items()), "-"
         rows.append((shape.name, faces, vertices, ", ".join(has) or "-", str(numbers[id(shape.material)])))
     return rows
 

@@ -12,8 +12,10 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import naming_file, read_file
+from wrt.scene.exact.analytic import Analytic, stored_in
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres, spheres
 from wrt.scene.mesh import Mesh
-from wrt.scene.spheres import Spheres, spheres, spheres_in
 
 
 def read_arrays(file: Path, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, NDArray[Any]]:
@@ -46,7 +48,7 @@ def read_mesh_arrays(file: Path) -> Mesh:
 
 
 def read_spheres(file: Path) -> Spheres:
-    """Return the spheres of the arrays `centers` and `radii`, with `colors` if present, or of `arrays_of_spheres`.
+    """Return the spheres of the arrays `centers` and `radii`, with `colors` if present, or of `arrays_of_exact`.
 
     Raises:
         InputError: when the arrays do not form spheres.
@@ -55,15 +57,28 @@ def read_spheres(file: Path) -> Spheres:
     colors = arrays.get("colors")
     with naming_file(file):
         if {"boxes", "axes"} <= set(arrays):
-            return spheres_in(arrays["boxes"], arrays["axes"], colors, file.name)
+            return stored_in(Spheres, arrays["boxes"], arrays["axes"], colors, file.name)
         for name in ("centers", "radii"):
             if name not in arrays:
                 raise InputError(f"there is no array {name!r} in it")
         return spheres(arrays["centers"], arrays["radii"], colors=colors, name=file.name)
 
 
-def arrays_of_spheres(mesh: Spheres) -> dict[str, NDArray[Any]]:
-    """Return the arrays from which `read_spheres` makes the same spheres, bit for bit."""
+def read_quadrics(file: Path) -> Quadrics:
+    """Return the disks and cylinders of `arrays_of_exact`.
+
+    Raises:
+        InputError: when the arrays do not form disks or cylinders.
+    """
+    arrays = read_arrays(file, required=("boxes", "axes"), optional=("colors",))
+    with naming_file(file):
+        made = stored_in(Quadrics, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
+        made.check()
+    return made
+
+
+def arrays_of_exact(mesh: Analytic) -> dict[str, NDArray[Any]]:
+    """Return the arrays from which `read_spheres` or `read_quadrics` makes the same shapes, bit for bit."""
     assert mesh.normals is not None
     arrays = {"boxes": mesh.vertices.reshape(-1, 3, 3)[:, :2], "axes": mesh.normals.reshape(-1, 3, 3)}
     return arrays if mesh.colors is None else {**arrays, "colors": mesh.colors[::3]}

@@ -93,7 +93,7 @@ class Intersector:
             threads: CPU threads; by default all cores.
 
         Raises:
-            InputError: on exact spheres, arrays of other shapes, mesh numbers out of range, or matrices that are not
+            InputError: on exact shapes, arrays of other shapes, mesh numbers out of range, or matrices that are not
                 finite, not affine or not invertible.
         """
         made = cls.__new__(cls)
@@ -267,10 +267,10 @@ class Intersector:
 
 
 def _triangles(mesh: Mesh) -> Mesh:
-    """Return a mesh that has triangles alone; raise InputError for exact spheres."""
-    from wrt.scene.spheres import Spheres
+    """Return a mesh that has triangles alone; raise InputError for exact shapes."""
+    from wrt.scene.exact.analytic import Analytic
 
-    if isinstance(mesh, Spheres):
+    if isinstance(mesh, Analytic):
         raise InputError(f"{mesh.name}: an intersector has triangles only; give it those of mesh.tessellated()")
     return mesh
 

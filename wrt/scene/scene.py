@@ -15,6 +15,7 @@ from wrt.errors import InputError
 from wrt.scene.camera import Camera
 from wrt.scene.deformation import Deformation
 from wrt.scene.environment import Environment
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material
@@ -23,7 +24,6 @@ from wrt.scene.materials.material import color_source
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion, check_affine
-from wrt.scene.spheres import Spheres
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import FLOAT32_MAX, Vec3, boolean, integer, number, one_of
 
@@ -77,8 +77,8 @@ class Shape:
         if self.deformation is not None:
             if not isinstance(self.deformation, Deformation):
                 raise InputError(f"{self.name}: deformation must be a wrt.Deformation")
-            if isinstance(self.mesh, Spheres):
-                raise InputError(f"{self.name}: exact spheres cannot be deformed; take mesh.tessellated()")
+            if isinstance(self.mesh, Analytic):
+                raise InputError(f"{self.name}: exact shapes cannot be deformed; take mesh.tessellated()")
             count = self.deformation.vertices.shape[1]
             if count != len(self.mesh.vertices):
                 own = len(self.mesh.vertices)
@@ -123,7 +123,7 @@ class Shape:
     def outline(self) -> NDArray[np.floating[Any]]:
         """(P, 3) points whose convex hull contains the shape at all times: vertices, or corners of boxes."""
         if self.transform is None and self.deformation is None:
-            return self.mesh.outline if isinstance(self.mesh, Spheres) else self.mesh.vertices
+            return self.mesh.outline if isinstance(self.mesh, Analytic) else self.mesh.vertices
         low, high = self.mesh.bounds
         if self.deformation is not None:
             low, high = self.deformation.vertices.min(axis=(0, 1)), self.deformation.vertices.max(axis=(0, 1))

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrt.errors import InputError
+from wrt.scene.exact.spheres import spheres
 from wrt.scene.mesh import Mesh
-from wrt.scene.spheres import spheres
 from wrt.values import Vec3, boolean, integer, number, vector
 
 MAX_SUBDIVISIONS = 9

@@ -6,9 +6,12 @@ import re
 from wrt.kernels.native import text_of
 
 
-def library(lanes: int, *, spheres: bool = False) -> str:
-    """Return the C++ that all wide code for so many lanes begins with; with or without tests of spheres."""
-    define = text_of("with_spheres.h") if spheres else ""
+def library(lanes: int, *, exact: str = "") -> str:
+    """Return the C++ that all wide code for so many lanes begins with; which may include a header.
+
+    That is "with_spheres.h" or "with_quadrics.h" if kernels test spheres, or disks and cylinders, too.
+    """
+    define = text_of(exact) if exact else ""
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
 
 

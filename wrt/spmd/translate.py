@@ -51,8 +51,9 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         raise Unsupported(f"{module.name}: follows no path")
     (path,) = paths
     types = Types([*functions, pixels], structs, elements)
-    spheres = any("with_spheres.h" in headers_of(h) for f in builder.functions if (h := included_by(f)) is not None)
-    out = [library(lanes, spheres=spheres), types.declarations([a.type for a in pixels.arguments])]
+    headers = {n for f in builder.functions if (h := included_by(f)) is not None for n in headers_of(h)}
+    exact = next((header for header in ("with_quadrics.h", "with_spheres.h") if header in headers), "")
+    out = [library(lanes, exact=exact), types.declarations([a.type for a in pixels.arguments])]
     code.functions[path] = without_stages(code.functions[path], code)
     called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}
     for f, of_warp in zip(functions, builder.functions, strict=True):

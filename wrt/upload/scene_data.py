@@ -23,13 +23,13 @@ from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.accel.scene_instances import place
+from wrt.upload.analytic import mark_exact, with_exact_shapes
 from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
 from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
 from wrt.upload.lights.table import LightTable, light_table, texture_of
 from wrt.upload.materials import MaterialTable, describe_materials
 from wrt.upload.memory import SceneMemory, scene_memory, tree_memory
-from wrt.upload.spheres import mark_spheres, with_exact_spheres
 from wrt.upload.vertex_updates import WorldMeshes
 
 WORTH_ASKING = 1 << 26
@@ -82,9 +82,10 @@ class Described(NamedTuple):
     """A scene as the upload takes it.
 
     Attributes:
-        scene: the scene, in which spheres that kernels cannot meet as such are triangles.
+        scene: the scene, in which exact shapes that kernels cannot meet as such are triangles.
         layout: its shapes, sorted into trees.
         spheres: whether it has exact spheres.
+        quadrics: whether it has exact disks or cylinders.
         environment: the environment as kernels have it.
         lights: the lights without triangles.
         textures: the textures of those, by their numbers.
@@ -94,6 +95,7 @@ class Described(NamedTuple):
     scene: Scene
     layout: Layout
     spheres: bool
+    quadrics: bool
     environment: ConstantEnvironment | ImageEnvironment | None
     lights: list[Light]
     textures: dict[int, ImageTexture]
@@ -105,9 +107,9 @@ def describe_scene(scene: Scene) -> Described:
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
     _check_sizes(scene)
-    scene = with_exact_spheres(scene)
+    scene = with_exact_shapes(scene)
     layout = lay_out(scene)
-    spheres = mark_spheres(layout)
+    spheres, quadrics = mark_exact(layout)
     environment, sky_lights = resolve_environment(scene.environment)
     lights = [*scene.lights, *sky_lights]
     textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
@@ -115,12 +117,12 @@ def describe_scene(scene: Scene) -> Described:
         [shape.material for shape in scene.shapes],
         [*(shape.emission for shape in scene.shapes), *textures.values()],
     )
-    return Described(scene, layout, spheres, environment, lights, textures, materials)
+    return Described(scene, layout, spheres, quadrics, environment, lights, textures, materials)
 
 
 def memory_of(described: Described, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
     """Return the memory that the upload will take on the CPU or on a GPU, see `scene_memory`."""
-    scene, layout, _, environment, lights, _, materials = described
+    scene, layout, _, _, environment, lights, _, materials = described
     return scene_memory(
         scene, layout, materials, environment, lights, is_cpu=is_cpu, texture_coordinates=texture_coordinates
     )
@@ -169,7 +171,7 @@ def build_scene(
     from wrt.kernels.features import Features
 
     described = describe_scene(scene)
-    scene, layout, spheres, environment, lights, textures, materials = described
+    scene, layout, spheres, quadrics, environment, lights, textures, materials = described
     _require_memory(described, device, texture_coordinates)
     data = scene_data.SceneData()
     places = _places(layout)
@@ -201,6 +203,7 @@ def build_scene(
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,
         spheres=spheres,
+        quadrics=quadrics,
     )
     read = on_features(features)
     textured = read.textured or read.tangents or texture_coordinates

@@ -8,10 +8,10 @@ import numpy as np
 
 from wrt.backend.device import Device
 from wrt.errors import InputError
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh
 from wrt.scene.normals import same_positions
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres
 from wrt.upload.accel.bvh import BuiltBvh, refit_bvh
 from wrt.upload.accel.geometry import device_vectors, first_not_finite
 from wrt.values import integer
@@ -66,8 +66,8 @@ class WorldMeshes:
                 f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
                 "make a new Renderer"
             )
-        if isinstance(shape.mesh, Spheres):
-            raise InputError(f"{shape.name}: spheres have no vertices to update; make a new Renderer")
+        if isinstance(shape.mesh, Analytic):
+            raise InputError(f"{shape.name}: exact shapes have no vertices to update; make a new Renderer")
         if shape.emits:
             raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
         first, count = self._first[number], len(shape.mesh.vertices)

@@ -8,15 +8,24 @@
 #include "lanes/rays.h"
 
 namespace lanes {
+// The tree of a scene, with the arrays that its leaves refer to.
+template<class Scene> LANES_INLINE decltype(auto) tree_of_scene(const Scene& scene) {
+#if defined(WRT_QUADRICS)
+    return wrt::with_axes(scene.bvh, scene.corners, scene.normals);
+#else
+    return (scene.bvh);
+#endif
+}
+
 // Starts a group, and follows the rays that leave any group.
 template<class RayQuery, bool any_hit> struct AskedTogether {
     typedef Journeys Traced;
     template<class Steps, class Ray>
     static void set_out(const Steps& steps, Traced& t, const Ray& ray, Floats reach, Mask exec) {
-        lanes::set_out(RayQuery::scene(steps).bvh, t, ray.origin, ray.direction, 0.0f, reach, any_hit, exec);
+        lanes::set_out(tree_of_scene(RayQuery::scene(steps)), t, ray.origin, ray.direction, 0.0f, reach, any_hit, exec);
     }
     template<class Steps> static void follow(const Steps& steps, Traced* t, int count) {
-        follow_alone<any_hit>(RayQuery::scene(steps).bvh, t, count, 0.0f);
+        follow_alone<any_hit>(tree_of_scene(RayQuery::scene(steps)), t, count, 0.0f);
     }
 };
 

@@ -118,6 +118,9 @@ LANES_CALLED void set_out(
     const float t_min, const Floats t_max, const bool any_hit, const Mask exec) {
     Rays& a = journeys.rays;
     Partings& partings = journeys.partings;
+#if defined(WRT_QUADRICS)
+    a.axes = bvh.axes;
+#endif
     const floats origin[3] = {origin_.c[0].v, origin_.c[1].v, origin_.c[2].v};
     const floats direction[3] = {direction_.c[0].v, direction_.c[1].v, direction_.c[2].v};
     const ints can_hit = wrt::set_up(a, origin, direction) & (t_max.v >= t_min);
@@ -168,4 +171,13 @@ LANES_CALLED Vector<4, Floats> closest_hit(
     }
     return found(journeys, t_max);
 }
+
+#if defined(WRT_QUADRICS)
+template<class Bvh, class Corners, class Normals>
+LANES_CALLED Vector<4, Floats> closest_hit(
+    const Bvh& bvh, const Corners& corners, const Normals& normals, const Vector<3, Floats>& origin,
+    const Vector<3, Floats>& direction, Floats t_min, Floats t_max, Mask any_hit, Mask exec) {
+    return closest_hit(wrt::with_axes(bvh, corners, normals), origin, direction, t_min, t_max, any_hit, exec);
+}
+#endif
 } // namespace lanes

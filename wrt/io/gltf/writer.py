@@ -20,6 +20,7 @@ from wrt.io.safe_read import PathLike
 from wrt.io.safe_write import Kind, require_writable, write_atomically
 from wrt.scene import shapes
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -33,7 +34,6 @@ from wrt.scene.materials import Diffuse, Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres
 
 GLB_SUFFIX = ".glb"
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -151,8 +151,8 @@ class _Writer:
             mesh = shape.deformation.at(time, mesh)
         if isinstance(shape.transform, Motion):
             self.note("motion within the exposure")
-        if isinstance(mesh, Spheres):
-            self.note("exact spheres: meshes stand for them")
+        if isinstance(mesh, Analytic):
+            self.note("exact shapes: meshes stand for them")
             mesh = mesh.tessellated()
         node: Tree = {"name": shape.name, "mesh": self.once("meshes", {"primitives": [self._primitive(shape, mesh)]})}
         if shape.transform is not None:

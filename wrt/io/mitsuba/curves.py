@@ -17,8 +17,8 @@ from wrt.io import memory_limits
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.surfaces import Detail
 from wrt.io.safe_read import read_file
+from wrt.scene.exact.spheres import ball
 from wrt.scene.mesh import Mesh, merge
-from wrt.scene.spheres import ball
 
 Array = NDArray[np.float64]
 

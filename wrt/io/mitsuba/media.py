@@ -15,12 +15,13 @@ from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.volume.read import read_volume
 from wrt.io.volume.volume import Volume
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.materials import Material
 from wrt.scene.materials.body import Body, Null
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene
-from wrt.scene.spheres import Spheres
 
 _GRIDS = ("gridvolume", "grid")
 
@@ -276,6 +277,8 @@ def _windings(mesh: Mesh, point: NDArray[np.float64]) -> float:
     if isinstance(mesh, Spheres):
         within = np.linalg.norm(mesh.centers - point, axis=1) < mesh.radii
         return float(np.where(mesh.inside_out, -1.0, 1.0)[within].sum())
+    if isinstance(mesh, Quadrics):
+        mesh = mesh.tessellated()
     a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) - point for k in range(3))
     u, v, w = (np.linalg.norm(x, axis=1) for x in (a, b, c))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))

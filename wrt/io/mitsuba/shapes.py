@@ -21,12 +21,14 @@ from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
 from wrt.io.mitsuba.plugin import Plugin, positive
 from wrt.io.mitsuba.surfaces import Detail, is_closed
 from wrt.scene.camera import PerspectiveCamera
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import basis, quadrics_of, unit_cylinder, unit_disk
+from wrt.scene.exact.spheres import ball, spheres
 from wrt.scene.lights import DiskLight, Light, RectangleLight, SphereLight
 from wrt.scene.materials import Material
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Shape
-from wrt.scene.spheres import Spheres, ball, keeps_spheres, spheres
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import Vec3, vec3
 
@@ -146,7 +148,7 @@ class Shapes:
         if inside is not None and (medium := plugin.named("interior")) is not None:
             inside = continued(medium, inside, mesh.bounds.astype(float), self.textures)
             self.interiors.add(inside)
-        if flip and isinstance(mesh, Spheres):
+        if flip and isinstance(mesh, Analytic):
             mesh = mesh.turned_inside_out()
         elif flip:
             normals = None if mesh.normals is None else -mesh.normals
@@ -203,8 +205,9 @@ class Shapes:
             mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
             return mesh.transformed(matrix)
         center, radius = _ball_around(plugin.type, matrix)
-        if plugin.type == "sphere" and keeps_spheres(matrix) and radius > _LEAST_RADIUS * np.abs(center).max():
-            return spheres([(0.0, 0.0, 0.0)], 1.0, name="sphere").transformed(matrix)
+        least = float(np.linalg.svd(matrix[:3, :3], compute_uv=False)[-1]) if plugin.type == "cylinder" else radius
+        if least > _LEAST_RADIUS * np.abs(center).max() and (exact := _exact(plugin.type, matrix)) is not None:
+            return exact
         segments, coarse = self.detail.segments(center, radius, shines=shining)
         if coarse:
             plugin.warn(f"is limited to {segments} segments around, which may show this close to the camera")
@@ -255,8 +258,8 @@ _MESHES: dict[str, Callable[..., Mesh]] = {
     "rectangle": surfaces.rectangle,
     "cube": surfaces.cube,
     "sphere": ball,
-    "disk": surfaces.disk,
-    "cylinder": surfaces.cylinder,
+    "disk": unit_disk,
+    "cylinder": unit_cylinder,
 }
 
 
@@ -272,15 +275,21 @@ def _own_transform(plugin: Plugin) -> Matrix:
     length = float(np.linalg.norm(along))
     if length == 0.0:
         raise plugin.error("'p0' and 'p1' must differ")
-    # The direction in which u begins (Duff et al. 2017, "Building an Orthonormal Basis, Revisited").
-    x, y, z = along / length
-    sign = math.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    result[:3, 0] = radius * np.array([1.0 + sign * x * x * a, sign * b, -sign * x])
-    result[:3, 1] = radius * np.array([b, sign + y * y * a, -y])
-    result[:3, 2], result[:3, 3] = along, start
+    x, y, _ = basis(along / length)
+    result[:3, :3], result[:3, 3] = np.stack([radius * x, radius * y, along], axis=1), start
     return result
+
+
+def _exact(kind: str, matrix: Matrix) -> Mesh | None:
+    """Return the exact shape that a matrix makes of the unit shape, or None if there is none."""
+    unit = np.eye(3)[None]
+    if kind == "sphere":
+        made: Analytic = spheres([(0.0, 0.0, 0.0)], 1.0, name=kind)
+    elif kind == "disk":
+        made = quadrics_of([True], np.zeros((1, 3)), unit, kind)
+    else:
+        made = quadrics_of([False], np.array([(0.0, 0.0, 0.5)]), unit, kind)
+    return made.transformed(matrix) if made.keeps(matrix[None]) else None
 
 
 def _ball_around(kind: str, matrix: Matrix) -> tuple[NDArray[np.float64], float]:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.mesh import Mesh, box_around
-from wrt.scene.spheres import Spheres, circle, curved, grid
 
 Matrix = NDArray[np.float64]
 
@@ -84,37 +85,14 @@ def _outwards(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, faces, uvs=mesh.uvs, name=mesh.name)
 
 
-def disk(segments: int) -> Mesh:
-    """Return the unit disk that faces z: u is the distance from the centre, v the fraction of a turn from x."""
-    around = circle(segments)
-    rim = np.concatenate([around, np.zeros((segments + 1, 1))], axis=1)
-    turns = np.arange(segments + 1) / segments
-    middle = np.stack([np.zeros(segments), turns[:-1] + 0.5 / segments], axis=-1)
-    index = np.arange(segments)
-    return Mesh(
-        np.concatenate([rim, np.zeros((segments, 3))]),
-        np.stack([index, index + 1, segments + 1 + index], axis=-1),
-        uvs=np.concatenate([np.stack([np.ones_like(turns), turns], axis=-1), middle]),
-        name="disk",
-    )
-
-
-def cylinder(segments: int) -> Mesh:
-    """Return the open unit cylinder along z from 0 to 1, facing outwards: u is the fraction of a turn, v is z."""
-    u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(2.0))
-    normals = np.concatenate([np.stack([circle(segments)] * 2), np.zeros((2, segments + 1, 1))], axis=-1)
-    points = normals.copy()
-    points[..., 2] = v
-    faces = grid(1, segments, downwards=False)
-    return curved(points.reshape(-1, 3), normals.reshape(-1, 3), faces, u, v, "cylinder")
-
-
 def is_closed(mesh: Mesh) -> bool:
     """Return whether a mesh is closed, with all faces turned outwards."""
     from wrt.scene.normals import CHUNK, same_positions
 
     if isinstance(mesh, Spheres):
         return not mesh.inside_out.any()
+    if isinstance(mesh, Quadrics):
+        return False
     positions = same_positions(mesh.vertices)
     count = len(mesh.vertices)
     center = box_around(mesh.vertices).mean(axis=0)

@@ -37,6 +37,7 @@ from wrt.io.toml.values import Table, check_triangles, choice, points_of, table_
 from wrt.scene import shapes
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.exact import quadrics
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
@@ -320,6 +321,9 @@ class _SceneReader(TableReader):
             "box": shapes.box,
             "sphere": shapes.sphere,
             "spheres": self.spheres,
+            "disk": quadrics.disk,
+            "cylinder": quadrics.cylinder,
+            "quadrics": self.quadrics,
             "polygon": self.polygon,
             "polygons": self.polygons,
             "mesh": self.mesh_file,
@@ -363,6 +367,17 @@ class _SceneReader(TableReader):
 
         with self.at("file"):
             return read_spheres(self.beside(file))
+
+    def quadrics(self, file: Annotated[Any, TEXT]) -> Mesh:
+        """Return exact disks and cylinders that `wrt convert` wrote.
+
+        Args:
+            file: a NumPy archive (.npz) of their arrays `boxes` (N, 2, 3) and `axes` (N, 3, 3).
+        """
+        from wrt.io.arrays import read_quadrics
+
+        with self.at("file"):
+            return read_quadrics(self.beside(file))
 
     def mesh_file(self, file: Annotated[Any, TEXT], smooth: Annotated[Any, BOOLEAN] = True) -> list[Shape]:
         """Return the shapes of a mesh file.

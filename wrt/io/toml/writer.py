@@ -20,13 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.io.arrays import arrays_of_spheres
+from wrt.io.arrays import arrays_of_exact
 from wrt.io.codes import codes_of, save_codes
 from wrt.io.measured.measurement import save_measurement
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
@@ -34,13 +36,12 @@ from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
 
 _ARRAYS = re.compile(
-    r"(mesh|spheres|image|normals|environment|places|deformation|density|measurement)-\d+\.(np[yz]|png|bsdf)"
+    r"(mesh|spheres|quadrics|image|normals|environment|places|deformation|density|measurement)-\d+\.(np[yz]|png|bsdf)"
 )
 """Names of array and image files."""
 
@@ -224,7 +225,7 @@ class _Writer:
     def shapes(self, shapes: list[Shape]) -> Table:
         """Return one table for shapes that differ only in their transform."""
         shape = shapes[0]
-        kind = "spheres" if isinstance(shape.mesh, Spheres) else "mesh"
+        kind = _kind(shape.mesh)
         table: Table = {"type": kind, "name": shape.name, "file": self.mesh(shape.mesh)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
@@ -247,8 +248,8 @@ class _Writer:
         return table
 
     def mesh(self, mesh: Mesh) -> str:
-        if isinstance(mesh, Spheres):
-            return self.arrays("spheres", mesh, arrays_of_spheres(mesh))
+        if isinstance(mesh, Analytic):
+            return self.arrays(_kind(mesh), mesh, arrays_of_exact(mesh))
         names = ("vertices", "faces", "normals", "uvs", "colors")
         arrays = {name: getattr(mesh, name) for name in names if getattr(mesh, name) is not None}
         return self.arrays("mesh", mesh, arrays)
@@ -316,3 +317,10 @@ def _type_of(thing: Any, kinds: dict[str, Any]) -> str:
     """Return the name in scene files of a thing's class."""
     (name,) = [name for name, kind in kinds.items() if kind is type(thing)]
     return name
+
+
+def _kind(mesh: Mesh) -> str:
+    """Return the type of shape that the arrays of a mesh make."""
+    if isinstance(mesh, Analytic):
+        return "quadrics" if isinstance(mesh, Quadrics) else "spheres"
+    return "mesh"

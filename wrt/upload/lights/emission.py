@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
-from wrt.scene.spheres import Spheres
 from wrt.scene.textures import CHANNELS, ImageTexture, VertexColor
 from wrt.upload.lights.environment import LUMINANCE
 
@@ -31,7 +31,7 @@ def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float6
     count = len(shape.mesh.faces)
     emission = shape.emission
     if isinstance(emission, ImageTexture):
-        return _of_spheres(shape, emission) if isinstance(shape.mesh, Spheres) else _of_image(shape, emission)
+        return _of_analytic(shape, emission) if isinstance(shape.mesh, Analytic) else _of_image(shape, emission)
     if isinstance(emission, VertexColor):
         values = _vertex_colors(shape, alpha=emission.alpha) * emission.factor
         if emission.cutoff is not None:
@@ -42,7 +42,7 @@ def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float6
     return means, means @ LUMINANCE
 
 
-def _of_spheres(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _of_analytic(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the means over both halves of the square of texture coordinates; its stretch is left out."""
     mesh = shape.mesh
     halves = []

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.backend import current_backend
 from wrt.errors import InputError
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres
 from wrt.scene.textures import ImageTexture
 from wrt.upload.accel.instancing import Layout, is_moving
 from wrt.upload.lights.bounds import LightBounds
@@ -225,7 +226,7 @@ def _shares(bounds: LightBounds) -> Array:
 def _emissive_mesh(
     shape: Shape, number: int, first_triangle: int, shutter: tuple[float, float]
 ) -> tuple[NDArray[Any], LightBounds]:
-    """Return one light for each triangle or sphere, with the power π L A for each emitting side.
+    """Return one light for each triangle or exact shape, with the power π L A for each emitting side.
 
     The power of a moving shape is that in the middle of the exposure, and its normals may point anywhere.
     """
@@ -243,9 +244,11 @@ def _emissive_mesh(
     records["two_sided"] = shape.two_sided_emission
     area, spread = 0.5 * length, 1.0
     axis = cross / np.maximum(length, 1e-300)[:, None]
-    if isinstance(mesh, Spheres):
-        area, spread = 4.0 * np.pi * mesh.radii**2, -1.0
+    if isinstance(mesh, Analytic):
+        area, spread = mesh.areas, -1.0
         axis = np.broadcast_to((0.0, 1.0, 0.0), axis.shape)
+        if isinstance(mesh, Quadrics) and mesh.are_disks.all():
+            axis, spread = mesh.fronts, 1.0
     power = area * np.pi * luminance * (2.0 if shape.two_sided_emission else 1.0)
     if is_moving(shape, shutter):
         corners, spread = _swept_corners(shape, shutter), -1.0

@@ -9,45 +9,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
 from wrt.scene.mesh import Mesh
-from wrt.values import array, sealed
-
-FloatArray = NDArray[np.float64]
-
-MOST_TRIANGLES = 50_000_000
-"""Most triangles into which spheres are cut, two gigabytes."""
-
-_SIMILAR = 1e-5
-"""The relative difference of lengths up to which a matrix still maps spheres to spheres."""
-
-_WEIGHTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.float32)
+from wrt.values import array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spheres(Mesh):
+class Spheres(Analytic):
     """Spheres that are not made of triangles; `wrt.spheres` and `wrt.sphere(exact=True)` make them.
 
-    Each is stored as a triangle that no ray hits, so that all which holds meshes holds spheres, too
-    (`kernels/native/spheres.h`): its corners are the lowest and the highest corner of the box around the sphere, then
-    the lowest again; or the highest, the lowest, and the highest, if its front is the inside. The normals of its
-    vertices are the sphere's axes.
-    The texture coordinate u is the fraction of a turn about the third axis from the first, v the angle from the third
-    axis over π, as in Mitsuba.
+    The corners of their triangles are the lowest and the highest corner of the box around the sphere, then the lowest
+    again; or the highest, the lowest, and the highest, if its front is the inside. Their vectors are unit axes. The
+    texture coordinate u is the fraction of a turn about the third axis from the first, v the angle from the third axis
+    over π, as in Mitsuba.
     """
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.normals is None or len(self.vertices) != 3 * len(self.faces):
-            raise InputError(f"{self.name}: make spheres by wrt.spheres")
 
     def __repr__(self) -> str:
         colors = ", colors" if self.colors is not None else ""
         return f"<spheres {self.name}: {len(self.faces)} spheres{colors}>"
 
     @property
-    def centers(self) -> FloatArray:
-        """(N, 3) float64 centres, metres."""
-        return np.asarray(0.5 * (self._corners(0) + self._corners(1)))
+    def counts(self) -> dict[str, int]:
+        """Number of shapes of each kind."""
+        return {"sphere": len(self.faces)}
 
     @property
     def radii(self) -> FloatArray:
@@ -55,42 +39,19 @@ class Spheres(Mesh):
         return np.asarray(0.5 * np.abs(self._corners(1) - self._corners(0)).min(axis=1))
 
     @property
-    def inside_out(self) -> NDArray[np.bool_]:
-        """(N,) whether the front of a sphere is its inside."""
-        return np.asarray(self.vertices[1::3, 0] < self.vertices[0::3, 0])
+    def areas(self) -> FloatArray:
+        """(N,) float64 areas, square metres."""
+        return np.asarray(4.0 * np.pi * self.radii**2)
 
-    @property
-    def axes(self) -> FloatArray:
-        """(N, 3, 3) float64 axes of the spheres, a row each."""
-        assert self.normals is not None
-        return self.normals.reshape(-1, 3, 3).astype(np.float64)
+    def keeps(self, matrices: FloatArray) -> bool:
+        """Return whether the spheres remain spheres under all maps of a motion, (K, 3 or 4, 4)."""
+        return all(keeps_spheres(matrix) for matrix in matrices)
 
-    @property
-    def outline(self) -> NDArray[np.float32]:
-        """(P, 3) points whose convex hull contains the spheres: corners of their boxes."""
-        boxes = np.stack([self.vertices[0::3], self.vertices[1::3]])
-        if len(self.faces) > 10_000:
-            boxes = self.bounds.astype(np.float32)[:, None]
-        picks = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
-        return np.concatenate([boxes[pick, :, np.arange(3)].T for pick in picks])
-
-    def _corners(self, which: int) -> FloatArray:
-        return self.vertices[which::3].astype(np.float64)
-
-    def turned_inside_out(self) -> Spheres:
-        """Return the spheres with front and back exchanged."""
-        return _stored(self.vertices.reshape(-1, 3, 3)[:, [1, 0, 1]], self.axes, self.colors, self.name)
-
-    def transformed(self, matrix: ArrayLike) -> Mesh:
-        """Return a transformed copy; of triangles if the matrix does not map spheres to spheres."""
-        m = np.asarray(array(matrix, f"{self.name}: a transform", np.float64))
-        if m.shape not in ((4, 4), (3, 4)) or not keeps_spheres(m):
-            return self.tessellated().transformed(m)
-        scale = float(np.cbrt(abs(np.linalg.det(m[:3, :3]))))
-        axes = self.axes @ (m[:3, :3] / scale).T
-        with np.errstate(all="ignore"):  # Mesh refuses values that are not finite
-            centers = self.centers @ m[:3, :3].T + m[:3, 3]
-            return _made(centers, scale * self.radii, self.inside_out, axes, self.colors, self.name)
+    def _mapped(self, matrix: FloatArray) -> Mesh:
+        scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
+        axes = self.axes @ (matrix[:3, :3] / scale).T
+        centers = self.centers @ matrix[:3, :3].T + matrix[:3, 3]
+        return _made(centers, scale * self.radii, self.inside_out, axes, self.colors, self.name)
 
     def tessellated(self, segments: int = 64) -> Mesh:
         """Return triangles with exact normals in place of the spheres, facing to the same sides.
@@ -153,29 +114,6 @@ def spheres(centers: ArrayLike, radii: ArrayLike, *, colors: ArrayLike | None = 
     return _made(middle, size, np.zeros(len(middle), bool), axes, of_corners, name)
 
 
-def keeps_spheres(matrix: FloatArray) -> bool:
-    """Return whether an affine matrix maps spheres to spheres: it turns, mirrors and scales alike along all axes."""
-    product = matrix[:3, :3].T @ matrix[:3, :3]
-    square = float(np.trace(product)) / 3.0
-    return square > 0.0 and bool((np.abs(product - square * np.eye(3)) <= 2.0 * _SIMILAR * square).all())
-
-
-def spheres_in(boxes: ArrayLike, axes: ArrayLike, colors: ArrayLike | None, name: str) -> Spheres:
-    """Return spheres from their own arrays, bit for bit.
-
-    Args:
-        boxes: (N, 2, 3) first and second corners.
-        axes: (N, 3, 3).
-        colors: (N, 3) or (N, 4), or None.
-        name: for messages.
-    """
-    pairs, rows = np.asarray(boxes, np.float32), np.asarray(axes, np.float64)
-    if pairs.ndim != 3 or pairs.shape[1:] != (2, 3) or rows.shape != (len(pairs), 3, 3):
-        raise InputError(f"{name}: boxes must be (N, 2, 3) and axes (N, 3, 3), not {pairs.shape} and {rows.shape}")
-    of_corners = None if colors is None else np.repeat(np.asarray(colors, np.float32), 3, axis=0)
-    return _stored(pairs[:, [0, 1, 0]], rows, of_corners, name)
-
-
 def _made(
     centers: FloatArray,
     radii: FloatArray,
@@ -193,18 +131,7 @@ def _made(
             f"{name}: sphere {bad} at {centers[bad].tolist()} has the radius {radii[bad]:g}, "
             "which is less than float32 resolves there"
         )
-    return _stored(np.stack([low, high, low], axis=1), axes, colors, name)
-
-
-def _stored(corners: NDArray[np.float32], axes: FloatArray, colors: NDArray[np.float32] | None, name: str) -> Spheres:
-    count = len(corners)
-    vertices = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
-    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    normals = np.ascontiguousarray(axes, np.float32).reshape(-1, 3)
-    uvs = np.tile(_WEIGHTS, (count, 1))
-    for each in (vertices, faces, normals, uvs):
-        sealed(each)
-    return Spheres(vertices, faces, normals, uvs, colors, name)
+    return stored(Spheres, np.stack([low, high, low], axis=1), axes, colors, name)
 
 
 # --- Triangles -------------------------------------------------------------------------------------

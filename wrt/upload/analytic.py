@@ -1,4 +1,4 @@
-"""Spheres of a scene that kernels can meet as such, and triangles in place of others."""
+"""Exact shapes of a scene that kernels can meet as such, and triangles in place of others."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import dataclasses
 
 import numpy as np
 
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.spheres import Spheres, keeps_spheres
 from wrt.upload.accel.instancing import Layout
 
 
-def with_exact_spheres(scene: Scene) -> Scene:
-    """Return a scene in which spheres whose transform does not keep them are triangles."""
+def with_exact_shapes(scene: Scene) -> Scene:
+    """Return a scene in which exact shapes whose transform does not keep them are triangles."""
     cut: dict[int, Mesh] = {}
 
     def whole(shape: Shape) -> Shape:
-        if not isinstance(shape.mesh, Spheres) or shape.transform is None:
+        if not isinstance(shape.mesh, Analytic) or shape.transform is None:
             return shape
         motion = shape.transform
-        matrices = motion.transforms if isinstance(motion, Motion) else motion[None]
-        if all(keeps_spheres(matrix) for matrix in matrices):
+        if shape.mesh.keeps(motion.transforms if isinstance(motion, Motion) else motion[None]):
             return shape
         mesh = cut.setdefault(id(shape.mesh), shape.mesh.tessellated())
         return dataclasses.replace(shape, mesh=mesh)
@@ -31,23 +31,25 @@ def with_exact_spheres(scene: Scene) -> Scene:
     return dataclasses.replace(scene, shapes=shapes) if cut else scene
 
 
-def mark_spheres(layout: Layout) -> bool:
-    """Return whether a layout has spheres, and see to it that no triangle is taken for one.
+def mark_exact(layout: Layout) -> tuple[bool, bool]:
+    """Return whether a layout has exact shapes, and disks or cylinders among them.
 
-    A triangle whose third corner is its first is never hit; where there are spheres, its second becomes the same.
+    See to it that no triangle is taken for one: a triangle whose third corner is its first is never hit; where there
+    are exact shapes, its second becomes the same.
     """
     shared = [key for mesh in layout.shared for key in mesh.keys]
-    if not any(isinstance(mesh, Spheres) for mesh in (*layout.world_meshes, *shared)):
-        return False
+    exact = [mesh for mesh in (*layout.world_meshes, *shared) if isinstance(mesh, Analytic)]
+    if not exact:
+        return False, False
     layout.world_meshes[:] = [_without_needles([mesh])[0] for mesh in layout.world_meshes]
     for each in layout.shared:
         each.keys = _without_needles(each.keys)
-    return True
+    return True, any(isinstance(mesh, Quadrics) for mesh in exact)
 
 
 def _without_needles(keys: list[Mesh]) -> list[Mesh]:
-    """Return meshes of the same faces, none of which has two equal corners where spheres have."""
-    if isinstance(keys[0], Spheres):
+    """Return meshes of the same faces, none of which has two equal corners where exact shapes have."""
+    if isinstance(keys[0], Analytic):
         return keys
     faces = keys[0].faces
     found = np.zeros(len(faces), bool)

@@ -1,0 +1,69 @@
+#pragma once
+// A ray against a disk or a cylinder of a leaf, or many rays against one.
+//
+// They lie in the tree as spheres do (`spheres.h`), as triangles over their boxes that no ray hits. In the first two
+// axes the corners of a sphere's box are in the same order, those of another shape in opposite orders; the third axis
+// tells a disk, whose order is that of the first, from a cylinder. The middle of the box is the middle of the shape, and
+// the normals of the vertices map the unit shape to it: x and y are two radii, z is a disk's normal, or a cylinder's
+// axis from end to end. These are read from the arrays of the scene. Modules that define WRT_QUADRICS test them.
+#include "shape_axes.h"
+#include "spheres.h"
+
+#if defined(WRT_QUADRICS)
+namespace wrt {
+template<class V> struct Local {
+    V x, y, z;
+};
+
+// Where a line enters and leaves an open cylinder, or meets a disk, in the space of the unit shape, in which s is the
+// same number. As for spheres the root nearer to the origin comes from the product of both, so that a ray which leaves
+// one side is never taken for a ray from the other. Roots beyond the shape are negative.
+template<class V> WRT_INLINE Roots<V> roots_in_unit_shape(const Local<V>& o, const Local<V>& d, V unit, bool is_disk) {
+    WRT_NO_CONTRACTION
+    const V none = -1.0f;
+    if (is_disk) {
+        const V s = -o.z / d.z;
+        const V x = o.x + product(s, d.x), y = o.y + product(s, d.y);
+        const V t = (product(x, x) + product(y, y) <= 1.0f) ? product(s, unit) : none;
+        return {t, t};
+    }
+    const V inverse = 1.0f / (product(d.x, d.x) + product(d.y, d.y));
+    const V middle = -product(product(o.x, d.x) + product(o.y, d.y), inverse);
+    const V x = o.x + product(middle, d.x), y = o.y + product(middle, d.y);
+    const V left = 1.0f - (product(x, x) + product(y, y)), outside = (product(o.x, o.x) + product(o.y, o.y)) - 1.0f;
+    const V half_chord = square_root(product(left, inverse));
+    const V farther = middle + ((middle < 0.0f) ? (V)-half_chord : half_chord);
+    const V nearer = product(outside, inverse) / farther;
+    const V one = (size(o.z + product(farther, d.z)) <= 0.5f) ? product(farther, unit) : none;
+    const V other = (size(o.z + product(nearer, d.z)) <= 0.5f) ? product(nearer, unit) : none;
+    return {(one < other) ? one : other, (one < other) ? other : one};
+}
+
+// As `roots_of`, of a disk or cylinder; axis(which, k) is a coordinate of its vectors. They are mapped to the unit
+// vectors by their cofactors, so that they need not be orthogonal.
+template<class V, class Corner, class Axis, class Number>
+WRT_INLINE Roots<V> roots_of_quadric(
+    Corner corner, Axis axis, bool is_disk, const Number* origin, const Number* shear, int kx, int ky, int kz) {
+    WRT_NO_CONTRACTION
+    const int axes[3] = {kx, ky, kz};
+    const V direction[3] = {(V)shear[0], (V)shear[1], (V)1.0f};
+    V from[3], to[3][3], o[3], d[3], inverse = 0.0f;
+    WRT_UNROLL for (int k = 0; k < 3; ++k)
+        from[k] = origin[k] - product((V)0.5f, corner(0, axes[k]) + corner(1, axes[k]));
+    WRT_UNROLL for (int j = 0; j < 3; ++j) WRT_UNROLL for (int k = 0; k < 3; ++k) {
+        const int k1 = (k + 1) % 3, k2 = (k + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+        to[j][k] = product((V)axis(j1, axes[k1]), (V)axis(j2, axes[k2]))
+                 - product((V)axis(j1, axes[k2]), (V)axis(j2, axes[k1]));
+    }
+    WRT_UNROLL for (int k = 0; k < 3; ++k) inverse = inverse + product((V)axis(0, axes[k]), to[0][k]);
+    inverse = 1.0f / inverse;
+    WRT_UNROLL for (int j = 0; j < 3; ++j) {
+        o[j] = product((product(to[j][0], from[0]) + product(to[j][1], from[1])) + product(to[j][2], from[2]), inverse);
+        d[j] = product(
+            (product(to[j][0], direction[0]) + product(to[j][1], direction[1])) + product(to[j][2], direction[2]),
+            inverse);
+    }
+    return roots_in_unit_shape<V>({o[0], o[1], o[2]}, {d[0], d[1], d[2]}, (V)shear[2], is_disk);
+}
+} // namespace wrt
+#endif

@@ -1,0 +1,147 @@
+"""Shapes that rays meet by formula, stored as triangles that no ray hits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.errors import InputError
+from wrt.scene.mesh import Mesh
+from wrt.values import array, sealed
+
+FloatArray = NDArray[np.float64]
+
+MOST_TRIANGLES = 50_000_000
+"""Most triangles into which such shapes are cut, two gigabytes."""
+
+_SIMILAR = 1e-5
+"""The relative difference of lengths up to which a matrix still maps spheres to spheres."""
+
+_WEIGHTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.float32)
+
+A = TypeVar("A", bound="Analytic")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Analytic(Mesh):
+    """Spheres, or disks and cylinders, that are not made of triangles.
+
+    Each is stored as a triangle that no ray hits, so that all which holds meshes holds them, too: its corners are two
+    opposite corners of the box around it, and the first again. Which two they are tells the kind of shape and its front
+    (`kernels/native/spheres.h` and `quadrics.h`). The normals of its vertices are the shape's own vectors. What is
+    interpolated over a triangle by u and v is interpolated over the shape by its texture coordinates.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.normals is None or len(self.vertices) != 3 * len(self.faces):
+            raise InputError(f"{self.name}: make exact shapes by wrt.spheres, wrt.disk or wrt.cylinder")
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of shapes of each kind."""
+        raise NotImplementedError
+
+    @property
+    def centers(self) -> FloatArray:
+        """(N, 3) float64 centres, metres."""
+        return np.asarray(0.5 * (self._corners(0) + self._corners(1)))
+
+    @property
+    def axes(self) -> FloatArray:
+        """(N, 3, 3) float64 vectors of the shapes, a row each."""
+        assert self.normals is not None
+        return self.normals.reshape(-1, 3, 3).astype(np.float64)
+
+    @property
+    def inside_out(self) -> NDArray[np.bool_]:
+        """(N,) whether the front of a shape is its inside, or its other side."""
+        return np.asarray(self.vertices[1::3, 0] < self.vertices[0::3, 0])
+
+    @property
+    def areas(self) -> FloatArray:
+        """(N,) float64 areas of one side, square metres."""
+        raise NotImplementedError
+
+    @property
+    def outline(self) -> NDArray[np.float32]:
+        """(P, 3) points whose convex hull contains the shapes: corners of their boxes."""
+        boxes = np.stack([self.vertices[0::3], self.vertices[1::3]])
+        if len(self.faces) > 10_000:
+            boxes = self.bounds.astype(np.float32)[:, None]
+        picks = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
+        return np.concatenate([boxes[pick, :, np.arange(3)].T for pick in picks])
+
+    def _corners(self, which: int) -> FloatArray:
+        return self.vertices[which::3].astype(np.float64)
+
+    def keeps(self, matrices: FloatArray) -> bool:
+        """Return whether the shapes remain what they are under all maps of a motion, (K, 3 or 4, 4)."""
+        raise NotImplementedError
+
+    def turned_inside_out(self: A) -> A:
+        """Return the shapes with front and back exchanged."""
+        return stored(type(self), self.vertices.reshape(-1, 3, 3)[:, [1, 0, 1]], self.axes, self.colors, self.name)
+
+    def transformed(self, matrix: ArrayLike) -> Mesh:
+        """Return a transformed copy; of triangles if the matrix does not map the shapes to such shapes."""
+        m = np.asarray(array(matrix, f"{self.name}: a transform", np.float64))
+        if m.shape not in ((4, 4), (3, 4)) or not np.isfinite(m).all() or not self.keeps(m[None]):
+            return self.tessellated().transformed(m)
+        with np.errstate(all="ignore"):  # Mesh refuses values that are not finite
+            return self._mapped(m)
+
+    def _mapped(self, matrix: FloatArray) -> Mesh:
+        raise NotImplementedError
+
+    def tessellated(self, segments: int = 64) -> Mesh:
+        """Return triangles with exact normals in place of the shapes, facing to the same sides.
+
+        Args:
+            segments: the number of vertices around.
+
+        Raises:
+            InputError: if there would be too many.
+        """
+        raise NotImplementedError
+
+
+def keeps_spheres(matrix: FloatArray) -> bool:
+    """Return whether an affine matrix maps spheres to spheres: it turns, mirrors and scales alike along all axes."""
+    product = matrix[:3, :3].T @ matrix[:3, :3]
+    square = float(np.trace(product)) / 3.0
+    return square > 0.0 and bool((np.abs(product - square * np.eye(3)) <= 2.0 * _SIMILAR * square).all())
+
+
+def stored(
+    cls: type[A], corners: NDArray[np.float32], axes: FloatArray, colors: NDArray[np.float32] | None, name: str
+) -> A:
+    """Return shapes from the corners of their triangles, (N, 3, 3), and their vectors, bit for bit."""
+    count = len(corners)
+    vertices = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
+    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    normals = np.ascontiguousarray(axes, np.float32).reshape(-1, 3)
+    uvs = np.tile(_WEIGHTS, (count, 1))
+    for each in (vertices, faces, normals, uvs):
+        sealed(each)
+    return cls(vertices, faces, normals, uvs, colors, name)
+
+
+def stored_in(cls: type[A], boxes: ArrayLike, axes: ArrayLike, colors: ArrayLike | None, name: str) -> A:
+    """Return shapes from their own arrays, bit for bit.
+
+    Args:
+        cls: Spheres or Quadrics.
+        boxes: (N, 2, 3) first and second corners.
+        axes: (N, 3, 3).
+        colors: (N, 3) or (N, 4), or None.
+        name: for messages.
+    """
+    pairs, rows = np.asarray(boxes, np.float32), np.asarray(axes, np.float64)
+    if pairs.ndim != 3 or pairs.shape[1:] != (2, 3) or rows.shape != (len(pairs), 3, 3):
+        raise InputError(f"{name}: boxes must be (N, 2, 3) and axes (N, 3, 3), not {pairs.shape} and {rows.shape}")
+    of_corners = None if colors is None else np.repeat(np.asarray(colors, np.float32), 3, axis=0)
+    return stored(cls, pairs[:, [0, 1, 0]], rows, of_corners, name)

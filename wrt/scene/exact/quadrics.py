@@ -1,0 +1,262 @@
+"""Exact disks and open cylinders, and the same as triangles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wrt.errors import InputError
+from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
+from wrt.scene.exact.spheres import circle, curved, grid
+from wrt.scene.mesh import Mesh
+from wrt.values import Vec3, number, vector
+
+_SQUARE = 1e-5
+"""The cosine up to which vectors count as perpendicular, and the difference up to which lengths count as equal."""
+
+_PADDING = 2.0**-21
+"""Boxes are larger than what they hold by this share of its size and distance: a few roundings. So no side is 0."""
+
+_LEAST_SIZE = 2.0**-18
+"""The least radius and length, relative to the distance from the origin, that float32 resolves well enough."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Quadrics(Analytic):
+    """Disks and open cylinders that are not made of triangles; `wrt.disk` and `wrt.cylinder` make them.
+
+    Of the corners of a box, the first is the lowest along x, or the highest if the front is the other side; along y it
+    is the opposite, which tells the shape from a sphere; along z it is as along x for a disk, and as along y for a
+    cylinder. The vectors of a disk are two radii and its normal, those of a cylinder two radii and the way from end to
+    end. Disks may be ellipses; the vectors of a cylinder are perpendicular, and its radii equal.
+    The texture coordinates are Mitsuba's: of a disk, the distance from the centre in radii, and the fraction of a turn
+    from its first vector; of a cylinder, the fraction of a turn, and the height in its length.
+    """
+
+    def __repr__(self) -> str:
+        colors = ", colors" if self.colors is not None else ""
+        counts = ", ".join(f"{count} {noun}{'s' * (count > 1)}" for noun, count in self.counts.items())
+        return f"<quadrics {self.name}: {counts}{colors}>"
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of shapes of each kind."""
+        disks = int(self.are_disks.sum())
+        counts = {"disk": disks, "cylinder": len(self.faces) - disks}
+        return {noun: count for noun, count in counts.items() if count}
+
+    @property
+    def are_disks(self) -> NDArray[np.bool_]:
+        """(N,) whether a shape is a disk, not a cylinder."""
+        rises = self.vertices[0::3] < self.vertices[1::3]
+        return np.asarray(rises[:, 0] == rises[:, 2])
+
+    @property
+    def areas(self) -> FloatArray:
+        """(N,) float64 areas of one side, square metres."""
+        x, y, z = np.moveaxis(self.axes, 1, 0)
+        of_cylinders = 2.0 * math.pi * np.linalg.norm(x, axis=1) * np.linalg.norm(z, axis=1)
+        return np.asarray(np.where(self.are_disks, math.pi * np.linalg.norm(np.cross(x, y), axis=1), of_cylinders))
+
+    @property
+    def fronts(self) -> FloatArray:
+        """(N, 3) float64 unit normals of the fronts of disks, and the axes of cylinders."""
+        z = self.axes[:, 2] / np.linalg.norm(self.axes[:, 2], axis=1, keepdims=True)
+        return np.asarray(np.where((self.are_disks & self.inside_out)[:, None], -z, z))
+
+    def check(self) -> None:
+        """Raise InputError where vectors from a file are no disk's or cylinder's."""
+        straight = self.are_disks | _are_straight(self.axes)
+        volumes = np.abs(np.linalg.det(self.axes))
+        kinds = (self.vertices[0::3] < self.vertices[1::3])[:, :2]
+        if not (straight & (volumes > 0.0) & (kinds[:, 0] != kinds[:, 1])).all():
+            raise InputError(f"{self.name}: its arrays are not those of disks and cylinders")
+
+    def keeps(self, matrices: FloatArray) -> bool:
+        """Return whether disks and cylinders remain such under all maps of a motion, (K, 3 or 4, 4).
+
+        Disks do under all that can be inverted, as they become ellipses; cylinders if they stay round and straight. The
+        maps between two of a motion are similar only if these are.
+        """
+        if not all(np.linalg.det(matrix[:3, :3]) for matrix in matrices):
+            return False
+        cylinders = self.axes[~self.are_disks]
+        if len(matrices) > 1:
+            return not len(cylinders) or all(keeps_spheres(matrix) for matrix in matrices)
+        return bool(_are_straight(cylinders @ matrices[0][:3, :3].T).all())
+
+    def _mapped(self, matrix: FloatArray) -> Mesh:
+        linear = matrix[:3, :3]
+        axes = self.axes @ linear.T
+        disks = self.are_disks
+        axes[disks, 2] = self.axes[disks, 2] @ np.linalg.inv(linear)
+        centers = self.centers @ linear.T + matrix[:3, 3]
+        return _made(disks, centers, axes, self.inside_out, self.colors, self.name)
+
+    def tessellated(self, segments: int = 64) -> Mesh:
+        """Return triangles with exact normals in place of the shapes, facing to the same sides.
+
+        Args:
+            segments: the number of vertices around.
+
+        Raises:
+            InputError: if there would be too many.
+        """
+        if len(self.faces) * 2 * segments > MOST_TRIANGLES:
+            raise InputError(f"{self.name}: {len(self.faces)} shapes as triangles are more than {MOST_TRIANGLES}")
+        units = {True: unit_disk(segments), False: unit_cylinder(segments)}
+        points, normals, uvs, faces, colors, first = [], [], [], [], [], 0
+        for k, disk in enumerate(self.are_disks):
+            unit, axes = units[bool(disk)], self.axes[k]
+            assert unit.uvs is not None
+            place = unit.vertices.astype(np.float64) - (0.0 if disk else (0.0, 0.0, 0.5))
+            side = -1.0 if self.inside_out[k] else 1.0
+            right_handed = float(np.linalg.det(axes)) > 0.0
+            points.append(self.centers[k] + place @ axes)
+            out = np.broadcast_to(axes[2], place.shape) if disk else place * (1.0, 1.0, 0.0) @ axes
+            normals.append(side * out / np.linalg.norm(out, axis=1, keepdims=True))
+            faces.append(first + (unit.faces if right_handed == (side > 0.0) else unit.faces[:, ::-1]))
+            uvs.append(unit.uvs)
+            if self.colors is not None:
+                colors.append(np.repeat(self.colors[3 * k : 3 * k + 1], len(place), axis=0))
+            first += len(place)
+        joined = [np.concatenate(each) for each in (points, faces, normals, uvs)]
+        of_corners = np.concatenate(colors) if colors else None
+        return Mesh.taking(joined[0], joined[1], joined[2], joined[3], of_corners, self.name)
+
+
+def disk(center: Vec3 = (0.0, 0.0, 0.0), normal: Vec3 = (0.0, 1.0, 0.0), radius: float = 1.0) -> Quadrics:
+    """Return an exact disk, which rays meet as such.
+
+    Its outline is round at any size. `tessellated` makes triangles of it.
+
+    Args:
+        center: metres.
+        normal: the direction of its front, the side that emits; of any length.
+        radius: metres.
+
+    Raises:
+        InputError: on values that are not finite, a normal of length 0, or a radius that is not above 0 or too small
+            for float32 at the centre.
+    """
+    middle, front = np.array(vector(center, "center")), np.array(vector(normal, "normal"))
+    size, length = number(radius, "radius", above=0.0), float(np.linalg.norm(front))
+    if not 0.0 < length < math.inf:
+        raise InputError(f"a disk's normal must have a length above 0, not {front.tolist()}")
+    axes = basis(front / length) * [[size], [size], [1.0]]
+    return quadrics_of([True], middle[None], axes[None], "disk")
+
+
+def cylinder(start: Vec3 = (0.0, 0.0, 0.0), end: Vec3 = (0.0, 1.0, 0.0), radius: float = 1.0) -> Quadrics:
+    """Return an exact open cylinder, which rays meet as such; its front is the outside.
+
+    It has no caps: `wrt.disk` makes them. `tessellated` makes triangles of it.
+
+    Args:
+        start: the middle of one end, metres.
+        end: the middle of the other end, metres.
+        radius: metres.
+
+    Raises:
+        InputError: on values that are not finite, ends in one place, or a radius that is not above 0 or too small for
+            float32 at the cylinder.
+    """
+    a, b = np.array(vector(start, "start")), np.array(vector(end, "end"))
+    size, length = number(radius, "radius", above=0.0), float(np.linalg.norm(b - a))
+    if not 0.0 < length < math.inf:
+        raise InputError(f"a cylinder's start and end must differ, and are {a.tolist()} and {b.tolist()}")
+    axes = basis((b - a) / length) * [[size], [size], [length]]
+    return quadrics_of([False], 0.5 * (a + b)[None], axes[None], "cylinder")
+
+
+def basis(z: FloatArray) -> FloatArray:
+    """Return three orthonormal rows, the last of which is z (Duff et al. 2017, "Building an Orthonormal Basis")."""
+    sign = math.copysign(1.0, z[2])
+    a = -1.0 / (sign + z[2])
+    b = z[0] * z[1] * a
+    x = (1.0 + sign * z[0] * z[0] * a, sign * b, -sign * z[0])
+    return np.array([x, (b, sign + z[1] * z[1] * a, -z[1]), z])
+
+
+def quadrics_of(are_disks: ArrayLike, centers: ArrayLike, axes: ArrayLike, name: str) -> Quadrics:
+    """Return disks and cylinders.
+
+    Args:
+        are_disks: (N,) whether each is a disk.
+        centers: (N, 3) middles, metres.
+        axes: (N, 3, 3) rows: two radii, then the normal of a disk, or the way of a cylinder from end to end.
+        name: for messages.
+
+    Raises:
+        InputError: when float32 does not resolve one of them.
+    """
+    disks = np.asarray(are_disks, bool)
+    return _made(disks, np.asarray(centers), np.asarray(axes), np.zeros(len(disks), bool), None, name)
+
+
+def _are_straight(axes: FloatArray) -> NDArray[np.bool_]:
+    """Return which cylinders have perpendicular vectors and equal radii."""
+    length = np.linalg.norm(axes, axis=2)
+    unit = axes / np.maximum(length, 1e-300)[..., None]
+    cosines = np.abs(np.einsum("njk,nik->nji", unit, unit) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    return np.asarray((cosines < _SQUARE) & (np.abs(length[:, 0] - length[:, 1]) < _SQUARE * length[:, 0]))
+
+
+def _made(
+    disks: NDArray[np.bool_],
+    centers: FloatArray,
+    axes: FloatArray,
+    inside_out: NDArray[np.bool_],
+    colors: NDArray[np.float32] | None,
+    name: str,
+) -> Quadrics:
+    axes = axes.copy()
+    axes[disks, 2] /= np.linalg.norm(axes[disks, 2], axis=1, keepdims=True)
+    with np.errstate(over="ignore"):
+        axes = axes.astype(np.float32).astype(np.float64)
+    reach = np.sqrt((axes[:, :2] ** 2).sum(axis=1)) + np.where(disks[:, None], 0.0, 0.5 * np.abs(axes[:, 2]))
+    sizes = np.linalg.norm(axes, axis=2)
+    least = np.where(disks, sizes[:, :2].min(axis=1), sizes.min(axis=1))
+    if (small := np.flatnonzero(~(least > _LEAST_SIZE * np.abs(centers).max(axis=1)))).size:
+        bad = int(small[0])
+        noun = "disk" if disks[bad] else "cylinder"
+        raise InputError(
+            f"{name}: the {noun} at {centers[bad].tolist()} has a radius or length of {least[bad]:g}, "
+            "which float32 does not resolve there"
+        )
+    reach = reach + _PADDING * (np.abs(centers) + reach).max(axis=1, keepdims=True)
+    side = np.where(inside_out, -1.0, 1.0)[:, None] * np.where(disks[:, None], (1, -1, 1), (1, -1, -1))
+    with np.errstate(over="ignore"):
+        first, second = ((centers + sign * side * reach).astype(np.float32) for sign in (-1.0, 1.0))
+    return stored(Quadrics, np.stack([first, second, first], axis=1), axes, colors, name)
+
+
+# --- Triangles -------------------------------------------------------------------------------------
+
+
+def unit_disk(segments: int) -> Mesh:
+    """Return the unit disk that faces z: u is the distance from the centre, v the fraction of a turn from x."""
+    around = circle(segments)
+    rim = np.concatenate([around, np.zeros((segments + 1, 1))], axis=1)
+    turns = np.arange(segments + 1) / segments
+    middle = np.stack([np.zeros(segments), turns[:-1] + 0.5 / segments], axis=-1)
+    index = np.arange(segments)
+    return Mesh(
+        np.concatenate([rim, np.zeros((segments, 3))]),
+        np.stack([index, index + 1, segments + 1 + index], axis=-1),
+        uvs=np.concatenate([np.stack([np.ones_like(turns), turns], axis=-1), middle]),
+        name="disk",
+    )
+
+
+def unit_cylinder(segments: int) -> Mesh:
+    """Return the open unit cylinder along z from 0 to 1, facing outwards: u is the fraction of a turn, v is z."""
+    u, v = np.meshgrid(np.arange(segments + 1) / segments, np.arange(2.0))
+    normals = np.concatenate([np.stack([circle(segments)] * 2), np.zeros((2, segments + 1, 1))], axis=-1)
+    points = normals.copy()
+    points[..., 2] = v
+    faces = grid(1, segments, downwards=False)
+    return curved(points.reshape(-1, 3), normals.reshape(-1, 3), faces, u, v, "cylinder")
