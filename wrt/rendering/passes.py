@@ -32,7 +32,7 @@ SHARE = 0.25
 """Seconds of the next pass as a share of those rendered so far; it removes about a tenth of the noise."""
 
 LONGEST_PASS = 10.0
-"""Most seconds of a pass; an interrupt takes effect after a sixteenth of it."""
+"""Most seconds of a pass on one machine; an interrupt takes effect after a sixteenth of it."""
 
 FASTEST = 3.0e6
 """Camera paths a second of a thread, which few scenes reach."""
@@ -87,6 +87,7 @@ class Limits:
     noise: float | None
     adaptive: bool | str
     pass_seconds: float | None
+    longest_pass: float
 
     @classmethod
     def of(
@@ -98,6 +99,7 @@ class Limits:
         adaptive: bool | str | None,
         pass_seconds: float | None,
         *,
+        longest_pass: float = LONGEST_PASS,
         renders_light: bool,
     ) -> Limits:
         """Return the limits that these arguments of `Renderer.passes` and the scene's settings give.
@@ -121,6 +123,7 @@ class Limits:
             noise=noise,
             adaptive=adaptive,
             pass_seconds=None if pass_seconds is None else number(pass_seconds, "pass_seconds", above=0.0),
+            longest_pass=longest_pass,
         )
 
     def least_seconds(self, film: Film) -> float:
@@ -153,6 +156,7 @@ def samples_of_next_pass(
     seconds_of_sample: float,
     *,
     asked: float | None = None,
+    longest: float = LONGEST_PASS,
     short: bool = False,
 ) -> int:
     """Return how many samples per pixel the next pass should take.
@@ -164,10 +168,11 @@ def samples_of_next_pass(
         seconds_left: time until rendering must end; infinite without a limit.
         seconds_of_sample: estimated time of one sample of every pixel.
         asked: seconds that a pass should take; None if somebody watches.
+        longest: most seconds of a pass.
         short: whether the pass should be as short as SHORT_PASS.
     """
     wanted = max(SHORT_PASS, SHARE * seconds) if asked is None else asked
-    wanted = min(wanted, SHORT_PASS if short else LONGEST_PASS)
+    wanted = min(wanted, SHORT_PASS if short else longest)
     # At most half of the time left, since the time of a sample is only estimated.
     wanted = min(wanted, max(SHORT_PASS, 0.5 * seconds_left), seconds_left)
     # For a viewer, at most double the samples, so that the first pictures follow each other quickly.
@@ -224,7 +229,13 @@ def run_passes(
             return
         per_sample = elapsed * film.pixels * estimate.share_going_on / max(traced, 1)
         left = min((goal.spp - done) * per_sample, limited)
-        short = must_be_short()
         step = samples_of_next_pass(
-            done, goal.next_stop, seconds, limited, per_sample, asked=limits.pass_seconds, short=short
+            done,
+            goal.next_stop,
+            seconds,
+            limited,
+            per_sample,
+            asked=limits.pass_seconds,
+            longest=limits.longest_pass,
+            short=must_be_short(),
         )
