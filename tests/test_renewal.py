@@ -104,7 +104,7 @@ def often(monkeypatch):
     monkeypatch.setattr(renewal, "SHARE_OF_RENDER", 0.0)
     monkeypatch.setattr(renewal, "MOST_TIME", float("inf"))
     monkeypatch.setattr(renewal, "NEARLY_DONE", -1.0)
-    monkeypatch.setattr(renewal, "UNWATCHED_PASS", None)
+    monkeypatch.setattr(Renewal, "pass_seconds", None)
 
 
 def watched(monkeypatch, look) -> None:

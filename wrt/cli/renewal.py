@@ -17,9 +17,9 @@ FIRST_SECONDS = 2.0
 """Least interval between two renewals of the picture, and before the first: shorter renders write it once."""
 
 UNWATCHED_PASS = 5.0
-"""Seconds of a pass of one machine where only the file of the picture shows progress. The wide kernel is slower in short
-passes: where a busy machine made them short, a one-sided Cornell box took 0.083 s of CPU for a sample in passes of one,
-0.068 in passes of four, 0.063 in passes of ten, and 0.054 in one of 64."""
+"""Seconds of a pass of one machine where only the file of the picture shows progress. The wide kernel is slower in
+short passes: where a busy machine made them short, a one-sided Cornell box took 0.083 s of CPU for a sample in passes
+of one, 0.068 in passes of four, 0.063 in passes of ten, and 0.054 in one of 64."""
 
 SHARE_OF_RENDER = 0.1
 """Least interval, as a share of the time since the start: later, a picture changes more slowly."""

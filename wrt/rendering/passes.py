@@ -80,14 +80,15 @@ class _Goal:
 
 @dataclass(frozen=True)
 class Limits:
-    """What ends a render; see `Renderer.passes`."""
+    """What ends a render, and how long its passes are; see `Renderer.passes`."""
 
     spp: int | None
     time: float | None
     noise: float | None
     adaptive: bool | str
     pass_seconds: float | None
-    longest_pass: float
+    longest_pass: float = LONGEST_PASS
+    first_pass: int = 1
 
     @classmethod
     def of(
@@ -100,6 +101,7 @@ class Limits:
         pass_seconds: float | None,
         *,
         longest_pass: float = LONGEST_PASS,
+        first_pass: int = 1,
         renders_light: bool,
     ) -> Limits:
         """Return the limits that these arguments of `Renderer.passes` and the scene's settings give.
@@ -124,6 +126,7 @@ class Limits:
             adaptive=adaptive,
             pass_seconds=None if pass_seconds is None else number(pass_seconds, "pass_seconds", above=0.0),
             longest_pass=longest_pass,
+            first_pass=first_pass,
         )
 
     def least_seconds(self, film: Film) -> float:
@@ -203,7 +206,7 @@ def run_passes(
     goal = limits.goal(estimate, done, is_even)
     rays_before = film.rays
     seconds, left = 0.0, 0.0
-    paths, index, step = 0, 0, 1
+    paths, index, step = 0, 0, min(limits.first_pass, goal.next_stop - done)
     while done < goal.spp:
         index += 1
         done += step

@@ -54,6 +54,9 @@ class Renderer(Picture, Resumable, Movable):
     longest_pass = LONGEST_PASS
     """Most seconds of a pass."""
 
+    first_pass = 1
+    """Samples per pixel of the first pass, which shows how long they take."""
+
     def __init__(
         self,
         scene: Scene,
@@ -257,6 +260,7 @@ class Renderer(Picture, Resumable, Movable):
             adaptive,
             pass_seconds,
             longest_pass=self.longest_pass,
+            first_pass=self.first_pass,
             renders_light=self.renders_light,
         )
         self._decide_by_pilot(limits.adaptive == UNBIASED)
