@@ -5,7 +5,11 @@ Measures what a window costs the head node (client and scheduler) and a worker o
 several sizes; fits a cost per window and one per byte; and counts the windows of some pictures with the code that cuts
 them. The head node is taken to be a single core, whose time a pass must not exceed.
 
+With --check it also renders windows of one row on this machine, whose work is far less than what they cost the head
+node, and prints its CPU time as the model has it and as it is.
+
     python scripts/cluster_model.py
+    python scripts/cluster_model.py --check
     python scripts/cluster_model.py --path-us 1.2 --scene-mb 300
 """
 
@@ -15,16 +19,22 @@ import argparse
 import copy
 import os
 import threading
+import time
 
 import numpy as np
 
+import wrt
+from wrt.distributed import DistributedRenderer, windows
 from wrt.distributed.clients import client_of
 from wrt.distributed.dask_cluster import DaskCluster
+from wrt.distributed.head import LONGEST_PASS
 from wrt.distributed.windows import windows_of_pass
-from wrt.rendering.passes import LONGEST_PASS
 
 BYTES = 56
 """Of a film's pixel without layers, to the worker and back."""
+
+WIDTH = 64
+"""Pixels of a window that --check renders."""
 
 PIXELS = (1_000, 20_000, 100_000)
 """Sizes of windows that are measured."""
@@ -89,15 +99,42 @@ def head_share(size: tuple[int, int], spp: int, workers: int, path: float, costs
     return float(head / seconds), windows
 
 
+def check(workers: int, costs: np.ndarray, rows: int, passes: int) -> None:
+    """Render windows of one row on so many workers of this machine; print what they cost and should cost."""
+    windows.SHORTEST_SECONDS = windows.LONGEST_SECONDS = 1e-12
+    client = client_of(f"local:{workers}")
+    try:
+        renderer = DistributedRenderer(wrt.load("cornell-box"), client=client, width=WIDTH, height=rows)
+        for _ in renderer.passes(spp=1):
+            pass  # the scene is built, and later passes have a state to go on from
+        before, began = seconds_of([os.getpid()])[0], time.perf_counter()
+        for target in range(2, passes + 2):
+            renderer._trace(target, 0.0)
+        head, clock = seconds_of([os.getpid()])[0] - before, time.perf_counter() - began
+    finally:
+        client.close()
+    count = rows * passes
+    model = count * costs[0] + count * WIDTH * BYTES * costs[1]
+    print(
+        f"{workers} workers, {count} windows of {WIDTH} pixels: head node {1e3 * head / count:.1f} ms each, "
+        f"model {1e3 * model / count:.1f}; busy for {head / clock:.2f} of the time, model {model / clock:.2f}"
+    )
+
+
 def main() -> None:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calls", type=int, default=100, help="windows of each size that are measured")
     parser.add_argument("--path-us", type=float, default=0.8, help="microseconds of a path on a core of a worker")
     parser.add_argument("--scene-mb", type=float, default=30.0, help="megabytes of a scene, which goes to each worker")
+    parser.add_argument("--check", action="store_true", help="compare with renders on 1, 2, 4 and 7 workers here")
     options = parser.parse_args()
     costs = measure(options.calls)[0]
     print(f"head: {1e3 * costs[0]:.1f} ms a window, {1e9 * costs[1]:.2f} ms a megabyte")
+    if options.check:
+        for workers in (1, 2, 4, 7):
+            check(workers, costs, rows=64, passes=4)
+        return
     path, scene = 1e-6 * options.path_us, 1e6 * options.scene_mb * costs[1] / 2.0  # a scene goes one way
     print("picture, workers: windows a pass, head's share of the time")
     for name, size, spp, frames in (

@@ -49,6 +49,7 @@ class TestNobodyWatches:
 
     def test_none_is_longer_than_the_longest(self):
         assert max(passes(10**4, 0.05, asked=1e6)[1]) <= LONGEST_PASS
+        assert LONGEST_PASS < max(passes(10**4, 0.05, asked=1e6, longest=25.0)[1]) <= 25.0
 
     def test_it_can_be_shorter_than_short(self):
         assert max(passes(1000, 1e-3, asked=0.03)[1]) <= 0.03

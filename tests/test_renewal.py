@@ -77,6 +77,10 @@ def test_intervals_can_be_given_and_turned_off():
     assert Renewal(5.0, watched=False).pass_seconds == 5.0
     assert Renewal(None, watched=False).pass_seconds == UNWATCHED_PASS
     assert Renewal(float("inf"), watched=False).pass_seconds == LONGEST_PASS
+    cluster = {"watched": False, "longest": 3.0 * LONGEST_PASS}
+    assert Renewal(20.0, **cluster).pass_seconds == 20.0
+    assert Renewal(None, **cluster).pass_seconds == 3.0 * UNWATCHED_PASS
+    assert Renewal(float("inf"), **cluster).pass_seconds == 3.0 * LONGEST_PASS
 
 
 def test_short_renders_and_the_last_second_are_left_alone():
@@ -100,7 +104,7 @@ def often(monkeypatch):
     monkeypatch.setattr(renewal, "SHARE_OF_RENDER", 0.0)
     monkeypatch.setattr(renewal, "MOST_TIME", float("inf"))
     monkeypatch.setattr(renewal, "NEARLY_DONE", -1.0)
-    monkeypatch.setattr(renewal, "UNWATCHED_PASS", None)
+    monkeypatch.setattr(Renewal, "pass_seconds", None)
 
 
 def watched(monkeypatch, look) -> None:

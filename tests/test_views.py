@@ -44,6 +44,19 @@ def test_views_are_the_pictures_of_single_renders(monkeypatch: pytest.MonkeyPatc
         assert view.spp == 3
 
 
+def test_a_view_is_one_pass_once_the_time_of_one_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = []
+    trace = wrt.Renderer._trace
+    monkeypatch.setattr(wrt.Renderer, "_trace", lambda self, spp, left: targets.append(spp) or trace(self, spp, left))
+    views = list(wrt.render_views(scene(), CAMERAS, spp=5, **SIZE))
+    assert [view.spp for view in views] == [5] * 5
+    assert targets[0] == 1
+    assert targets[-2:] == [5, 5]
+    targets.clear()
+    list(wrt.render_views(scene(), CAMERAS, noise=0.5, **SIZE))
+    assert targets.count(1) == 5
+
+
 def test_views_of_a_scene_with_media_begin_in_their_own_bodies() -> None:
     """The bodies around the camera belong to the built scene."""
     inside = wrt.PerspectiveCamera(origin=(0.0, 0.0, 0.0), target=(0.0, 0.0, -1.0))

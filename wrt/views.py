@@ -164,6 +164,7 @@ class _Views:
         from wrt.rendering.passes import LONGEST_PASS
 
         renderer = self._idle.pop()
+        renderer.first_pass = self._first_pass()
         before = renderer.seconds_render
         try:
             with self._setting:  # renderers that share a scene share its camera
@@ -182,6 +183,17 @@ class _Views:
             return View(index, camera, whole, renderer.layers(), renderer.spp)
         finally:
             self._idle.append(renderer)
+
+    def _first_pass(self) -> int:
+        """Return the samples of a view's first pass: all, once a view is known to take no longer than a pass.
+
+        That costs less than one sample, a multiple of sixteen and a remainder, since the wide kernel takes sixteen
+        samples of a pixel at once.
+        """
+        from wrt.rendering.passes import LONGEST_PASS, MAX_SPP
+
+        has_noise = self._limits["noise"] is not None or self._limits["spp"] is None
+        return MAX_SPP if not has_noise and 0.0 < self._seconds_of_view < LONGEST_PASS else 1
 
     def _seconds_after(self, index: int) -> float:
         """Return how long the views after this one will take, at least as many as before while they are not counted.

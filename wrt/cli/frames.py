@@ -122,8 +122,6 @@ def _prepare(options: argparse.Namespace) -> Animation:
 def _render_missing(
     options: argparse.Namespace, animation: Animation, interrupts: Interrupts, bar: ProgressBar
 ) -> None:
-    from wrt.rendering.passes import LONGEST_PASS
-
     files = animation.files
     limits = {"spp": options.spp, "time": options.time, "noise": options.noise, "adaptive": options.adaptive or None}
     begun = False
@@ -142,7 +140,7 @@ def _render_missing(
                 continue
         else:
             renderer = _renderer_of(options, animation, scene)
-        for progress in renderer.passes(**limits, pass_seconds=LONGEST_PASS):
+        for progress in renderer.passes(**limits, pass_seconds=renderer.longest_pass):
             interrupts.worth_saving = True
             interrupts.check()
             bar.update(progress)

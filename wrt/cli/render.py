@@ -121,7 +121,8 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         short_warnings(say := once(bar.message, said)),
     ):
         renderer, output = _start(options, checkpoint, say)
-        renewal = Renewal(options.save_every, watched=bar_stream() is not None and not options.quiet)
+        watched = bar_stream() is not None and not options.quiet
+        renewal = Renewal(options.save_every, watched=watched, longest=renderer.longest_pass)
         stopped = False
         try:
             limits = {

@@ -17,9 +17,9 @@ FIRST_SECONDS = 2.0
 """Least interval between two renewals of the picture, and before the first: shorter renders write it once."""
 
 UNWATCHED_PASS = 5.0
-"""Seconds of a pass where only the file of the picture shows progress. The wide kernel is slower in short passes: where
-a busy machine made them short, a one-sided Cornell box took 0.083 s of CPU for a sample in passes of one, 0.068 in
-passes of four, 0.063 in passes of ten, and 0.054 in one of 64."""
+"""Seconds of a pass of one machine where only the file of the picture shows progress. The wide kernel is slower in
+short passes: where a busy machine made them short, a one-sided Cornell box took 0.083 s of CPU for a sample in passes
+of one, 0.068 in passes of four, 0.063 in passes of ten, and 0.054 in one of 64."""
 
 SHARE_OF_RENDER = 0.1
 """Least interval, as a share of the time since the start: later, a picture changes more slowly."""
@@ -43,16 +43,22 @@ class Renewal:
     """
 
     def __init__(
-        self, save_every: float | None, *, watched: bool = True, clock: Callable[[], float] = time.monotonic
+        self,
+        save_every: float | None,
+        *,
+        watched: bool = True,
+        longest: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start the clock.
 
         Args:
             save_every: seconds between saves, infinite for none before the end, or None for the default.
             watched: whether there is a progress bar.
+            longest: most seconds of a pass, `wrt.Renderer.longest_pass`; by default that of one machine.
             clock: returns seconds.
         """
-        self._save_every, self._watched = save_every, watched
+        self._save_every, self._watched, self._longest = save_every, watched, longest
         self._clock = clock
         self._started = self._picture_at = self._checkpoint_at = clock()
         self._cost = 0.0
@@ -62,10 +68,12 @@ class Renewal:
         """Seconds of a pass: short ones at first for a bar, else as long as renewals of the picture allow."""
         from wrt.rendering.passes import LONGEST_PASS
 
-        given = self._save_every
-        if given is not None:
-            return given if given < LONGEST_PASS else None if self._watched else LONGEST_PASS
-        return None if self._watched else UNWATCHED_PASS
+        given, longest = self._save_every, self._longest or LONGEST_PASS
+        if given is not None and given < longest:
+            return given
+        if self._watched:
+            return None
+        return UNWATCHED_PASS * longest / LONGEST_PASS if given is None else longest
 
     def due(self, progress: Progress) -> tuple[bool, bool]:
         """Return whether to write the picture and whether to write the checkpoint."""

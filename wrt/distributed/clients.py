@@ -23,6 +23,7 @@ WORKER_SECONDS = 60
 QUIET = {
     "distributed.admin.tick.interval": "1 s",
     "distributed.admin.system-monitor.interval": "10 s",
+    "distributed.worker.memory.monitor-interval": "1 s",
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.active-memory-manager.start": False,
     "distributed.scheduler.work-stealing": False,
@@ -71,7 +72,7 @@ def client_of(where: Any) -> Any:
                     n_workers=int(local[1] or available_threads()),
                     threads_per_worker=1,
                     processes=True,
-                    dashboard_address=None,
+                    dashboard_address=":0",  # None is for the usual port, with a warning where that is in use
                     silence_logs=logging.CRITICAL,
                 )
             client.run(prefer_compiled)  # in processes of wrt's own, without waiting for Warp

@@ -26,7 +26,7 @@ SILENT_SECONDS = 60.0
 """Time for which a worker gets nothing after a result of it has not come."""
 
 LATE_FACTOR, LATE_SECONDS = 4.0, 3.0
-"""A window is late after this many times the median of the others, and this many seconds."""
+"""A window is late after this many times what its paths take by the median of the others, and this many seconds."""
 
 MOST_DEATHS = 3
 """Workers that may die while they render the same window, and for each worker while they build the scene."""
@@ -40,12 +40,14 @@ class Try:
         member: the worker.
         future: the call.
         since: when it was submitted.
+        paths: that it takes at most.
         in_vain: whether another worker has rendered the window meanwhile.
     """
 
     member: Member
     future: Any
     since: float
+    paths: int
     in_vain: bool = False
 
 
@@ -93,7 +95,7 @@ class Crew:
         self._cluster, self._scene, self._ended = cluster, scene, ended
         self._packed: list[Any] | None = None
         self._counted, self._calls, self._deaths = 0.0, 0, 0
-        self._seconds: deque[float] = deque(maxlen=32)  # of the latest windows
+        self._seconds_of_path: deque[float] = deque(maxlen=32)  # in the latest windows
 
     def update(self, job: Job) -> None:
         """Count the workers, and give the scene to those that do not have it.
@@ -190,9 +192,10 @@ class Crew:
 
     def is_late(self, member: Member) -> bool:
         """Return whether a worker takes so long for a window that it may hang."""
-        if not self._seconds:
+        if not self._seconds_of_path or not member.tries:
             return False
-        limit = max(LATE_FACTOR * statistics.median(self._seconds), LATE_SECONDS)
+        expected = member.tries[0].paths * statistics.median(self._seconds_of_path)
+        limit = max(LATE_FACTOR * expected, LATE_SECONDS)
         return time.monotonic() - member.busy_since() > limit
 
     def is_there(self, member: Member) -> bool:
@@ -202,7 +205,7 @@ class Crew:
     def answered(self, done: Try) -> None:
         """Note that a worker has sent what it has rendered."""
         member, now = done.member, time.monotonic()
-        self._seconds.append(now - max(done.since, member.answered))
+        self._seconds_of_path.append((now - max(done.since, member.answered)) / done.paths)
         member.answered, member.silent_until = now, 0.0
 
     def has_not_answered(self, member: Member) -> None:

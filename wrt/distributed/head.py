@@ -19,11 +19,14 @@ from wrt.errors import InputError
 from wrt.parts.cut import put, take
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
 from wrt.rendering.film import Film
-from wrt.rendering.passes import LONGEST_PASS
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
+
+LONGEST_PASS = 30.0
+"""Most seconds of a pass, longer than on one machine: towards its end windows are small, each of which costs the head
+node and a worker some 20 ms, and workers wait for the last."""
 
 
 class DistributedRenderer(Renderer):
@@ -32,6 +35,8 @@ class DistributedRenderer(Renderer):
     Passes, limits, noise, checkpoints and pictures are those of a Renderer. The scene goes to each worker once; windows
     of the film go to and fro. Nothing is built on the head node, which needs memory for the film.
     """
+
+    longest_pass = LONGEST_PASS
 
     def __init__(
         self,
@@ -194,7 +199,7 @@ def render(
     renderer = DistributedRenderer(
         scene, client=client if isinstance(client, Processes) else client_of(client), **options
     )
-    for _ in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=LONGEST_PASS):
+    for _ in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=renderer.longest_pass):
         pass
     image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
     return image if alpha is None else np.dstack([image, alpha])

@@ -139,7 +139,8 @@ class Spread:
         name = f"wrt-{do.job.digest[:8]}-{x0},{y0},{x1},{y1}-to-{do.spp}"
         job, state = self.crew.job_of(member, do.job), do.state(each.window)
         future = self.crew.call(member, name, render_window, job, each.window, state, do.spp, do.seconds_left)
-        each.tries.append(Try(member, future, time.monotonic()))
+        paths = pixels_of((each.window,)) * max(do.samples, 1)
+        each.tries.append(Try(member, future, time.monotonic(), paths))
         member.tries.append(each.tries[-1])
 
     def _wait(self, job: Job) -> None:

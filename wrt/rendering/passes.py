@@ -36,7 +36,7 @@ SHARE = 0.25
 """Seconds of the next pass as a share of those rendered so far; it removes about a tenth of the noise."""
 
 LONGEST_PASS = 10.0
-"""Most seconds of a pass; an interrupt takes effect after a sixteenth of it."""
+"""Most seconds of a pass on one machine; an interrupt takes effect after a sixteenth of it."""
 
 FASTEST = 3.0e6
 """Camera paths a second of a thread, which few scenes reach."""
@@ -84,13 +84,15 @@ class _Goal:
 
 @dataclass(frozen=True)
 class Limits:
-    """What ends a render; see `Renderer.passes`."""
+    """What ends a render, and how long its passes are; see `Renderer.passes`."""
 
     spp: int | None
     time: float | None
     noise: float | None
     adaptive: bool | str
     pass_seconds: float | None
+    longest_pass: float = LONGEST_PASS
+    first_pass: int = 1
 
     @classmethod
     def of(
@@ -102,6 +104,8 @@ class Limits:
         adaptive: bool | str | None,
         pass_seconds: float | None,
         *,
+        longest_pass: float = LONGEST_PASS,
+        first_pass: int = 1,
         renders_light: bool,
     ) -> Limits:
         """Return the limits that these arguments of `Renderer.passes` and the scene's settings give.
@@ -125,6 +129,8 @@ class Limits:
             noise=noise,
             adaptive=adaptive,
             pass_seconds=None if pass_seconds is None else number(pass_seconds, "pass_seconds", above=0.0),
+            longest_pass=longest_pass,
+            first_pass=first_pass,
         )
 
     def least_seconds(self, film: Film) -> float:
@@ -157,6 +163,7 @@ def samples_of_next_pass(
     seconds_of_sample: float,
     *,
     asked: float | None = None,
+    longest: float = LONGEST_PASS,
     short: bool = False,
 ) -> int:
     """Return how many samples per pixel the next pass should take.
@@ -168,10 +175,11 @@ def samples_of_next_pass(
         seconds_left: time until rendering must end; infinite without a limit.
         seconds_of_sample: estimated time of one sample of every pixel.
         asked: seconds that a pass should take; None if somebody watches.
+        longest: most seconds of a pass.
         short: whether the pass should be as short as SHORT_PASS.
     """
     wanted = max(SHORT_PASS, SHARE * seconds) if asked is None else asked
-    wanted = min(wanted, SHORT_PASS if short else LONGEST_PASS)
+    wanted = min(wanted, SHORT_PASS if short else longest)
     # At most half of the time left, since the time of a sample is only estimated.
     wanted = min(wanted, max(SHORT_PASS, 0.5 * seconds_left), seconds_left)
     in_time = math.floor(wanted / max(seconds_of_sample, 1e-9))
@@ -205,7 +213,7 @@ def run_passes(
     goal = limits.goal(estimate, done, is_even)
     rays_before = film.rays
     seconds, left = 0.0, 0.0
-    paths, index, step = 0, 0, 1
+    paths, index, step = 0, 0, min(limits.first_pass, goal.next_stop - done)
     while done < goal.spp:
         index += 1
         done += step
@@ -231,7 +239,13 @@ def run_passes(
             return
         per_sample = elapsed * film.pixels * estimate.share_going_on / max(traced, 1)
         left = min((goal.spp - done) * per_sample, limited)
-        short = must_be_short()
         step = samples_of_next_pass(
-            done, goal.next_stop, seconds, limited, per_sample, asked=limits.pass_seconds, short=short
+            done,
+            goal.next_stop,
+            seconds,
+            limited,
+            per_sample,
+            asked=limits.pass_seconds,
+            longest=limits.longest_pass,
+            short=must_be_short(),
         )

@@ -22,7 +22,7 @@ from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
 from wrt.rendering.movable import Movable
-from wrt.rendering.passes import Limits, Progress, run_passes
+from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
@@ -50,6 +50,12 @@ class Renderer(Picture, Resumable, Movable):
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
     number of threads, any split into passes, and after any stop and resume.
     """
+
+    longest_pass = LONGEST_PASS
+    """Most seconds of a pass."""
+
+    first_pass = 1
+    """Samples per pixel of the first pass, which shows how long they take."""
 
     def __init__(
         self,
@@ -246,7 +252,17 @@ class Renderer(Picture, Resumable, Movable):
                 time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
                 pass there.
         """
-        limits = Limits.of(self.settings, spp, time, noise, adaptive, pass_seconds, renders_light=self.renders_light)
+        limits = Limits.of(
+            self.settings,
+            spp,
+            time,
+            noise,
+            adaptive,
+            pass_seconds,
+            longest_pass=self.longest_pass,
+            first_pass=self.first_pass,
+            renders_light=self.renders_light,
+        )
         self._decide_by_pilot(limits.adaptive == UNBIASED)
         self._kernel.expect(limits.least_seconds(self.film))
         return run_passes(self.film, self._noise_estimate, self._trace, self._needs_short_passes, limits)
