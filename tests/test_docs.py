@@ -204,6 +204,9 @@ TABLES: dict[str, Callable[..., Any]] = {
     "[[shapes]] polygon": READER.polygon,
     "[[shapes]] polygons": READER.polygons,
     "[[shapes]] spheres": READER.spheres,
+    "[[shapes]] disk": wrt.disk,
+    "[[shapes]] cylinder": wrt.cylinder,
+    "[[shapes]] quadrics": READER.quadrics,
     "[[shapes]] mesh": READER.mesh_file,
     "[[shapes]] many-triangles": READER.many_triangles,
 }

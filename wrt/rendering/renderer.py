@@ -21,7 +21,7 @@ from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.movable import Movable
+from wrt.rendering.on_device import OnDevice
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
@@ -44,7 +44,7 @@ STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
 
 
-class Renderer(Picture, Resumable, Movable):
+class Renderer(Picture, Resumable, OnDevice):
     """Renders a scene pass after pass; the picture improves with each and is available at any time.
 
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
@@ -343,29 +343,6 @@ class Renderer(Picture, Resumable, Movable):
         if self._guides is None:
             self._guides = Guides(self)
         return self._guides.layers()
-
-    def device_image(self) -> Any:
-        """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
-
-        Other frameworks share it without a copy, as (H, W, 3): by DLPack, `torch.from_dlpack(image)` or
-        `jax.dlpack.from_dlpack(image)`, and by `__cuda_array_interface__`, or `__array_interface__` on the CPU. On a
-        GPU it is made on Warp's current stream.
-        """
-        self._go_over_to_warp()
-        return self.film.device_mean()
-
-    def device_film(self) -> dict[str, Any]:
-        """Return the film itself as (H, W) Warp arrays on the renderer's device, without a copy; only read them.
-
-        They change with each pass, and hold the next picture after `update_vertices` or `set_camera`. Other frameworks
-        share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
-
-        Returns:
-            "total" and "total_of_squares", vec3d sums of samples and of their squares; "count", int32 samples, and
-            "rejected", int32 of these that were not finite and count as black; "rays", int64 rays traced.
-        """
-        self._go_over_to_warp()
-        return self.film.on_device()
 
     def set_camera(self, camera: Camera) -> None:
         """Look at the scene through another camera and restart the picture; nothing else is built again.
