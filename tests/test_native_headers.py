@@ -92,9 +92,10 @@ def test_headers_compile_as_they_stand(name: str, tmp_path: Path) -> None:
     compile_headers(f'{frame}#include "{name}"\n', tmp_path)
 
 
-def test_headers_compile_as_loops(tmp_path: Path) -> None:
-    """The branch that CUDA gets, where what is for vectors alone is left out."""
-    included = "".join(f'#include "{name}"\n' for name in HEADERS if not name.startswith("lanes/"))
+@pytest.mark.parametrize("folder", ["", "exact/"])
+def test_headers_compile_as_loops(folder: str, tmp_path: Path) -> None:
+    """The branch that CUDA gets, where what is for vectors alone is left out. A module has exact shapes or not."""
+    included = "".join(f'#include "{name}"\n' for name in HEADERS if folder == name[: name.rfind("/") + 1])
     compile_headers(f"#define WRT_VECTORS 0\n{INTRINSICS}{included}", tmp_path)
 
 

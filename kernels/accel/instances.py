@@ -20,8 +20,8 @@ from wrt.kernels.native import include
 from wrt.kernels.specialise import specialised
 
 instances_h = include("instances.h")
-instances_spheres_h = include("instances_spheres.h")
-instances_quadrics_h = include("instances_quadrics.h")
+instances_spheres_h = include("exact/instances_spheres.h")
+instances_quadrics_h = include("exact/instances_quadrics.h")
 
 
 @wp.struct

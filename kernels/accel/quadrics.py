@@ -1,4 +1,4 @@
-"""Rays through a tree that holds disks and cylinders besides triangles and spheres (`kernels/native/quadrics.h`).
+"""Rays through a tree that holds disks and cylinders besides triangles and spheres (`kernels/native/exact/quadrics.h`).
 
 Their vectors are no part of the tree: traversal reads them from the normals of the scene. Hits have no u and v, like
 those of spheres (`kernels/accel/spheres.py`).
@@ -14,7 +14,7 @@ from wrt.kernels.spmd_marks import ray_query
 
 _LONGEST = wp.constant(3.0e38)
 
-traversal_quadrics_h = include("traversal_quadrics.h")
+traversal_quadrics_h = include("exact/traversal_quadrics.h")
 
 
 @wp.func_native(

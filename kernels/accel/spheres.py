@@ -1,7 +1,7 @@
 """Rays through a tree that holds spheres besides triangles.
 
 A sphere is a triangle whose corners are the lower and the upper corner of the box around it, then the lower one again
-(`kernels/native/spheres.h`). Its hits have no u and v: `kernels/geometry/spheres.py` finds the point from the ray.
+(`kernels/native/exact/spheres.h`). Its hits have no u and v: `kernels/geometry/spheres.py` finds the point from the ray.
 """
 
 import warp as wp
@@ -14,7 +14,7 @@ from wrt.kernels.spmd_marks import ray_query
 
 _LONGEST = wp.constant(3.0e38)
 
-traversal_spheres_h = include("traversal_spheres.h")
+traversal_spheres_h = include("exact/traversal_spheres.h")
 
 
 @wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")

@@ -1,6 +1,6 @@
 #pragma once
 // A ray against the eight boxes of a node, and many rays against one of them.
-#include "shape_axes.h"
+#include "exact/shape_axes.h"
 
 namespace wrt {
 // Slab test (Kay and Kajiya 1986) as t = b * (1 / d) - o * (1 / d) for a coordinate d of the direction and o of the

@@ -1,7 +1,7 @@
 #pragma once
 // The triangle test of Woop, Benthin and Wald (2013): a ray against the triangles of a leaf, or many rays against one.
 #include "boxes.h"
-#include "quadrics.h"
+#include "exact/quadrics.h"
 
 namespace wrt {
 // The nearest hit so far; `id` is NOTHING_HIT before the first.

@@ -8,7 +8,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-cancels",
         "quadrics",
-        "kernels/native/quadrics.h",
+        "kernels/native/exact/quadrics.h",
         "middle + ((middle < 0.0f) ? (V)-half_chord : half_chord)",
         "middle + ((middle < 0.0f) ? half_chord : (V)-half_chord)",
         "tests/test_quadrics.py -k closed_form",
@@ -16,7 +16,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-ends",
         "quadrics",
-        "kernels/native/quadrics.h",
+        "kernels/native/exact/quadrics.h",
         "(size(o.z + product(nearer, d.z)) <= 0.5f)",
         "(size(o.z + product(nearer, d.z)) <= 0.52f)",
         "tests/test_quadrics.py -k closed_form",
@@ -24,7 +24,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-rim",
         "quadrics",
-        "kernels/native/quadrics.h",
+        "kernels/native/exact/quadrics.h",
         "<= 1.0f) ? product(s, unit) : none",
         "<= 1.01f) ? product(s, unit) : none",
         "tests/test_quadrics.py -k closed_form",

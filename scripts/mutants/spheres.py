@@ -8,7 +8,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "sphere-cancels",
         "spheres",
-        "kernels/native/spheres.h",
+        "kernels/native/exact/spheres.h",
         "middle + ((middle < 0.0f) ? (V)-half_chord : half_chord)",
         "middle + ((middle < 0.0f) ? half_chord : (V)-half_chord)",
         "tests/test_spheres.py -k closed_form",
@@ -16,7 +16,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "sphere-near-root",
         "spheres",
-        "kernels/native/spheres.h",
+        "kernels/native/exact/spheres.h",
         "(counts(roots.near)) ? roots.near : later",
         "(counts(roots.far)) ? roots.far : later",
         "tests/test_spheres.py -k 'closed_form or many_spheres'",

@@ -9,7 +9,7 @@ from wrt.kernels.native import text_of
 def library(lanes: int, *, exact: str = "") -> str:
     """Return the C++ that all wide code for so many lanes begins with; which may include a header.
 
-    That is "with_spheres.h" or "with_quadrics.h" if kernels test spheres, or disks and cylinders, too.
+    That is "exact/with_spheres.h" or "exact/with_quadrics.h" if kernels test spheres, or disks and cylinders, too.
     """
     define = text_of(exact) if exact else ""
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"

@@ -52,7 +52,7 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     (path,) = paths
     types = Types([*functions, pixels], structs, elements)
     headers = {n for f in builder.functions if (h := included_by(f)) is not None for n in headers_of(h)}
-    exact = next((header for header in ("with_quadrics.h", "with_spheres.h") if header in headers), "")
+    exact = next((header for header in ("exact/with_quadrics.h", "exact/with_spheres.h") if header in headers), "")
     out = [library(lanes, exact=exact), types.declarations([a.type for a in pixels.arguments])]
     code.functions[path] = without_stages(code.functions[path], code)
     called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}

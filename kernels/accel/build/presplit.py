@@ -82,7 +82,7 @@ def find_importance(
     least = 0.5 * (wp.abs(n[0]) + wp.abs(n[1]) + wp.abs(n[2]))
     cut = find_cut(low, high, scene_low, scene_size)
     importance = float(0.0)
-    # Where the first corner is the last, a sphere is stored (kernels/native/spheres.h).
+    # Where the first corner is the last, a sphere is stored (kernels/native/exact/spheres.h).
     if cut.level >= 0 and wp.length_sq(corners.c - corners.a) > 0.0:
         importance = wp.pow(wp.max(box - least, 0.0) * (1.0 / float(1 << cut.level)), 1.0 / 3.0)
     importance_out[i] = importance

@@ -6,8 +6,8 @@
 // tells a disk, whose order is that of the first, from a cylinder. The middle of the box is the middle of the shape, and
 // the normals of the vertices map the unit shape to it: x and y are two radii, z is a disk's normal, or a cylinder's
 // axis from end to end. These are read from the arrays of the scene. Modules that define WRT_QUADRICS test them.
-#include "shape_axes.h"
-#include "spheres.h"
+#include "exact/shape_axes.h"
+#include "exact/spheres.h"
 
 #if defined(WRT_QUADRICS)
 namespace wrt {

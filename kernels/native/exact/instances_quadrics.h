@@ -1,4 +1,4 @@
 #pragma once
 // Two-level traversal of meshes with triangles, spheres, disks and cylinders.
-#include "with_quadrics.h"
+#include "exact/with_quadrics.h"
 #include "instances.h"

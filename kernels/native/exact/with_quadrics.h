@@ -1,4 +1,4 @@
 #pragma once
 // Included before traversal in modules whose trees hold disks and cylinders, too (`quadrics.h`).
-#include "with_spheres.h"
+#include "exact/with_spheres.h"
 #define WRT_QUADRICS 1

@@ -1,4 +1,4 @@
 #pragma once
 // A single ray through a tree of triangles and spheres.
-#include "with_spheres.h"
+#include "exact/with_spheres.h"
 #include "traversal.h"

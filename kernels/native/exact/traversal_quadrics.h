@@ -1,4 +1,4 @@
 #pragma once
 // A single ray through a tree of triangles, spheres, disks and cylinders.
-#include "with_quadrics.h"
+#include "exact/with_quadrics.h"
 #include "traversal.h"
