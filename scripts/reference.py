@@ -42,7 +42,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "Several machines": ("Part", "merge", "Merged"),
     "Scenes": ("Scene", "Shape", "RenderSettings"),
-    "Meshes": ("Mesh", "load_mesh", "box", "sphere", "spheres", "quad", "polygon"),
+    "Meshes": ("Mesh", "load_mesh", "box", "sphere", "spheres", "disk", "cylinder", "quad", "polygon"),
     "Motion": ("Motion", "Deformation"),
     "Cameras": ("Camera", "PerspectiveCamera", "OrthographicCamera", "PanoramaCamera", "FisheyeCamera"),
     "Lights": (

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from support.exact_shapes import cast_rays
 
 import wrt
+from wrt.backend.device import Device
 from wrt.kernels.geometry.quadrics import CYLINDER, DISK, Quadric, by_coordinate, point_of
 from wrt.scene.exact.quadrics import Quadrics, quadrics_of
+from wrt.upload.scene_data import build_scene
 
 EPS = 2.0**-24
 
@@ -361,12 +363,39 @@ def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
         (lambda: wrt.disk((1e6, 0, 0), radius=1e-3), "float32 does not resolve"),
         (lambda: wrt.cylinder((1, 1, 1), (1, 1, 1)), "start and end must differ"),
         (lambda: wrt.cylinder((1e6, 0, 0), (1e6, 5, 0), radius=1e-3), "float32 does not resolve"),
+        (lambda: wrt.cylinder((0, -500, 0), (0, 500, 0), 1e-4), "float32 does not resolve"),
         (lambda: wrt.cylinder(radius=np.nan), "radius"),
     ],
 )
 def test_mistakes(make: Any, message: str) -> None:
     with pytest.raises(wrt.InputError, match=message):
         make()
+
+
+@pytest.mark.parametrize("make", [wrt.disk, wrt.cylinder])
+def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any) -> None:
+    """In meshes and in scenes; one that emits has a light for each triangle."""
+    far = np.eye(4)
+    far[0, 3] = 3e5
+    mesh = make(radius=0.1)
+    assert isinstance(mesh.transformed(np.eye(4)), Quadrics)
+    assert not isinstance(mesh.transformed(far), Quadrics)
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((3e5, 0.5, 3), target=(3e5, 0.5, 0)))
+    scene.shapes += [wrt.Shape(mesh, emission=2.0, two_sided_emission=True, transform=far)]
+    built = build_scene(scene, Device("cpu"))
+    assert not built.features.quadrics
+    assert len(built.data.lights) == len(mesh.tessellated().faces)
+
+
+def test_a_motion_keeps_all_that_its_keys_keep() -> None:
+    """A shear that one key bears and a motion does not would make lights of other shapes' triangles."""
+    sheared = np.eye(4)
+    sheared[0, 1] = 0.8e-5
+    mesh = wrt.cylinder(radius=0.5)
+    assert mesh.keeps(sheared[None])
+    assert not mesh.keeps(np.stack([np.eye(4), sheared]))
+    for matrix in (np.eye(4), sheared):
+        assert isinstance(mesh.transformed(matrix), Quadrics)
 
 
 def test_what_takes_triangles_only_says_so() -> None:

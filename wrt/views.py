@@ -164,7 +164,7 @@ class _Views:
         from wrt.rendering.passes import LONGEST_PASS
 
         renderer = self._idle.pop()
-        renderer.first_pass = self._first_pass()
+        renderer.first_pass = self._first_pass(renderer)
         before = renderer.seconds_render
         try:
             with self._setting:  # renderers that share a scene share its camera
@@ -184,16 +184,19 @@ class _Views:
         finally:
             self._idle.append(renderer)
 
-    def _first_pass(self) -> int:
+    def _first_pass(self, renderer: Renderer) -> int:
         """Return the samples of a view's first pass: all, once a view is known to take no longer than a pass.
 
         That costs less than one sample, a multiple of sixteen and a remainder, since the wide kernel takes sixteen
-        samples of a pixel at once.
+        samples of a pixel at once. On a GPU passes stay short, as nothing interrupts them.
         """
         from wrt.rendering.passes import LONGEST_PASS, MAX_SPP
 
-        has_noise = self._limits["noise"] is not None or self._limits["spp"] is None
-        return MAX_SPP if not has_noise and 0.0 < self._seconds_of_view < LONGEST_PASS else 1
+        has_noise = self._limits["noise"] is not None
+        if self._limits["spp"] is None:
+            has_noise = has_noise or renderer.settings.noise is not None
+        is_known = 0.0 < self._seconds_of_view < LONGEST_PASS
+        return MAX_SPP if is_known and renderer.device.is_cpu and not has_noise else 1
 
     def _seconds_after(self, index: int) -> float:
         """Return how long the views after this one will take, at least as many as before while they are not counted.

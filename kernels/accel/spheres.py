@@ -1,7 +1,7 @@
 """Rays through a tree that holds spheres besides triangles.
 
 A sphere is a triangle whose corners are the lower and the upper corner of the box around it, then the lower one again
-(`kernels/native/exact/spheres.h`). Its hits have no u and v: `kernels/geometry/spheres.py` finds the point from the ray.
+(`kernels/native/exact/spheres.h`). Its hits have no u and v: `kernels/geometry/spheres.py` finds the point by the ray.
 """
 
 import warp as wp

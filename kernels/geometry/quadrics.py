@@ -81,7 +81,7 @@ def sizes_of(quadric: Quadric) -> wp.vec3:
 def make_quadric_of(geometry: str) -> wp.Function:
     """Return the device function (scene, triangle, instance, time) -> Quadric; see `Features.geometry`.
 
-    The maps of instances of cylinders are similarities; those of disks are any.
+    The maps of instances leave cylinders round and straight; those of disks are any.
     """
     if instances_of(geometry) == "none":
         return quadric_of_one_tree

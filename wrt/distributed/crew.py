@@ -40,7 +40,8 @@ class Try:
         member: the worker.
         future: the call.
         since: when it was submitted.
-        paths: that it takes at most.
+        paths: most camera paths in the window.
+        seed: that of its samples; a pilot has another than the picture, and samples in few of its pixels.
         in_vain: whether another worker has rendered the window meanwhile.
     """
 
@@ -48,6 +49,7 @@ class Try:
     future: Any
     since: float
     paths: int
+    seed: int
     in_vain: bool = False
 
 
@@ -95,7 +97,7 @@ class Crew:
         self._cluster, self._scene, self._ended = cluster, scene, ended
         self._packed: list[Any] | None = None
         self._counted, self._calls, self._deaths = 0.0, 0, 0
-        self._seconds_of_path: deque[float] = deque(maxlen=32)  # in the latest windows
+        self._seconds_of_path: dict[int, deque[float]] = {}  # in the latest windows of each seed
 
     def update(self, job: Job) -> None:
         """Count the workers, and give the scene to those that do not have it.
@@ -192,9 +194,9 @@ class Crew:
 
     def is_late(self, member: Member) -> bool:
         """Return whether a worker takes so long for a window that it may hang."""
-        if not self._seconds_of_path or not member.tries:
+        if not member.tries or not (latest := self._seconds_of_path.get(member.tries[0].seed)):
             return False
-        expected = member.tries[0].paths * statistics.median(self._seconds_of_path)
+        expected = member.tries[0].paths * statistics.median(latest)
         limit = max(LATE_FACTOR * expected, LATE_SECONDS)
         return time.monotonic() - member.busy_since() > limit
 
@@ -202,10 +204,12 @@ class Crew:
         """Return whether the cluster still has a worker."""
         return self.members.get(member.address) is member
 
-    def answered(self, done: Try) -> None:
-        """Note that a worker has sent what it has rendered."""
+    def answered(self, done: Try, *, has_rendered: bool) -> None:
+        """Note that a worker has sent an answer, with what it has rendered or without."""
         member, now = done.member, time.monotonic()
-        self._seconds_of_path.append((now - max(done.since, member.answered)) / done.paths)
+        if has_rendered:
+            latest = self._seconds_of_path.setdefault(done.seed, deque(maxlen=32))
+            latest.append((now - max(done.since, member.answered)) / done.paths)
         member.answered, member.silent_until = now, 0.0
 
     def has_not_answered(self, member: Member) -> None:

@@ -140,7 +140,7 @@ class Spread:
         job, state = self.crew.job_of(member, do.job), do.state(each.window)
         future = self.crew.call(member, name, render_window, job, each.window, state, do.spp, do.seconds_left)
         paths = pixels_of((each.window,)) * max(do.samples, 1)
-        each.tries.append(Try(member, future, time.monotonic(), paths))
+        each.tries.append(Try(member, future, time.monotonic(), paths, do.seed))
         member.tries.append(each.tries[-1])
 
     def _wait(self, job: Job) -> None:
@@ -172,7 +172,7 @@ class Spread:
                     continue
                 except (ImportError, AttributeError, TypeError) as error:
                     raise InputError(f"the workers cannot render this scene: {error}") from error
-                self.crew.answered(one)
+                self.crew.answered(one, has_rendered=rendered is not None)
                 if rendered is not None:
                     return rendered
                 one.member.digest = ""  # it has begun anew, or rendered something else

@@ -205,7 +205,8 @@ class Shapes:
             mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
             return mesh.transformed(matrix)
         center, radius = _ball_around(plugin.type, matrix)
-        least = float(np.linalg.svd(matrix[:3, :3], compute_uv=False)[-1]) if plugin.type == "cylinder" else radius
+        axes = matrix[:3, :3] if plugin.type == "cylinder" else matrix[:3, :2]
+        least = radius if plugin.type == "sphere" else float(np.linalg.svd(axes, compute_uv=False)[-1])
         if least > _LEAST_RADIUS * np.abs(center).max() and (exact := _exact(plugin.type, matrix)) is not None:
             return exact
         segments, coarse = self.detail.segments(center, radius, shines=shining)

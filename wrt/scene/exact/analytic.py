@@ -31,7 +31,7 @@ class Analytic(Mesh):
 
     Each is stored as a triangle that no ray hits, so that all which holds meshes holds them, too: its corners are two
     opposite corners of the box around it, and the first again. Which two they are tells the kind of shape and its front
-    (`kernels/native/exact/spheres.h` and `quadrics.h`). The normals of its vertices are the shape's own vectors. What is
+    (`kernels/native/exact`). The normals of its vertices are the shape's own vectors. What is
     interpolated over a triangle by u and v is interpolated over the shape by its texture coordinates.
     """
 

@@ -79,22 +79,31 @@ class Quadrics(Analytic):
         """Return whether disks and cylinders remain such under all maps of a motion, (K, 3 or 4, 4).
 
         Disks do under all that can be inverted, as they become ellipses; cylinders if they stay round and straight. The
-        maps between two of a motion are similar only if these are.
+        maps between two of a motion are similar only if these are. None does where float32 does not resolve it.
         """
         if not all(np.linalg.det(matrix[:3, :3]) for matrix in matrices):
             return False
-        cylinders = self.axes[~self.are_disks]
-        if len(matrices) > 1:
-            return not len(cylinders) or all(keeps_spheres(matrix) for matrix in matrices)
-        return bool(_are_straight(cylinders @ matrices[0][:3, :3].T).all())
+        disks, cylinders = self.are_disks, self.axes[~self.are_disks]
+        if len(matrices) > 1 and len(cylinders) and not all(keeps_spheres(matrix) for matrix in matrices):
+            return False
+        # Between the keys of a motion shapes may be a little less straight than there.
+        within = _SQUARE if len(matrices) == 1 else 0.5 * _SQUARE
+        with np.errstate(all="ignore"):
+            return all(
+                _are_straight(cylinders @ matrix[:3, :3].T, within).all()
+                and not len(_unresolved(disks, *self._moved(matrix)))
+                for matrix in matrices
+            )
+
+    def _moved(self, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the centres and vectors of transformed shapes."""
+        linear, disks = matrix[:3, :3], self.are_disks
+        axes = self.axes @ linear.T
+        axes[disks, 2] = self.axes[disks, 2] @ np.linalg.inv(linear)
+        return self.centers @ linear.T + matrix[:3, 3], axes
 
     def _mapped(self, matrix: FloatArray) -> Mesh:
-        linear = matrix[:3, :3]
-        axes = self.axes @ linear.T
-        disks = self.are_disks
-        axes[disks, 2] = self.axes[disks, 2] @ np.linalg.inv(linear)
-        centers = self.centers @ linear.T + matrix[:3, 3]
-        return _made(disks, centers, axes, self.inside_out, self.colors, self.name)
+        return _made(self.are_disks, *self._moved(matrix), self.inside_out, self.colors, self.name)
 
     def tessellated(self, segments: int = 64) -> Mesh:
         """Return triangles with exact normals in place of the shapes, facing to the same sides.
@@ -193,16 +202,28 @@ def quadrics_of(are_disks: ArrayLike, centers: ArrayLike, axes: ArrayLike, name:
     Raises:
         InputError: when float32 does not resolve one of them.
     """
-    disks = np.asarray(are_disks, bool)
-    return _made(disks, np.asarray(centers), np.asarray(axes), np.zeros(len(disks), bool), None, name)
+    disks, middles, vectors = np.asarray(are_disks, bool), np.asarray(centers), np.asarray(axes)
+    if len(bad := _unresolved(disks, middles, vectors)):
+        noun = "disk" if disks[bad[0]] else "cylinder"
+        place = middles[bad[0]].tolist()
+        raise InputError(f"{name}: the {noun} at {place} has a radius or length that float32 does not resolve there")
+    return _made(disks, middles, vectors, np.zeros(len(disks), bool), None, name)
 
 
-def _are_straight(axes: FloatArray) -> NDArray[np.bool_]:
+def _unresolved(disks: NDArray[np.bool_], centers: FloatArray, axes: FloatArray) -> NDArray[np.intp]:
+    """Return which shapes have a radius, or a length, that float32 does not resolve at their ends."""
+    sizes = np.linalg.norm(axes, axis=2)
+    least = np.where(disks, sizes[:, :2].min(axis=1), sizes.min(axis=1))
+    ends = np.abs(centers) + np.where(disks[:, None], 0.0, 0.5 * np.abs(axes[:, 2]))
+    return np.flatnonzero(~(least > _LEAST_SIZE * ends.max(axis=1)))
+
+
+def _are_straight(axes: FloatArray, within: float = _SQUARE) -> NDArray[np.bool_]:
     """Return which cylinders have perpendicular vectors and equal radii."""
     length = np.linalg.norm(axes, axis=2)
     unit = axes / np.maximum(length, 1e-300)[..., None]
     cosines = np.abs(np.einsum("njk,nik->nji", unit, unit) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    return np.asarray((cosines < _SQUARE) & (np.abs(length[:, 0] - length[:, 1]) < _SQUARE * length[:, 0]))
+    return np.asarray((cosines < within) & (np.abs(length[:, 0] - length[:, 1]) < within * length[:, 0]))
 
 
 def _made(
@@ -218,15 +239,6 @@ def _made(
     with np.errstate(over="ignore"):
         axes = axes.astype(np.float32).astype(np.float64)
     reach = np.sqrt((axes[:, :2] ** 2).sum(axis=1)) + np.where(disks[:, None], 0.0, 0.5 * np.abs(axes[:, 2]))
-    sizes = np.linalg.norm(axes, axis=2)
-    least = np.where(disks, sizes[:, :2].min(axis=1), sizes.min(axis=1))
-    if (small := np.flatnonzero(~(least > _LEAST_SIZE * np.abs(centers).max(axis=1)))).size:
-        bad = int(small[0])
-        noun = "disk" if disks[bad] else "cylinder"
-        raise InputError(
-            f"{name}: the {noun} at {centers[bad].tolist()} has a radius or length of {least[bad]:g}, "
-            "which float32 does not resolve there"
-        )
     reach = reach + _PADDING * (np.abs(centers) + reach).max(axis=1, keepdims=True)
     side = np.where(inside_out, -1.0, 1.0)[:, None] * np.where(disks[:, None], (1, -1, 1), (1, -1, -1))
     with np.errstate(over="ignore"):
