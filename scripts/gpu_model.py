@@ -116,7 +116,7 @@ def count(name: str, *, regenerates: bool) -> Counts:
     with emulated_cuda(counting=backend):
         renderer = wrt.Renderer(wrt.load(name), width=SIZE, height=SIZE, crop=CROP, device="cuda")
         renderer._trace(SAMPLES, 0.0)
-    total = dict(zip(COUNTED, backend.issued.threads @ backend.table / renderer.rays, strict=True))
+        total = dict(zip(COUNTED, backend.issued.threads @ backend.table / renderer.rays, strict=True))
     return Counts(
         f"{name}, regenerated" if regenerates else name,
         total["instructions"],

@@ -44,7 +44,7 @@ def test_films_agree(name: str, gpu: EmulatedBackend, report: Report) -> None:
     films = films_of(name, CASES[name], GPU)
     launched = {kernel for kernel, count in gpu.launches.items() if count > before.get(kernel, 0)}
     assert any(kernel.endswith("render_pass") for kernel in launched)
-    assert {"build_subtrees", "write_nodes"} <= launched
+    assert {"build_listed", "write_nodes"} <= launched
     report(f"{name}: rays", films.rays[1], films.rays[0])
     for layer, share in films.agreeing.items():
         report(f"{name}, {layer}: pixels that agree", share)
