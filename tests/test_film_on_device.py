@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Iterator
 
 import numpy as np
@@ -103,6 +105,19 @@ def test_a_frame_of_a_simulation_waits_for_no_other_stream(
     monkeypatch.undo()
     assert image.numpy().any()
     assert (film["count"].numpy() == 2).all()
+
+
+@pytest.mark.parametrize("place", ["cpu", GPU])
+def test_the_film_on_the_device_outlives_its_renderer(place: str, gpu: EmulatedBackend) -> None:
+    film = Film(20, 10, Device(place))
+    owner = weakref.ref(film.data.count)
+    shared = film.on_device()
+    del film
+    gc.collect()
+    assert owner() is not None
+    del shared
+    gc.collect()
+    assert owner() is None
 
 
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (257, 1), (40, 33)])

@@ -98,7 +98,7 @@ def visits(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.floa
 
 @pytest.mark.parametrize("name", FEW)
 def test_rays_visit_as_many_boxes_as_in_the_tree_of_the_cpu(name: str, report: Report) -> None:
-    """Splits are the same, and so are moves, but for those between equal areas."""
+    """Splits are the same; moves differ a little, as they are chosen side by side."""
     corners = TREES[name]()
     origins, directions = rays(1_500, seed=3)
     tree, cpu = built_by(EmulatedBackend(optimization=0), corners), build(corners, "cpu")
@@ -135,7 +135,7 @@ def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float,
         device.launch(moves.lock_nodes, 2, [state, nodes, above, 1, 6, 1])
         device.launch(moves.choose_moves, 2, [state, nodes, above, 1, 6])
         assert (state.state.numpy() == moves.CHOSEN).all()
-        device.launch(moves.exclude_circles, 2, [state, above, 1])
+        device.launch(moves.exclude_cycles, 2, [state, above, 1])
         device.launch(moves.make_moves, 2, [state, nodes, above])
         found = nodes.numpy()
     first = gains[0] > gains[1]

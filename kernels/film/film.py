@@ -91,7 +91,7 @@ def film_tally(
     rays = wp.int64(0)
     least = int(0x7FFFFFFF)
     most = int(-1)
-    for pixel in range(first, wp.min(first + wp.static(PIXELS_OF_TALLY), pixels)):
+    for pixel in range(first, first + wp.min(wp.static(PIXELS_OF_TALLY), pixels - first)):
         counts = bool(True)
         if chosen:
             counts = counted[pixel] != wp.uint8(0)

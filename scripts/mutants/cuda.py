@@ -110,7 +110,7 @@ FAULTS: tuple[Mutant, ...] = (
         "tests/test_emulated_cuda.py -k 'trees and soup'",
     ),
     Mutant(
-        "cuda-circles",
+        "cuda-cycles",
         "cuda",
         "kernels/accel/build/moves.py",
         "or (at == node and least == key)",

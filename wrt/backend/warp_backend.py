@@ -103,8 +103,10 @@ class WarpBackend:
         return self.array(rows, kind, copy=False)
 
     def view(self, array: Any, dtype: Any, shape: Any) -> Any:
-        """Return the memory of an array as one of another type and shape."""
-        return self._wp.array(ptr=array.ptr, dtype=self._type(dtype), shape=shape, device=array.device)
+        """Return the memory of an array as one of another type and shape, which keeps the array alive."""
+        seen = self._wp.array(ptr=array.ptr, dtype=self._type(dtype), shape=shape, device=array.device)
+        seen._ref = array  # as Warp's own views do
+        return seen
 
     def copy(self, target: Any, source: Any, dest_offset: int = 0, count: int = 0) -> None:
         """Copy the first `count` elements of an array, by default all, into another."""
@@ -121,7 +123,7 @@ class WarpBackend:
         self._wp.utils.array_scan(counts, sums_out, inclusive=False)
 
     def total(self, values: Any) -> float:
-        """Return the sum of an array of int or float."""
+        """Return the sum of an array of float."""
         return float(self._wp.utils.array_sum(values))
 
     def sort_pairs(self, keys: Any, values: Any, count: int) -> None:
@@ -177,7 +179,7 @@ class WarpBackend:
         return self._streams[device]
 
     def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
-        """Do the same, but on a GPU return at once: what comes later there finds these threads done."""
+        """Launch threads as `launch` does, but on a GPU return at once: later work on its stream finds them done."""
         self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
 
     def gpus(self) -> int:
@@ -202,6 +204,7 @@ class WarpBackend:
 
     def memory_of(self, gpu: str) -> int:
         """Return the bytes of memory of a GPU that are free."""
+        self._wp.synchronize_device(gpu)  # until then the pool keeps what was released
         return int(self._wp.get_device(gpu).free_memory)
 
     def _type(self, dtype: Any) -> Any:

@@ -149,7 +149,7 @@ def choose_moves(
 
 
 @wp.kernel(enable_backward=False)
-def exclude_circles(first: int, moves: Moves, parents: wp.array(dtype=int), round: int):
+def exclude_cycles(first: int, moves: Moves, parents: wp.array(dtype=int), round: int):
     """Exclude moves that would leave a node below itself, as two nodes could move to below each other.
 
     Follows the way up that a moved node would have: to the next node that moves, then on from where it goes. On a way

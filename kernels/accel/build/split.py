@@ -2,8 +2,8 @@
 
 Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies" (2007). Nodes over many triangles are split level
 by level, each by many threads (`kernels/accel/build/top.py`); below that a thread builds whole subtrees, whose boxes
-stay in its cache. A subtree over n triangles has at most 2n − 1 nodes and owns as many places in the array, so threads
-share no counter and their number does not change the tree.
+stay in its cache. A subtree over n triangles has at most 2n − 1 nodes and owns as many places in the array, so the
+number of threads does not change the tree. On a GPU `levels.py` splits the large nodes.
 """
 
 import warp as wp

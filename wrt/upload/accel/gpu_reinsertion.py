@@ -53,6 +53,6 @@ def reinsert_on_gpu(nodes: Any, parents: Any, visits: Any, device: Device) -> No
             turns = number * TURNS + turn
             launch(kernels.lock_nodes, count, moves, nodes, parents, number, turns, int(turn == 0))
             launch(kernels.choose_moves, count, moves, nodes, parents, number, turns)
-        launch(kernels.exclude_circles, count, moves, parents, number)
+        launch(kernels.exclude_cycles, count, moves, parents, number)
         launch(kernels.make_moves, count, moves, nodes, parents)
         launch(upwards.refit_upwards, size, nodes, parents, visits)
