@@ -20,7 +20,8 @@ _IMPORTED_AT = time.perf_counter()
 
 def samples_text(renderer: Renderer) -> str:
     """Return the sample count as text; after an interrupted pass it is a range, since pixels differ."""
-    least, most = renderer.spp, renderer.film.tally().most
+    samples = renderer.film.tally()
+    least, most = samples.least, samples.most
     return f"{least if least == most else f'{least} to {most}'} samples per pixel"
 
 

@@ -42,6 +42,41 @@ class Tally(NamedTuple):
     most: int
 
 
+class HostTally(NamedTuple):
+    """The numbers of `Tally` from arrays in host memory, each counted when it is asked for.
+
+    Attributes:
+        counts: samples of each pixel that counts.
+        rays_of_pixels: rays of every pixel of the film.
+        pixels: which pixels count, None for all.
+    """
+
+    counts: NDArray[np.int32]
+    rays_of_pixels: NDArray[np.int64]
+    pixels: NDArray[np.bool_] | None
+
+    @property
+    def samples(self) -> int:
+        """All samples."""
+        return int(self.counts.sum(dtype=np.int64))
+
+    @property
+    def rays(self) -> int:
+        """Rays that were traced for them."""
+        rays = self.rays_of_pixels
+        return int((rays if self.pixels is None else rays[self.pixels]).sum())
+
+    @property
+    def least(self) -> int:
+        """The fewest samples in one pixel."""
+        return int(self.counts.min())
+
+    @property
+    def most(self) -> int:
+        """The most samples in one pixel."""
+        return int(self.counts.max())
+
+
 class Film:
     """Sums of samples and of their squares, and sample counts, for each pixel of a picture."""
 
@@ -95,13 +130,14 @@ class Film:
         finally:
             self.device.launch(film.show_pixels, self.pixels, [hidden, before, self.data])
 
-    def tally(self, pixels: NDArray[np.bool_] | None = None) -> Tally:
-        """Count samples and rays, in all pixels or in those that are true in (pixels,), without fetching the film."""
+    def tally(self, pixels: NDArray[np.bool_] | None = None) -> Tally | HostTally:
+        """Count samples and rays, in all pixels or in those that are true in (pixels,), without fetching the film.
+
+        Read the result before the film changes: on the CPU it counts the film's own arrays.
+        """
         if self.device.is_cpu:
-            count, rays = self.data.count.numpy(), self.data.rays.numpy()
-            if pixels is not None:
-                count, rays = count[pixels], rays[pixels]
-            return Tally(int(count.sum(dtype=np.int64)), int(rays.sum()), int(count.min()), int(count.max()))
+            counts = self.data.count.numpy()
+            return HostTally(counts if pixels is None else counts[pixels], self.data.rays.numpy(), pixels)
         backend, film = self.device.backend, self._kernels()
         threads = -(-self.pixels // film.PIXELS_OF_TALLY)
         counted = backend.empty(0, "uint8", self.device.name) if pixels is None else self._on_device(pixels)

@@ -210,8 +210,10 @@ class Session:
 
     def _present_main(self) -> Renderer:
         main = self._required().aim(self._required().main, self._required_camera())
-        if main.spp == 0 or main.film.tally().most != main.spp:  # after a pass that was ended
-            for _ in main.passes(spp=max(1, main.film.tally().most)):
+        samples = main.film.tally()
+        most = samples.most
+        if most == 0 or most != samples.least:  # after a pass that was ended
+            for _ in main.passes(spp=max(1, most)):
                 pass
         return main
 
