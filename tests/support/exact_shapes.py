@@ -22,7 +22,8 @@ def make_cast(geometry: str) -> wp.Kernel:
     closest_hit, next_hit, occluded = intersect.closest_hit, intersect.next_hit, intersect.occluded
     add_texture_coordinates = make_add_texture_coordinates(False, True)
 
-    @wp.kernel(enable_backward=False)
+    # A module of its own: what headers define for one geometry, another must not have.
+    @wp.kernel(module=wp.get_module(f"exact_shapes_{geometry}"), enable_backward=False)
     def cast(
         scene: SceneData,
         origins: wp.array(dtype=wp.vec3),
