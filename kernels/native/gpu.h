@@ -125,20 +125,21 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
 #if defined(WRT_SPHERES)
             if (corner(0, 0) == corner(2, 0) && corner(0, 1) == corner(2, 1) && corner(0, 2) == corner(2, 2)) {
                 const int id = leaf.id(9 * LEAF_SIZE + first + k);
-                Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
 #if defined(WRT_QUADRICS)
                 // The corners are in the order of the ray's axes.
                 const auto rises = [&](int axis) {
-                    const int k = axis == ray.kx ? 0 : axis == ray.ky ? 1 : 2;
-                    return corner(0, k) < corner(1, k);
+                    const int place = axis == ray.kx ? 0 : axis == ray.ky ? 1 : 2;
+                    return corner(0, place) < corner(1, place);
                 };
-                if (rises(0) != rises(1)) {
-                    const auto axis_of = [&](int which, int axis) {
-                        return ray.axes.of(id, which)[axis == 0 ? ray.kx : axis == 1 ? ray.ky : ray.kz];
-                    };
-                    const bool is_disk = rises(0) == rises(2);
-                    roots = roots_of_quadric<float>(corner, axis_of, is_disk, ray.origin, ray.shear, 0, 1, 2);
-                }
+                const auto axis_of = [&](int which, int axis) {
+                    return ray.axes.of(id, which)[axis == 0 ? ray.kx : axis == 1 ? ray.ky : ray.kz];
+                };
+                const bool is_quadric = rises(0) != rises(1), is_disk = rises(0) == rises(2);
+                const Roots<float> roots =
+                    is_quadric ? roots_of_quadric<float>(corner, axis_of, is_disk, ray.origin, ray.shear, 0, 1, 2)
+                               : roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
+#else
+                const Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
 #endif
                 if (!((roots.far >= t_min) & (roots.near <= nearest.t))) continue;
                 const float t = first_of<float>(

@@ -271,12 +271,9 @@ def part_boxes(
         goes_left = left < last_left
         if split.axis >= 0:
             axis = split.axis
-            bin = wp.min(int((box[axis] - box[axis + 4] - low[axis]) * scale[axis]), wp.static(BINS - 1))
+            center = centers_of_range(boxes, k, 1)
+            bin = wp.min(int((center[axis] - low[axis]) * scale[axis]), wp.static(BINS - 1))
             goes_left = bin <= split.last_left_bin
-            center = vec8()
-            for q in range(4):
-                center[q] = box[q] - box[q + 4]
-                center[q + 4] = -center[q]
             if goes_left:
                 left_bounds = wp.min(left_bounds, center)
             else:

@@ -73,7 +73,7 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) 
         counts = np.stack([left, counts - left], axis=1).ravel()
     order = np.argsort(-np.concatenate(root_counts), kind="stable")
     subtrees = backend.array(np.concatenate(roots)[order], int, name)
-    inputs = [subtrees, nodes, boxes, centers, *_bins(len(subtrees), name), sah_depth]
+    inputs = [subtrees, nodes, boxes, centers, *empty_bins(len(subtrees), name), sah_depth]
     device.launch(split.build_subtrees, len(subtrees), inputs)
     if reinserts:
         reinsert(nodes, device)
@@ -106,7 +106,7 @@ def _swaps(chunks: Any, middles: np.ndarray, size: int) -> tuple[np.ndarray, np.
     return places(right, right_ends), places(left, left_ends), ends - begins
 
 
-def _bins(count: int, name: str) -> list[Any]:
+def empty_bins(count: int, name: str) -> list[Any]:
     """Allocate the boxes and the counts of `count` sets of bins."""
     backend = current_backend()
     bins = backend.kernels("wrt.kernels.native.constants").BINS
@@ -127,7 +127,7 @@ def _chunks(firsts: np.ndarray, counts: np.ndarray, size: int, name: str) -> Any
     chunks.start = backend.array(start, int, name)
     chunks.first = backend.array(firsts[node] + begin, int, name)
     chunks.count = backend.array(np.minimum(counts[node] - begin, size), int, name)
-    chunks.bin_boxes, chunks.bin_counts = _bins(len(node), name)
+    chunks.bin_boxes, chunks.bin_counts = empty_bins(len(node), name)
     chunks.centers = backend.empty(2 * len(node), "vec8", name)
     chunks.left = backend.empty(len(node), int, name)
     return chunks

@@ -10,6 +10,7 @@ from typing import Any
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.upload.accel.binary_tree import empty_bins
 from wrt.upload.accel.gpu_reinsertion import reinsert_on_gpu
 
 MOST_BUILDERS = 1 << 17
@@ -67,7 +68,7 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
     most_nodes = count // (levels.SUBTREE + 1) + 1
     most_chunks = count // levels.CHUNK + most_nodes
     counts = backend.zeros(depths + 1, "int64", name)
-    bins, splits = _bins(most_nodes, name), backend.empty(most_nodes, split.Split, name)
+    bins, splits = empty_bins(most_nodes, name), backend.empty(most_nodes, split.Split, name)
     level, following = levels.Level(), levels.Level()
     for each in (level, following):
         each.counts, each.splits = counts, splits
@@ -75,7 +76,7 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
         each.node, each.start = (backend.empty(most_nodes, int, name) for _ in range(2))
     chunks = levels.LevelChunks()
     chunks.place, chunks.left, chunks.left_before = (backend.empty(most_chunks, int, name) for _ in range(3))
-    chunks.bin_boxes, chunks.bin_counts = _bins(most_chunks, name)
+    chunks.bin_boxes, chunks.bin_counts = empty_bins(most_chunks, name)
     roots, root_count = backend.empty(count, int, name), backend.zeros(1, int, name)
 
     def launch(kernel: Any, threads: int, *inputs: Any) -> None:
@@ -97,12 +98,5 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
         launch(levels.list_level, most_nodes, level, following, nodes, roots, root_count)
         level, following = following, level
     threads = min(-(-2 * count // levels.SUBTREE), MOST_BUILDERS)
-    bins = _bins(threads, name)  # of each thread
+    bins = empty_bins(threads, name)  # of each thread
     launch(levels.build_listed, threads, threads, roots, root_count, nodes, boxes, centers, *bins, sah_depth)
-
-
-def _bins(count: int, name: str) -> tuple[Any, Any]:
-    """Allocate the boxes and the counts of `count` sets of bins."""
-    backend = current_backend()
-    bins = count * backend.kernels("wrt.kernels.accel.build.levels").AXIS_BINS
-    return backend.empty(bins, "vec8", name), backend.empty(bins, int, name)
