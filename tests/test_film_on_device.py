@@ -41,7 +41,7 @@ def fetched(gpu: EmulatedBackend, monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def renderer_of() -> wrt.Renderer:
-    """Return a renderer of a lit floor, of which most is dark and a little is noisy."""
+    """Return a renderer of a floor under a lamp: most of the picture is dark, and a little of it is noisy."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 5), (0, 0, 0)))
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)))
     scene.add(wrt.sphere((0, 1, 0), 0.5, subdivisions=2))

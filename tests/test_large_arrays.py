@@ -1,4 +1,4 @@
-"""Kernels reach the end of arrays of many gigabytes, of which almost all pages are never touched; larger are refused.
+"""Kernels read the last elements of arrays of many gigabytes, most pages of which stay unused; larger ones are refused.
 
 The arrays have as many elements as 32 bits can number. What is stored at their ends is looked up, and must be the same
 as from small arrays, bit for bit.

@@ -189,7 +189,7 @@ def test_what_is_fetched_waits_for_one_stream(beside: bool, monkeypatch: pytest.
         return zeros(shape, dtype=dtype, device=device)
 
     class FakeGpus(WarpBackend):
-        """With streams of names, of which a GPU has one each."""
+        """A backend whose streams are names, one for each GPU."""
 
         def _copies(self, device: object) -> object:
             return "that for copies"

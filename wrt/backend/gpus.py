@@ -1,4 +1,4 @@
-"""GPUs of this machine: what they are, and why one cannot be had."""
+"""The GPUs of this machine, and the reasons why one cannot be used."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Gpu(NamedTuple):
 
     @property
     def description(self) -> str:
-        """What it is, without its name here."""
+        """Its model, architecture and memory in words."""
         memory = f"{self.memory / 1e9:.1f} GB of memory, {self.free / 1e9:.1f} GB free"
         return f"{self.model}, sm_{self.architecture}, {memory}"
 

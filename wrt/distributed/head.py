@@ -24,7 +24,7 @@ from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
 
-LONGEST_PASS = 30.0
+LONGEST_CLUSTER_PASS = 30.0
 """Most seconds of a pass, longer than on one machine: towards its end windows are small, each of which costs the head
 node and a worker some 20 ms, and workers wait for the last."""
 
@@ -36,7 +36,7 @@ class DistributedRenderer(Renderer):
     of the film go to and fro. Nothing is built on the head node, which needs memory for the film.
     """
 
-    longest_pass = LONGEST_PASS
+    longest_pass = LONGEST_CLUSTER_PASS
 
     def __init__(
         self,

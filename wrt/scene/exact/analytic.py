@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -26,7 +27,7 @@ A = TypeVar("A", bound="Analytic")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Analytic(Mesh):
+class Analytic(Mesh, ABC):
     """Spheres, or disks and cylinders, that are not made of triangles.
 
     Each is stored as a triangle that no ray hits, so that all which holds meshes holds them, too: its corners are two
@@ -41,9 +42,9 @@ class Analytic(Mesh):
             raise InputError(f"{self.name}: make exact shapes by wrt.spheres, wrt.disk or wrt.cylinder")
 
     @property
+    @abstractmethod
     def counts(self) -> dict[str, int]:
         """Number of shapes of each kind."""
-        raise NotImplementedError
 
     @property
     def centers(self) -> FloatArray:
@@ -62,9 +63,9 @@ class Analytic(Mesh):
         return np.asarray(self.vertices[1::3, 0] < self.vertices[0::3, 0])
 
     @property
+    @abstractmethod
     def areas(self) -> FloatArray:
         """(N,) float64 areas of one side, square metres."""
-        raise NotImplementedError
 
     @property
     def outline(self) -> NDArray[np.float32]:
@@ -78,9 +79,9 @@ class Analytic(Mesh):
     def _corners(self, which: int) -> FloatArray:
         return self.vertices[which::3].astype(np.float64)
 
+    @abstractmethod
     def keeps(self, matrices: FloatArray) -> bool:
         """Return whether the shapes remain what they are under all maps of a motion, (K, 3 or 4, 4)."""
-        raise NotImplementedError
 
     def turned_inside_out(self: A) -> A:
         """Return the shapes with front and back exchanged."""
@@ -94,9 +95,11 @@ class Analytic(Mesh):
         with np.errstate(all="ignore"):  # Mesh refuses values that are not finite
             return self._mapped(m)
 
+    @abstractmethod
     def _mapped(self, matrix: FloatArray) -> Mesh:
-        raise NotImplementedError
+        """Return the shapes mapped by a matrix that keeps them."""
 
+    @abstractmethod
     def tessellated(self, segments: int = 64) -> Mesh:
         """Return triangles with exact normals in place of the shapes, facing to the same sides.
 
@@ -106,7 +109,6 @@ class Analytic(Mesh):
         Raises:
             InputError: if there would be too many.
         """
-        raise NotImplementedError
 
 
 def keeps_spheres(matrix: FloatArray) -> bool:
