@@ -13,13 +13,6 @@
 #define WRT_MARK(name) ((void)0)
 #endif
 
-// Hides what a loop ends by, so that the compiler makes no second way out of what it knows of it.
-#if defined(__CUDA_ARCH__)
-#define WRT_KEEP_LOOP(value) asm volatile("" : "+r"(value))
-#else
-#define WRT_KEEP_LOOP(value) ((void)0)
-#endif
-
 namespace wrt {
 #if !WRT_VECTORS
 // The numbers of a node or a leaf. `load` reads four from place i on, a multiple of four, by one load.
@@ -113,7 +106,6 @@ WRT_INLINE void follow(
                 if (!(t_max < reach && begin_of(boxes(parent), ray, k) > t_max * (float)BOX_PAD))
                     current = tree.children(parent)[k];
             }
-            WRT_KEEP_LOOP(current);
         } while (current >= 0);
     } while (current != NOTHING_LEFT);
 }
