@@ -95,19 +95,22 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
                 path = begin_path(scene, seen.ray, seen.footprint)
                 if not seen.visible:
                     path.depth = settings.max_depth
-            if not path.is_done:
-                path = advance_path(scene, path, sampler, settings)
-                if path.is_done:
-                    index += 1
-                    # To memory at once: in registers sums, twelve for doubles alone, would be spilled on the way.
-                    result = path_result(path, settings.clamp_indirect)
-                    film.rays[pixel] = film.rays[pixel] + wp.int64(result.rays)
-                    if is_finite_color(result.radiance):
-                        value = wp.vec3d(result.radiance)
-                        film.total[pixel] = film.total[pixel] + value
-                        film.total_of_squares[pixel] = film.total_of_squares[pixel] + wp.cw_mul(value, value)
-                    else:
-                        film.rejected[pixel] = film.rejected[pixel] + 1
+            works = not path.is_done
+            if not works:
+                # Such a path takes no step. A branch around the step would keep its state twice: 364 bytes of spills.
+                path.depth = settings.max_depth
+            path = advance_path(scene, path, sampler, settings)
+            if works and path.is_done:
+                index += 1
+                # To memory at once: in registers sums, twelve for doubles alone, would be spilled on the way.
+                result = path_result(path, settings.clamp_indirect)
+                film.rays[pixel] = film.rays[pixel] + wp.int64(result.rays)
+                if is_finite_color(result.radiance):
+                    value = wp.vec3d(result.radiance)
+                    film.total[pixel] = film.total[pixel] + value
+                    film.total_of_squares[pixel] = film.total_of_squares[pixel] + wp.cw_mul(value, value)
+                else:
+                    film.rejected[pixel] = film.rejected[pixel] + 1
             left = votes(lanes, index < target_count)
         film.count[pixel] = wp.max(film.count[pixel], target_count)
 

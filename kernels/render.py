@@ -18,7 +18,7 @@ from wrt.kernels.spmd_marks import pixel_kernel
 CUDA_BOUNDS, FEW_MODELS = (256, 2), 4
 """Threads of a block, and blocks that a multiprocessor is to hold at least, in kernels of so many models at most.
 
-That caps registers at 128: twice the threads, for 148 bytes of spills with one model and 304 with four (sm_90). All
+That caps registers at 128: twice the threads, for 36 bytes of spills with one model and 152 with four (sm_90). All
 models together spill 2.2 KB even with 255 registers. Compiled, not timed (docs/notes/cuda.md).
 """
 
