@@ -7,6 +7,7 @@ from wrt.kernels.camera.samples import make_camera_sample
 from wrt.kernels.features import Features
 from wrt.kernels.film.aovs import AovData, make_add_aovs
 from wrt.kernels.film.film import FilmData, is_finite_color
+from wrt.kernels.film.tiles import pixel_of_thread
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.registry import make_trace
 from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
@@ -17,7 +18,7 @@ from wrt.kernels.spmd_marks import pixel_kernel
 CUDA_BOUNDS, FEW_MODELS = (256, 2), 4
 """Threads of a block, and blocks that a multiprocessor is to hold at least, in kernels of so many models at most.
 
-That caps registers at 128: twice the threads, for 148 bytes of spills with one model and 304 with four (sm_90). All
+That caps registers at 128: twice the threads, for 36 bytes of spills with one model and 152 with four (sm_90). All
 models together spill 2.2 KB even with 255 registers. Compiled, not timed (docs/notes/cuda.md).
 """
 
@@ -28,14 +29,15 @@ def launch_bounds(features: Features) -> tuple[int, int] | None:
 
 
 @specialised()
-def make_render_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel for scenes with these features."""
+def make_render_kernel(features: Features, *, in_tiles: bool = False) -> wp.Kernel:
+    """Return the kernel for scenes with these features, whose threads take pixels row by row, or tile by tile."""
     camera_sample = make_camera_sample(features)
     trace = make_trace(features)
     add_aovs = make_add_aovs(features)
     has_aovs = features.aovs
     pixel_name = make_pixel_name(features.sampler)
-    module = wp.get_module(make_render_kernel.module_name(features))
+    order = {"in_tiles": True} if in_tiles else {}
+    module = wp.get_module(make_render_kernel.module_name(features, **order))
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=launch_bounds(features))
     @pixel_kernel
@@ -51,6 +53,8 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         aovs: AovData,
     ):
         pixel = first_pixel + wp.tid()
+        if wp.static(in_tiles):
+            pixel = pixel_of_thread(pixel, camera.crop_width, film.count.shape[0] // camera.crop_width)
         # Random numbers depend on the place in the whole picture, so that a crop looks as it does there.
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width

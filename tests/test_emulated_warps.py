@@ -30,7 +30,7 @@ def run(ptx: str, threads: int) -> Issued:
     initialize_warp()
     flow = flow_of(parse(ptx).entries[0])
     library = Library(compiled(ptx, optimization=0, traces=True))
-    return issued(flow, [library.trace("parts", threads, [], thread) for thread in range(threads)])
+    return issued(flow, library.trace_warp("parts", threads, [], 0))
 
 
 DIAMOND_AND_LOOP = kernel("""

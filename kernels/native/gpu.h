@@ -72,37 +72,42 @@ template<class Boxes> WRT_INLINE float begin_of(const Boxes& boxes, const Ray& r
 
 // Trace a ray from node `current` on; see `traversal.h`. A child that waited is left out if a hit found meanwhile is
 // nearer than its box, of which three numbers are read again: its distance is not kept.
+//
+// Each lane of a warp goes on through nodes to a leaf, then all test their leaves together (Aila and Laine 2009). There
+// is no other way out of the loops than the one at their ends: lanes that took it would meet the others behind the loops.
 template<class Tree, class Boxes, class Visit>
 WRT_INLINE void follow(
     const Tree& tree, const Ray& ray, int current, const float t_min, const float& t_max, Boxes boxes, Visit visit) {
+    constexpr int NOTHING_LEFT = -2147483647 - 1;
     int2 stack[MAX_DEPTH];
     int top = 0, parent = 0;
     unsigned waiting = 0;
     const float reach = t_max;
-    for (;;) {
-        if (current >= 0) {
-            const unsigned met = children_met(boxes(current), ray, t_min, t_max);
-            if (met) {
-                if (waiting) stack[top++] = make_int2(parent, (int)waiting);
-                parent = current;
-                waiting = met;
-            }
-        } else if (visit(current)) {
-            return;
-        }
-        int k;
+    do {
+        if (current < 0 && visit(current)) top = 0, waiting = 0;
         do {
-            if (!waiting) {
-                if (top == 0) return;
-                const int2 entry = stack[--top];
-                parent = entry.x;
-                waiting = (unsigned)entry.y;
+            if (current >= 0) {
+                const unsigned met = children_met(boxes(current), ray, t_min, t_max);
+                if (met) {
+                    if (waiting) stack[top++] = make_int2(parent, (int)waiting);
+                    parent = current;
+                    waiting = met;
+                }
             }
-            k = lowest_bit(waiting) ^ ray.flip;
-            waiting &= waiting - 1;
-        } while (t_max < reach && begin_of(boxes(parent), ray, k) > t_max * (float)BOX_PAD);
-        current = tree.children(parent)[k];
-    }
+            current = NOTHING_LEFT;
+            while (current == NOTHING_LEFT && (waiting || top > 0)) {
+                if (!waiting) {
+                    const int2 entry = stack[--top];
+                    parent = entry.x;
+                    waiting = (unsigned)entry.y;
+                }
+                const int k = lowest_bit(waiting) ^ ray.flip;
+                waiting &= waiting - 1;
+                if (!(t_max < reach && begin_of(boxes(parent), ray, k) > t_max * (float)BOX_PAD))
+                    current = tree.children(parent)[k];
+            }
+        } while (current >= 0);
+    } while (current != NOTHING_LEFT);
 }
 
 // Test the triangles of a leaf, four by one set of loads; of equal t the lowest id wins. `skipped(t, id)` returns which

@@ -118,14 +118,28 @@ FAULTS: tuple[Mutant, ...] = (
         "tests/test_gpu_builder.py -k below_each_other",
     ),
     Mutant(
-        "cuda-last-sample",
+        "cuda-half-wait",
         "cuda",
         "kernels/regeneration.py",
-        "film.rejected[pixel] = film.rejected[pixel] + 1\n",
-        "film.rejected[pixel] = film.rejected[pixel] + 1\n"
-        "                if index >= target_count:\n"
-        "                    break\n",
+        "if waits and WAITING * number_of(waiting) >= number_of(left):",
+        "if waits:",
         "tests/test_gpu_model.py -k counts_of_a_scene",
+    ),
+    Mutant(
+        "cuda-tiles",
+        "cuda",
+        "kernels/film/tiles.py",
+        "left + in_tile % columns",
+        "left + in_tile % TILE_WIDTH",
+        "tests/test_tiles.py -k each_pixel",
+    ),
+    Mutant(
+        "cuda-emulated-ends",
+        "cuda",
+        "tests/support/emulated_cuda/lanes.h",
+        "one.mask & ~ended",
+        "one.mask",
+        "tests/test_emulated_votes.py -k have_ended",
     ),
     Mutant(
         "cuda-next-sample",
@@ -133,7 +147,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "sampler.index = wp.uint32(index)",
         "sampler.index = wp.uint32(film.count[pixel])",
-        "tests/test_emulated_cuda.py -k 'regenerated and cornell'",
+        "tests/test_emulated_cuda.py -k 'films_agree and cornell'",
     ),
     Mutant(
         "cuda-invisible",
@@ -141,6 +155,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "path.depth = settings.max_depth",
         "path.depth = 0",
-        "tests/test_emulated_cuda.py -k 'regenerated and fisheye'",
+        "tests/test_emulated_cuda.py -k 'films_agree and fisheye'",
     ),
 )

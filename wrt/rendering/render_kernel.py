@@ -17,10 +17,10 @@ from wrt.rendering.wide_kernel import WORTH_SECONDS, WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
 
 REGENERATE = "WRT_REGENERATE"
-"""Environment variable: 1 has the threads of a GPU begin their next paths at once (`kernels/regeneration.py`)."""
+"""Environment variable: 0 has a GPU follow each path in a loop of its own (`kernels/regeneration.py`)."""
 
-REGENERATING = "wrt.kernels.regeneration", "make_gpu_render_kernel"
-"""Module and name of the function that declares that kernel."""
+OF_GPU = "wrt.kernels.regeneration", "make_gpu_render_kernel"
+"""Module and name of the function that declares the kernels of GPUs."""
 
 
 class RenderKernel:
@@ -60,9 +60,9 @@ class RenderKernel:
         self.read = features if found is None else found
         self.scalar: Any = None
         if found is None or features.guides:
-            regenerates = not device.is_cpu and os.environ.get(REGENERATE) == "1"
-            call = REGENERATING if regenerates else declaration(self.read, SCALAR)[:2]
-            self.scalar = device.backend.call(*call, self.read)
+            regenerates = os.environ.get(REGENERATE) != "0"
+            call = declaration(self.read, SCALAR) if device.is_cpu else (*OF_GPU, self.read, regenerates)
+            self.scalar = device.backend.call(*call)
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""

@@ -34,7 +34,7 @@ class EmulatedBackend(WarpBackend):
         Args:
             arch: such as 90.
             optimization: 0 compiles in a third of the time; 1 runs faster.
-            traces: whether kernels trace the blocks that they run, see `Library.trace`.
+            traces: whether kernels trace the blocks that they run, see `Library.trace_warp`.
         """
         super().__init__()
         self.launches: dict[str, int] = {}

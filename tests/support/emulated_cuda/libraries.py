@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from support.emulated_cuda.ptx import NotTranslated, parse
-from support.emulated_cuda.translation import to_cpp
+from support.emulated_cuda.translation import LANE, to_cpp
+from support.emulated_cuda.warps import WARP
 
 BLOCK = 256
 """Threads of a block, Warp's default."""
@@ -40,7 +41,7 @@ class Library:
     def run(
         self, kernel: str, count: int, arguments: list[Any], *, block: int = BLOCK, threads: range | None = None
     ) -> None:
-        """Run the grid that covers `count` threads, one after another.
+        """Run the grid that covers `count` threads, one after another; or warps, where threads wait for one another.
 
         Args:
             kernel: its name in the PTX.
@@ -48,6 +49,9 @@ class Library:
             arguments: ctypes values, as the kernel declares its parameters.
             block: threads of a block.
             threads: those of the grid that run, by default all.
+
+        Raises:
+            RuntimeError: if threads wait for others that never come.
         """
         address = self._clang.wp_lookup(self._handle, kernel.replace("$", "_").encode())
         if not address:
@@ -58,14 +62,22 @@ class Library:
         numbers = (ctypes.c_uint64, ctypes.c_uint64, ctypes.c_uint32, ctypes.c_uint32)
         run = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *numbers)
         run(address)(ctypes.addressof(places), threads.start, threads.stop, block, blocks)
+        if self._variable(b"stuck").value:
+            self._variable(b"stuck").value = 0
+            raise RuntimeError(f"{kernel}: threads of a warp wait for others that never come")
 
-    def trace(self, kernel: str, count: int, arguments: list[Any], thread: int) -> NDArray[np.uint32]:
-        """Run a thread of a module that traces, and return the blocks that it runs."""
-        blocks = np.empty(LONGEST_TRACE, np.uint32)
-        traced = self.trace_all(kernel, count, arguments, range(thread, thread + 1), blocks)
-        if traced > len(blocks):
-            raise RuntimeError(f"a thread ran {traced} blocks, and {len(blocks)} were expected at most")
-        return blocks[:traced].copy()
+    def set_apart(self, apart: bool) -> None:
+        """Choose whether threads with odd and even numbers are never active together, as GPUs may have it."""
+        self._variable(b"apart").value = int(apart)
+
+    def trace_warp(self, kernel: str, count: int, arguments: list[Any], first: int) -> list[NDArray[np.uint32]]:
+        """Run a warp of a module that traces, from thread `first` on, and return the blocks that each thread runs."""
+        raw = np.empty(WARP * LONGEST_TRACE, np.uint32)
+        traced = self._trace(kernel, count, arguments, range(first, min(first + WARP, count)), raw)
+        if traced > len(raw):
+            raise RuntimeError(f"a warp ran {traced} blocks, and {len(raw)} were expected at most")
+        lanes, blocks = np.divmod(raw[:traced], LANE)
+        return [blocks[lanes == lane] for lane in range(min(WARP, count - first))]
 
     def trace_all(
         self, kernel: str, count: int, arguments: list[Any], threads: range, blocks_out: NDArray[np.uint32]
@@ -74,7 +86,13 @@ class Library:
 
         Each thread begins with block 0.
         """
-        self._variable(b"trace").value, self._variable(b"longest").value = blocks_out.ctypes.data, len(blocks_out)
+        traced = self._trace(kernel, count, arguments, threads, blocks_out)
+        blocks_out[:traced] %= LANE
+        return traced
+
+    def _trace(self, kernel: str, count: int, arguments: list[Any], threads: range, raw_out: NDArray[np.uint32]) -> int:
+        """Run threads, write what they trace, as in `to_cpp`, and return how much that is."""
+        self._variable(b"trace").value, self._variable(b"longest").value = raw_out.ctypes.data, len(raw_out)
         traced = self._variable(b"traced")
         traced.value = 0
         self.run(kernel, count, arguments, threads=threads)

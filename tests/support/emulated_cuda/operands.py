@@ -33,6 +33,7 @@ class Operands:
         addresses: C++ for the addresses of variables and parameters.
         tables: the targets of tables of branches.
         functions: names of the functions that may be called.
+        stops: how many instructions so far wait for other threads; None where none may.
     """
 
     def __init__(self, addresses: dict[str, str]) -> None:
@@ -40,6 +41,7 @@ class Operands:
         self.addresses = addresses
         self.tables: dict[str, tuple[str, ...]] = {}
         self.functions: frozenset[str] = frozenset()
+        self.stops: int | None = None
 
     def value(self, text: str, kind: str) -> str:
         """Return an operand as a value of a type.

@@ -28,6 +28,17 @@ _ATOMIC = {
     "inc": "old >= by ? 0 : old + 1",
     "dec": "old == 0 || old > by ? by : old - 1",
 }
+_TOGETHER = {
+    "activemask.b32": "ACTIVE_MASK",
+    "vote.sync.ballot.b32": "BALLOT",
+    "vote.sync.any.pred": "ANY",
+    "vote.sync.all.pred": "ALL",
+    "vote.sync.uni.pred": "UNIFORM",
+    "bar.warp.sync": "BARRIER",
+}
+TOGETHER = frozenset(name.partition(".")[0] for name in _TOGETHER)
+"""Instructions that wait for other threads of the warp."""
+
 _APPROXIMATE = {"ex2": "exp2f", "lg2": "log2f", "sin": "sinf", "cos": "cosf", "tanh": "tanhf"}
 
 
@@ -333,6 +344,21 @@ def _call(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | N
     return f"{arguments} {name_of(name)}_called({result}, given, shared, tid_x, ntid_x, ctaid_x, nctaid_x);"
 
 
+def _together(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
+    """Stop the thread until others have come, see `lanes.h`."""
+    kind = _TOGETHER.get(".".join(opcode))
+    if kind is None or o.stops is None:
+        return None
+    o.stops += 1
+    stop = [f"lane.at = {o.stops}; lane.kind = {kind};"]
+    if kind != "ACTIVE_MASK":
+        stop.append(f"lane.mask = {o.value(ops[-1], 'u32')};")
+    if len(ops) == 3:
+        stop.append(f"lane.value = {o.value(ops[1], 'pred')};")
+    told = o.assign(ops[0], "lane.result", "pred" if opcode[-1] == "pred" else "u32") if kind != "BARRIER" else ""
+    return " ".join([*stop, f"return; stop_{o.stops}:;", told])
+
+
 def _end(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     return "__builtin_trap();" if opcode[0] == "trap" else "return;"
 
@@ -356,6 +382,7 @@ _FAMILIES: dict[str, Callable[[Operands, tuple[str, ...], tuple[str, ...]], str 
     **dict.fromkeys(("bra", "brx"), _branch),
     "call": _call,
     **dict.fromkeys(("ret", "trap"), _end),
+    **dict.fromkeys(TOGETHER, _together),
     **dict.fromkeys(("membar", "fence"), _nothing),
     **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind", "bfe", "bfi", "prmt", "lop3"), _bits),
     **dict.fromkeys(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.operands import Operands, name_of, unsigned
-from support.emulated_cuda.operations import SPACES, translate
+from support.emulated_cuda.operations import SPACES, TOGETHER, translate
 from support.emulated_cuda.ptx import (
     Brace,
     Entry,
@@ -25,10 +25,13 @@ from support.emulated_cuda.ptx import (
     bits_of,
 )
 
-PRELUDE = (Path(__file__).parent / "prelude.h").read_text(encoding="utf-8")
+PRELUDE, LANES = ((Path(__file__).parent / name).read_text(encoding="utf-8") for name in ("prelude.h", "lanes.h"))
 
 COUNTED = ("instructions", *(f"{what} {space}" for what in ("ld", "st") for space in SPACES), "other")
 """What `tally` counts."""
+
+LANE = 1 << 16
+"""See `to_cpp`."""
 
 _THREAD = "char* const* P, char* shared, const u32 tid_x, const u32 ntid_x, const u32 ctaid_x, const u32 nctaid_x"
 
@@ -46,17 +49,18 @@ def to_cpp(module: Module, *, traces: bool = False) -> str:
     """Return a module as C++.
 
     Each kernel becomes `void NAME(char* const* P, u64 first, u64 last, u32 block, u32 blocks)`, which runs the threads
-    `first` to last − 1 of a grid of `blocks` blocks of `block` threads. P has the addresses of the arguments.
+    `first` to last − 1 of a grid of `blocks` blocks of `block` threads, one after the other or, where they wait for one
+    another, a warp after the other. P has the addresses of the arguments.
 
     Args:
         module: the PTX.
-        traces: whether kernels write the numbers of the blocks that they run to `trace`, see `flow_of`; `traced` is how
-            many these are, and `longest` the length of the array.
+        traces: whether kernels write the numbers of the blocks that they run to `trace`, see `flow_of`, plus LANE times
+            the number of the thread in its warp; `traced` is how many these are, and `longest` the length of the array.
 
     Raises:
         NotTranslated: listing everything in it that the emulator does not know.
     """
-    addresses, shared, out = {}, 0, [PRELUDE]
+    addresses, shared, out = {}, 0, [PRELUDE, LANES]
     if traces:
         out.append('extern "C" { u32* trace; u64 traced, longest; }')
     used = {op for entry in (*module.functions, *module.entries) for op in _names(entry.body)}
@@ -118,21 +122,77 @@ def _entry(
             operands.addresses[statement.name] = str(shared)
             shared += statement.size
     called = entry.name in functions
-    yield f"static void {name}_called(char* R, {_THREAD}) {{" if called else f"static void {name}_thread({_THREAD}) {{"
+    kept: dict[int, Registers | Variable] = {}
+    if not called and _waits(entry):
+        operands.stops, kept = 0, _kept(entry)
+        yield from _waiting_thread(entry, list(kept.values()), operands)
+    else:
+        yield (
+            f"static void {name}_called(char* R, {_THREAD}) {{"
+            if called
+            else f"static void {name}_thread({_THREAD}) {{"
+        )
     begins = flow_of(entry).first if traces and not called else {}
     for place, statement in enumerate(entry.body):
+        if place in kept:
+            continue
         try:
             block = begins.get(place)
-            yield "" if block is None else f"if (traced++ < longest) trace[traced - 1] = {block};"
+            yield (
+                "" if block is None else f"if (traced++ < longest) trace[traced - 1] = {block} + {LANE} * (tid_x & 31);"
+            )
             yield _statement(statement, operands)
         except NotTranslated as error:
             unknown.append(str(error))
     yield "}"
-    if not called:
+    if operands.stops is not None:
+        yield f"""extern "C" void {name}(char* const* P, u64 first, u64 last, u32 block, u32 blocks) {{
+    alignas(64) char shared[{max(shared, 1)}];
+    {name}_lane lanes[32];
+    for (u64 i = first & ~31ull; i < last; i += 32) {{
+        u32 there = 0;
+        for (u32 k = 0; k < 32; ++k) there |= (first <= i + k && i + k < last) << k;
+        run_warp(lanes, there, [&]({name}_lane& lane, const u32 k) {{
+            {name}_thread(lane, P, shared, (i + k) % block, block, (i + k) / block, blocks);
+        }});
+    }}
+}}"""
+    elif not called:
         yield f"""extern "C" void {name}(char* const* P, u64 first, u64 last, u32 block, u32 blocks) {{
     alignas(64) char shared[{max(shared, 1)}];
     for (u64 i = first; i < last; ++i) {name}_thread(P, shared, i % block, block, i / block, blocks);
 }}"""
+
+
+def _waits(entry: Entry) -> bool:
+    """Return whether threads wait for one another."""
+    return any(isinstance(s, Instruction) and s.opcode[0] in TOGETHER for s in entry.body)
+
+
+def _kept(entry: Entry) -> dict[int, Registers | Variable]:
+    """Return the declarations of what a thread keeps while it waits, by their places: all outside of inner blocks."""
+    found: dict[int, Registers | Variable] = {}
+    depth = 0
+    for place, s in enumerate(entry.body):
+        if isinstance(s, Brace):
+            depth += 1 if s.text == "{" else -1
+        elif depth == 0 and (isinstance(s, Registers) or (isinstance(s, Variable) and s.space == "local")):
+            found[place] = s
+    return found
+
+
+def _waiting_thread(entry: Entry, kept: list[Registers | Variable], operands: Operands) -> Iterator[str]:
+    """Yield a struct of what a thread keeps, and the begin of a function that runs it until it waits or ends."""
+    name = name_of(entry.name)
+    yield f"struct {name}_lane : Lane {{"
+    yield from (_statement(s, operands) for s in kept)
+    yield f"}};\nstatic void {name}_thread({name}_lane& lane, {_THREAD}) {{"
+    for s in kept:
+        for each in map(name_of, s.names if isinstance(s, Registers) else [s.name]):
+            yield f"auto& {each} = lane.{each};"
+    stops = sum(isinstance(s, Instruction) and s.opcode[0] in TOGETHER for s in entry.body)
+    cases = " ".join(f"case {i}: goto stop_{i};" for i in range(1, stops + 1))
+    yield f"const u32 from = lane.at;\nlane.at = ENDED;\nswitch (from) {{ {cases} }}"
 
 
 def _statement(statement: Statement, operands: Operands) -> str:
