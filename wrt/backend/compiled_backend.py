@@ -231,6 +231,9 @@ class CompiledBackend:
         whole = (*whole, *kind.shape)
         return Array(flat[: math.prod(whole)].reshape(whole), kind)
 
+    def clone(self, array: Array) -> Any:
+        return self.array(array.rows, array.dtype)
+
     def copy(self, target: Array, source: Array, dest_offset: int = 0, count: int = 0) -> None:
         count = count or len(source)
         target.rows[dest_offset : dest_offset + count] = source.rows[:count]

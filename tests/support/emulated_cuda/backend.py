@@ -92,6 +92,11 @@ class EmulatedBackend(WarpBackend):
         else:
             self.run(kernel, (count,), [first, *inputs])
 
+    def fetch(self, array: Any, *, beside: bool = False) -> Any:
+        """Return an array as NumPy data; what is copied beside is a copy here too, though the memory is the CPU's."""
+        numbers = super().fetch(array, beside=beside)
+        return numbers.copy() if beside else numbers
+
     def gpus(self) -> int:
         """Return the number of GPUs."""
         return 1
