@@ -20,8 +20,8 @@ from test_presplit import slivers
 
 import wrt
 from wrt.backend import current_backend
+from wrt.backend.cuda.gpus import CudaVersions
 from wrt.backend.device import Device
-from wrt.backend.gpus import CudaVersions
 from wrt.cli import main
 from wrt.errors import NotEnoughMemory
 from wrt.memory_needed import DeviceMemory, device_memory, memory_text

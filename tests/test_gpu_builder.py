@@ -22,7 +22,7 @@ from wrt.kernels.accel.build.levels import SUBTREE
 from wrt.kernels.accel.build.split import BinaryNode
 from wrt.upload.accel import gpu_collapse, gpu_tree
 from wrt.upload.accel.gpu_tree import least_levels, most_levels
-from wrt.upload.accel.reinsertion import levels_of
+from wrt.upload.accel.reinsertion import LARGEST, levels_of
 
 ONE_THREAD = {"begin_tree", "begin_levels", "summarize"}
 """Kernels of one thread."""
@@ -88,7 +88,7 @@ class BlindBackend(EmulatedBackend):
 
     def fetch(self, array: wp.array, *, beside: bool = False) -> Any:
         numbers = super().fetch(array, beside=beside)
-        return np.array([1, numbers[1]], np.int32) if array.shape == (2,) else numbers
+        return np.array([LARGEST, numbers[1]], np.int32) if array.shape == (2,) else numbers
 
 
 @pytest.mark.parametrize("name", FEW)
@@ -166,10 +166,11 @@ def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float,
         state.node, state.place = upload([3, 5], int, GPU), upload([13, 11], int, GPU)
         state.gain, state.state = upload(gains, float, GPU), upload([0, 0], int, GPU)
         state.locks, state.mover = (upload(np.zeros(15), wp.int64, GPU) for _ in range(2))
-        state.touched = upload(np.zeros(15), int, GPU)
+        state.touched, state.found = upload(np.zeros(15), int, GPU), upload([0, 0], int, GPU)
         device.launch(moves.lock_nodes, 2, [state, nodes, above, 1, 6, 1])
         device.launch(moves.choose_moves, 2, [state, nodes, above, 1, 6])
         assert (state.state.numpy() == moves.CHOSEN).all()
+        assert state.found.numpy().tolist() == [2, 0]
         device.launch(moves.exclude_cycles, 2, [state, above, 1])
         device.launch(moves.make_moves, 2, [state, nodes, above])
         found = nodes.numpy()

@@ -14,12 +14,13 @@ import warp as wp
 from support.emulated_cuda.backend import GPU, emulated_cuda
 from support.kernels import upload
 
-from wrt.backend import current_backend, warp_errors
+from wrt.backend import current_backend
+from wrt.backend.cuda import warp_errors
+from wrt.backend.cuda.staging import LARGEST_PINNED, LEAST_PINNED
+from wrt.backend.cuda.warp_errors import on_device
 from wrt.backend.device import Device
 from wrt.backend.memory import LARGE
-from wrt.backend.staging import LARGEST_PINNED, LEAST_PINNED
 from wrt.backend.warp_backend import WarpBackend
-from wrt.backend.warp_errors import on_device
 from wrt.cli import main
 from wrt.errors import NotEnoughMemory
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.builds import Builds, NotCompiled
-from wrt.backend.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import LARGE, zeros
 from wrt.backend.recording import SUFFIXES, call_name
 

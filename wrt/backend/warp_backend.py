@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from wrt.backend import cache_folders, kernel_cache
-from wrt.backend.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
+from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.memory import LARGE, forget_code, trim, zeros
 from wrt.backend.recording import call_name
-from wrt.backend.staging import LARGEST_PINNED, Staging
-from wrt.backend.warp_errors import on_device, plain, ran_out
 
 LOAD_SECONDS = 0.2
 """A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""

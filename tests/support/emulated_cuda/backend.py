@@ -11,7 +11,7 @@ from typing import Any
 import wrt.backend
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
 from support.emulated_cuda.ptx import Entry, parse
-from wrt.backend.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_backend import WarpBackend, initialize_warp
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from wrt.backend import current_backend
+from wrt.backend.cuda.warp_errors import ran_out
 from wrt.backend.device import Device
-from wrt.backend.warp_errors import ran_out
 from wrt.upload.accel.reinsertion import LARGEST, LEAST, ROUNDS
 
 MOST_VISITS = 4096
