@@ -20,8 +20,8 @@ from test_presplit import slivers
 
 import wrt
 from wrt.backend import current_backend
+from wrt.backend.cuda.gpus import CudaVersions
 from wrt.backend.device import Device
-from wrt.backend.gpus import CudaVersions
 from wrt.cli import main
 from wrt.errors import NotEnoughMemory
 from wrt.memory_needed import DeviceMemory, device_memory, memory_text
@@ -203,15 +203,14 @@ class TestWhatDoesNotFit:
             wrt.Renderer(SCENES["a ball"](), width=8, height=8)
 
     def test_memory_that_runs_out_on_the_way_is_one_line(
-        self, monkeypatch: pytest.MonkeyPatch, tmp_path, capsys: pytest.CaptureFixture[str]
+        self, gpu: EmulatedBackend, monkeypatch: pytest.MonkeyPatch, tmp_path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         def fail(*_: object, **__: object) -> None:
             raise RuntimeError("Failed to allocate 2147483648 bytes on device 'cuda:0'")
 
-        Device("cpu")
         monkeypatch.setattr(wp, "zeros", fail)
         monkeypatch.setattr(wp, "empty", fail)
-        for make in (current_backend().empty, current_backend().zeros):
+        for make in (gpu.empty, gpu.zeros):
             with pytest.raises(NotEnoughMemory, match=r"memory ran out on cuda:0: 2\.15 GB more were needed;"):
                 make(4, float, GPU)
         assert main(["render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", str(tmp_path / "a.png")]) == 1

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import warp as wp
+from support.device_memory import allocations
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda
 
 import wrt
@@ -105,6 +106,42 @@ def test_a_frame_of_a_simulation_waits_for_no_other_stream(
     monkeypatch.undo()
     assert image.numpy().any()
     assert (film["count"].numpy() == 2).all()
+
+
+def test_later_passes_take_no_memory_of_a_gpu(gpu: EmulatedBackend) -> None:
+    """Nor release any, for which a GPU ends all work of all streams first."""
+    renderer = renderer_of()
+    passes = renderer.passes(spp=40, pass_seconds=1e-9)
+    for _ in range(3):
+        next(passes)
+        renderer.film.snapshot()()
+    with allocations() as counted:
+        for progress in passes:
+            image = renderer.film.snapshot()()
+            assert renderer.film.tally().samples == progress.spp * WIDTH * HEIGHT
+            assert progress.noise == renderer.film.noise()
+    assert counted.peak == 0
+    assert progress.pass_index > 10
+    np.testing.assert_array_equal(image, renderer.image())
+
+
+def test_snapshots_that_are_still_needed_keep_their_picture(gpu: EmulatedBackend) -> None:
+    film = Film(20, 10, Device(GPU))
+    film.data.count.numpy()[:] = 1  # the emulated GPU's memory
+    kept = []
+    for value in (1.0, 2.0, 3.0):
+        film.data.total.numpy()[:] = value
+        kept.append(film.snapshot())
+    assert [float(each().mean()) for each in kept] == [1.0, 2.0, 3.0]
+    first = kept[0]()
+    with allocations() as counted:
+        for gone, value in ((0, 4.0), (1, 5.0)):
+            kept[gone] = film.snapshot  # frees the image of one
+            film.data.total.numpy()[:] = value
+            kept[gone] = film.snapshot()
+    assert counted.peak == 0
+    assert [float(each().mean()) for each in kept] == [4.0, 5.0, 3.0]
+    assert (first == 1.0).all()
 
 
 @pytest.mark.parametrize("place", ["cpu", GPU])

@@ -20,8 +20,9 @@ from wrt.backend.device import Device
 from wrt.kernels.accel.build import moves
 from wrt.kernels.accel.build.levels import SUBTREE
 from wrt.kernels.accel.build.split import BinaryNode
-from wrt.upload.accel.gpu_tree import most_levels
-from wrt.upload.accel.reinsertion import levels_of
+from wrt.upload.accel import gpu_collapse, gpu_tree
+from wrt.upload.accel.gpu_tree import least_levels, most_levels
+from wrt.upload.accel.reinsertion import LARGEST, levels_of
 
 ONE_THREAD = {"begin_tree", "begin_levels", "summarize"}
 """Kernels of one thread."""
@@ -82,6 +83,40 @@ def test_the_order_of_threads_changes_no_bit(name: str) -> None:
             np.testing.assert_array_equal(getattr(other, field), getattr(first, field))
 
 
+class BlindBackend(EmulatedBackend):
+    """Lets the host see in no round of moves that there are none left."""
+
+    def fetch(self, array: wp.array, *, beside: bool = False) -> Any:
+        numbers = super().fetch(array, beside=beside)
+        return np.array([LARGEST, numbers[1]], np.int32) if array.shape == (2,) else numbers
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_looking_whether_there_is_more_to_do_changes_no_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = TREES[name]()
+    looks = EmulatedBackend(optimization=0)
+    tree = built_by(looks, corners)
+    monkeypatch.setattr(gpu_tree, "least_levels", lambda *_: 1000)
+    monkeypatch.setattr(gpu_collapse, "LEVELS_PER_READ", 1000)
+    blind = BlindBackend(optimization=0)
+    monkeypatch.setattr(gpu_tree, "most_levels", lambda count, subtree, depth: min(depth + 7, max(0, count - subtree)))
+    other = built_by(blind, corners)
+    for field in ("lower", "upper", "children", "numbers", "corners"):
+        np.testing.assert_array_equal(getattr(other, field), getattr(tree, field))
+    for kernel in ("fill_level_bins", "find_level_children", "find_places"):
+        assert looks.launches[kernel] <= blind.launches[kernel]
+    assert sum(looks.launches.values()) < 0.6 * sum(blind.launches.values())
+
+
+@pytest.mark.parametrize(("subdivisions", "most"), [(1, 60), (2, 110), (3, 160)])
+def test_small_meshes_take_few_launches(subdivisions: int, most: int, report: Report) -> None:
+    corners, backend = bumpy(subdivisions), EmulatedBackend(optimization=0)
+    check(built_by(backend, corners), corners)
+    launches = sum(backend.launches.values())
+    report(f"launches for a tree of {len(corners)} triangles", launches)
+    assert launches < most
+
+
 def visits(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray) -> float:
     """Return how many boxes a ray enters before its end, on average: what it cannot but visit."""
     used = (tree.lower <= tree.upper).all(axis=2)
@@ -131,10 +166,11 @@ def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float,
         state.node, state.place = upload([3, 5], int, GPU), upload([13, 11], int, GPU)
         state.gain, state.state = upload(gains, float, GPU), upload([0, 0], int, GPU)
         state.locks, state.mover = (upload(np.zeros(15), wp.int64, GPU) for _ in range(2))
-        state.touched = upload(np.zeros(15), int, GPU)
+        state.touched, state.found = upload(np.zeros(15), int, GPU), upload([0, 0], int, GPU)
         device.launch(moves.lock_nodes, 2, [state, nodes, above, 1, 6, 1])
         device.launch(moves.choose_moves, 2, [state, nodes, above, 1, 6])
         assert (state.state.numpy() == moves.CHOSEN).all()
+        assert state.found.numpy().tolist() == [2, 0]
         device.launch(moves.exclude_cycles, 2, [state, above, 1])
         device.launch(moves.make_moves, 2, [state, nodes, above])
         found = nodes.numpy()
@@ -153,11 +189,11 @@ def counted() -> Any:
 
 
 def test_the_host_reads_back_a_few_numbers(counted: Any, report: Report) -> None:
-    """As many for any size: the sums that decide whether triangles are cut, and the size of the tree."""
+    """The sums that decide whether triangles are cut, the size of the tree, and whether levels and moves are left."""
     _, counts = counted
     for build_count, refit_count in counts:
         report(f"{build_count.triangles} triangles: bytes that the host reads", build_count.read_bytes)
-        assert build_count.reads <= 4
+        assert build_count.reads <= 20
         assert build_count.read_bytes < 512
         assert refit_count.reads == 0
 
@@ -200,5 +236,6 @@ def test_levels_suffice() -> None:
         left, halvings = count, 0
         while left > SUBTREE:
             left, halvings = left - left // 2, halvings + 1
+        assert least_levels(count, SUBTREE) == halvings
         assert most_levels(count, SUBTREE, 0) == min(halvings, count - SUBTREE)
         assert most_levels(count, SUBTREE, 8) >= min(8 + halvings, count - SUBTREE)

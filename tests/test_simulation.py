@@ -6,7 +6,6 @@ import dataclasses
 import os
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from support.kernels import upload
 
 import wrt
 from wrt.backend import current_backend
-from wrt.backend.warp_backend import WarpBackend
 from wrt.scene.normals import vertex_normals, with_normals
 
 RNG = np.random.default_rng(2)
@@ -167,40 +165,6 @@ def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPa
     backend.launch(None, 0, 8, [], "cuda:0")
     backend.launch(None, 0, 8, [], "cpu")
     assert said == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0"), ("launch", "cpu")]
-
-
-@pytest.mark.parametrize("beside", [False, True])
-def test_what_is_fetched_waits_for_one_stream(beside: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`wp.array.numpy` would wait for all streams of the device; copies beside passes have a stream of their own."""
-    said: list[object] = []
-
-    class OnGpu:
-        device, shape, dtype, capacity = SimpleNamespace(is_cpu=False, stream="current"), (4,), wp.int32, 16
-
-        def numpy(self) -> None:
-            said.append("wait for the device")
-
-    def copy(target: wp.array, source: object, *, stream: object) -> None:
-        said.append(f"copy on {stream}")
-        target.fill_(7)
-
-    def empty(shape: object, *, dtype: object, device: str, pinned: bool) -> wp.array:
-        assert pinned
-        return zeros(shape, dtype=dtype, device=device)
-
-    class FakeGpus(WarpBackend):
-        """A backend whose streams are names, one for each GPU."""
-
-        def _copies(self, device: object) -> object:
-            return "that for copies"
-
-    zeros = wp.zeros
-    monkeypatch.setattr(wp, "empty", empty)
-    monkeypatch.setattr(wp, "copy", copy)
-    monkeypatch.setattr(wp, "synchronize_stream", lambda stream: said.append(f"wait for {stream}"))
-    assert FakeGpus().fetch(OnGpu(), beside=beside).tolist() == [7] * 4
-    name = "that for copies" if beside else "current"
-    assert said == [f"copy on {name}", f"wait for {name}"]
 
 
 def test_a_snapshot_stays_as_it_is_while_passes_go_on(device: str) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.builds import Builds, NotCompiled
-from wrt.backend.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import LARGE, zeros
 from wrt.backend.recording import SUFFIXES, call_name
 
@@ -230,6 +230,9 @@ class CompiledBackend:
         flat = array.rows.reshape(-1).view(kind.base)
         whole = (*whole, *kind.shape)
         return Array(flat[: math.prod(whole)].reshape(whole), kind)
+
+    def clone(self, array: Array) -> Any:
+        return self.array(array.rows, array.dtype)
 
     def copy(self, target: Array, source: Array, dest_offset: int = 0, count: int = 0) -> None:
         count = count or len(source)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import os
-import re
 import sys
 import time
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from wrt.backend import cache_folders, kernel_cache
-from wrt.backend.gpus import CudaVersions, Gpu
-from wrt.backend.memory import LARGE, MEMORY_ADVICE, forget_code, trim, zeros
+from wrt.backend.cuda.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
+from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
+from wrt.backend.memory import LARGE, forget_code, trim, zeros
 from wrt.backend.recording import call_name
-from wrt.errors import NotEnoughMemory
 
 LOAD_SECONDS = 0.2
 """A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
@@ -33,8 +31,8 @@ _HELD_BACK = (
     b"Support for Python",
 )
 
-_NO_MEMORY = re.compile(r"Failed to allocate (\d+) bytes")
-"""What Warp says when memory runs out."""
+_NO_SUM = -1.0
+"""What stands in place of a sum until it is there."""
 
 
 class WarpBackend:
@@ -58,6 +56,7 @@ class WarpBackend:
         self.modules: set[str] = set()
         self.calls: dict[str, Any] = {}
         self._streams: dict[Any, Any] = {}
+        self._staging: dict[tuple[Any, bool], Staging] = {}
 
     def start(self) -> None:
         """Start the backend; further calls do nothing."""
@@ -76,17 +75,17 @@ class WarpBackend:
 
     def array(self, data: Any, dtype: Any, device: str = "cpu", *, copy: bool = True) -> Any:
         """Return an array of NumPy data; on the CPU it shares their memory unless `copy` is set."""
-        with _one_line(device):
+        with on_device(device):
             return self._wp.array(data, dtype=self._type(dtype), device=device, copy=copy)
 
     def empty(self, shape: Any, dtype: Any = float, device: str = "cpu") -> Any:
         """Return an uninitialised array."""
-        with _one_line(device):
+        with on_device(device):
             return self._wp.empty(shape, dtype=self._type(dtype), device=device)
 
     def zeros(self, shape: Any, dtype: Any = float, device: str = "cpu") -> Any:
         """Return an array of zeros."""
-        with _one_line(device):
+        with on_device(device):
             return self._wp.zeros(shape, dtype=self._type(dtype), device=device)
 
     def empty_large(self, count: int, dtype: Any = float, device: str = "cpu") -> Any:
@@ -108,27 +107,44 @@ class WarpBackend:
         seen._ref = array  # as Warp's own views do
         return seen
 
+    def clone(self, array: Any) -> Any:
+        """Return a copy of an array on its device."""
+        with on_device(array.device):
+            return self._wp.clone(array)
+
     def copy(self, target: Any, source: Any, dest_offset: int = 0, count: int = 0) -> None:
         """Copy the first `count` elements of an array, by default all, into another."""
         self._wp.copy(target, source, dest_offset=dest_offset, count=count)
 
     def sums_before(self, counts: Any) -> Any:
         """Return the exclusive prefix sums of an array."""
-        sums = self._wp.empty_like(counts)
+        sums = self.empty(counts.shape, counts.dtype, str(counts.device))
         self.sum_before(counts, sums)
         return sums
 
     def sum_before(self, counts: Any, sums_out: Any) -> None:
         """Write the exclusive prefix sums of an array."""
-        self._wp.utils.array_scan(counts, sums_out, inclusive=False)
+        with on_device(counts.device):
+            self._wp.utils.array_scan(counts, sums_out, inclusive=False)
 
     def total(self, values: Any) -> float:
-        """Return the sum of an array of float."""
-        return float(self._wp.utils.array_sum(values))
+        """Return the sum of an array of float, none of which is negative."""
+        sum_out = self.array([_NO_SUM], float, str(values.device))
+        with on_device(values.device):
+            self._wp.utils.array_sum(values, out=sum_out)
+        total = float(self.fetch(sum_out)[0])
+        if total == _NO_SUM:
+            raise ran_out(values.device)
+        return total
 
     def sort_pairs(self, keys: Any, values: Any, count: int) -> None:
-        """Sort the first `count` keys and their values; both arrays have room for twice as many."""
-        self._wp.utils.radix_sort_pairs(keys, values, count)
+        """Sort the first `count` keys and their values; both arrays have room for twice as many.
+
+        Where a GPU lacks memory for that, nothing is sorted, and Warp does not say so: look at the keys, and raise
+        `warp_errors.ran_out` unless they ascend.
+        """
+        with on_device(keys.device):
+            self._wp.utils.radix_sort_pairs(keys, values, count)
 
     def fields(self, value: Any) -> dict[str, Any]:
         """Return the fields of a struct by name; nothing for other values."""
@@ -165,9 +181,13 @@ class WarpBackend:
         """
         if array.device.is_cpu:
             return array.numpy()
-        pinned = array.capacity < LARGE  # pinning large memory takes longer than copying it
-        copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=pinned)
         stream = self._copies(array.device) if beside else array.device.stream
+        # Pinning much memory takes longer than copying it once; what is copied beside is a picture after each pass.
+        if 0 < array.capacity <= (LARGEST_PINNED if beside else LARGE):
+            staging = self._staging.setdefault((array.device, beside), Staging())
+            with on_device(array.device):
+                return staging.fetch(self._wp, array, stream)
+        copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu")
         self._wp.copy(copy, array, stream=stream)
         self._wp.synchronize_stream(stream)
         return copy.numpy()
@@ -180,7 +200,10 @@ class WarpBackend:
 
     def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
         """Launch threads as `launch` does, but on a GPU return at once: later work on its stream finds them done."""
-        self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
+        try:
+            self._wp.launch(kernel, dim=count, inputs=[first, *inputs], device=device)
+        except RuntimeError as error:  # the stack of a kernel may need memory
+            raise plain(error, device) from None
 
     def gpus(self) -> int:
         """Return the number of GPUs."""
@@ -211,19 +234,6 @@ class WarpBackend:
         if dtype == "vec8":
             return self._wp.types.vector(length=8, dtype=self._wp.float32)
         return getattr(self._wp, dtype) if isinstance(dtype, str) else dtype
-
-
-@contextlib.contextmanager
-def _one_line(device: str) -> Iterator[None]:
-    """Within the context, raise NotEnoughMemory when memory runs out."""
-    try:
-        yield
-    except RuntimeError as error:
-        found = _NO_MEMORY.match(str(error))
-        if not found:
-            raise
-        text = f"memory ran out on {device}: {int(found[1]) / 1e9:.2f} GB more were needed; {MEMORY_ADVICE}"
-        raise NotEnoughMemory(text) from None
 
 
 def initialize_warp() -> None:

@@ -6,7 +6,7 @@ import os
 import platform
 
 from wrt.backend import current_backend
-from wrt.backend.gpus import dotted
+from wrt.backend.cuda.gpus import dotted
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
 from wrt.backend.memory import memory_left
 from wrt.backend.processor import processor_flags

@@ -30,7 +30,7 @@ def devices_of(name: str) -> list[str] | None:
     found = _SEVERAL.fullmatch(name)
     if not found:
         return None
-    from wrt.backend.gpus import require_gpus
+    from wrt.backend.cuda.gpus import require_gpus
     from wrt.backend.warp_backend import WarpBackend
 
     backend = WarpBackend()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import threading
+import weakref
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -94,6 +96,9 @@ class Film:
         self.aovs = FilmAovs(self._layers, self.width, self.height, device)
         self._count_before: Any = None
         self._chosen: tuple[NDArray[np.bool_], Any] | None = None
+        self._kept: dict[str, Any] = {}
+        self._using_kept = threading.Lock()
+        self._images: list[Any] = []
         self.data = backend.kernels("wrt.kernels.film.film").FilmData()
         self.data.total = backend.zeros(self.pixels, "vec3d", device.name)
         self.data.total_of_squares = backend.zeros(self.pixels, "vec3d", device.name)
@@ -138,17 +143,27 @@ class Film:
         if self.device.is_cpu:
             counts = self.data.count.numpy()
             return HostTally(counts if pixels is None else counts[pixels], self.data.rays.numpy(), pixels)
-        backend, film = self.device.backend, self._kernels()
+        film = self._kernels()
         threads = -(-self.pixels // film.PIXELS_OF_TALLY)
-        counted = backend.empty(0, "uint8", self.device.name) if pixels is None else self._on_device(pixels)
-        found = backend.empty((threads, 4), "int64", self.device.name)
-        self.device.launch(film.film_tally, threads, [self.pixels, self.data, counted, found])
-        rows = backend.fetch(found)
+        with self._using_kept:
+            counted = self._keep("no pixels", 0, "uint8") if pixels is None else self._on_device(pixels)
+            found = self._keep("tally", (threads, 4), "int64")
+            self.device.launch(film.film_tally, threads, [self.pixels, self.data, counted, found])
+            rows = self.device.backend.fetch(found)
         samples, rays = rows[:, :2].sum(axis=0).tolist()
         return Tally(samples, rays, int(rows[:, 2].min()), int(rows[:, 3].max()))
 
     def _kernels(self) -> Any:
         return self.device.backend.kernels("wrt.kernels.film.film")
+
+    def _keep(self, name: str, shape: Any, dtype: str) -> Any:
+        """Return the array of a name on the device, uninitialised at first, and the same one for the next pass.
+
+        A GPU releases memory after all work of all streams, and what is queued later waits for that.
+        """
+        if name not in self._kept:
+            self._kept[name] = self.device.backend.empty(shape, dtype, self.device.name)
+        return self._kept[name]
 
     def _on_device(self, chosen: NDArray[np.bool_]) -> Any:
         """Return (pixels,) bool on the device; what was sent there last is kept, as it seldom changes."""
@@ -243,12 +258,22 @@ class Film:
         """Keep `mean` as it is now, and return a function that fetches it.
 
         On a GPU it is copied there. Another thread can fetch the copy while passes go on, which do not wait for that.
+        Once the function is gone the next snapshot takes the memory of the copy.
         """
         if self.device.is_cpu:
             image = self.mean()
             return lambda: image
-        kept, backend = self.device_mean(), self.device.backend
-        return lambda: backend.fetch(kept, beside=True)
+        backend, images = self.device.backend, self._images
+        kept = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
+        self._write_mean(kept)
+        shape = (self.height, self.width, 3)
+
+        def fetch() -> NDArray[np.float32]:
+            mean: NDArray[np.float32] = backend.fetch(kept, beside=True)
+            return mean.reshape(shape)
+
+        weakref.finalize(fetch, images.append, kept).atexit = False
+        return fetch
 
     def on_device(self) -> dict[str, Any]:
         """Return (H, W) arrays on the device by name, which are the film's own memory; see `Renderer.device_film`."""
@@ -258,12 +283,13 @@ class Film:
 
     def device_mean(self) -> Any:
         """Return `mean` as (H, W) wp.array of vec3 on the device."""
-        backend = self.device.backend
-        film = backend.kernels("wrt.kernels.film.film")
-
-        mean = backend.empty(self.pixels, "vec3", self.device.name)
-        self.device.launch(film.film_mean, self.pixels, [self.data.total, self.data.count, mean])
+        mean = self.device.backend.empty(self.pixels, "vec3", self.device.name)
+        self._write_mean(mean)
         return mean.reshape((self.height, self.width))
+
+    def _write_mean(self, mean_out: Any) -> None:
+        """Write `mean` to a (pixels,) array of vec3 on the device."""
+        self.device.launch(self._kernels().film_mean, self.pixels, [self.data.total, self.data.count, mean_out])
 
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the mean; NaN below two samples."""
@@ -280,14 +306,11 @@ class Film:
         The root mean square would depend on a handful of pixels across the edge of a lamp. None before any pixel has
         two samples, or if the picture is black.
         """
-        backend = self.device.backend
-        film = backend.kernels("wrt.kernels.film.film")
-
-        mean = backend.zeros(self.height, "float64", self.device.name)
-        error = backend.zeros(self.height, "float64", self.device.name)
-        rows = -(-NOISE_PIXELS // self.width)
-        self.device.launch(film.film_noise, self.height, [self.width, self.data, mean, error], least=rows)
-        total = float(backend.fetch(mean).sum())
-        if total <= 0.0:
-            return None
-        return float(backend.fetch(error).sum()) / total
+        fetch, rows = self.device.backend.fetch, -(-NOISE_PIXELS // self.width)
+        with self._using_kept:
+            mean = self._keep("mean of rows", self.height, "float64")
+            error = self._keep("error of rows", self.height, "float64")
+            launch = self.device.launch
+            launch(self._kernels().film_noise, self.height, [self.width, self.data, mean, error], least=rows)
+            total, errors = float(fetch(mean).sum()), float(fetch(error).sum())
+        return errors / total if total > 0.0 else None

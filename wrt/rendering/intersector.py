@@ -155,8 +155,9 @@ class Intersector:
             raise InputError(f"there are {len(points)} vertices, but the tree was built over {len(before)}")
         bad = first_not_finite(points, self.device)
         if bad >= 0:
-            raise InputError(f"vertex {bad} is not finite: {points[bad : bad + 1].numpy()[0]}")
-        return points if isinstance(vertices, wp.array) else wp.clone(points)
+            place = self.device.backend.fetch(points[bad : bad + 1])[0]
+            raise InputError(f"vertex {bad} is not finite: {place}")
+        return points if isinstance(vertices, wp.array) else self.device.backend.clone(points)
 
     def closest_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Hits:
         """Return the nearest hit of each ray with t in [t_min, t_max].
@@ -174,34 +175,30 @@ class Intersector:
         import warp as wp
 
         rays, as_numpy = self._rays(origins, directions)
-        n, name = len(rays[0]), self.device.name
-        triangle = wp.empty(n, dtype=int, device=name)
-        t = wp.empty(n, dtype=float, device=name)
-        uv = wp.empty(n, dtype=wp.vec2, device=name)
+        n, name, backend = len(rays[0]), self.device.name, self.device.backend
+        triangle = backend.empty(n, int, name)
+        t = backend.empty(n, float, name)
+        uv = backend.empty(n, "vec2", name)
         self._trace(rays, t_min, t_max, [triangle, t, uv], any_hit=False)
         if as_numpy:
-            weights = uv.numpy()
-            return Hits(t.numpy(), triangle.numpy(), weights[:, 0], weights[:, 1])
+            weights = backend.fetch(uv)
+            return Hits(backend.fetch(t), backend.fetch(triangle), weights[:, 0], weights[:, 1])
         weights = wp.array(ptr=uv.ptr, shape=(n, 2), dtype=float, device=name)
         weights._ref = uv  # the view does not own its memory
         return Hits(t, triangle, weights[:, 0], weights[:, 1])
 
     def any_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Any:
         """Return (N,) bool, whether each ray hits anything with t in [t_min, t_max]; see `closest_hit`."""
-        import warp as wp
-
         rays, as_numpy = self._rays(origins, directions)
-        triangle = wp.empty(len(rays[0]), dtype=int, device=self.device.name)
-        unused = [
-            wp.empty(0, dtype=float, device=self.device.name),
-            wp.empty(0, dtype=wp.vec2, device=self.device.name),
-        ]
+        backend, name = self.device.backend, self.device.name
+        triangle = backend.empty(len(rays[0]), int, name)
+        unused = [backend.empty(0, float, name), backend.empty(0, "vec2", name)]
         self._trace(rays, t_min, t_max, [triangle, *unused], any_hit=True)
         if as_numpy:
-            return triangle.numpy() >= 0
+            return backend.fetch(triangle) >= 0
         from wrt.kernels.accel.ray_batch import is_hit
 
-        hit = wp.empty(len(triangle), dtype=wp.bool, device=self.device.name)
+        hit = backend.empty(len(triangle), "bool", name)
         self.device.launch(is_hit, len(triangle), [triangle, hit])
         return hit
 
@@ -238,7 +235,7 @@ class Intersector:
             limits = np.atleast_1d(np.asarray(t_max, dtype=np.float32))
             if limits.shape not in ((1,), (n,)) or np.isnan(limits).any():
                 raise InputError(f"t_max must be a number or ({n},), and not NaN")
-            t_max = wp.array(limits, dtype=float, device=name)
+            t_max = self.device.backend.array(limits, float, name)
         kernel, rays_per_thread = trace_rays, 1
         if self._placed:
             kernel = trace_rays_instances

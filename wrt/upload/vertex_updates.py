@@ -76,7 +76,8 @@ class WorldMeshes:
         if bad >= 0:
             raise InputError(f"{shape.name}: vertex {bad} is not finite")
         if not self._own:  # the scene's meshes may share them
-            self._data.points, self._data.normals = wp.clone(self._data.points), wp.clone(self._data.normals)
+            clone = self._device.backend.clone
+            self._data.points, self._data.normals = clone(self._data.points), clone(self._data.normals)
             self._own = True
         wp.copy(self._data.points, points, dest_offset=first, count=count)
         if normals is not None:
@@ -98,8 +99,6 @@ class WorldMeshes:
 
     def _smooth(self, number: int, mesh: Mesh, first: int, count: int) -> None:
         """Compute normals from the faces around each vertex; vertices that shared a normal still do."""
-        import warp as wp
-
         from wrt.kernels.geometry.mesh_normals import smooth_normals
 
         if number not in self._corners:
@@ -110,7 +109,7 @@ class WorldMeshes:
             starts = np.searchsorted(of_corners[order], np.arange(groups.max() + 2)).astype(np.int32)
             # Corners are numbered 3 * face + corner.
             upload = [starts[groups], starts[groups + 1], order, mesh.faces.ravel() + np.int32(first)]
-            self._corners[number] = tuple(wp.array(a, dtype=int, device=self._device.name) for a in upload)
+            self._corners[number] = tuple(self._device.backend.array(a, int, self._device.name) for a in upload)
         self._device.launch(
             smooth_normals, count, [first, *self._corners[number], self._data.points, self._data.normals]
         )

@@ -31,7 +31,8 @@ class Moves:
 
     `node` and `place` are the node that moves and its new sibling, −1 for none; `gain` is the area saved and `state`
     one of the above. For each node of the tree `locks` has the best key of a move that needs it, `touched` the last
-    round in which a chosen move did, and `mover` the key of its own move. Keys of later turns are larger.
+    round in which a chosen move did, and `mover` the key of its own move. Keys of later turns are larger. `found` has
+    the number of nodes that have a better place, and of those that are out of order after sorting.
     """
 
     node: wp.array(dtype=int)
@@ -41,14 +42,21 @@ class Moves:
     locks: wp.array(dtype=wp.int64)
     touched: wp.array(dtype=int)
     mover: wp.array(dtype=wp.int64)
+    found: wp.array(dtype=int)
 
 
 @wp.kernel(enable_backward=False)
 def rate_nodes(
-    first: int, nodes: wp.array(dtype=BinaryNode), keys_out: wp.array(dtype=float), numbers_out: wp.array(dtype=int)
+    first: int,
+    nodes: wp.array(dtype=BinaryNode),
+    moves: Moves,
+    keys_out: wp.array(dtype=float),
+    numbers_out: wp.array(dtype=int),
 ):
     """Write the negated area and the number of each node, to sort them by."""
     i = first + wp.tid()
+    if i < 2:
+        moves.found[i] = 0
     key = float(NOT_RATED)
     if nodes[i].count > 0:
         area = half_area(nodes[i].upper - nodes[i].lower)
@@ -61,18 +69,21 @@ def rate_nodes(
 
 
 @wp.kernel(enable_backward=False)
-def pick_largest(
-    first: int, keys: wp.array(dtype=float), numbers: wp.array(dtype=int), least: int, node_out: wp.array(dtype=int)
-):
+def pick_largest(first: int, keys: wp.array(dtype=float), numbers: wp.array(dtype=int), least: int, moves: Moves):
     """Write the nodes with the largest area; the root, which never moves, in place of those that there are not.
 
-    A tree of fewer than `least` nodes is left alone.
+    A tree of fewer than `least` nodes is left alone. Counts what is out of order: a sort that found no memory.
     """
     i = first + wp.tid()
+    if i > 0:
+        if keys[i - 1] > keys[i]:
+            wp.atomic_add(moves.found, 1, 1)
+    if i >= moves.node.shape[0]:
+        return
     node = int(0)
     if keys[i] < NOT_RATED and keys[least - 1] < NOT_RATED:
         node = numbers[i]
-    node_out[i] = node
+    moves.node[i] = node
 
 
 @wp.func
@@ -105,6 +116,8 @@ def lock_nodes(
     i = first + wp.tid()
     if is_first != 0:
         moves.state[i] = wp.where(moves.place[i] >= 0, UNDECIDED, EXCLUDED)
+        if moves.place[i] >= 0:
+            wp.atomic_add(moves.found, 0, 1)
     if moves.state[i] != UNDECIDED:
         return
     node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)

@@ -52,7 +52,7 @@ def write_all_parents(first: int, nodes: wp.array(dtype=BinaryNode), parents_out
 
 
 @wp.kernel(enable_backward=False)
-def refit_upwards(
+def refit_from_leaves(
     first: int, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), visits: wp.array(dtype=int)
 ):
     """Set the boxes of all inner nodes to those around their children."""

@@ -11,7 +11,7 @@ from typing import Any
 import wrt.backend
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
 from support.emulated_cuda.ptx import Entry, parse
-from wrt.backend.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_backend import WarpBackend, initialize_warp
 
@@ -91,6 +91,11 @@ class EmulatedBackend(WarpBackend):
             super().queue(kernel, first, count, inputs, device)
         else:
             self.run(kernel, (count,), [first, *inputs])
+
+    def fetch(self, array: Any, *, beside: bool = False) -> Any:
+        """Return an array as NumPy data; what is copied beside is a copy here too, though the memory is the CPU's."""
+        numbers = super().fetch(array, beside=beside)
+        return numbers.copy() if beside else numbers
 
     def gpus(self) -> int:
         """Return the number of GPUs."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
@@ -15,6 +14,7 @@ from wrt.errors import InputError
 from wrt.upload.accel.binary_tree import split_boxes
 from wrt.upload.accel.gpu_collapse import collapse_on_gpu
 from wrt.upload.accel.gpu_tree import split_on_gpu
+from wrt.upload.accel.wide_tree import WideNodes, WideTree
 
 SAH_DEPTHS = (48, 8)
 """Depths down to which the binary tree is split by the surface area heuristic, tried in this order until the tree is
@@ -130,7 +130,7 @@ def _boxes(points: Any, indices: Any, device: Device) -> Any:
     return boxes
 
 
-def _cut_triangles(points: Any, indices: Any, tree: _Tree, device: Device) -> Any:
+def _cut_triangles(points: Any, indices: Any, tree: WideTree, device: Device) -> Any:
     """Return the boxes of triangles after splitting the most wasteful, or None if that does not pay.
 
     Args:
@@ -266,47 +266,7 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     return out
 
 
-class _Part(NamedTuple):
-    """Wide nodes that are written together.
-
-    Attributes:
-        size: their number.
-        children: the binary nodes of their children, eight for each.
-        inner_start: number of the first inner child of each, counted from that of the first node.
-        leaf_start: likewise of the first leaf.
-        first: number of the first node, of its first inner child, and of its first leaf.
-    """
-
-    size: int
-    children: Any
-    inner_start: Any
-    leaf_start: Any
-    first: tuple[int, int, int]
-
-
-class _Tree(NamedTuple):
-    """A wide tree that is not written yet.
-
-    Attributes:
-        level_starts: number of the first wide node of each level, then the number of all nodes.
-        leaf_count: number of leaves.
-        parts: the wide nodes.
-        nodes: the binary tree.
-        boxes: the boxes in order.
-        box: (2, 3) float32 corners of the root.
-        cost: expected cost of a ray.
-    """
-
-    level_starts: tuple[int, ...]
-    leaf_count: int
-    parts: list[_Part]
-    nodes: Any
-    boxes: Any
-    box: NDArray[np.float32]
-    cost: float
-
-
-def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
+def _wide_tree(boxes: Any, device: Device, max_depth: int) -> WideTree:
     """Return the wide tree over boxes, and reorder them to match."""
     make = _tree_of_cpu if device.is_cpu else _tree_of_gpu
     for sah_depth in SAH_DEPTHS:
@@ -316,44 +276,27 @@ def _wide_tree(boxes: Any, device: Device, max_depth: int) -> _Tree:
     return tree
 
 
-def _tree_of_cpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> _Tree:
+def _tree_of_cpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> WideTree:
     nodes, cost = split_boxes(boxes, device, sah_depth, reinserts=reinserts)
-    levels = _levels(nodes, device, max_depth)
-    starts = tuple(itertools.accumulate((level.size for level in levels), initial=0))
-    leaves = list(itertools.accumulate((level.leaf_total for level in levels), initial=0))
-    parts = [
-        _Part(level.size, level.children, level.inner_start, level.leaf_start, (*pair, leaf))
-        for level, pair, leaf in zip(levels, itertools.pairwise(starts), leaves[:-1], strict=True)
-    ]
+    levels, leaf_count = _levels(nodes, device, max_depth)
+    starts = (*(level.first[0] for level in levels), levels[-1].first[1])
     root = nodes[:1].numpy()[0]
-    return _Tree(starts, leaves[-1], parts, nodes, boxes, np.stack([root["lower"], root["upper"]]), cost)
+    return WideTree(starts, leaf_count, levels, nodes, boxes, np.stack([root["lower"], root["upper"]]), cost)
 
 
-def _tree_of_gpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> _Tree:
+def _tree_of_gpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> WideTree:
     nodes, costs = split_on_gpu(boxes, device, sah_depth, reinserts=reinserts)
-    wide = collapse_on_gpu(nodes, costs, device, max_depth)
-    part = _Part(wide.level_starts[-1], wide.children, wide.inner_start, wide.leaf_start, (0, 1, 0))
-    return _Tree(wide.level_starts, wide.leaf_count, [part], nodes, boxes, wide.box, wide.cost)
+    return collapse_on_gpu(nodes, costs, boxes, device, max_depth)
 
 
-class _Level(NamedTuple):
-    """The wide nodes of one level: their number, the binary nodes of their children, and the offsets of these."""
-
-    size: int
-    children: Any
-    inner_start: Any
-    leaf_start: Any
-    inner_total: int
-    leaf_total: int
-
-
-def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
-    """Return the wide tree level by level; stop at one level more than `max_depth`."""
+def _levels(nodes: Any, device: Device, max_depth: int) -> tuple[list[WideNodes], int]:
+    """Return the levels of the wide tree, at most one more than `max_depth`, and the number of leaves."""
     backend = current_backend()
     collapse = backend.kernels("wrt.kernels.accel.build.collapse")
 
-    levels: list[_Level] = []
+    levels: list[WideNodes] = []
     roots = backend.zeros(1, int, device.name)
+    first = leaf_count = 0
     while len(roots) and len(levels) <= max_depth:
         n = len(roots)
         children = backend.empty(8 * n, int, device.name)
@@ -361,15 +304,15 @@ def _levels(nodes: Any, device: Device, max_depth: int) -> list[_Level]:
         leaves = backend.empty(n, int, device.name)
         device.launch(collapse.find_children, n, [roots, nodes, children, inner, leaves])
         (inner_start, inner_total), (leaf_start, leaf_total) = _sums_before(inner), _sums_before(leaves)
-        level = _Level(n, children, inner_start, leaf_start, inner_total, leaf_total)
-        levels.append(level)
-        roots = backend.empty(level.inner_total, int, device.name)
-        if level.inner_total:
-            device.launch(collapse.list_inner, n, [children, nodes, level.inner_start, roots])
-    return levels
+        levels.append(WideNodes(n, children, inner_start, leaf_start, (first, first + n, leaf_count)))
+        first, leaf_count = first + n, leaf_count + leaf_total
+        roots = backend.empty(inner_total, int, device.name)
+        if inner_total:
+            device.launch(collapse.list_inner, n, [children, nodes, inner_start, roots])
+    return levels, leaf_count
 
 
-def _write_nodes(tree: _Tree, leaf_nodes: int, out: Any, device: Device) -> Any:
+def _write_nodes(tree: WideTree, leaf_nodes: int, out: Any, device: Device) -> Any:
     """Write the wide nodes; return for each leaf its first box and the number of boxes, as vec2i.
 
     Args:
@@ -397,5 +340,6 @@ def _as_int(array: Any) -> Any:
 
 def _sums_before(counts: Any) -> tuple[Any, int]:
     """Return the exclusive prefix sums, and the total."""
-    start = current_backend().sums_before(counts)
-    return start, int(start[-1:].numpy()[0] + counts[-1:].numpy()[0])
+    backend = current_backend()
+    start = backend.sums_before(counts)
+    return start, int(backend.fetch(start[-1:])[0] + backend.fetch(counts[-1:])[0])

@@ -2,43 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.upload.accel.wide_tree import WideNodes, WideTree
+
+LEVELS_PER_READ = 2
+"""Levels between two looks at whether there are more. A level costs three launches, of 15 us by the model of
+`scripts/gpu_builder_model.py`, and a look 20 us."""
 
 
-class WideTree(NamedTuple):
-    """The nodes of a wide tree that is not written yet.
-
-    Attributes:
-        level_starts: number of the first wide node of each level, then the number of all nodes.
-        leaf_count: number of leaves.
-        cost: expected cost of a ray.
-        box: (2, 3) float32 corners of the root.
-        children: binary nodes of the children of each wide node, −1 for none.
-        inner_start: inner children of all nodes before, for each.
-        leaf_start: likewise leaves.
-    """
-
-    level_starts: tuple[int, ...]
-    leaf_count: int
-    cost: float
-    box: NDArray[np.float32]
-    children: Any
-    inner_start: Any
-    leaf_start: Any
-
-
-def collapse_on_gpu(nodes: Any, costs: Any, device: Device, max_depth: int) -> WideTree:
-    """Collapse a binary tree; stop at one level more than `max_depth`. The host reads once, at the end.
+def collapse_on_gpu(nodes: Any, costs: Any, boxes: Any, device: Device, max_depth: int) -> WideTree:
+    """Collapse a binary tree; stop at one level more than `max_depth`.
 
     Args:
         nodes: array of BinaryNode.
         costs: the costs of collapsing them.
+        boxes: the boxes that the tree is over, for the result.
         device: the device.
         max_depth: levels that the tree may have.
     """
@@ -59,21 +42,19 @@ def collapse_on_gpu(nodes: Any, costs: Any, device: Device, max_depth: int) -> W
         device.launch(kernels.find_level_children, width, [level, wide, nodes], waits=False)
         backend.sum_before(wide.inner[:until], wide.inner_before[:until])
         device.launch(kernels.list_level_inner, width, [level, wide, nodes], waits=False)
+        if level % LEVELS_PER_READ == LEVELS_PER_READ - 1:
+            begin, end = backend.fetch(wide.start[level + 1 : level + 3]).tolist()
+            if begin == end:
+                break
         width *= 8
         until += width
     backend.sum_before(wide.leaves, wide.leaves_before)
     summary = backend.empty(8 + len(wide.start), int, name)
     device.launch(kernels.summarize, 1, [wide, nodes, costs, summary], waits=False)
-    numbers = summary.numpy()
+    numbers = backend.fetch(summary)
     starts = numbers[8:].tolist()
     levels = next(k for k in range(len(starts)) if k == len(starts) - 1 or starts[k] == starts[k + 1])
+    level_starts = tuple(starts[: levels + 1])
     bits = numbers[1:8].view(np.float32)
-    return WideTree(
-        tuple(starts[: levels + 1]),
-        int(numbers[0]),
-        float(bits[0]),
-        bits[1:].reshape(2, 3),
-        wide.children,
-        wide.inner_before,
-        wide.leaves_before,
-    )
+    part = WideNodes(level_starts[-1], wide.children, wide.inner_before, wide.leaves_before, (0, 1, 0))
+    return WideTree(level_starts, int(numbers[0]), [part], nodes, boxes, bits[1:].reshape(2, 3), float(bits[0]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from wrt.backend import current_backend
+from wrt.backend.cuda.warp_errors import ran_out
 from wrt.backend.device import Device
 from wrt.upload.accel.reinsertion import LARGEST, LEAST, ROUNDS
 
@@ -17,13 +18,18 @@ TURNS = 6
 
 
 def reinsert_on_gpu(nodes: Any, parents: Any, visits: Any, device: Device) -> None:
-    """Reinsert the largest nodes of a binary tree where they reduce the total surface area; nothing is read back.
+    """Reinsert the largest nodes of a binary tree where they reduce the total surface area.
+
+    In each round the host reads two numbers, and stops once no node has a better place.
 
     Args:
         nodes: array of BinaryNode, changed in place; places without a node have a count of 0.
         parents: their parents, changed in place.
         visits: as many zeros, which they are again afterwards.
         device: the device.
+
+    Raises:
+        NotEnoughMemory: if the device lacks memory to sort the nodes.
     """
     backend = current_backend()
     kernels = backend.kernels("wrt.kernels.accel.build.moves")
@@ -39,20 +45,27 @@ def reinsert_on_gpu(nodes: Any, parents: Any, visits: Any, device: Device) -> No
     moves.gain = backend.empty(count, float, name)
     moves.locks, moves.mover = (backend.zeros(size, "int64", name) for _ in range(2))
     moves.touched = backend.zeros(size, int, name)
+    moves.found = backend.empty(2, int, name)
     keys, numbers = backend.empty(2 * size, float, name), backend.empty(2 * size, int, name)
 
     def launch(kernel: Any, threads: int, *inputs: Any) -> None:
         device.launch(kernel, threads, list(inputs), waits=False)
 
     for number in range(1, ROUNDS + 1):
-        launch(kernels.rate_nodes, size, nodes, keys, numbers)
+        launch(kernels.rate_nodes, size, nodes, moves, keys, numbers)
         backend.sort_pairs(keys, numbers, size)
-        launch(kernels.pick_largest, count, keys, numbers, max(LEAST, 1), moves.node)
+        launch(kernels.pick_largest, size, keys, numbers, max(LEAST, 1), moves)
         launch(reinsert.find_places, count, moves.node, nodes, parents, MOST_VISITS, moves.place, moves.gain)
         for turn in range(TURNS):
             turns = number * TURNS + turn
             launch(kernels.lock_nodes, count, moves, nodes, parents, number, turns, int(turn == 0))
+            if turn == 0:
+                places, unsorted = backend.fetch(moves.found).tolist()
+                if unsorted:
+                    raise ran_out(name)
+                if not places:
+                    return
             launch(kernels.choose_moves, count, moves, nodes, parents, number, turns)
         launch(kernels.exclude_cycles, count, moves, parents, number)
         launch(kernels.make_moves, count, moves, nodes, parents)
-        launch(upwards.refit_upwards, size, nodes, parents, visits)
+        launch(upwards.refit_from_leaves, size, nodes, parents, visits)

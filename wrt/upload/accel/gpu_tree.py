@@ -1,7 +1,7 @@
 """Build the binary tree on a GPU: the host side of `kernels/accel/build/levels.py` and `upwards.py`.
 
-The host launches kernels and reads nothing back. It does not know how many nodes a level has, so it launches as many
-threads as there may be.
+The host does not know how many nodes a level has, so it launches as many threads as there may be. It reads one number
+every few levels: whether there is another. By the model a small mesh would else pay mostly for launches without work.
 """
 
 from __future__ import annotations
@@ -12,6 +12,10 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.upload.accel.binary_tree import empty_bins
 from wrt.upload.accel.gpu_reinsertion import reinsert_on_gpu
+
+LEVELS_PER_READ = 2
+"""Levels between two looks at whether there are more, once there may be none. A level costs nine launches, of 15 us by
+the model of `scripts/gpu_builder_model.py`, and a look 20 us."""
 
 MOST_BUILDERS = 1 << 17
 """Threads that build subtrees at most; each has bins of 2 KB."""
@@ -48,13 +52,17 @@ def find_parents(nodes: Any, device: Device) -> Any:
     return parents
 
 
+def least_levels(count: int, subtree: int) -> int:
+    """Return how many levels at least have nodes over more than `subtree` of `count` boxes, if all are halved."""
+    return max(0, -(-count // subtree) - 1).bit_length()
+
+
 def most_levels(count: int, subtree: int, sah_depth: int) -> int:
     """Return how many levels at most have nodes over more than `subtree` of `count` boxes.
 
     Splits by the surface area heuristic may part a single box from the others; nodes below `sah_depth` are halved.
     """
-    halvings = max(0, -(-count // subtree) - 1).bit_length()
-    return min(sah_depth + halvings, max(0, count - subtree))
+    return min(sah_depth + least_levels(count, subtree), max(0, count - subtree))
 
 
 def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: int) -> None:
@@ -64,7 +72,7 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
     split = backend.kernels("wrt.kernels.accel.build.split")
 
     name, count = device.name, len(boxes)
-    depths = most_levels(count, levels.SUBTREE, sah_depth)
+    depths, least = most_levels(count, levels.SUBTREE, sah_depth), least_levels(count, levels.SUBTREE)
     most_nodes = count // (levels.SUBTREE + 1) + 1
     most_chunks = count // levels.CHUNK + most_nodes
     counts = backend.zeros(depths + 1, "int64", name)
@@ -86,6 +94,9 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
     launch(levels.bound_centers, -(-count // levels.CHUNK), boxes, centers)
     sorted_boxes = backend.empty(count if depths else 0, "vec8", name)
     for depth in range(depths):
+        looks = depth >= least and (depth - least) % LEVELS_PER_READ == 0
+        if looks and not backend.fetch(counts[depth : depth + 1])[0]:
+            break
         level.depth, following.depth = depth, depth + 1
         launch(levels.clear_bins, most_nodes * levels.AXIS_BINS, level)
         launch(levels.fill_level_bins, most_chunks, level, chunks, nodes, boxes, centers)
