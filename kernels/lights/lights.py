@@ -11,18 +11,7 @@ import warp as wp
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
 from wrt.kernels.features import Features, has_quadrics, instances_of
-from wrt.kernels.geometry.quadrics import (
-    DISK,
-    NO_QUADRIC,
-    Quadric,
-    area_of,
-    front_of,
-    in_unit_shape,
-    make_quadric_of,
-    point_of,
-    quadric_coordinates,
-    sizes_of,
-)
+from wrt.kernels.geometry.quadrics import NO_QUADRIC, make_quadric_of
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -30,12 +19,12 @@ from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
 from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
-from wrt.kernels.lights.record import LightSample
+from wrt.kernels.lights.quadrics import quadric_pdf, sample_mesh_quadric
+from wrt.kernels.lights.record import BEFORE_SURFACE, LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
-from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
 from wrt.kernels.sampling.solid_angle import cone_pdf, sample_sphere, sphere_one_minus_cos
-from wrt.kernels.sampling.warps import TWO_PI, square_to_triangle
+from wrt.kernels.sampling.warps import square_to_triangle
 from wrt.kernels.scene.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -65,9 +54,7 @@ def hit_triangle_pdf(surface: Surface, direction: wp.vec3, distance: float) -> f
 
 
 _OFF_TRIANGLE = wp.constant(2.0**-17)
-_BEFORE_TRIANGLE = wp.constant(1.0 - 2.0**-18)
-"""A shadow ray ends this far off an emissive triangle, relative to the coordinates there, and this share of its length
-before it: more than the error of a hit's distance, near and far, or it would hit the triangle."""
+"""A shadow ray ends this far off an emissive triangle, relative to the coordinates there."""
 
 
 @wp.func
@@ -92,7 +79,7 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
         way = point + normal * off - receiver.position
         distance2 = wp.dot(way, way)
         distance = wp.sqrt(distance2)
-        sample.distance = distance * _BEFORE_TRIANGLE
+        sample.distance = distance * BEFORE_SURFACE
         sample.wi = way / distance
         cos_light = -wp.dot(sample.wi, normal)
         if cos_light > 0.0:
@@ -131,57 +118,6 @@ def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver
             half_chord = wp.max(wp.dot(to_center, way.wi) - way.distance, 0.0)
             margin = error * (1.0 + sphere.radius / wp.max(half_chord, wp.sqrt(error * sphere.radius)))
             sample.distance = wp.max(way.distance - 2.0 * margin, 0.0)
-    return sample
-
-
-# --- Disks and cylinders ---------------------------------------------------------------------------
-
-_OFF_QUADRIC = wp.constant(2.0**-19)
-"""A shadow ray ends this far off the light, relative to the sizes of the terms that make up its points."""
-
-
-@wp.func
-def place_on_quadric(quadric: Quadric, receiver: Receiver, u: wp.vec2) -> wp.vec3:
-    """Return a place on the unit shape, uniform by area; u = 0 is the middle, or of a cylinder the nearest to it."""
-    if quadric.kind == DISK:
-        around = sine_cosine(TWO_PI * u[1])
-        r = wp.sqrt(u[0])
-        return wp.vec3(r * around[1], r * around[0], 0.0)
-    towards = in_unit_shape(quadric, receiver.position - quadric.center)
-    around = sine_cosine(arc_tangent(towards[1], towards[0]) + TWO_PI * u[0])
-    return wp.vec3(around[1], around[0], wp.where(u[1] < 0.5, u[1], u[1] - 1.0))
-
-
-@wp.func
-def quadric_pdf(quadric: Quadric, distance: float, cos_light: float) -> float:
-    """Return the density per solid angle of a point that is uniform on a disk or cylinder."""
-    return distance * distance / (area_of(quadric) * cos_light)
-
-
-@wp.func
-def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver, u: wp.vec2) -> LightSample:
-    """Return a sample of a disk or cylinder with the light's mean radiance; of pdf 0 where its back is seen."""
-    sample = LightSample()
-    sample.point.triangle = light.triangle
-    sample.point.instance = light.instance
-    place = place_on_quadric(quadric, receiver, u)
-    weights = quadric_coordinates(quadric, place)
-    sample.point.u = weights[0]
-    sample.point.v = weights[1]
-    point = point_of(quadric, place)
-    normal = front_of(quadric, place)
-    if wp.dot(normal, receiver.position - point) < 0.0 and light.two_sided != 0:
-        normal = -normal
-    if wp.dot(normal, receiver.position - point) > 0.0:
-        off = wp.dot(sizes_of(quadric), wp.vec3(_OFF_QUADRIC)) + quadric.slack
-        way = point + normal * off - receiver.position
-        distance = wp.length(way)
-        sample.wi = way / distance
-        sample.distance = distance * _BEFORE_TRIANGLE
-        cos_light = -wp.dot(sample.wi, normal)
-        if cos_light > 0.0:
-            sample.pdf = quadric_pdf(quadric, distance, cos_light)
-            sample.radiance = light.value
     return sample
 
 
@@ -233,7 +169,9 @@ def make_hit_pdf(geometry: str) -> wp.Function:
         if wp.static(quadrics):
             quadric = quadric_of(scene, hit.triangle, hit.instance, receiver.time)
             if quadric.kind != NO_QUADRIC:
-                return quadric_pdf(quadric, distance, -wp.dot(surface.normal, direction))
+                two_sided = scene.shapes[surface.shape].two_sided
+                cos_light = -wp.dot(surface.normal, direction)
+                return quadric_pdf(quadric, two_sided, receiver, direction, distance, cos_light)
         sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
         if sphere.radius > 0.0:
             return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
@@ -280,7 +218,7 @@ def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Fun
     return emission_at
 
 
-@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "quadrics", "light_tree")
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "exact", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, light_tree = features.textured, features.light_tree
@@ -289,11 +227,11 @@ def make_lights(features: Features) -> Lights:
     sample_light_shape = make_light_shapes(features.light_shapes).sample
     choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(features.instances)
-    spheres = features.spheres
+    exact = features.has_exact
     sample_surface = make_sample_surface(features.geometry)
     emission_at = make_emission_at(textured, features.uv2_alpha, features.mipmapped)
     slot_color = make_slot_color(features.mipmapped)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
 
     @wp.func
     def way_to_light(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
@@ -302,7 +240,7 @@ def make_lights(features: Features) -> Lights:
         sample.radiance = wp.vec3(0.0)
         sample.point.triangle = NO_HIT
         if light.kind == LIGHT_TRIANGLE:
-            if wp.static(spheres):
+            if wp.static(exact):
                 sample = sample_surface(scene, light, receiver, u)
             else:
                 triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
@@ -310,7 +248,7 @@ def make_lights(features: Features) -> Lights:
             if wp.static(textured):
                 if sample.pdf > 0.0:
                     surface = Surface()
-                    if wp.static(spheres):
+                    if wp.static(exact):
                         surface.uv = wp.vec2(sample.point.u, sample.point.v)
                     surface = add_texture_coordinates(scene, sample.point, surface)
                     shape = scene.shapes[light.shape]
