@@ -230,14 +230,15 @@ def centres(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def test_a_tube_lights_a_floor_as_the_side_that_is_seen(device: str) -> None:
     """Far from a short exact cylinder E = L cosθ 2 r l / d², of what it shows; its inside is hidden."""
-    radius, length, height, radiance = 0.02, 0.1, 3.0, 5.0
+    radius, length, radiance, place = 0.02, 0.1, 5.0, np.array([1.5, 3.0, 0.0])
+    along = np.array([0.0, 0.0, 0.5 * length])
     for two_sided in (False, True):
         scene = floor_under()
-        tube = wrt.cylinder((-0.5 * length, height, 0.0), (0.5 * length, height, 0.0), radius)
+        tube = wrt.cylinder(tuple(place - along), tuple(place + along), radius)
         scene.add(tube, material=wrt.Diffuse(0.0), emission=radiance, two_sided_emission=two_sided)
-        image = seen(scene, width=1, height=1, device=device)
-        expected = 0.6 / np.pi * radiance * 2.0 * radius * length / height**2
-        np.testing.assert_allclose(image, expected, rtol=0.01)
+        distance = float(np.linalg.norm(place))
+        expected = 0.6 / np.pi * radiance * 2.0 * radius * length * place[1] / distance**3
+        np.testing.assert_allclose(seen(scene, device=device)[0, 0], expected, rtol=0.01)
 
 
 def test_a_point_light_casts_a_hard_shadow(device: str) -> None:
