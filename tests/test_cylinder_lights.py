@@ -14,7 +14,7 @@ from support.statistics import chi_square_test
 
 from wrt.kernels.geometry.quadrics import CYLINDER, Quadric
 from wrt.kernels.geometry.rays import Receiver
-from wrt.kernels.lights.quadrics import quadric_pdf, sample_mesh_quadric
+from wrt.kernels.lights.lights import quadric_pdf, sample_mesh_quadric
 from wrt.kernels.scene.scene_data import LightRecord
 
 N = 2**18

@@ -11,7 +11,17 @@ import warp as wp
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
 from wrt.kernels.features import Features, has_quadrics, instances_of
-from wrt.kernels.geometry.quadrics import NO_QUADRIC, make_quadric_of
+from wrt.kernels.geometry.quadrics import (
+    DISK,
+    NO_QUADRIC,
+    Quadric,
+    disk_area,
+    front_of,
+    make_quadric_of,
+    point_of,
+    quadric_coordinates,
+    sizes_of,
+)
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -19,12 +29,13 @@ from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
 from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
-from wrt.kernels.lights.quadrics import quadric_pdf, sample_mesh_quadric
-from wrt.kernels.lights.record import BEFORE_SURFACE, LightSample
+from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.sampling.cylinder import CylinderView, cylinder_pdf, place_on_cylinder, view_of_cylinder
 from wrt.kernels.sampling.solid_angle import cone_pdf, sample_sphere, sphere_one_minus_cos
-from wrt.kernels.sampling.warps import square_to_triangle
+from wrt.kernels.sampling.warps import TWO_PI, square_to_triangle
 from wrt.kernels.scene.scene_data import (
     LIGHT_DIRECTIONAL,
     LIGHT_ENVIRONMENT,
@@ -54,7 +65,9 @@ def hit_triangle_pdf(surface: Surface, direction: wp.vec3, distance: float) -> f
 
 
 _OFF_TRIANGLE = wp.constant(2.0**-17)
-"""A shadow ray ends this far off an emissive triangle, relative to the coordinates there."""
+_BEFORE_TRIANGLE = wp.constant(1.0 - 2.0**-18)
+"""A shadow ray ends this far off an emissive triangle, relative to the coordinates there, and this share of its length
+before it: more than the error of a hit's distance, near and far, or it would hit the triangle."""
 
 
 @wp.func
@@ -79,7 +92,7 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
         way = point + normal * off - receiver.position
         distance2 = wp.dot(way, way)
         distance = wp.sqrt(distance2)
-        sample.distance = distance * BEFORE_SURFACE
+        sample.distance = distance * _BEFORE_TRIANGLE
         sample.wi = way / distance
         cos_light = -wp.dot(sample.wi, normal)
         if cos_light > 0.0:
@@ -119,6 +132,71 @@ def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver
             margin = error * (1.0 + sphere.radius / wp.max(half_chord, wp.sqrt(error * sphere.radius)))
             sample.distance = wp.max(way.distance - 2.0 * margin, 0.0)
     return sample
+
+
+# --- Disks and cylinders ---------------------------------------------------------------------------
+
+_OFF_QUADRIC = wp.constant(2.0**-19)
+"""A shadow ray ends this far off the light, relative to the sizes of the terms that make up its points."""
+
+
+@wp.func
+def place_on_disk(u: wp.vec2) -> wp.vec3:
+    """Return a place on the unit disk, uniform by area; u = 0 is the middle."""
+    around = sine_cosine(TWO_PI * u[1])
+    r = wp.sqrt(u[0])
+    return wp.vec3(r * around[1], r * around[0], 0.0)
+
+
+@wp.func
+def disk_pdf_by_area(quadric: Quadric, distance: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point that is uniform on a disk."""
+    return distance * distance / (disk_area(quadric) * cos_light)
+
+
+@wp.func
+def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver, u: wp.vec2) -> LightSample:
+    """Return a sample of a disk or cylinder with the light's mean radiance; of pdf 0 where its back is seen."""
+    sample = LightSample()
+    sample.point.triangle = light.triangle
+    sample.point.instance = light.instance
+    view = CylinderView()
+    place = place_on_disk(u)
+    if quadric.kind != DISK:
+        view = view_of_cylinder(quadric, light.two_sided, receiver.position)
+        place = place_on_cylinder(view, u)
+    weights = quadric_coordinates(quadric, place)
+    sample.point.u = weights[0]
+    sample.point.v = weights[1]
+    point = point_of(quadric, place)
+    normal = front_of(quadric, place)
+    if wp.dot(normal, receiver.position - point) < 0.0 and light.two_sided != 0:
+        normal = -normal
+    if wp.dot(normal, receiver.position - point) > 0.0:
+        off = wp.dot(sizes_of(quadric), wp.vec3(_OFF_QUADRIC)) + quadric.slack
+        way = point + normal * off - receiver.position
+        distance = wp.length(way)
+        sample.wi = way / distance
+        sample.point.t = distance
+        sample.distance = distance * _BEFORE_TRIANGLE
+        cos_light = -wp.dot(sample.wi, normal)
+        if cos_light > 0.0:
+            if quadric.kind == DISK:
+                sample.pdf = disk_pdf_by_area(quadric, distance, cos_light)
+            else:
+                sample.pdf = cylinder_pdf(quadric, view, sample.wi, distance)
+            sample.radiance = light.value
+    return sample
+
+
+@wp.func
+def quadric_pdf(
+    quadric: Quadric, two_sided: int, receiver: Receiver, direction: wp.vec3, distance: float, cos_light: float
+) -> float:
+    """Return the density per solid angle with which `sample_mesh_quadric` samples a hit."""
+    if quadric.kind == DISK:
+        return disk_pdf_by_area(quadric, distance, cos_light)
+    return cylinder_pdf(quadric, view_of_cylinder(quadric, two_sided, receiver.position), direction, distance)
 
 
 # --- Surfaces of meshes ----------------------------------------------------------------------------

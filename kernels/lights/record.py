@@ -12,10 +12,6 @@ NO_MEETING = wp.constant(-1.0)
 BEFORE_LIGHT = wp.constant(1.0 - 2.0**-20)
 """A shadow ray ends this share before its light, which is ignored itself: something may lie just behind."""
 
-BEFORE_SURFACE = wp.constant(1.0 - 2.0**-18)
-"""A shadow ray also ends this share before the surface of a mesh that shines, besides off it: more than the error of a
-hit's distance, near and far, or it would hit the surface."""
-
 
 @wp.struct
 class LightSample:

@@ -64,7 +64,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-width",
         "quadrics",
-        "kernels/lights/quadrics.py",
+        "kernels/sampling/cylinder.py",
         "view.width = 2.0 * arc_tangent(1.0, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))",
         "view.width = 2.0 * arc_tangent(1.1, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))",
         "tests/test_cylinder_lights.py -k density",
@@ -72,7 +72,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-walls",
         "quadrics",
-        "kernels/lights/quadrics.py",
+        "kernels/sampling/cylinder.py",
         "near = u[0] < 0.5",
         "near = u[0] < 0.4",
         "tests/test_cylinder_lights.py -k density",
@@ -104,7 +104,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-density",
         "quadrics",
-        "kernels/lights/quadrics.py",
+        "kernels/lights/lights.py",
         "r = wp.sqrt(u[0])",
         "r = u[0]",
         "tests/test_quadric_pictures.py -k of_a_disk",

@@ -1,4 +1,4 @@
-"""Disks and cylinders of meshes that shine: points of disks by area, points of cylinders by angle and height.
+"""Sampling an exact cylinder by angle and height.
 
 From a point outside, a cylinder fills an angle about the parallel to its axis through the point; from a point inside, a
 whole turn. That angle α is sampled uniformly, and so is the height h along the axis. In a direction that makes the
@@ -8,25 +8,10 @@ light, and no sample is wasted on what the point cannot see.
 
 import warp as wp
 
-from wrt.kernels.geometry.quadrics import (
-    DISK,
-    Quadric,
-    disk_area,
-    front_of,
-    in_unit_shape,
-    point_of,
-    quadric_coordinates,
-    sizes_of,
-)
-from wrt.kernels.geometry.rays import Receiver
-from wrt.kernels.lights.record import BEFORE_SURFACE, LightSample
+from wrt.kernels.geometry.quadrics import Quadric, in_unit_shape
 from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
 from wrt.kernels.sampling.solid_angle import finite_density
 from wrt.kernels.sampling.warps import TWO_PI
-from wrt.kernels.scene.scene_data import LightRecord
-
-_OFF_QUADRIC = wp.constant(2.0**-19)
-"""A shadow ray ends this far off the light, relative to the sizes of the terms that make up its points."""
 
 
 @wp.struct
@@ -97,62 +82,3 @@ def cylinder_pdf(quadric: Quadric, view: CylinderView, direction: wp.vec3, dista
     if sides == 0.0 or sine2 == 0.0:
         return 0.0
     return finite_density(distance / (sides * sine2 * view.width * length))
-
-
-@wp.func
-def place_on_disk(u: wp.vec2) -> wp.vec3:
-    """Return a place on the unit disk, uniform by area; u = 0 is the middle."""
-    around = sine_cosine(TWO_PI * u[1])
-    r = wp.sqrt(u[0])
-    return wp.vec3(r * around[1], r * around[0], 0.0)
-
-
-@wp.func
-def disk_pdf_by_area(quadric: Quadric, distance: float, cos_light: float) -> float:
-    """Return the density per solid angle of a point that is uniform on a disk."""
-    return distance * distance / (disk_area(quadric) * cos_light)
-
-
-@wp.func
-def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver, u: wp.vec2) -> LightSample:
-    """Return a sample of a disk or cylinder with the light's mean radiance; of pdf 0 where its back is seen."""
-    sample = LightSample()
-    sample.point.triangle = light.triangle
-    sample.point.instance = light.instance
-    view = CylinderView()
-    place = place_on_disk(u)
-    if quadric.kind != DISK:
-        view = view_of_cylinder(quadric, light.two_sided, receiver.position)
-        place = place_on_cylinder(view, u)
-    weights = quadric_coordinates(quadric, place)
-    sample.point.u = weights[0]
-    sample.point.v = weights[1]
-    point = point_of(quadric, place)
-    normal = front_of(quadric, place)
-    if wp.dot(normal, receiver.position - point) < 0.0 and light.two_sided != 0:
-        normal = -normal
-    if wp.dot(normal, receiver.position - point) > 0.0:
-        off = wp.dot(sizes_of(quadric), wp.vec3(_OFF_QUADRIC)) + quadric.slack
-        way = point + normal * off - receiver.position
-        distance = wp.length(way)
-        sample.wi = way / distance
-        sample.point.t = distance
-        sample.distance = distance * BEFORE_SURFACE
-        cos_light = -wp.dot(sample.wi, normal)
-        if cos_light > 0.0:
-            if quadric.kind == DISK:
-                sample.pdf = disk_pdf_by_area(quadric, distance, cos_light)
-            else:
-                sample.pdf = cylinder_pdf(quadric, view, sample.wi, distance)
-            sample.radiance = light.value
-    return sample
-
-
-@wp.func
-def quadric_pdf(
-    quadric: Quadric, two_sided: int, receiver: Receiver, direction: wp.vec3, distance: float, cos_light: float
-) -> float:
-    """Return the density per solid angle with which `sample_mesh_quadric` samples a hit."""
-    if quadric.kind == DISK:
-        return disk_pdf_by_area(quadric, distance, cos_light)
-    return cylinder_pdf(quadric, view_of_cylinder(quadric, two_sided, receiver.position), direction, distance)
