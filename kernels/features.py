@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 _LONGEST_NAME = 100
-_SPHERES, _QUADRICS = "_spheres", "_quadrics"
 
 _COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha")
 _COVERING = ("models", "light_shapes", "environment", "opacity", "composite", *_COVERING_FLAGS)
@@ -39,10 +38,10 @@ class Features:
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
         grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
-        spheres: whether spheres, disks or cylinders lie among the triangles of the ray tree.
-        quadrics: whether some of these are disks or cylinders.
         composite: without `opacity`: "none" where no material has parts, "sides" where front and back may differ, or
             "mixed" where hits choose parts of mixtures at random.
+        exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
+            are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
     """
 
@@ -67,8 +66,7 @@ class Features:
     uv2_alpha: bool = False
     mipmapped: bool = False
     composite: str = "none"
-    spheres: bool = False
-    quadrics: bool = False
+    exact: str = "none"
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""
@@ -87,10 +85,13 @@ class Features:
 
     @property
     def geometry(self) -> str:
-        """What rays meet: `instances`, with a suffix where there are spheres and the like (see `has_spheres`)."""
-        if self.quadrics:
-            return self.instances + _QUADRICS
-        return self.instances + _SPHERES if self.spheres else self.instances
+        """What rays meet: `instances`, followed by `exact` where there are such shapes."""
+        return f"{self.instances}_{self.exact}" if self.has_exact else self.instances
+
+    @property
+    def has_exact(self) -> bool:
+        """Whether rays meet any exact shapes."""
+        return self.exact != "none"
 
     @property
     def mixed(self) -> bool:
@@ -113,19 +114,19 @@ class Features:
         return identifier(parts)
 
 
-def has_spheres(geometry: str) -> bool:
-    """Return whether there may be spheres in a `Features.geometry`."""
-    return geometry.endswith((_SPHERES, _QUADRICS))
+def has_exact(geometry: str) -> bool:
+    """Return whether there are exact shapes in a `Features.geometry`."""
+    return "_" in geometry
 
 
 def has_quadrics(geometry: str) -> bool:
     """Return whether there are disks or cylinders in a `Features.geometry`."""
-    return geometry.endswith(_QUADRICS)
+    return geometry.endswith("_quadrics")
 
 
 def instances_of(geometry: str) -> str:
     """Return the instances of a `Features.geometry`."""
-    return geometry.removesuffix(_SPHERES).removesuffix(_QUADRICS)
+    return geometry.split("_")[0]
 
 
 def identifier(parts: Iterable[object]) -> str:

@@ -42,7 +42,7 @@ PHASES: dict[str, tuple[str, ...]] = {
         "geometry/spheres",
         "geometry/quadrics",
     ),
-    "lights": ("lights", "integrators/next_event", "sampling/piecewise", "sampling/solid_angle"),
+    "lights": ("lights", "integrators/next_event", "sampling/cylinder", "sampling/piecewise", "sampling/solid_angle"),
     "media": ("media",),
     "random numbers": ("sampling/sampler", "sampling/low_discrepancy"),
     "path": ("integrators",),

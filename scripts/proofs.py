@@ -43,7 +43,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "media": ("phase", "absorption", "scattering", "grid_media"),
     "lights": ("irradiance", "light_tree", "environment_sampling", "multiple_importance", "alias"),
     "spheres": ("spheres", "sphere_pictures", "spheres_of_mitsuba"),
-    "quadrics": ("quadrics", "quadric_pictures"),
+    "quadrics": ("quadrics", "quadric_pictures", "cylinder_lights", "skin"),
     "cameras": ("cameras", "lenses", "shutter"),
     "path": ("furnace", "estimators", "against_mitsuba"),
     "whitted": ("whitted",),

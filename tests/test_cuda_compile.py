@@ -56,9 +56,9 @@ FEATURES = [
         Features(("diffuse",), False, "none", instances=instances, sampler=sampler)
         for instances, sampler in zip(("still", "moving", "deforming"), SAMPLERS[1:], strict=True)
     ),
-    Features(("diffuse",), True, "none", instances="moving", spheres=True, aovs=True),
-    Features(("diffuse",), True, "none", instances="moving", spheres=True, quadrics=True, aovs=True),
-    Features(("diffuse",), False, "none", spheres=True, quadrics=True),
+    Features(("diffuse",), True, "none", instances="moving", exact="spheres", aovs=True),
+    Features(("diffuse",), True, "none", instances="moving", exact="quadrics", aovs=True),
+    Features(("diffuse",), False, "none", exact="quadrics"),
     Features(("diffuse",), False, "none", composite="mixed", aovs=True),
     # Two models with all that a scene can have besides. All in one took minutes.
     Features(

@@ -48,7 +48,7 @@ GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
         ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
         ({"sampler": "independent"}, [False, False, False]),
         ({"instances": "still"}, [False, False, False]),
-        ({"spheres": True}, [False, False, False]),
+        ({"exact": "spheres"}, [False, False, False]),
         ({"integrator": "whitted"}, [False, False, False]),
     ],
 )
@@ -65,7 +65,7 @@ def test_there_are_none_for_what_few_use(changes: dict[str, Any]) -> None:
     assert general.general_features(dataclasses.replace(PLAIN, **changes)) == []
 
 
-@pytest.mark.parametrize("changes", [{}, {"sampler": "independent"}, {"instances": "moving"}, {"spheres": True}])
+@pytest.mark.parametrize("changes", [{}, {"sampler": "independent"}, {"instances": "moving"}, {"exact": "spheres"}])
 def test_they_are_told_from_those_of_scenes(changes: dict[str, Any]) -> None:
     scene = dataclasses.replace(PLAIN, **changes)
     assert all(general.is_general(kernel) for kernel in general.general_features(scene))

@@ -140,7 +140,7 @@ KERNELS = (
         *("burley", "conductor", "dielectric", "diffuse", "measured", "mirror", "thin_dielectric"),
         *("rough_dielectric:ggx:smith-separable", *ROUGH_METALS, *COATS),
     ),
-    covering("conductor", "dielectric", "diffuse", "mirror", ROUGH_METALS[0], spheres=True),
+    covering("conductor", "dielectric", "diffuse", "mirror", ROUGH_METALS[0], exact="spheres"),
     covering("dielectric", "diffuse", "null", "plastic", "rough_dielectric:beckmann:walter", media="scattering"),
 )
 """They render most of the scenes, whose own kernels would be thirty."""

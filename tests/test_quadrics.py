@@ -14,6 +14,7 @@ from support.exact_shapes import cast_rays
 
 import wrt
 from wrt.backend.device import Device
+from wrt.io.arrays import arrays_of_exact
 from wrt.kernels.geometry.quadrics import CYLINDER, DISK, Quadric, by_coordinate, point_of
 from wrt.scene.exact.quadrics import Quadrics, quadrics_of
 from wrt.upload.scene_data import build_scene
@@ -51,10 +52,15 @@ def exact_hits(mesh: Quadrics, origins: NDArray, directions: NDArray) -> tuple[N
     return np.sort(ts, axis=1), margin
 
 
+def reach_of(mesh: Quadrics) -> float:
+    """Return the longest of a shape's vectors, but for the unit normal of a disk."""
+    return float(np.linalg.norm(mesh.axes[0, : 2 if mesh.are_disks[0] else 3], axis=1).max())
+
+
 def rays_to(mesh: Quadrics, n: int, distance: float, seed: int = 7) -> tuple[NDArray, NDArray]:
     """Return rays from all around to places in and near a shape, half of them to its outline or its ends."""
     rng = np.random.default_rng(seed)
-    reach = np.linalg.norm(mesh.axes[0], axis=1).max()
+    reach = reach_of(mesh)
     out = rng.standard_normal((n, 3))
     origins = mesh.centers[0] + distance * reach * out / np.linalg.norm(out, axis=1, keepdims=True)
     origins = origins.astype(np.float32)
@@ -98,11 +104,21 @@ SHAPES: dict[str, Quadrics] = {
     "thin cylinder": wrt.cylinder((1, 2, 3), (2, 5, -1), 0.01),
     "flat cylinder": wrt.cylinder((1, 2, 3), (1.01, 2.02, 3.02), 2.0),
     "large cylinder": wrt.cylinder((-5e4, 3e4, 1e4), (5e4, -2e4, 1e4), 2e4),
+    "least disk": wrt.disk((0, 0, 0), (1, -2, 0.5), 5e-12),
+    "greatest disk": wrt.disk((1e11, 0, 0), (1, -2, 0.5), 8e11),
+    "least cylinder": wrt.cylinder((0, 0, 0), (2e-12, 1e-12, 8e-12), 4e-12),
+    "greatest cylinder": wrt.cylinder((0, 0, 0), (3e11, 1e11, 5e11), 3e11),
 }
+"""The last four as small and as large as scenes may be, in metres."""
 
 
-@pytest.mark.parametrize("distance", [0.6, 3.0, 100.0])
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize(
+    ("name", "distance"),
+    [
+        *((name, distance) for distance in (0.6, 3.0, 100.0) for name in SHAPES),
+        *((name, 1e4) for name in ("disk", "tilted disk", "ellipse", "cylinder", "tilted cylinder")),
+    ],
+)
 def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str, report: Report) -> None:
     """The error of a hit is that of a ray in float32: a few roundings of its length and of the coordinates.
 
@@ -111,7 +127,7 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
     mesh = SHAPES[name]
     x, y, z = mesh.axes[0]
     c, radius = mesh.centers[0], min(np.linalg.norm(x), np.linalg.norm(y))
-    reach = max(np.linalg.norm(axis) for axis in (x, y, z))
+    reach = reach_of(mesh)
     size = np.abs(c).max() + reach
     origins, directions = rays_to(mesh, 20_000, distance)
     number, ts, position, normal, _, left = cast_rays([mesh], origins, directions, device)
@@ -306,11 +322,44 @@ def test_scene_files_keep_them(tmp_path: Path) -> None:
     assert second.areas == pytest.approx(2 * np.pi * 1.0 * 2.0)
     assert not isinstance(third, Quadrics)
     assert np.allclose(third.bounds, [[-1, 0, -3], [1, 2, 3]], atol=2e-3)
-    boxes, axes = tube.vertices.reshape(-1, 3, 3)[:, :2], np.eye(3)[None]
-    np.savez(tmp_path / "bad.npz", boxes=np.sort(boxes, axis=1), axes=axes)
+
+
+def with_normal(normal: Any) -> dict[str, Any]:
+    """Return the arrays of two disks, the second of which has another normal."""
+    arrays = [arrays_of_exact(mesh) for mesh in (wrt.disk((1, 2, 3), (1, 2, 2), 0.5), wrt.disk((0, 0, 1), (0, 0, 1)))]
+    joined = {key: np.concatenate([each[key] for each in arrays]) for key in ("boxes", "axes")}
+    joined["axes"][1, 2] = normal
+    return joined
+
+
+TUBE = arrays_of_exact(wrt.cylinder((1, 2, 3), (2, 2, 5), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "cause"),
+    [
+        (with_normal((0, 0, 0)), r"axes\[1\]: a disk's normal, its third row, must have length 1, not"),
+        (with_normal((0, 0, np.nan)), r"axes\[1\]: must be finite, not"),
+        (with_normal((0, 0, 2)), r"axes\[1\]: a disk's normal, its third row, must have length 1, not"),
+        (with_normal((0, 0.6, 0.8)), r"axes\[1\]: a disk's normal, its third row, must be perpendicular"),
+        ({**TUBE, "axes": np.ones((1, 3, 3))}, r"axes\[0\]: a cylinder's rows must be perpendicular"),
+        ({**TUBE, "axes": 2.0 * TUBE["axes"]}, r"boxes\[0\]: must be opposite corners of the box around the shape"),
+        ({**TUBE, "boxes": np.sort(TUBE["boxes"], axis=1)}, r"boxes\[0\]: corners must be in the order"),
+    ],
+)
+def test_wrong_arrays_are_refused(arrays: dict[str, Any], cause: str, tmp_path: Path) -> None:
+    """By their file, the key in the scene, the array and what is wrong with it."""
+    np.savez(tmp_path / "bad.npz", **arrays)
     (tmp_path / "bad.toml").write_text('[[shapes]]\ntype = "quadrics"\nfile = "bad.npz"\n')
-    with pytest.raises(wrt.InputError, match="not those of disks and cylinders"):
+    with pytest.raises(wrt.InputError, match=rf"bad\.toml: shapes\[0\]\.file: .*bad\.npz: {cause}"):
         wrt.load(tmp_path / "bad.toml")
+
+
+def test_features_name_what_rays_meet() -> None:
+    for mesh, exact in ((wrt.disk(), "quadrics"), (wrt.sphere(exact=True), "spheres"), (wrt.box(), "none")):
+        scene = wrt.Scene()
+        scene.add(mesh)
+        assert build_scene(scene, Device("cpu")).features.exact == exact
 
 
 def test_triangles_in_their_place_face_alike() -> None:
@@ -383,7 +432,7 @@ def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((3e5, 0.5, 3), target=(3e5, 0.5, 0)))
     scene.shapes += [wrt.Shape(mesh, emission=2.0, two_sided_emission=True, transform=far)]
     built = build_scene(scene, Device("cpu"))
-    assert not built.features.quadrics
+    assert built.features.exact == "none"
     assert len(built.data.lights) == len(mesh.tessellated().faces)
 
 

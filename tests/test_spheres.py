@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from support.exact_shapes import cast_rays
 
 import wrt
+from wrt.io.arrays import arrays_of_exact, read_spheres
 from wrt.kernels.geometry.rays import Frame
 from wrt.kernels.geometry.spheres import along_meridian, along_turn
 from wrt.scene.exact.spheres import Spheres
@@ -224,6 +225,22 @@ def test_triangles_in_place_of_spheres_face_alike() -> None:
 def test_mistakes(centers: Any, radii: Any, colors: Any, message: str) -> None:
     with pytest.raises(wrt.InputError, match=message):
         wrt.spheres(centers, radii, colors=colors)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ({"axes": 2.0 * np.eye(3)[None]}, r"axes\[0\]: rows must be perpendicular and of length 1"),
+        ({"axes": np.full((1, 3, 3), np.nan)}, r"axes\[0\]: must be finite"),
+        ({"boxes": [[(0, 0, 0), (1, 1, 2)]]}, r"boxes\[0\]: must be the lowest and the highest corner of a cube"),
+        ({"boxes": [[(0, 0, 1), (1, 1, 0)]]}, r"boxes\[0\]: must be the lowest and the highest corner of a cube"),
+        ({"boxes": [[(0, 0, 0), (0, 0, 0)]]}, r"boxes\[0\]: must have a size"),
+    ],
+)
+def test_wrong_arrays_are_refused(change: dict[str, Any], cause: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "bad.npz", **{**arrays_of_exact(wrt.sphere(exact=True)), **change})  # type: ignore[arg-type]
+    with pytest.raises(wrt.InputError, match=rf"bad\.npz: {cause}"):
+        read_spheres(tmp_path / "bad.npz")
 
 
 def test_what_takes_triangles_only_says_so() -> None:

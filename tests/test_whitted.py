@@ -228,6 +228,19 @@ def centres(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.meshgrid(middle, middle)
 
 
+def test_a_tube_lights_a_floor_as_the_side_that_is_seen(device: str) -> None:
+    """Far from a short exact cylinder E = L cosθ 2 r l / d², of what it shows; its inside is hidden."""
+    radius, length, radiance, place = 0.02, 0.1, 5.0, np.array([1.5, 3.0, 0.0])
+    along = np.array([0.0, 0.0, 0.5 * length])
+    for two_sided in (False, True):
+        scene = floor_under()
+        tube = wrt.cylinder(tuple(place - along), tuple(place + along), radius)
+        scene.add(tube, material=wrt.Diffuse(0.0), emission=radiance, two_sided_emission=two_sided)
+        distance = float(np.linalg.norm(place))
+        expected = 0.6 / np.pi * radiance * 2.0 * radius * length * place[1] / distance**3
+        np.testing.assert_allclose(seen(scene, device=device)[0, 0], expected, rtol=0.01)
+
+
 def test_a_point_light_casts_a_hard_shadow(device: str) -> None:
     """Each pixel has I ρ cosθ / (π r²), or nothing where the way meets the square."""
     place, intensity = np.array([2.5, 2.0, 0.1]), 7.0

@@ -14,7 +14,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Bvh, Hit
 from wrt.kernels.accel.ray_batch import RayBatch, reach_of, write_answer
-from wrt.kernels.features import has_quadrics, has_spheres, instances_of
+from wrt.kernels.features import has_exact, has_quadrics, instances_of
 from wrt.kernels.geometry.motion import MotionKey, MotionRecord, Placement, transform_at
 from wrt.kernels.native import include
 from wrt.kernels.specialise import specialised
@@ -80,21 +80,22 @@ class InstanceTree:
 
 _found = wp.types.vector(length=5, dtype=float)
 
+_WITH_AXES = "wrt::instances_with_axes(tree, corners, normals)"
+
 
 @specialised()
 def make_traverse(geometry: str) -> wp.Function:
     """Return the function (tree, origin, direction, time, t_min, t_max, any_hit) -> argument of `instance_hit`.
 
-    With disks or cylinders, the scene's corners and normals follow the tree.
+    With exact shapes, the scene's corners and normals follow the tree.
     """
     kind = f"wrt::Instances::{instances_of(geometry)}"
-    if has_quadrics(geometry):
-        placed = "wrt::instances_with_axes(tree, corners, normals)"
+    arguments = "origin, direction, time, t_min, t_max, any_hit"
+    if has_exact(geometry):
+        header = instances_quadrics_h if has_quadrics(geometry) else instances_spheres_h
 
-        @wp.func_native(
-            f"return wrt::closest_instance_hit<{kind}>({placed}, origin, direction, time, t_min, t_max, any_hit);"
-        )
-        def traverse_quadrics(
+        @wp.func_native(f"return wrt::closest_instance_hit<{kind}>({_WITH_AXES}, {arguments});")
+        def traverse_exact(
             tree: InstanceTree,
             corners: wp.array(dtype=wp.vec3i),
             normals: wp.array(dtype=wp.vec3),
@@ -105,12 +106,11 @@ def make_traverse(geometry: str) -> wp.Function:
             t_max: float,
             any_hit: bool,
         ) -> _found:
-            instances_quadrics_h()
+            header()
 
-        return traverse_quadrics
-    header = instances_spheres_h if has_spheres(geometry) else instances_h
+        return traverse_exact
 
-    @wp.func_native(f"return wrt::closest_instance_hit<{kind}>(tree, origin, direction, time, t_min, t_max, any_hit);")
+    @wp.func_native(f"return wrt::closest_instance_hit<{kind}>(tree, {arguments});")
     def traverse(
         tree: InstanceTree,
         origin: wp.vec3,
@@ -120,7 +120,7 @@ def make_traverse(geometry: str) -> wp.Function:
         t_max: float,
         any_hit: bool,
     ) -> _found:
-        header()
+        instances_h()
 
     return traverse
 
@@ -130,17 +130,16 @@ def make_traverse_after(geometry: str) -> wp.Function:
     """Return the device function that finds the next hit, ordered by distance, instance and triangle.
 
     Its arguments are (tree, origin, direction, time, t_min, t_max, last_instance, last_id), where t_min is the distance
-    of the last hit and last_id its triangle's number within its mesh. With disks or cylinders, the scene's corners and
+    of the last hit and last_id its triangle's number within its mesh. With exact shapes, the scene's corners and
     normals follow the tree.
     """
     kind = f"wrt::Instances::{instances_of(geometry)}"
-    header = instances_spheres_h if has_spheres(geometry) else instances_h
-    arguments = "tree, origin, direction, time, t_min, t_max, last_instance, last_id"
-    if has_quadrics(geometry):
-        arguments = arguments.replace("tree", "wrt::instances_with_axes(tree, corners, normals)")
+    arguments = "origin, direction, time, t_min, t_max, last_instance, last_id"
+    if has_exact(geometry):
+        header = instances_quadrics_h if has_quadrics(geometry) else instances_spheres_h
 
-        @wp.func_native(f"return wrt::next_instance_hit<{kind}>({arguments});")
-        def traverse_after_quadrics(
+        @wp.func_native(f"return wrt::next_instance_hit<{kind}>({_WITH_AXES}, {arguments});")
+        def traverse_after_exact(
             tree: InstanceTree,
             corners: wp.array(dtype=wp.vec3i),
             normals: wp.array(dtype=wp.vec3),
@@ -152,11 +151,11 @@ def make_traverse_after(geometry: str) -> wp.Function:
             last_instance: int,
             last_id: int,
         ) -> _found:
-            instances_quadrics_h()
+            header()
 
-        return traverse_after_quadrics
+        return traverse_after_exact
 
-    @wp.func_native(f"return wrt::next_instance_hit<{kind}>({arguments});")
+    @wp.func_native(f"return wrt::next_instance_hit<{kind}>(tree, {arguments});")
     def traverse_after(
         tree: InstanceTree,
         origin: wp.vec3,
@@ -167,7 +166,7 @@ def make_traverse_after(geometry: str) -> wp.Function:
         last_instance: int,
         last_id: int,
     ) -> _found:
-        header()
+        instances_h()
 
     return traverse_after
 

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.accel import quadrics, spheres
 from wrt.kernels.accel.bvh import Hit, bvh_any_hit, bvh_closest_hit, bvh_next_hit
+from wrt.kernels.accel.exact import make_exact_queries
 from wrt.kernels.accel.instances import instance_hit, make_traverse, make_traverse_after
-from wrt.kernels.features import has_quadrics, has_spheres, instances_of
+from wrt.kernels.features import has_exact, has_quadrics, instances_of
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
@@ -64,17 +64,16 @@ def occluded(scene: SceneData, ray: Ray, distance: float) -> bool:
 def make_intersect(geometry: str) -> Intersect:
     """Return the functions for scenes with this `Features.geometry`."""
     if instances_of(geometry) == "none":
-        if has_spheres(geometry):
-            of = quadrics if has_quadrics(geometry) else spheres
-            return Intersect(of.closest_hit, of.closest_hit_before, of.next_hit, of.occluded)
+        if has_exact(geometry):
+            return Intersect(*make_exact_queries(has_quadrics(geometry)))
         return Intersect(closest_hit, closest_hit_before, next_hit, occluded)
     traverse = make_traverse(geometry)
     traverse_after = make_traverse_after(geometry)
-    quadric = has_quadrics(geometry)
+    exact = has_exact(geometry)
 
     @wp.func(name=f"closest_hit_before_{geometry}")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
-        if wp.static(quadric):
+        if wp.static(exact):
             found = traverse(
                 scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, 0.0, distance, False
             )
@@ -91,7 +90,7 @@ def make_intersect(geometry: str) -> Intersect:
     def following(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
         placed = scene.placed
         triangle = last.triangle - placed.instances[last.instance].first_triangle
-        if wp.static(quadric):
+        if wp.static(exact):
             found = traverse_after(
                 placed,
                 scene.corners,
@@ -113,7 +112,7 @@ def make_intersect(geometry: str) -> Intersect:
     @wp.func(name=f"occluded_{geometry}")
     @ray_query
     def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
-        if wp.static(quadric):
+        if wp.static(exact):
             found = traverse(
                 scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, 0.0, distance, True
             )

@@ -10,7 +10,7 @@ from wrt.kernels.accel.intersect import NO_HIT
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.camera.camera import Camera, CameraRay
 from wrt.kernels.camera.models import make_camera
-from wrt.kernels.features import Features
+from wrt.kernels.features import Features, has_quadrics
 from wrt.kernels.film.film import is_finite_color
 from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadric_of, point_of
 from wrt.kernels.geometry.rays import to_local, to_world
@@ -87,14 +87,15 @@ def make_directional_albedo(features: Features) -> wp.Function:
     return directional_albedo
 
 
-@specialised("instances", "spheres", "quadrics", "cameras")
+@specialised("instances", "exact", "cameras")
 def make_motion_on_film(features: Features) -> wp.Function:
     """Return the device function (scene, camera, first, direction, time) -> vec2, a point's motion in pixels.
 
     It leads from the point's position on the film when the shutter opens to that when it closes.
     """
     triangle_of = make_triangle_of(features.instances)
-    spheres, quadrics, quadric_of = features.spheres, features.quadrics, make_quadric_of(features.geometry)
+    exact, quadrics = features.has_exact, has_quadrics(features.geometry)
+    quadric_of = make_quadric_of(features.geometry)
     sphere_of, sphere_axes = make_sphere_of(features.geometry), make_sphere_axes(features.geometry)
     film_position = make_camera(features.cameras).film_position
 
@@ -111,7 +112,7 @@ def make_motion_on_film(features: Features) -> wp.Function:
             begin = t.p0 + t.e1 * hit.u + t.e2 * hit.v
             t = triangle_of(scene, hit.triangle, hit.instance, camera.shutter_close)
             end = t.p0 + t.e1 * hit.u + t.e2 * hit.v
-            if wp.static(spheres):
+            if wp.static(exact):
                 sphere = sphere_of(scene, hit.triangle, hit.instance, time)
                 if sphere.radius > 0.0:
                     # The same point of the sphere, in its own axes
@@ -150,7 +151,7 @@ def make_add_aovs(features: Features) -> wp.Function:
     motion_on_film = make_motion_on_film(features)
     sample_4d = make_sample_4d(features.sampler)
     has_coordinates = features.textured or features.tangents
-    add_texture_coordinates = make_add_texture_coordinates(False, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(False, features.has_exact)
 
     @wp.func
     def add_aovs(

@@ -104,13 +104,23 @@ def make_quadric_of(geometry: str) -> wp.Function:
 
 
 @wp.func
+def scale_of(v: wp.vec3) -> float:
+    """Return the power of two that brings a vector's largest coordinate to [1, 2); scaling by it rounds nothing."""
+    largest = wp.max(wp.abs(v))
+    return wp.cast(0x7F000000 - (wp.cast(largest, wp.int32) & 0x7F800000), wp.float32)
+
+
+@wp.func
 def in_unit_shape(quadric: Quadric, v: wp.vec3) -> wp.vec3:
-    """Return the vector that the shape's own vectors map to v, by their cofactors."""
-    yz = wp.cross(quadric.y, quadric.z)
-    inverse = 1.0 / wp.dot(quadric.x, yz)
-    zx = wp.cross(quadric.z, quadric.x)
-    xy = wp.cross(quadric.x, quadric.y)
-    return wp.vec3(wp.dot(yz, v), wp.dot(zx, v), wp.dot(xy, v)) * inverse
+    """Return the vector that the shape's own vectors map to v, by their cofactors, scaled so that none overflows."""
+    scales = wp.vec3(scale_of(quadric.x), scale_of(quadric.y), scale_of(quadric.z))
+    x = quadric.x * scales[0]
+    y = quadric.y * scales[1]
+    z = quadric.z * scales[2]
+    yz = wp.cross(y, z)
+    inverse = 1.0 / wp.dot(x, yz)
+    mapped = wp.vec3(wp.dot(yz, v), wp.dot(wp.cross(z, x), v), wp.dot(wp.cross(x, y), v))
+    return wp.cw_mul(mapped * inverse, scales)
 
 
 @wp.func
@@ -124,18 +134,18 @@ def front_of(quadric: Quadric, place: wp.vec3) -> wp.vec3:
     """Return the unit normal at a place of the unit shape, towards the front."""
     n = quadric.x * place[0] + quadric.y * place[1]
     if quadric.kind == DISK:
-        n = wp.cross(quadric.x, quadric.y)
+        n = wp.cross(quadric.x * scale_of(quadric.x), quadric.y * scale_of(quadric.y))
         if wp.dot(n, quadric.z) < 0.0:
             n = -n
     return wp.normalize(n) * quadric.side
 
 
 @wp.func
-def area_of(quadric: Quadric) -> float:
-    """Return the area of one side, square metres."""
-    if quadric.kind == DISK:
-        return _PI * wp.length(wp.cross(quadric.x, quadric.y))
-    return TWO_PI * wp.length(quadric.x) * wp.length(quadric.z)
+def disk_area(quadric: Quadric) -> float:
+    """Return the area of one side of a disk, square metres."""
+    along_x = scale_of(quadric.x)
+    along_y = scale_of(quadric.y)
+    return _PI * wp.length(wp.cross(quadric.x * along_x, quadric.y * along_y)) / (along_x * along_y)
 
 
 @wp.func

@@ -4,7 +4,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.instances import make_instance_placement
-from wrt.kernels.features import has_quadrics, has_spheres, instances_of
+from wrt.kernels.features import has_exact, has_quadrics, instances_of
 from wrt.kernels.geometry.motion import key_at
 from wrt.kernels.geometry.quadrics import (
     NO_QUADRIC,
@@ -126,12 +126,10 @@ def gap_behind(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> float:
 def make_surface_at(geometry: str) -> wp.Function:
     """Return the device function (scene, ray, hit) -> Surface; see `Features.geometry`.
 
-    With spheres, `uv` are the weights by which `make_add_texture_coordinates` interpolates.
+    With exact shapes, `uv` are the weights by which `make_add_texture_coordinates` interpolates.
     """
-    if has_quadrics(geometry):
-        return _make_surface_or_quadric_at(geometry)
-    if has_spheres(geometry):
-        return _make_surface_or_sphere_at(geometry)
+    if has_exact(geometry):
+        return _make_surface_or_exact_at(geometry)
     instances = geometry
     placed = instances != "none"
     triangle_of = make_triangle_of(instances)
@@ -178,75 +176,57 @@ def make_surface_at(geometry: str) -> wp.Function:
 
 
 @specialised()
-def _make_surface_or_sphere_at(geometry: str) -> wp.Function:
-    """Return the function of `make_surface_at` for scenes with spheres."""
-    instances = instances_of(geometry)
+def _make_surface_or_exact_at(geometry: str) -> wp.Function:
+    """Return the function of `make_surface_at` for scenes with exact shapes."""
+    instances, quadrics = instances_of(geometry), has_quadrics(geometry)
     placed = instances != "none"
     on_triangle = make_surface_at(instances)
     sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
+    quadric_of = make_quadric_of(geometry)
+
+    @wp.func
+    def seen_of(scene: SceneData, hit: Hit, position: wp.vec3, normal: wp.vec3, outside: bool, front: bool) -> Surface:
+        surface = Surface()
+        surface.position = position
+        surface.normal = wp.where(outside, normal, -normal)
+        surface.frame = make_frame(surface.normal)
+        surface.front = front
+        surface.shape = scene.triangle_shape[hit.triangle]
+        if wp.static(placed):
+            of_instance = scene.placed.instances[hit.instance].shape
+            if of_instance >= 0:
+                surface.shape = of_instance
+        return surface
 
     @wp.func(name=f"surface_at_{geometry}")
     @shading_point
     def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
+        if wp.static(quadrics):
+            quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
+            if quadric.kind != NO_QUADRIC:
+                met = point_on_quadric(quadric, ray, hit.t)
+                normal = front_of(quadric, met.place)
+                seen = seen_of(scene, hit, point_of(quadric, met.place), normal, met.front, met.front)
+                seen.clearance = clearance_of_quadric(quadric, normal)
+                seen.uv = quadric_coordinates(quadric, met.place)
+                seen.e1 = by_coordinate(quadric, met.place, 0)
+                seen.e2 = by_coordinate(quadric, met.place, 1)
+                return seen
         surface = Surface()
         sphere = sphere_of(scene, hit.triangle, hit.instance, ray.time)
         if sphere.radius > 0.0:
             point = point_on_sphere(sphere, ray, hit.t)
-            out = point.out
-            surface.position = sphere.center + out * sphere.radius
-            surface.clearance = clearance_of_sphere(sphere, out)
-            surface.normal = wp.where(point.from_outside, out, -out)
-            surface.frame = make_frame(surface.normal)
-            surface.front = point.from_outside == (sphere.side > 0.0)
-            if wp.static(placed):
-                surface.shape = scene.placed.instances[hit.instance].shape
-                if surface.shape < 0:
-                    surface.shape = scene.triangle_shape[hit.triangle]
-            else:
-                surface.shape = scene.triangle_shape[hit.triangle]
+            position = sphere.center + point.out * sphere.radius
+            front = point.from_outside == (sphere.side > 0.0)
+            surface = seen_of(scene, hit, position, point.out, point.from_outside, front)
+            surface.clearance = clearance_of_sphere(sphere, point.out)
             axes = sphere_axes(scene, hit.triangle, hit.instance, ray.time)
-            surface.uv = sphere_coordinates(axes, out)
-            surface.e1 = along_turn(axes, out, sphere.radius)
-            surface.e2 = along_meridian(axes, out, sphere.radius)
+            surface.uv = sphere_coordinates(axes, point.out)
+            surface.e1 = along_turn(axes, point.out, sphere.radius)
+            surface.e2 = along_meridian(axes, point.out, sphere.radius)
         else:
             surface = on_triangle(scene, ray, hit)
             surface.uv = wp.vec2(hit.u, hit.v)
-        return surface
-
-    return at
-
-
-@specialised()
-def _make_surface_or_quadric_at(geometry: str) -> wp.Function:
-    """Return the function of `make_surface_at` for scenes with disks or cylinders."""
-    placed = instances_of(geometry) != "none"
-    elsewhere = _make_surface_or_sphere_at(geometry)
-    quadric_of = make_quadric_of(geometry)
-
-    @wp.func(name=f"surface_at_{geometry}")
-    @shading_point
-    def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
-        surface = Surface()
-        quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
-        if quadric.kind != NO_QUADRIC:
-            point = point_on_quadric(quadric, ray, hit.t)
-            surface.position = point_of(quadric, point.place)
-            normal = front_of(quadric, point.place)
-            surface.clearance = clearance_of_quadric(quadric, normal)
-            surface.normal = wp.where(point.front, normal, -normal)
-            surface.frame = make_frame(surface.normal)
-            surface.front = point.front
-            if wp.static(placed):
-                surface.shape = scene.placed.instances[hit.instance].shape
-                if surface.shape < 0:
-                    surface.shape = scene.triangle_shape[hit.triangle]
-            else:
-                surface.shape = scene.triangle_shape[hit.triangle]
-            surface.uv = quadric_coordinates(quadric, point.place)
-            surface.e1 = by_coordinate(quadric, point.place, 0)
-            surface.e2 = by_coordinate(quadric, point.place, 1)
-        else:
-            surface = elsewhere(scene, ray, hit)
         return surface
 
     return at
@@ -266,12 +246,12 @@ def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Sur
 
 
 @specialised()
-def make_add_texture_coordinates(uv2_alpha: bool, spheres: bool) -> wp.Function:
+def make_add_texture_coordinates(uv2_alpha: bool, exact: bool) -> wp.Function:
     """Return `add_texture_coordinates`, extended by second coordinates and alpha if `uv2_alpha`.
 
-    With spheres, the weights of vertices are those that `make_surface_at` leaves in `uv`.
+    With exact shapes, the weights of vertices are those that `make_surface_at` leaves in `uv`.
     """
-    if spheres:
+    if exact:
         plain = make_add_texture_coordinates(uv2_alpha, False)
 
         @wp.func

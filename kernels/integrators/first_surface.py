@@ -32,8 +32,7 @@ class FirstSurface:
 @specialised(
     "sampler",
     "instances",
-    "spheres",
-    "quadrics",
+    "exact",
     "textured",
     "uv2_alpha",
     "mipmapped",
@@ -51,7 +50,7 @@ def make_first_surface(features: Features) -> wp.Function:
     closest_hit = make_intersect(features.geometry).closest_hit
     surface_at = make_surface_at(features.geometry)
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
     textured = features.textured
     opacity, sides, mixed = features.opacity, features.composite == "sides", features.mixed
     tangents = features.tangents

@@ -116,7 +116,7 @@ def make_traverse_medium(features: Features) -> wp.Function:
     return traverse_medium
 
 
-@specialised("media", "instances", "spheres", "quadrics", "clamped", "regularized", *make_light_in_medium.fields)
+@specialised("media", "instances", "exact", "clamped", "regularized", *make_light_in_medium.fields)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 

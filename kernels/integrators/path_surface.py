@@ -78,7 +78,7 @@ def make_surface_vertex(features: Features) -> wp.Function:
     textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
     surface_at = make_surface_at(features.geometry)
     meet = make_meet(features.geometry)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
 
     @wp.func
@@ -145,7 +145,7 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
 @specialised(*make_lights.fields)
 def make_surface_emission(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, strategy) -> PathState that adds what the surface shines itself."""
-    lights, hit_pdf, spheres = make_lights(features), make_hit_pdf(features.geometry), features.spheres
+    lights, hit_pdf, exact = make_lights(features), make_hit_pdf(features.geometry), features.has_exact
     choice_probability, emission_at = lights.choice_probability, lights.emission_at
 
     @wp.func
@@ -158,7 +158,7 @@ def make_surface_emission(features: Features) -> wp.Function:
                 if path.scatter_pdf > 0.0:
                     distance = path.passed_distance + vertex.hit.t
                     way = path.ray.direction
-                    if wp.static(spheres):
+                    if wp.static(exact):
                         light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, way, distance)
                     else:
                         light_pdf = hit_triangle_pdf(vertex.surface, way, distance)

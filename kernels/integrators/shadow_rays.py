@@ -42,11 +42,11 @@ class PassedShares(NamedTuple):
     holes: wp.Function
 
 
-@specialised("textured", "tangents", "spheres", "quadrics", *make_share_passed.fields)
+@specialised("textured", "tangents", "exact", *make_share_passed.fields)
 def make_passed_shares(features: Features) -> PassedShares:
     """Return the functions for scenes with these features."""
     textured, tangents = features.textured, features.tangents
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
     share_passed = make_share_passed(features)
     share_not_there = make_share_passed(features, holes_only=True)
 
@@ -76,8 +76,7 @@ def make_passed_shares(features: Features) -> PassedShares:
 
 @specialised(
     "instances",
-    "spheres",
-    "quadrics",
+    "exact",
     "opacity",
     "media",
     "grid_media",
@@ -158,7 +157,7 @@ def make_transmission(features: Features) -> wp.Function:
     return transmission
 
 
-@specialised("instances", "spheres", "quadrics", "media", "grid_media", "light_shapes")
+@specialised("instances", "exact", "media", "grid_media", "light_shapes")
 def make_unblocked(features: Features) -> wp.Function:
     """Return the visibility where surfaces block all light; see `make_visibility`."""
     media = features.media != "none"

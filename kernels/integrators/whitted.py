@@ -92,13 +92,13 @@ def make_direct_light(features: Features) -> wp.Function:
     visibility = make_visibility(features)
     sample_one_light = make_lights(features).sample_one_light
     middle_of_shape = make_middle_of(features.light_shapes)
-    spheres, sphere_of = features.spheres, make_sphere_of(features.geometry)
+    exact, sphere_of = features.has_exact, make_sphere_of(features.geometry)
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
     def middle_of(scene: SceneData, light: LightRecord, time: float) -> wp.vec2:
         if light.kind == LIGHT_TRIANGLE:
-            if wp.static(spheres):
+            if wp.static(exact):
                 if sphere_of(scene, light.triangle, light.instance, time).radius > 0.0:
                     return wp.vec2(0.0)
             return wp.vec2(MIDDLE)
@@ -208,12 +208,12 @@ def make_lights_seen(features: Features) -> wp.Function:
     return with_lights
 
 
-@specialised("instances", "spheres", "quadrics", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
+@specialised("instances", "exact", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
 def make_tree_vertex(features: Features) -> wp.Function:
     """Return the device function (scene, ray, r, hit, pixel_footprint, index) -> TreeVertex; `ray` is that of `r`."""
     surface_at = make_surface_at(features.geometry)
     meet = make_meet(features.geometry)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
     bodies, nested = features.bodies, features.nested
     textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
 

@@ -12,7 +12,7 @@ from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import ray_query
 
 
-@specialised("instances", "spheres", "quadrics", "light_shapes")
+@specialised("instances", "exact", "light_shapes")
 def make_closest_hit(features: Features) -> wp.Function:
     """Return the device function (scene, ray) -> the nearest hit; its triangle is NO_HIT for a miss.
 

@@ -15,9 +15,8 @@ from wrt.kernels.geometry.quadrics import (
     DISK,
     NO_QUADRIC,
     Quadric,
-    area_of,
+    disk_area,
     front_of,
-    in_unit_shape,
     make_quadric_of,
     point_of,
     quadric_coordinates,
@@ -33,7 +32,8 @@ from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
 from wrt.kernels.lights.tree import NO_LIGHT
-from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
+from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.sampling.cylinder import CylinderView, cylinder_pdf, place_on_cylinder, view_of_cylinder
 from wrt.kernels.sampling.solid_angle import cone_pdf, sample_sphere, sphere_one_minus_cos
 from wrt.kernels.sampling.warps import TWO_PI, square_to_triangle
 from wrt.kernels.scene.scene_data import (
@@ -141,21 +141,17 @@ _OFF_QUADRIC = wp.constant(2.0**-19)
 
 
 @wp.func
-def place_on_quadric(quadric: Quadric, receiver: Receiver, u: wp.vec2) -> wp.vec3:
-    """Return a place on the unit shape, uniform by area; u = 0 is the middle, or of a cylinder the nearest to it."""
-    if quadric.kind == DISK:
-        around = sine_cosine(TWO_PI * u[1])
-        r = wp.sqrt(u[0])
-        return wp.vec3(r * around[1], r * around[0], 0.0)
-    towards = in_unit_shape(quadric, receiver.position - quadric.center)
-    around = sine_cosine(arc_tangent(towards[1], towards[0]) + TWO_PI * u[0])
-    return wp.vec3(around[1], around[0], wp.where(u[1] < 0.5, u[1], u[1] - 1.0))
+def place_on_disk(u: wp.vec2) -> wp.vec3:
+    """Return a place on the unit disk, uniform by area; u = 0 is the middle."""
+    around = sine_cosine(TWO_PI * u[1])
+    r = wp.sqrt(u[0])
+    return wp.vec3(r * around[1], r * around[0], 0.0)
 
 
 @wp.func
-def quadric_pdf(quadric: Quadric, distance: float, cos_light: float) -> float:
-    """Return the density per solid angle of a point that is uniform on a disk or cylinder."""
-    return distance * distance / (area_of(quadric) * cos_light)
+def disk_pdf_by_area(quadric: Quadric, distance: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point that is uniform on a disk."""
+    return distance * distance / (disk_area(quadric) * cos_light)
 
 
 @wp.func
@@ -164,7 +160,11 @@ def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver
     sample = LightSample()
     sample.point.triangle = light.triangle
     sample.point.instance = light.instance
-    place = place_on_quadric(quadric, receiver, u)
+    view = CylinderView()
+    place = place_on_disk(u)
+    if quadric.kind != DISK:
+        view = view_of_cylinder(quadric, light.two_sided, receiver.position)
+        place = place_on_cylinder(view, u)
     weights = quadric_coordinates(quadric, place)
     sample.point.u = weights[0]
     sample.point.v = weights[1]
@@ -177,12 +177,26 @@ def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver
         way = point + normal * off - receiver.position
         distance = wp.length(way)
         sample.wi = way / distance
+        sample.point.t = distance
         sample.distance = distance * _BEFORE_TRIANGLE
         cos_light = -wp.dot(sample.wi, normal)
         if cos_light > 0.0:
-            sample.pdf = quadric_pdf(quadric, distance, cos_light)
+            if quadric.kind == DISK:
+                sample.pdf = disk_pdf_by_area(quadric, distance, cos_light)
+            else:
+                sample.pdf = cylinder_pdf(quadric, view, sample.wi, distance)
             sample.radiance = light.value
     return sample
+
+
+@wp.func
+def quadric_pdf(
+    quadric: Quadric, two_sided: int, receiver: Receiver, direction: wp.vec3, distance: float, cos_light: float
+) -> float:
+    """Return the density per solid angle with which `sample_mesh_quadric` samples a hit."""
+    if quadric.kind == DISK:
+        return disk_pdf_by_area(quadric, distance, cos_light)
+    return cylinder_pdf(quadric, view_of_cylinder(quadric, two_sided, receiver.position), direction, distance)
 
 
 # --- Surfaces of meshes ----------------------------------------------------------------------------
@@ -233,7 +247,9 @@ def make_hit_pdf(geometry: str) -> wp.Function:
         if wp.static(quadrics):
             quadric = quadric_of(scene, hit.triangle, hit.instance, receiver.time)
             if quadric.kind != NO_QUADRIC:
-                return quadric_pdf(quadric, distance, -wp.dot(surface.normal, direction))
+                two_sided = scene.shapes[surface.shape].two_sided
+                cos_light = -wp.dot(surface.normal, direction)
+                return quadric_pdf(quadric, two_sided, receiver, direction, distance, cos_light)
         sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
         if sphere.radius > 0.0:
             return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
@@ -280,7 +296,7 @@ def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Fun
     return emission_at
 
 
-@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "spheres", "quadrics", "light_tree")
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "exact", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
     textured, light_tree = features.textured, features.light_tree
@@ -289,11 +305,11 @@ def make_lights(features: Features) -> Lights:
     sample_light_shape = make_light_shapes(features.light_shapes).sample
     choose_light, choice_probability = make_light_choice(light_tree)
     triangle_of = make_triangle_of(features.instances)
-    spheres = features.spheres
+    exact = features.has_exact
     sample_surface = make_sample_surface(features.geometry)
     emission_at = make_emission_at(textured, features.uv2_alpha, features.mipmapped)
     slot_color = make_slot_color(features.mipmapped)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.spheres)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
 
     @wp.func
     def way_to_light(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
@@ -302,7 +318,7 @@ def make_lights(features: Features) -> Lights:
         sample.radiance = wp.vec3(0.0)
         sample.point.triangle = NO_HIT
         if light.kind == LIGHT_TRIANGLE:
-            if wp.static(spheres):
+            if wp.static(exact):
                 sample = sample_surface(scene, light, receiver, u)
             else:
                 triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
@@ -310,7 +326,7 @@ def make_lights(features: Features) -> Lights:
             if wp.static(textured):
                 if sample.pdf > 0.0:
                     surface = Surface()
-                    if wp.static(spheres):
+                    if wp.static(exact):
                         surface.uv = wp.vec2(sample.point.u, sample.point.v)
                     surface = add_texture_coordinates(scene, sample.point, surface)
                     shape = scene.shapes[light.shape]

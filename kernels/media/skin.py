@@ -9,7 +9,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.features import has_spheres
+from wrt.kernels.features import has_exact
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.geometry.surface import make_surface_at
 from wrt.kernels.scene.scene_data import SceneData
@@ -49,7 +49,7 @@ def make_skin_near(geometry: str) -> wp.Function:
     `ahead` is the hit in front of the ray and `behind` the one that it left, or NO_HIT. See `Features.geometry`.
     """
     surface_at = make_surface_at(geometry)
-    spheres = has_spheres(geometry)
+    exact = has_exact(geometry)
 
     @wp.func
     def skin_near(scene: SceneData, ray: Ray, distance: float, ahead: Hit, behind: Hit) -> Skin:
@@ -60,14 +60,21 @@ def make_skin_near(geometry: str) -> wp.Function:
         if hit.triangle < 0:
             return skin
         seen = hit
-        if wp.static(spheres):
-            # A point on a sphere is found from the ray, which begins at the one behind.
-            seen.t = wp.where(hit.triangle == behind.triangle and hit.t == behind.t, 0.0, hit.t)
-        surface = surface_at(scene, ray, seen)
-        # Seen along the ray, normals face back: outwards behind, inwards ahead.
-        skin.normal = -surface.normal
-        if hit.triangle == behind.triangle and hit.t == behind.t:
-            skin.normal = surface.normal
+        if wp.static(exact):
+            # The points of exact shapes are found from the ray: that behind by looking back from where it begins, or it
+            # would be the far wall. Seen so, each normal faces the medium.
+            line = ray
+            if behind.triangle >= 0 and (ahead.triangle < 0 or distance < ahead.t - distance):
+                line.direction = -ray.direction
+                seen.t = 0.0
+            surface = surface_at(scene, line, seen)
+            skin.normal = -surface.normal
+        else:
+            surface = surface_at(scene, ray, seen)
+            # Seen along the ray, normals face back: outwards behind, inwards ahead.
+            skin.normal = -surface.normal
+            if hit.triangle == behind.triangle and hit.t == behind.t:
+                skin.normal = surface.normal
         skin.point = surface.position
         size = wp.max(wp.abs(surface.position)) + wp.length(surface.e1) + wp.length(surface.e2)
         skin.error = size * RELATIVE_ERROR

@@ -139,10 +139,22 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
                 const auto axis_of = [&](int which, int axis) {
                     return ray.axes.of(id, which)[axis == 0 ? ray.kx : axis == 1 ? ray.ky : ray.kz];
                 };
-                const bool is_quadric = rises(0) != rises(1), is_disk = rises(0) == rises(2);
-                const Roots<float> roots =
-                    is_quadric ? roots_of_quadric<float>(corner, axis_of, is_disk, ray.origin, ray.shear, 0, 1, 2)
-                               : roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
+                Roots<float> roots;
+                if (rises(0) != rises(1)) {
+                    const auto in_order = [&](const float* of, float* out) {
+                        out[0] = element(of, ray.kx), out[1] = element(of, ray.ky), out[2] = element(of, ray.kz);
+                    };
+                    float inverse[3], near_shift[3], far_shift[3];
+                    in_order(ray.inverse, inverse), in_order(ray.near_shift, near_shift);
+                    in_order(ray.far_shift, far_shift);
+                    const Span<float> span = span_in_box<float>(corner, inverse, near_shift, far_shift, t_min);
+                    if (!span.begins_before(nearest.t)) continue;
+                    roots = roots_of_quadric<float>(
+                        corner, axis_of, ray.axes.scales_of(id), span, rises(0) == rises(2), ray.origin, ray.shear, 0,
+                        1, 2);
+                } else {
+                    roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
+                }
 #else
                 const Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
 #endif

@@ -166,12 +166,24 @@ WRT_INLINE void test_leaf(
             return leaf[LEAF_SIZE * axis + j] < leaf[LEAF_SIZE * (3 + axis) + j];
         };
         if (rises(0) != rises(1)) {
+            const auto of_box = [&](int vertex, int axis) WRT_INLINE_LAMBDA -> Floats {
+                return (Floats)leaf[LEAF_SIZE * (3 * vertex + axis) + j];
+            };
+            Floats inverse[3], near_shift[3], far_shift[3];
+            for (int k = 0; k < 3; ++k) {
+                inverse[k] = row(a.inverses[k]);
+                near_shift[k] = row(a.near_shifts[k]);
+                far_shift[k] = row(a.far_shifts[k]);
+            }
+            const Span<Floats> span = span_in_box<Floats>(of_box, inverse, near_shift, far_shift, t_min);
+            if (mask_of(span.begins_before(best) & within) == 0) return;
             const auto axis_of = [&](int which, int axis) WRT_INLINE_LAMBDA -> Floats {
                 const float* v = a.axes.of(ids[j], which);
                 return axes ? in_order(axis, (Floats)v[0], (Floats)v[1], (Floats)v[2]) : (Floats)v[axis];
             };
             const bool is_disk = rises(0) == rises(2);
-            keep_first(j, roots_of_quadric<Floats>(corner, axis_of, is_disk, origin, shear, kx, ky, kz));
+            const Scales scales = a.axes.scales_of(ids[j]);
+            keep_first(j, roots_of_quadric<Floats>(corner, axis_of, scales, span, is_disk, origin, shear, kx, ky, kz));
             return;
         }
 #endif

@@ -74,7 +74,7 @@ def cast_rays(shapes: list[wrt.Mesh], origins: NDArray, directions: NDArray, dev
     for mesh in shapes:
         scene.add(mesh)
     built = build_scene(scene, Device(device), texture_coordinates=True)
-    assert built.features.spheres
+    assert built.features.has_exact
     n = len(origins)
     made = [(int, n), (wp.vec2, n), (wp.vec3, (n, 2)), (wp.vec3, n), (wp.vec2, n), (int, (n, 4))]
     out = [wp.zeros(shape, dtype=dtype, device=device) for dtype, shape in made]

@@ -72,9 +72,7 @@ def read_quadrics(file: Path) -> Quadrics:
     """
     arrays = read_arrays(file, required=("boxes", "axes"), optional=("colors",))
     with naming_file(file):
-        made = stored_in(Quadrics, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
-        made.check()
-    return made
+        return stored_in(Quadrics, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
 
 
 def arrays_of_exact(mesh: Analytic) -> dict[str, NDArray[Any]]:

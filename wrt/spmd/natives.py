@@ -1,5 +1,6 @@
 """Native functions (`wp.func_native`) for several lanes."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from wrt.kernels.native import headers_of, included_by, text_of
@@ -8,11 +9,17 @@ from wrt.spmd.types import Types
 
 _WIDE = {
     "_traverse": "closest_hit",
+    "make_exact_queries__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
 }
 """Native functions with a version for lanes (`kernels/native/lanes`), by name."""
+
+
+def traverses_one_tree(functions: Iterable[str]) -> bool:
+    """Return whether any of the functions with these names looks for hits in a tree without instances."""
+    return any(_WIDE.get(name) == "closest_hit" for name in functions)
 
 
 def native_function(types: Types, function: Any) -> str:

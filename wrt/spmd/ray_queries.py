@@ -7,6 +7,7 @@ traces them.
 from typing import NamedTuple
 
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE
+from wrt.spmd.natives import traverses_one_tree
 from wrt.spmd.templates import fill
 
 
@@ -48,7 +49,7 @@ def ray_query_code(
     nearest = query.distance is None
     together = query.function == functions.get("closest_hit" if nearest else "occluded")
     call = f"wide_{query.function}(steps.{query.scene}, ray"
-    if not together or not {"_traverse", "_hit"} <= set(functions):
+    if not together or not traverses_one_tree(functions):
         kind = f"AskedEach<{name}, {types[1]}>"
         blocked = f"lanes::choose({call}, reach, exec), (lanes::ints)0, (lanes::ints)-1)"
         ask = f"{call}, exec)" if nearest else f"lanes::Ints({blocked})"

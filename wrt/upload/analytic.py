@@ -31,8 +31,8 @@ def with_exact_shapes(scene: Scene) -> Scene:
     return dataclasses.replace(scene, shapes=shapes) if cut else scene
 
 
-def mark_exact(layout: Layout) -> tuple[bool, bool]:
-    """Return whether a layout has exact shapes, and disks or cylinders among them.
+def mark_exact(layout: Layout) -> str:
+    """Return which exact shapes a layout has, as `Features.exact` names them.
 
     See to it that no triangle is taken for one: a triangle whose third corner is its first is never hit; where there
     are exact shapes, its second becomes the same.
@@ -40,11 +40,11 @@ def mark_exact(layout: Layout) -> tuple[bool, bool]:
     shared = [key for mesh in layout.shared for key in mesh.keys]
     exact = [mesh for mesh in (*layout.world_meshes, *shared) if isinstance(mesh, Analytic)]
     if not exact:
-        return False, False
+        return "none"
     layout.world_meshes[:] = [_without_needles([mesh])[0] for mesh in layout.world_meshes]
     for each in layout.shared:
         each.keys = _without_needles(each.keys)
-    return True, any(isinstance(mesh, Quadrics) for mesh in exact)
+    return "quadrics" if any(isinstance(mesh, Quadrics) for mesh in exact) else "spheres"
 
 
 def _without_needles(keys: list[Mesh]) -> list[Mesh]:

@@ -84,8 +84,7 @@ class Described(NamedTuple):
     Attributes:
         scene: the scene, in which exact shapes that kernels cannot meet as such are triangles.
         layout: its shapes, sorted into trees.
-        spheres: whether it has exact spheres.
-        quadrics: whether it has exact disks or cylinders.
+        exact: which exact shapes it has, as `Features.exact` names them.
         environment: the environment as kernels have it.
         lights: the lights without triangles.
         textures: the textures of those, by their numbers.
@@ -94,8 +93,7 @@ class Described(NamedTuple):
 
     scene: Scene
     layout: Layout
-    spheres: bool
-    quadrics: bool
+    exact: str
     environment: ConstantEnvironment | ImageEnvironment | None
     lights: list[Light]
     textures: dict[int, ImageTexture]
@@ -109,7 +107,7 @@ def describe_scene(scene: Scene) -> Described:
     _check_sizes(scene)
     scene = with_exact_shapes(scene)
     layout = lay_out(scene)
-    spheres, quadrics = mark_exact(layout)
+    exact = mark_exact(layout)
     environment, sky_lights = resolve_environment(scene.environment)
     lights = [*scene.lights, *sky_lights]
     textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
@@ -117,12 +115,12 @@ def describe_scene(scene: Scene) -> Described:
         [shape.material for shape in scene.shapes],
         [*(shape.emission for shape in scene.shapes), *textures.values()],
     )
-    return Described(scene, layout, spheres, quadrics, environment, lights, textures, materials)
+    return Described(scene, layout, exact, environment, lights, textures, materials)
 
 
 def memory_of(described: Described, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
     """Return the memory that the upload will take on the CPU or on a GPU, see `scene_memory`."""
-    scene, layout, _, _, environment, lights, _, materials = described
+    scene, layout, _, environment, lights, _, materials = described
     return scene_memory(
         scene, layout, materials, environment, lights, is_cpu=is_cpu, texture_coordinates=texture_coordinates
     )
@@ -171,7 +169,7 @@ def build_scene(
     from wrt.kernels.features import Features
 
     described = describe_scene(scene)
-    scene, layout, spheres, quadrics, environment, lights, textures, materials = described
+    scene, layout, exact, environment, lights, textures, materials = described
     _require_memory(described, device, texture_coordinates)
     data = scene_data.SceneData()
     places = _places(layout)
@@ -202,8 +200,7 @@ def build_scene(
         nested=bodies.nested,
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,
-        spheres=spheres,
-        quadrics=quadrics,
+        exact=exact,
     )
     read = on_features(features)
     textured = read.textured or read.tangents or texture_coordinates

@@ -1,9 +1,15 @@
 #pragma once
-// Where the vectors of disks and cylinders are found during traversal (`quadrics.h`).
+// Where the vectors of disks and cylinders are found during traversal (`quadrics.h`). Trees without these need none.
 #include "vectors.h"
 
 #if defined(WRT_QUADRICS)
 namespace wrt {
+// Powers of two for the vectors of a shape that bring the largest coordinate of each to [1, 2). So products of vectors
+// of any length neither overflow nor vanish, and scaling rounds nothing.
+struct Scales {
+    float by[3];
+};
+
 // The arrays of a scene, or of a mesh in it, that hold the three vectors of each shape.
 struct Axes {
     const int* corners;
@@ -11,6 +17,15 @@ struct Axes {
 
     WRT_MEMBER const float* of(const int id, const int which) const {
         return normals + 3 * (size_t)corners[3 * (size_t)id + which];
+    }
+    WRT_MEMBER Scales scales_of(const int id) const {
+        Scales scales;
+        WRT_UNROLL for (int which = 0; which < 3; ++which) {
+            const float* const v = of(id, which);
+            const float largest = most(most(size(v[0]), size(v[1])), size(v[2]));
+            scales.by[which] = float_of(0x7f000000 - (bits_of(largest) & 0x7f800000));
+        }
+        return scales;
     }
     WRT_MEMBER Axes from(const int first_triangle) const { return {corners + 3 * (size_t)first_triangle, normals}; }
 };
@@ -47,6 +62,17 @@ instances_with_axes(const Placed& placed, const Corners& corners, const Normals&
     return {
         placed.nodes, placed.instances, placed.meshes, placed.first_slice, placed.slices_per_second,
         placed.slice_nodes, placed.motion_keys, placed.motions, placed.key_times, axes_of(corners, normals)};
+}
+} // namespace wrt
+#elif defined(WRT_SPHERES)
+namespace wrt {
+template<class Bvh, class Corners, class Normals>
+WRT_INLINE const Bvh& with_axes(const Bvh& bvh, const Corners&, const Normals&) {
+    return bvh;
+}
+template<class Placed, class Corners, class Normals>
+WRT_INLINE const Placed& instances_with_axes(const Placed& placed, const Corners&, const Normals&) {
+    return placed;
 }
 } // namespace wrt
 #endif

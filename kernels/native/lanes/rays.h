@@ -172,7 +172,7 @@ LANES_CALLED Vector<4, Floats> closest_hit(
     return found(journeys, t_max);
 }
 
-#if defined(WRT_QUADRICS)
+#if defined(WRT_SPHERES)
 template<class Bvh, class Corners, class Normals>
 LANES_CALLED Vector<4, Floats> closest_hit(
     const Bvh& bvh, const Corners& corners, const Normals& normals, const Vector<3, Floats>& origin,

@@ -67,13 +67,31 @@ class Quadrics(Analytic):
         z = self.axes[:, 2] / np.linalg.norm(self.axes[:, 2], axis=1, keepdims=True)
         return np.asarray(np.where((self.are_disks & self.inside_out)[:, None], -z, z))
 
-    def check(self) -> None:
-        """Raise InputError where vectors from a file are no disk's or cylinder's."""
-        straight = self.are_disks | _are_straight(self.axes)
-        volumes = np.abs(np.linalg.det(self.axes))
-        kinds = (self.vertices[0::3] < self.vertices[1::3])[:, :2]
-        if not (straight & (volumes > 0.0) & (kinds[:, 0] != kinds[:, 1])).all():
-            raise InputError(f"{self.name}: its arrays are not those of disks and cylinders")
+    def _mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
+        disks, axes, rises = self.are_disks, self.axes, self.vertices[0::3] < self.vertices[1::3]
+        x, y, z = np.moveaxis(axes, 1, 0)
+        lengths = np.linalg.norm(axes, axis=2)
+        flat = np.linalg.norm(np.cross(x, y), axis=1) == 0.0
+        leaning = np.abs(np.einsum("njk,nk->nj", axes[:, :2], z)).max(axis=1) > _SQUARE * lengths[:, :2].max(axis=1)
+        half = 0.5 * np.abs(self._corners(1) - self._corners(0))
+        off = np.abs(half - _reach(disks, self.centers, axes)).max(axis=1)
+        scale = (np.abs(self.centers) + half).max(axis=1)
+        return [
+            (rises[:, 0] == rises[:, 1], "boxes", "corners must be in the order of a disk's or a cylinder's"),
+            (
+                disks & (np.abs(lengths[:, 2] - 1.0) > _SQUARE),
+                "axes",
+                "a disk's normal, its third row, must have length 1",
+            ),
+            (disks & flat, "axes", "a disk's radii, its first two rows, must not be parallel"),
+            (disks & leaning, "axes", "a disk's normal, its third row, must be perpendicular to its radii"),
+            (
+                ~disks & ~_are_straight(axes),
+                "axes",
+                "a cylinder's rows must be perpendicular, the first two of one length",
+            ),
+            (off > 0.5 * _PADDING * scale, "boxes", "must be opposite corners of the box around the shape"),
+        ]
 
     def keeps(self, matrices: FloatArray) -> bool:
         """Return whether disks and cylinders remain such under all maps of a motion, (K, 3 or 4, 4).
@@ -226,6 +244,12 @@ def _are_straight(axes: FloatArray, within: float = _SQUARE) -> NDArray[np.bool_
     return np.asarray((cosines < within) & (np.abs(length[:, 0] - length[:, 1]) < within * length[:, 0]))
 
 
+def _reach(disks: NDArray[np.bool_], centers: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return half the sides of the boxes around shapes, (N, 3)."""
+    reach = np.sqrt((axes[:, :2] ** 2).sum(axis=1)) + np.where(disks[:, None], 0.0, 0.5 * np.abs(axes[:, 2]))
+    return np.asarray(reach + _PADDING * (np.abs(centers) + reach).max(axis=1, keepdims=True))
+
+
 def _made(
     disks: NDArray[np.bool_],
     centers: FloatArray,
@@ -238,8 +262,7 @@ def _made(
     axes[disks, 2] /= np.linalg.norm(axes[disks, 2], axis=1, keepdims=True)
     with np.errstate(over="ignore"):
         axes = axes.astype(np.float32).astype(np.float64)
-    reach = np.sqrt((axes[:, :2] ** 2).sum(axis=1)) + np.where(disks[:, None], 0.0, 0.5 * np.abs(axes[:, 2]))
-    reach = reach + _PADDING * (np.abs(centers) + reach).max(axis=1, keepdims=True)
+    reach = _reach(disks, centers, axes)
     side = np.where(inside_out, -1.0, 1.0)[:, None] * np.where(disks[:, None], (1, -1, 1), (1, -1, -1))
     with np.errstate(over="ignore"):
         first, second = ((centers + sign * side * reach).astype(np.float32) for sign in (-1.0, 1.0))

@@ -13,6 +13,9 @@ from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps
 from wrt.scene.mesh import Mesh
 from wrt.values import array
 
+_ORTHONORMAL = 1e-3
+"""The error of products of axes that a file may have; each transform adds up to 1e-5."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spheres(Analytic):
@@ -42,6 +45,21 @@ class Spheres(Analytic):
     def areas(self) -> FloatArray:
         """(N,) float64 areas, square metres."""
         return np.asarray(4.0 * np.pi * self.radii**2)
+
+    def _mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
+        first, second = self._corners(0), self._corners(1)
+        half, falls = 0.5 * np.abs(second - first), second < first
+        uneven = half.max(axis=1) - half.min(axis=1) > 2.0**-22 * (np.abs(self.centers) + half).max(axis=1)
+        turned = np.abs(self.axes @ np.swapaxes(self.axes, 1, 2) - np.eye(3)).max(axis=(1, 2)) > _ORTHONORMAL
+        return [
+            (half.min(axis=1) == 0.0, "boxes", "must have a size"),
+            (
+                uneven | (falls != falls[:, :1]).any(axis=1),
+                "boxes",
+                "must be the lowest and the highest corner of a cube",
+            ),
+            (turned, "axes", "rows must be perpendicular and of length 1"),
+        ]
 
     def keeps(self, matrices: FloatArray) -> bool:
         """Return whether the spheres remain spheres under all maps of a motion, (K, 3 or 4, 4)."""

@@ -1,0 +1,111 @@
+"""The surface that a path in a medium has just left is found where the path left it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
+
+import wrt
+from wrt.backend.device import Device
+from wrt.kernels.accel.intersect import make_intersect
+from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.geometry.surface import leave, make_surface_at
+from wrt.kernels.media.skin import make_skin_near
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.upload.scene_data import build_scene
+
+
+def make_enter(geometry: str) -> wp.Kernel:
+    intersect, surface_at, skin_near = make_intersect(geometry), make_surface_at(geometry), make_skin_near(geometry)
+    closest_hit = intersect.closest_hit
+
+    @wp.kernel(module=wp.get_module(f"skins_{geometry}"), enable_backward=False)
+    def enter(
+        scene: SceneData,
+        origins: wp.array(dtype=wp.vec3),
+        directions: wp.array(dtype=wp.vec3),
+        turns: wp.array(dtype=wp.vec3),
+        share: float,
+        met_out: wp.array(dtype=int),
+        points_out: wp.array2d(dtype=wp.vec3),
+        normal_out: wp.array(dtype=wp.vec3),
+    ):
+        """Go in through the nearest surface in another direction, and a share of the way to the next: which skin?"""
+        i = wp.tid()
+        ray = Ray()
+        ray.origin = origins[i]
+        ray.direction = directions[i]
+        behind = closest_hit(scene, ray)
+        met_out[i] = -2
+        if behind.triangle >= 0:
+            surface = surface_at(scene, ray, behind)
+            into = wp.normalize(turns[i] - surface.normal * (wp.dot(turns[i], surface.normal) + 0.5))
+            ray.origin = leave(surface, -1.0)
+            ray.direction = into
+            ahead = closest_hit(scene, ray)
+            distance = wp.where(ahead.triangle >= 0, ahead.t * share, 0.0)
+            skin = skin_near(scene, ray, distance, ahead, behind)
+            met_out[i] = skin.hit.triangle
+            points_out[i, 0] = surface.position
+            points_out[i, 1] = skin.point
+            points_out[i, 2] = surface.normal
+            normal_out[i] = skin.normal
+
+    return enter
+
+
+def can() -> list[wrt.Mesh]:
+    ends = np.array([(0.2, -0.3, 0.1), (0.5, 0.8, 0.3)])
+    along = ends[1] - ends[0]
+    return [
+        wrt.cylinder(tuple(ends[0]), tuple(ends[1]), 0.5),
+        wrt.disk(tuple(ends[0]), tuple(-along), 0.5),
+        wrt.disk(tuple(ends[1]), tuple(along), 0.5),
+    ]
+
+
+SHAPES: dict[str, list[wrt.Mesh]] = {
+    "can": can(),
+    "ball": [wrt.sphere((0.2, 0.1, 0.3), 0.6, exact=True)],
+    "box": [wrt.box((-0.4, -0.3, -0.2), (0.6, 0.7, 0.5))],
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_skin_behind_is_where_the_path_came_in(name: str, device: str) -> None:
+    """Not on the far wall of the same can or ball, which the ray meets next."""
+    rng = np.random.default_rng(6)
+    scene = wrt.Scene()
+    for mesh in SHAPES[name]:
+        scene.add(mesh)
+    built = build_scene(scene, Device(device), texture_coordinates=True)
+    n = 4000
+    out = rng.standard_normal((n, 3))
+    origins = (3.0 * out / np.linalg.norm(out, axis=1, keepdims=True)).astype(np.float32)
+    directions = rng.uniform(-0.3, 0.6, (n, 3)) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    turns = rng.standard_normal((n, 3))
+    kernel = make_enter(built.features.geometry)
+
+    def skins(share: float) -> tuple[Any, ...]:
+        made = [(int, n), (wp.vec3, (n, 3)), (wp.vec3, n)]
+        out = [wp.zeros(shape, dtype=dtype, device=device) for dtype, shape in made]
+        rays = [wp.array(values, dtype=wp.vec3, device=device) for values in (origins, directions, turns)]
+        wp.launch(kernel, n, [built.data, *rays, share], out, device=device)
+        return tuple(array.numpy() for array in out)
+
+    met, points, normals = skins(0.0)
+    entered = met != -2
+    assert entered.sum() > 1000
+    assert (met[entered] >= 0).all()
+    left: NDArray = points[entered, 0]
+    # The path begins a little behind the surface, from where it is looked back at.
+    assert np.abs(points[entered, 1] - left).max() < 3e-5
+    assert np.abs(normals[entered] - points[entered, 2]).max() < 1e-4  # the side from which the path came
+    # Half way across nothing is near.
+    met, *_ = skins(0.45)
+    assert (met[entered] < 0).mean() > 0.9
