@@ -14,7 +14,7 @@ from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.scene.skies.preetham import rgb_from_xyz, sky_xyz, sun_xyz
-from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector
+from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector, weighted_sum
 
 SUN_DIAMETER_DEGREES = 0.53
 """The sun's mean angular diameter."""
@@ -196,7 +196,7 @@ class SunSkyEnvironment:
         """Return the image of sky and ground, and the sun, or None without it."""
         directions = image_directions(_SKY_HEIGHT, 2 * _SKY_HEIGHT)
         upper = directions[: _SKY_HEIGHT // 2]
-        cos_zenith, cos_sun = upper[..., 1], upper @ np.array(self.to_sun)
+        cos_zenith, cos_sun = upper[..., 1], weighted_sum(upper, self.to_sun)
         elevation = math.radians(self.elevation_degrees)
         if self.model == "preetham":
             sky = rgb_from_xyz(sky_xyz(cos_zenith, cos_sun, 0.5 * math.pi - elevation, self.turbidity))

@@ -12,6 +12,7 @@ from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
 from wrt.scene.textures import CHANNELS, ImageTexture, VertexColor
 from wrt.upload.lights.environment import LUMINANCE
+from wrt.values import weighted_sum
 
 _MOST_PARTS = 64
 """Most subdivisions of an edge in the quadrature over a triangle."""
@@ -39,7 +40,7 @@ def mean_emissions(shape: Shape) -> tuple[NDArray[np.float64], NDArray[np.float6
         means = values.mean(axis=1)
     else:
         means = np.broadcast_to(np.asarray(emission, np.float64), (count, 3))
-    return means, means @ LUMINANCE
+    return means, weighted_sum(means, LUMINANCE)
 
 
 def _of_analytic(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -83,11 +84,11 @@ def _of_image(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64],
             if texture.cutoff is not None:
                 values = _masked(values, texture.cutoff)
             means[chunk] = values.mean(axis=1)
-    luminance = pixels.astype(np.float64) @ LUMINANCE
+    luminance = weighted_sum(pixels.astype(np.float64), LUMINANCE)
     if texture.cutoff is not None:
         luminance = np.where(luminance > 0.0, 1.0, 0.0)
     around = _means_around(texture, luminance, corners) * (colors.max(axis=1) * texture.factor).max(axis=1)
-    return means, np.maximum(means @ LUMINANCE, _LEAST_SHARE * around)
+    return means, np.maximum(weighted_sum(means, LUMINANCE), _LEAST_SHARE * around)
 
 
 def _masked(values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:

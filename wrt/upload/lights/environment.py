@@ -18,6 +18,7 @@ from wrt.scene.lights import DirectionalLight
 from wrt.scene.motion import rotation_matrix
 from wrt.upload.lights.environment_sampling import environment_tables
 from wrt.upload.limits import require_countable
+from wrt.values import weighted_sum
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear Rec. 709 RGB in luminance."""
@@ -65,7 +66,7 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     require_countable(environment.pixels.shape[0] * environment.pixels.shape[1], "texels of the environment")
     pixels = environment.pixels * np.float32(environment.scale)
     image_to_world = rotation_matrix(environment.rotation_axis, environment.rotation_degrees)
-    tables = environment_tables(pixels @ LUMINANCE.astype(np.float32), image_to_world)
+    tables = environment_tables(weighted_sum(pixels, LUMINANCE), image_to_world)
     data.height, data.width = pixels.shape[:2]
     data.texels = backend.array(pixels.reshape(-1, 3), "vec3", device)
     data.rotation = image_to_world.T

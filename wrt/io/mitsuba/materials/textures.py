@@ -19,7 +19,7 @@ from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
 from wrt.scene.medium import DensityGrid
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import Vec3, sealed, vec3
+from wrt.values import Vec3, sealed, vec3, weighted_sum
 
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 """Luminance of linear Rec. 709 (ITU-R BT.709), used where a colour is given for a number."""
@@ -101,7 +101,7 @@ class Textures:
         if key not in self._made:
             made = self._make(texture, use)
             if use == "number" and isinstance(made, ImageTexture):
-                grey = made.pixels @ (_LUMINANCE / _LUMINANCE.sum()).astype(np.float32)
+                grey = weighted_sum(made.pixels, _LUMINANCE / _LUMINANCE.sum())
                 made = dataclasses.replace(made, pixels=np.repeat(grey[..., None], 3, axis=2))
             self._made[key] = made
         return self._made[key]
