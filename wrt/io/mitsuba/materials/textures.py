@@ -85,7 +85,7 @@ class Textures:
         element = plugin.value(name, *COLOR_TAGS)
         if element is None:
             return default
-        value = float(np.dot(color_of(element, plugin.document, shines=False), _LUMINANCE / _LUMINANCE.sum()))
+        value = _luminance(color_of(element, plugin.document, shines=False))
         if not least <= value <= most:
             plugin.document.warn(element, f"{plugin.label}: {name!r} is clipped to {least:g} up to {most:g}")
         return min(max(value, least), most)
@@ -150,6 +150,14 @@ class Textures:
             first, second = second, first
         pixels = np.array([[second, first], [first, second]], np.float32)
         return _placed(texture, ImageTexture(pixels, "checkerboard", filter="nearest"))
+
+
+def _luminance(color: Vec3) -> float:
+    """Return the luminance of a colour; that of a grey is its value, without an error of rounding."""
+    red, green, blue = color
+    if red == green == blue:
+        return float(red)
+    return float(weighted_sum(np.asarray(color, np.float64), _LUMINANCE / _LUMINANCE.sum()))
 
 
 def _placed(texture: Plugin, image: ImageTexture) -> ImageTexture:
