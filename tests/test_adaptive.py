@@ -33,6 +33,7 @@ def run(renderer: wrt.Renderer, **limits: Any) -> NDArray[np.float32]:
     return renderer.image()
 
 
+@pytest.mark.slow
 def test_less_work_for_the_same_noise(report: Report) -> None:
     whole, adaptive, reference = ball(), ball(), ball(seed=5)
     run(whole, noise=TARGET)

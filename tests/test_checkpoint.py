@@ -231,6 +231,7 @@ CHANGES: dict[str, dict[str, object]] = {
 }
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 @pytest.mark.parametrize("part", CHANGES)
 def test_a_scene_that_differs_is_refused_by_its_part(part: str, tmp_path: Path) -> None:
     path = tmp_path / "film"
@@ -247,6 +248,7 @@ def test_all_differing_parts_are_named(tmp_path: Path) -> None:
     assert text.endswith("these differ: the scene's lights, the scene's camera")
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 @pytest.mark.parametrize(
     ("key", "there", "here"),
     [

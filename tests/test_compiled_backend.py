@@ -101,7 +101,14 @@ def render(folder: Path, environment: dict[str, str], output: str, *arguments: s
     return any(line.endswith(" warp._src.context") for line in lines), "\n".join(said)
 
 
-@pytest.mark.parametrize("arguments", [["cornell-box"], ["still-life"], ["many-triangles", "--triangles", "3000"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["cornell-box"],
+        pytest.param(["still-life"], marks=pytest.mark.slow),
+        pytest.param(["many-triangles", "--triangles", "3000"], marks=pytest.mark.slow),
+    ],
+)
 def test_the_second_start_is_without_warp_and_gives_the_same_bits(
     arguments: list[str], tmp_path: Path, environment: dict[str, str]
 ) -> None:

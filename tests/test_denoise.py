@@ -55,6 +55,7 @@ def mirror_room(**options: Any) -> wrt.Renderer:
     return rendered(scene, 4, filter="box", **options)
 
 
+@pytest.mark.slow
 @needs_denoiser
 def test_guides_look_into_mirrors_and_through_glass() -> None:
     renderer = mirror_room()

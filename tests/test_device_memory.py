@@ -117,8 +117,17 @@ def measured(scene: wrt.Scene, place: str) -> tuple[int, int]:
     return counted.alive, counted.peak
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 class TestForetold:
-    @pytest.mark.parametrize("name", SCENES)
+    @pytest.mark.parametrize(
+        "name",
+        [
+            name
+            if name in ("a ball", "instances", "a cloud and an image")
+            else pytest.param(name, marks=pytest.mark.slow)
+            for name in SCENES
+        ],
+    )
     def test_what_is_foretold_is_taken(self, name: str, place: str, report: Report) -> None:
         scene = SCENES[name]()
         memory = device_memory(scene, device=place)
@@ -128,6 +137,7 @@ class TestForetold:
         assert peak == pytest.approx(memory.peak, rel=0.05)
         assert alive == pytest.approx(memory.kept, rel=0.05)
 
+    @pytest.mark.slow
     def test_cut_triangles_need_a_second_tree(self, place: str) -> None:
         corners = np.concatenate([BALL.vertices[BALL.faces], slivers(400, 2.5, 0.02)])
         scene = scene_of(wrt.Shape(wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))))

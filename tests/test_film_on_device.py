@@ -65,6 +65,7 @@ def test_passes_fetch_no_film(fetched: list[int]) -> None:
     assert sorted(fetched) == [4 * WIDTH * HEIGHT, 24 * WIDTH * HEIGHT]
 
 
+@pytest.mark.slow
 def test_a_target_of_noise_fetches_it_at_powers_of_two_alone(fetched: list[int]) -> None:
     renderer = renderer_of()
     fetched.clear()

@@ -447,6 +447,7 @@ def test_a_motion_keeps_all_that_its_keys_keep() -> None:
         assert isinstance(mesh.transformed(matrix), Quadrics)
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_what_takes_triangles_only_says_so() -> None:
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     shape = scene.add(wrt.disk())

@@ -323,6 +323,7 @@ print(hashlib.sha256(code.encode()).hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_its_code_does_not_depend_on_what_else_the_process_has_made() -> None:
     """Else what one process has compiled would not be what the next looks for."""
 

@@ -94,7 +94,9 @@ def variables(tmp_path: Path) -> dict[str, str]:
     return without_notes(tmp_path)
 
 
-@pytest.mark.parametrize("script", [RENDER, WITHOUT_WARP], ids=["render", "everything"])
+@pytest.mark.parametrize(
+    "script", [pytest.param(RENDER, id="render"), pytest.param(WITHOUT_WARP, id="everything", marks=pytest.mark.slow)]
+)
 def test_the_second_process_is_without_warp_and_has_the_same_bits(
     script: str, tmp_path: Path, variables: dict[str, str]
 ) -> None:
@@ -111,6 +113,7 @@ def test_what_is_not_compiled_moves_the_picture_to_warp(tmp_path: Path, variable
     assert run(tmp_path, variables, GOES_OVER) == with_warp
 
 
+@pytest.mark.slow
 def test_guides_are_noted_for_the_next_process(tmp_path: Path, variables: dict[str, str]) -> None:
     guides = "normals = renderer_with(2).denoising_guides()['normal']\nprint(json.dumps([has_warp(), digest(normals)]))"
     run(tmp_path, variables, RENDER)
@@ -137,6 +140,7 @@ values, total = (make(n, dtype=float, device="cpu") for make, n in ((wp.ones, 8)
 """
 
 
+@pytest.mark.slow
 def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, variables: dict[str, str]) -> None:
     """Loading kernels without Warp gives its library functions that must not replace Warp's own."""
     run(tmp_path, variables, RENDER)

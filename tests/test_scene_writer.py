@@ -57,7 +57,9 @@ def test_built_in_scenes(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not ASSETS.is_dir(), reason=f"no test assets at {ASSETS}")
 @pytest.mark.filterwarnings("ignore:.*Duck.glb. its camera shows the mesh at 34%:UserWarning")
-@pytest.mark.parametrize("name", ["Duck.glb", "fuze/fuze.obj", "AlphaBlendModeTest.glb"])
+@pytest.mark.parametrize(
+    "name", ["Duck.glb", "fuze/fuze.obj", pytest.param("AlphaBlendModeTest.glb", marks=pytest.mark.slow)]
+)
 def test_files(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = wrt.load(ASSETS / name)
     assert main(["convert", str(ASSETS / name), str(tmp_path / "out.toml")]) == 0

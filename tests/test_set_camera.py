@@ -34,6 +34,7 @@ def test_the_picture_is_a_new_renderers(camera: wrt.Camera) -> None:
     assert scene.camera != camera  # the caller's scene stays
 
 
+@pytest.mark.slow
 def test_a_camera_may_enter_a_body() -> None:
     """Paths begin in the medium around the camera, which is found again."""
     inside = wrt.PerspectiveCamera(origin=(0.0, 0.0, 0.0), target=(0.0, 0.0, -1.0))

@@ -184,6 +184,7 @@ def test_meshes_are_made_of_warp_arrays(device: str) -> None:
     np.testing.assert_array_equal(made.faces, mesh.faces)
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_mistakes_are_told_in_one_line(tmp_path) -> None:
     mesh = hilly(0.1, smooth=False)
     renderer = renderer_of(mesh, "cpu")

@@ -243,6 +243,7 @@ def test_wrong_arrays_are_refused(change: dict[str, Any], cause: str, tmp_path: 
         read_spheres(tmp_path / "bad.npz")
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_what_takes_triangles_only_says_so() -> None:
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     shape = scene.add(wrt.sphere(exact=True))

@@ -54,7 +54,8 @@ def test_the_environment_is_hidden_but_lights_the_scene(device: str) -> None:
     assert renderer.layers() == {}
 
 
-@pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", ["path", "whitted"])
 def test_mirrors_show_the_environment(integrator: str) -> None:
     renderer = rendered(block(wrt.Mirror()), transparent=True, integrator=integrator)
     np.testing.assert_allclose(renderer.image(), np.repeat(0.8 * cover_of(renderer)[:, :, None], 3, axis=2), atol=1e-6)
@@ -83,7 +84,8 @@ def wall_with_lamp(*, lamp: bool = True, backwards: bool = False) -> wrt.Scene:
     return scene
 
 
-@pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", ["path", "whitted"])
 def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
     # It shines away from the wall, so with the lamp hidden the picture is that without it.
     seen = rendered(wall_with_lamp(), integrator=integrator).image()

@@ -76,8 +76,9 @@ def test_kernels_have_what_materials_need(materials: list[wrt.Material], expecte
     assert (table.opacity, table.composite) == expected
 
 
-@pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("make", [sides, pytest.param(mixed, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("integrator", ["path", "whitted"])
+@pytest.mark.parametrize("make", [sides, mixed])
 def test_the_bits_are_those_with_holes(make: Callable[[], wrt.Scene], integrator: str) -> None:
     options: dict[str, Any] = {"width": 40, "height": 30, "integrator": integrator}
     renderer = wrt.Renderer(make(), **options)

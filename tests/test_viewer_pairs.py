@@ -30,6 +30,7 @@ def test_an_orbit_is_a_camera_around_its_target(theta: float, phi: float, origin
     assert camera.fov_degrees == 45.0
 
 
+@pytest.mark.slow
 def test_the_same_camera_sees_the_same_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # A white card to the left of a black one, 4 cm wide together, so that the studio makes them larger.
     scene = wrt.Scene()

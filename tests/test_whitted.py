@@ -357,6 +357,7 @@ def test_the_picture_is_the_same_for_any_seed(device: str) -> None:
     assert (path != seen(glass_and_mirrors(), width=48, height=32, seed=2, integrator="path", device=device)).any()
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_a_tree_without_limits_is_refused() -> None:
     with pytest.raises(wrt.InputError, match="min_attenuation"):
         renderer_of(glass_and_mirrors(), min_attenuation=0.0)

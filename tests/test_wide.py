@@ -117,6 +117,7 @@ def scattered(count: int, size: float) -> wrt.Mesh:
     return wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
 
 
+@pytest.mark.slow
 @needs_lanes
 def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of which a leaf may hold two, before other triangles."""
@@ -127,6 +128,7 @@ def test_triangles_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     assert differences(scene) == []
 
 
+@pytest.mark.slow
 @needs_lanes
 def test_large_tree() -> None:
     """More rays take turns there."""
@@ -217,7 +219,7 @@ PATHS = [features for features in FEATURES if features.integrator == "path"]
 @pytest.mark.parametrize(
     "features",
     [
-        pytest.param(f, marks=() if f.aovs or f.nested or f.instances == "deforming" else pytest.mark.slow, id=f.name)
+        pytest.param(f, marks=() if f.nested or f.instances == "deforming" else pytest.mark.slow, id=f.name)
         for f in PATHS
     ],
 )

@@ -20,6 +20,9 @@ ARCH = 90
 
 GPU = "cuda:0"
 
+RUNS_LONG = "wrt.coat.", "wrt.missing."
+"""What names of modules begin with that are always optimised: tables of materials run for half a minute otherwise."""
+
 
 class EmulatedBackend(WarpBackend):
     """Warp's backend, with one GPU whose memory is that of the CPU.
@@ -48,7 +51,8 @@ class EmulatedBackend(WarpBackend):
         key = module.name, module.get_module_hash(BLOCK)
         with self._lock:
             if key not in self._libraries:
-                binary = compiled(ptx_of(module, self._arch), optimization=self._optimization, traces=self._traces)
+                level = max(self._optimization, 1) if module.name.startswith(RUNS_LONG) else self._optimization
+                binary = compiled(ptx_of(module, self._arch), optimization=level, traces=self._traces)
                 self._libraries[key] = Library(binary)
             return self._libraries[key]
 
