@@ -20,7 +20,7 @@ ARCH = 90
 
 GPU = "cuda:0"
 
-RUNS_LONG = "wrt.coat.", "wrt.missing."
+RUNS_LONG = "wrt.coat.", "wrt.missing"
 """What names of modules begin with that are always optimised: tables of materials run for half a minute otherwise."""
 
 
