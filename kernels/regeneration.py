@@ -51,7 +51,7 @@ def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.K
     """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
     if regenerates and features.integrator == "path" and not features.aovs:
         return make_regenerating_kernel(features)
-    return make_render_kernel(features, in_tiles=True)
+    return make_render_kernel(features)
 
 
 @specialised()

@@ -168,7 +168,7 @@ def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
-    compile_for_cuda(make_render_kernel(features, in_tiles=True).module, ARCHITECTURES[0], tmp_path, mode="debug")
+    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
 
 
 def loop_of(features: Features) -> tuple[Any, ...]:

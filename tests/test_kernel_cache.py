@@ -14,15 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import warp as wp
-import warp._src.build as warps_build
 from conftest import ROOT
 from support.caches import CORNELL_BOX, copy_of_warm_cache
 
 from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
-from wrt.backend.kernel_cache import Build, State, cpu_flags, seal, state
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.kernel_cache import State, seal, state
 
 sys.path.insert(0, str(ROOT / "scripts"))
 import damage_cache
@@ -332,31 +329,6 @@ def test_no_room_to_compile_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(cache_folders, "_work", None)
     with pytest.raises(OSError, match="compiling kernels takes"):
         work_folder()
-
-
-# Flags of the compiler
-
-
-def test_flags_of_a_user_are_kept_and_those_by_which_warp_inlines_are_not() -> None:
-    default = cpu_flags(wp.config.cpu_compiler_flags or "")
-    assert default.split() == ["-march=native", "-fno-vectorize", "-fno-slp-vectorize"]
-    own = cpu_flags("-march=x86-64-v2 -mllvm=-inline-threshold=9000 -mllvm=-unroll-count=1 -O1").split()
-    assert own == ["-march=x86-64-v2", "-mllvm=-unroll-count=1", "-O1", "-fno-vectorize", "-fno-slp-vectorize"]
-
-
-def test_kernels_are_compiled_with_these_flags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_flags"))
-    def nothing(first: int) -> None:
-        pass
-
-    initialize_warp()
-    given: list[str] = []
-    compiler = warps_build.build_cpu
-    monkeypatch.setattr(warps_build, "build_cpu", lambda *a, **k: (given.append(k["extra_flags"]), compiler(*a, **k)))
-    own = Build.of(nothing.module, "cpu")
-    assert own is not None
-    own.compile(tmp_path / "build")
-    assert given == [cpu_flags(wp.config.cpu_compiler_flags or "")]
 
 
 # Leftovers of killed processes

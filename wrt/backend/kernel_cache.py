@@ -29,9 +29,6 @@ DIGEST = ".digest"
 """Suffix of the file with two digests: that of a binary, and that of Warp's `.meta` file."""
 
 
-_OF_WARP = "-mllvm=-inline-", "-mllvm=-slp-"
-"""Beginnings of the flags of Warp that `cpu_flags` leaves out."""
-
 _collected: list[set[str]] = []
 
 
@@ -57,16 +54,6 @@ def digest(data: bytes) -> bytes:
     """Return a checksum of 16 characters."""
     # The hash by which Python detects changed sources: importing hashlib takes longer than reading the cache.
     return importlib.util.source_hash(data).hex().encode("ascii")
-
-
-def cpu_flags(flags: str) -> str:
-    """Return the flags of the compiler for CPUs, from those of Warp.
-
-    Warp inlines nearly everything and lets the compiler look for vectors. Render kernels are as fast without
-    (docs/notes/compiling.md), have the same bits, and compile in two thirds of the time.
-    """
-    kept = [flag for flag in flags.split() if not flag.startswith(_OF_WARP)]
-    return " ".join([*kept, "-fno-vectorize", "-fno-slp-vectorize"])
 
 
 def state(binary: Path, meta: Path | None = None) -> State:
@@ -187,8 +174,7 @@ class Build:
         self._module.failed_builds.pop((self._device.context, self._block), None)
         lend_headers()
         self._module.get_module_hash(self._block)  # it resolves the options as a side effect
-        options = dict(self._module.resolved_options[self._block])
-        options["cpu_compiler_flags"] = cpu_flags(options["cpu_compiler_flags"])
+        options = self._module.resolved_options[self._block]
         arch = self._module._get_compile_arch(self._device)
         try:
             self._module._compile(self._device, folder, self.binary, arch, options=options)
