@@ -64,7 +64,7 @@ def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
             if isinstance(value, wp.Kernel) and value.func.__module__ == found.name and name not in CPU_ONLY:
                 yield f"{found.name.removeprefix('wrt.kernels.')}.{name}", value
     for name, features in render_features().items():
-        yield f"render.render_pass ({name})", make_render_kernel(features, in_tiles=True)
+        yield f"render.render_pass ({name})", make_render_kernel(features)
         yield f"regeneration.render_pass ({name})", make_regenerating_kernel(features)
 
 
