@@ -399,10 +399,10 @@ def test_a_fork_does_not_remove_the_folder_of_its_parent(tmp_path: Path) -> None
     ("number", "seconds", "options"),
     [
         (signal.SIGTERM, 0.1, []),
-        (signal.SIGINT, 0.4, []),
-        (signal.SIGHUP, 0.6, []),
-        (signal.SIGTERM, 0.8, ["--threads", "1"]),
-        (signal.SIGKILL, 1.0, []),
+        (signal.SIGINT, 0.7, []),
+        (signal.SIGHUP, 1.1, []),
+        (signal.SIGTERM, 1.5, ["--threads", "1"]),
+        (signal.SIGKILL, 1.9, []),
     ],
 )
 def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
