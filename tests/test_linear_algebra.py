@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from conftest import ROOT
 
-from wrt.values import weighted_sum
+from wrt.sums import weighted_sum
 
 TABLES = """
 import hashlib
@@ -17,7 +17,7 @@ import numpy as np
 import wrt
 from wrt.upload.lights.environment import LUMINANCE
 from wrt.upload.lights.environment_sampling import environment_tables
-from wrt.values import weighted_sum
+from wrt.sums import weighted_sum
 
 pixels = np.random.default_rng(1).random((64, 128, 3), dtype=np.float32)
 tables = environment_tables(weighted_sum(pixels, LUMINANCE), np.eye(3))

@@ -197,16 +197,3 @@ def image(value: object, what: str) -> NDArray[np.float32]:
     if not np.isfinite(pixels).all() or (pixels < 0).any():
         raise InputError(f"{what}: pixels must be finite and not negative")
     return pixels
-
-
-def weighted_sum(colors: NDArray[Any], weights: Sequence[float] | NDArray[np.float64]) -> NDArray[Any]:
-    """Return the sums of channels (..., n) times n weights, such as luminance, in the type of the colors.
-
-    A product of matrices has other last digits on other processors, since libraries of linear algebra choose their code
-    by the processor. These sums are the same on all.
-    """
-    kind = colors.dtype.type
-    total = colors[..., 0] * kind(weights[0])
-    for channel in range(1, len(weights)):
-        total = total + colors[..., channel] * kind(weights[channel])
-    return np.asarray(total)

@@ -14,7 +14,8 @@ from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.scene.skies.preetham import rgb_from_xyz, sky_xyz, sun_xyz
-from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector, weighted_sum
+from wrt.sums import weighted_sum
+from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector
 
 SUN_DIAMETER_DEGREES = 0.53
 """The sun's mean angular diameter."""

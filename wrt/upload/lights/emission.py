@@ -11,8 +11,8 @@ from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
 from wrt.scene.textures import CHANNELS, ImageTexture, VertexColor
+from wrt.sums import weighted_sum
 from wrt.upload.lights.environment import LUMINANCE
-from wrt.values import weighted_sum
 
 _MOST_PARTS = 64
 """Most subdivisions of an edge in the quadrature over a triangle."""

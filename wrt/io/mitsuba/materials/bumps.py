@@ -6,14 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from wrt.io.mitsuba.materials.textures import Textures
+from wrt.io.mitsuba.materials.textures import LUMINANCE, Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.scene.materials import Material, Mix, TwoSided
 from wrt.scene.textures import ImageTexture, NormalMap
-from wrt.values import weighted_sum
-
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
-"""Mitsuba takes the luminance of linear Rec. 709 for heights."""
+from wrt.sums import weighted_sum
 
 
 def with_bumps(plugin: Plugin, material: Material, textures: Textures) -> Material:
@@ -48,7 +45,7 @@ def _as_given(plugin: Plugin, image: ImageTexture, convention: str) -> NormalMap
 
 def _of_heights(image: ImageTexture, scale: float, convention: str) -> NormalMap:
     """Return the normals of a surface displaced by the luminance of an image, in metres, times `scale`."""
-    heights = weighted_sum(image.pixels, _LUMINANCE / _LUMINANCE.sum())
+    heights = weighted_sum(image.pixels, LUMINANCE)
     most = max(float(heights.max()), 1.0)
     pixels = np.repeat(np.minimum(heights / np.float32(most), np.float32(1.0))[..., None], 3, axis=2)
     return NormalMap(pixels, scale * most, name=image.name, wrap=image.wrap, heights=True, convention=convention)

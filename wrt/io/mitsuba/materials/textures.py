@@ -19,10 +19,12 @@ from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
 from wrt.scene.medium import DensityGrid
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import Vec3, sealed, vec3, weighted_sum
+from wrt.sums import weighted_sum
+from wrt.values import Vec3, sealed, vec3
 
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
-"""Luminance of linear Rec. 709 (ITU-R BT.709), used where a colour is given for a number."""
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169]) / (0.212671 + 0.715160 + 0.072169)
+"""Weights of linear Rec. 709 (ITU-R BT.709) in luminance, which Mitsuba takes where a colour stands for a number or a
+height; their sum is 1."""
 
 
 class Textures:
@@ -101,7 +103,7 @@ class Textures:
         if key not in self._made:
             made = self._make(texture, use)
             if use == "number" and isinstance(made, ImageTexture):
-                grey = weighted_sum(made.pixels, _LUMINANCE / _LUMINANCE.sum())
+                grey = weighted_sum(made.pixels, LUMINANCE)
                 made = dataclasses.replace(made, pixels=np.repeat(grey[..., None], 3, axis=2))
             self._made[key] = made
         return self._made[key]
@@ -157,7 +159,7 @@ def _luminance(color: Vec3) -> float:
     red, green, blue = color
     if red == green == blue:
         return float(red)
-    return float(weighted_sum(np.asarray(color, np.float64), _LUMINANCE / _LUMINANCE.sum()))
+    return float(weighted_sum(np.asarray(color, np.float64), LUMINANCE))
 
 
 def _placed(texture: Plugin, image: ImageTexture) -> ImageTexture:
