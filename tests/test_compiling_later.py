@@ -107,7 +107,7 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(monkeypatch: p
     monkeypatch.setattr("wrt.rendering.wide_kernel.subprocess.Popen", lambda *_, **__: real(sleep))
     wide = kernel()
     wide._builds = Builds.known()
-    wide.prepare(2.0 * COMPILING_SECONDS)
+    wide.prepare(10.0 * COMPILING_SECONDS)
     compiler = wide._compiler
     assert compiler is not None
     del wide

@@ -30,7 +30,10 @@ from wrt.rendering.wide_kernel import (
     COMPILED_LOADING_SECONDS,
     COMPILING_SECONDS,
     LOADING_SECONDS,
+    SPEEDUP,
+    SPEEDUP_OF_OWN,
     WideKernel,
+    compiling_pays,
     largest_array,
 )
 
@@ -109,8 +112,8 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     kernel.prepare(LOADING_SECONDS / 2)
     kernel.prepare(COMPILING_SECONDS / 2)
     assert not started
-    kernel.prepare(COMPILING_SECONDS * 2)
-    kernel.prepare(COMPILING_SECONDS * 2)
+    kernel.prepare(COMPILING_SECONDS * 10)
+    kernel.prepare(COMPILING_SECONDS * 10)
     assert len(started) == 1
     assert kernel.kernel is None
     described = json.loads(started[0].command[3])
@@ -122,6 +125,18 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     kernel.prepare(LOADING_SECONDS * 2)
     assert kernel.kernel == "loaded"
     assert len(started) == 1
+
+
+@pytest.mark.parametrize("threads", [1, 2, 16])
+@pytest.mark.parametrize("speedup", [SPEEDUP, SPEEDUP_OF_OWN])
+def test_compiling_pays_where_the_render_ends_earlier(threads: int, speedup: float) -> None:
+    def seconds_with_compiler(seconds: float) -> float:
+        """Return when a render ends that takes `seconds` on all threads without the wide kernel."""
+        done = COMPILING_SECONDS * (1.0 - 1.0 / threads)
+        return COMPILING_SECONDS + (seconds - done) / speedup
+
+    for seconds in (COMPILING_SECONDS, 10.0, 15.0, 20.0, 25.0, 35.0, 45.0, 100.0):
+        assert compiling_pays(seconds, threads, speedup) == (seconds_with_compiler(seconds) < seconds)
 
 
 def test_a_thread_rests_while_it_is_compiled(

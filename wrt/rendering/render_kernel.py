@@ -13,7 +13,7 @@ from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
 from wrt.compiling import general, later
 from wrt.compiling.kernel import SCALAR, declaration
-from wrt.rendering.wide_kernel import WORTH_SECONDS, WideKernel
+from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WORTH_SECONDS, WideKernel
 from wrt.upload.accel.bvh import kernels_of_building
 
 REGENERATE = "WRT_REGENERATE"
@@ -94,7 +94,7 @@ class RenderKernel:
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
         wide, seconds_left = self._wide_kernel(), seconds_left + self.seconds_after
-        wide.prepare(seconds_left)
+        wide.prepare(seconds_left, SPEEDUP if self._stand_in is None else SPEEDUP_OF_OWN)
         self._request_general(seconds_left)
         spared = int(wide.is_being_compiled)
         best = self._best()

@@ -35,13 +35,11 @@ backend need not (1 ms)."""
 WORTH_SECONDS = 0.3
 """Compile nothing for the next render if fewer than this many seconds remain of this one: it has nothing to gain."""
 
-COMPILING_SECONDS = 30.0
-"""Compile for the next render, at the lowest priority, if fewer than this many seconds remain: it takes 8 to 20 s of
-one core.
+COMPILING_SECONDS = 8.0
+"""What the compiler takes of one core, roughly (6 to 20 s): see `compiling_pays`."""
 
-For a longer render the compiler runs at normal priority, and one render thread is left idle for it. At a lower priority
-(`nice`) on two cores, it had not finished after 60 s (Cornell box: 232 samples; 343 at normal priority, even with no
-thread idle)."""
+SPEEDUP, SPEEDUP_OF_OWN = 2.0, 4.0 / 3.0
+"""How much faster the kernel is than the scalar one, and than a general wide kernel."""
 
 MOST_BYTES = 2**31 - 1
 """Largest array that the kernel can read, because its offsets are 32-bit numbers."""
@@ -73,20 +71,24 @@ class WideKernel:
         self._is_requested = False
         self._request: Path | None = None
 
-    def prepare(self, seconds_left: float) -> None:
+    def prepare(self, seconds_left: float, speedup: float = SPEEDUP) -> None:
         """Load the kernel if enough seconds remain to render; if it is not compiled, have it compiled.
 
-        Where many seconds remain, it is compiled for this render, else for the next one. While another thread does
-        so, this one goes on without.
+        Where that pays, it is compiled for this render, else for the next one. While another thread does so, this one
+        goes on without.
+
+        Args:
+            seconds_left: seconds that the render still takes without this kernel.
+            speedup: how much faster this kernel is than the one in use.
         """
         if self._possible is False or self.kernel is not None or not _LOADING.acquire(blocking=False):
             return
         try:
-            self._prepare(seconds_left)
+            self._prepare(seconds_left, speedup)
         finally:
             _LOADING.release()
 
-    def _prepare(self, seconds_left: float) -> None:
+    def _prepare(self, seconds_left: float, speedup: float) -> None:
         if self._possible is False or self.kernel is not None:
             return
         if self._compiler is not None:
@@ -102,7 +104,7 @@ class WideKernel:
                 self._builds.refresh()
             if self._is_compiled():
                 self._load()
-            elif seconds_left > COMPILING_SECONDS:
+            elif compiling_pays(seconds_left, self._device.threads, speedup):
                 self._compile()
             elif seconds_left > WORTH_SECONDS and not self._is_requested:
                 self._is_requested = True
@@ -140,7 +142,7 @@ class WideKernel:
             if self._compiler is not None:
                 self._compiler.wait()
             with _LOADING:
-                self._prepare(math.inf)
+                self._prepare(math.inf, SPEEDUP)
 
     def _is_usable(self) -> bool:
         if self._possible is None:
@@ -216,6 +218,18 @@ def _end(compiler: subprocess.Popen[bytes], for_later: Callable[[], Path | None]
         compiler.kill()
         compiler.wait()
         for_later()
+
+
+def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:
+    """Return whether a render is done earlier if one of its threads gives way to the compiler.
+
+    That costs what the thread would have done while the compiler runs, and saves `1 - 1 / speedup` of the work that is
+    left then. Otherwise the compiler serves the next render, at the lowest priority: where all cores are busy it takes
+    a minute.
+    """
+    cost = COMPILING_SECONDS / threads
+    left_then = seconds_left - (COMPILING_SECONDS - cost)
+    return left_then * (1.0 - 1.0 / speedup) > cost
 
 
 def largest_array(backend: Backend, record: Any) -> int:
