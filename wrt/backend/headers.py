@@ -1,19 +1,21 @@
-"""Keep Warp's precompiled headers from one process to the next.
+"""Keep Warp's precompiled headers from one process and one thread to the next.
 
 Warp precompiles its headers in every thread that compiles, which takes nearly half the time of compiling an ordinary
-render kernel. They are kept for each version of Warp and each processor; file names encode the other settings. Headers
-precompiled before a change of their sources are not used: the compiler would reject them, and Warp would print a
-message and do without.
+render kernel. Here one thread does so, and the others wait for it. The headers are kept for each version of Warp and
+each processor; file names encode the other settings. Headers precompiled before a change of their sources are not used:
+the compiler would reject them, and Warp would print a message and do without.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import sys
 import threading
 import warnings
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +31,35 @@ KEPT = 4
 _THREAD = threading.local()
 """`lent`: names of this thread's headers that were copied from or to the cache."""
 
+_PRECOMPILING = threading.Lock()
+"""Held by a thread while it looks for headers, or precompiles them."""
 
-def lend_headers() -> None:
-    """Give Warp's compiler in this thread the headers that another process precompiled."""
+
+def _renew_lock() -> None:
+    global _PRECOMPILING
+    _PRECOMPILING = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_renew_lock)  # a fork lacks the thread that holds it
+
+
+def lend_headers(precompile: Callable[[], object]) -> None:
+    """Give Warp's compiler in this thread the headers that another thread or process precompiled.
+
+    Args:
+        precompile: compiles a module for the first time on this machine; called if there are no headers.
+    """
     if hasattr(_THREAD, "lent"):
         return
     _THREAD.lent = set()
+    with _PRECOMPILING:
+        _lend()
+        if not _THREAD.lent:
+            precompile()
+            keep_headers()
+
+
+def _lend() -> None:
     with contextlib.suppress(OSError):
         if (folder := _of_thread()) is not None:
             for kept in _kept().glob(f"{WRITTEN}-*"):

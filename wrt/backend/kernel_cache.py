@@ -29,6 +29,9 @@ DIGEST = ".digest"
 """Suffix of the file with two digests: that of a binary, and that of Warp's `.meta` file."""
 
 
+EMPTY = "wrt.empty"
+"""Name of the module without kernels."""
+
 _collected: list[set[str]] = []
 
 
@@ -170,23 +173,34 @@ class Build:
 
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # Warp does not repeat a build that failed before, for instance because the disk was full.
-        self._module.failed_builds.pop((self._device.context, self._block), None)
-        lend_headers()
-        self._module.get_module_hash(self._block)  # it resolves the options as a side effect
-        options = self._module.resolved_options[self._block]
-        arch = self._module._get_compile_arch(self._device)
         try:
-            self._module._compile(self._device, folder, self.binary, arch, options=options)
+            if self._device.is_cpu:
+                lend_headers(self._compile_nothing)
+            self._run_compiler(folder)
             seal(folder / self.binary, folder / self.meta)
-            for names in _collected:
-                names.add(str(self._module.name))
         except Exception as error:
             room = os.statvfs(folder.parent)
             if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder.parent)) from error
             raise
+        for names in _collected:
+            names.add(str(self._module.name))
         keep_headers()
+
+    def _run_compiler(self, folder: Path) -> None:
+        # Warp does not repeat a build that failed before, for instance because the disk was full.
+        self._module.failed_builds.pop((self._device.context, self._block), None)
+        self._module.get_module_hash(self._block)  # it resolves the options as a side effect
+        options = self._module.resolved_options[self._block]
+        arch = self._module._get_compile_arch(self._device)
+        self._module._compile(self._device, folder, self.binary, arch, options=options)
+
+    def _compile_nothing(self) -> None:
+        """Compile an empty module with the same options, for the headers that Warp precompiles before."""
+        empty = type(self._module)(EMPTY, None)
+        empty.options |= self._module.options
+        folder = work_folder() / "kernels" / EMPTY
+        Build(sys.modules["warp._src.context"], empty, self._device.alias)._run_compiler(folder)
 
     def load(self, folder: Path) -> None:
         """Load it from a folder with Warp."""
