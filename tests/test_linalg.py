@@ -95,6 +95,8 @@ def test_polar_factors_are_a_rotation_and_a_stretch(name: str) -> None:
 def test_singular_values_of_a_stack_are_those_of_its_matrices() -> None:
     stack = RANDOM.normal(size=(50, 3, 3)) * [1.0, 10.0, 1e-3]
     assert np.allclose(singular_values(stack), np.linalg.svd(stack, compute_uv=False), rtol=1e-12)
+    flat = stack[:, :, :2]
+    assert np.allclose(singular_values(flat), np.linalg.svd(flat, compute_uv=False), rtol=1e-12)
     rotations, stretches = polar(stack)
     assert np.allclose(rotations @ stretches, stack, atol=1e-13)
 

@@ -109,21 +109,21 @@ def polar(matrices: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def singular_values(matrices: ArrayLike) -> FloatArray:
-    """Return the singular values (..., n) of (..., n, n) matrices, the largest first."""
+    """Return the singular values (..., n) of (..., m, n) matrices, n at most m, the largest first."""
     columns, _ = _orthogonal_columns(matrices)
     return np.sort(np.sqrt((columns * columns).sum(axis=-2)), axis=-1)[..., ::-1]
 
 
 def _orthogonal_columns(matrices: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return rotations V of (..., n, n) matrices M, and M·V, whose columns are orthogonal, as (M·V, V).
+    """Return (M·V, V) of (..., m, n) matrices M: rotations V for which the columns of M·V are orthogonal.
 
     Pairs of columns are turned until all are orthogonal (one-sided Jacobi, Hestenes 1958), which keeps small singular
     values accurate.
     """
     given = np.asarray(matrices, np.float64)
     size = given.shape[-1]
-    columns = given.reshape(-1, size, size).copy()
-    axes = np.broadcast_to(np.eye(size), columns.shape).copy()
+    columns = given.reshape(-1, *given.shape[-2:]).copy()
+    axes = np.tile(np.eye(size), (len(columns), 1, 1))
     for _ in range(_SWEEPS):
         turned = False
         for p in range(size):
@@ -146,7 +146,7 @@ def _orthogonal_columns(matrices: ArrayLike) -> tuple[FloatArray, FloatArray]:
                     )
         if not turned:
             break
-    return columns.reshape(given.shape), axes.reshape(given.shape)
+    return columns.reshape(given.shape), axes.reshape(*given.shape[:-2], size, size)
 
 
 def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
