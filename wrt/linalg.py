@@ -52,7 +52,7 @@ def inverse(matrices: ArrayLike) -> FloatArray:
     if np.any(_reduce(rows)[1]):
         raise np.linalg.LinAlgError("Singular matrix")
     result = np.array([row[len(given) :] for row in rows])
-    return np.ascontiguousarray(np.moveaxis(result, (0, 1), (-2, -1)))
+    return result if result.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, (0, 1), (-2, -1)))
 
 
 def determinant(matrices: ArrayLike) -> Any:
@@ -92,11 +92,11 @@ def _reduce(rows: list[list[Any]]) -> tuple[Any, Any]:
         zero = pivot == 0.0
         singular = singular | zero
         divisor = pivot + zero
-        rows[k] = [entry / divisor for entry in rows[k]]
+        top = rows[k] = [entry / divisor for entry in rows[k]]
         for i in range(len(rows)):
             if i != k:
                 factor = rows[i][k]
-                rows[i] = [entry - factor * above for entry, above in zip(rows[i], rows[k], strict=True)]
+                rows[i] = [entry - factor * above for entry, above in zip(rows[i], top, strict=True)]
     return result, singular
 
 

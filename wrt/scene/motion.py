@@ -192,7 +192,7 @@ def check_affine(matrix: FloatArray, name: str) -> None:
     if determinant(matrix[:3, :3]) == 0.0:
         raise InputError(f"{name} is not invertible")
     with np.errstate(over="ignore"):
-        both = np.concatenate([matrix[:3], inverse(matrix)[:3]]).astype(np.float32)
+        both = np.concatenate([matrix, inverse(matrix)]).astype(np.float32)
     if not np.isfinite(both).all():
         raise InputError(f"{name} scales by over 1e38 or by under 1e-38")
 
