@@ -9,6 +9,9 @@ _COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha
 _COVERING = ("models", "light_shapes", "environment", "opacity", "composite", *_COVERING_FLAGS)
 """Features of a kernel that a scene need not have: the kernel decides at run time."""
 
+_COVER_NOTHING = ("whitted", "ao")
+"""Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
+
 
 @dataclass(frozen=True)
 class Features:
@@ -70,6 +73,8 @@ class Features:
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""
+        if self.integrator in _COVER_NOTHING:
+            return self == other
         return replace(other, **{name: getattr(self, name) for name in _COVERING}) == self and (
             set(other.models) <= set(self.models)
             and set(other.light_shapes) <= set(self.light_shapes)

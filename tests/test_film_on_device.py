@@ -145,6 +145,20 @@ def test_snapshots_that_are_still_needed_keep_their_picture(gpu: EmulatedBackend
     assert (first == 1.0).all()
 
 
+def test_films_hold_what_their_snapshots_are_fetched_through(gpu: EmulatedBackend) -> None:
+    """Pinned memory of a view goes with its last film."""
+    films = [Film(20, 10, Device(GPU)) for _ in range(2)]
+    assert not gpu._staging_beside
+    for film in films:
+        film.data.count.numpy()[:] = 1
+        film.snapshot()()
+    assert len(gpu._staging_beside) == 1
+    del film, films[0]
+    assert len(gpu._staging_beside) == 1
+    del films[0]
+    assert not gpu._staging_beside
+
+
 @pytest.mark.parametrize("place", ["cpu", GPU])
 def test_the_film_on_the_device_outlives_its_renderer(place: str, gpu: EmulatedBackend) -> None:
     film = Film(20, 10, Device(place))

@@ -58,6 +58,14 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     assert not PLAIN.covers(WITH_HOLES)
 
 
+@pytest.mark.parametrize("integrator", ["whitted", "ao"])
+def test_integrators_that_do_not_decide_at_run_time_cover_their_own_scenes_alone(integrator: str) -> None:
+    plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
+    assert not large.covers(plain)
+    assert large.covers(large)
+    assert plain.covers(plain)
+
+
 @pytest.mark.parametrize(
     "changes", [{"media": "absorbing"}, {"aovs": True}, {"clamped": True}, {"cameras": ("own",)}, {"integrator": "ao"}]
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import weakref
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -37,6 +38,7 @@ class StandIn:
     """
 
     is_cuda, is_cpu, context = True, False, 7
+    __hash__ = None  # type: ignore[assignment]  # as Warp's devices, which compare by their contexts
 
     def __init__(self) -> None:
         self.inside, self.writes, self.forgotten = 0, 1, 0
@@ -247,6 +249,7 @@ def test_pictures_are_fetched_beside_through_pinned_memory_of_their_own(
 ) -> None:
     backend, warp, gpu = fetching
     picture = np.random.default_rng(2).random(LARGE // 2, np.float32)  # 4 MB
+    held = backend.staging_beside(OnGpu(gpu, picture))
     for _ in range(3):
         np.testing.assert_array_equal(backend.fetch(OnGpu(gpu, picture), beside=True), picture)
     assert warp.pinned == [picture.nbytes]
@@ -255,6 +258,11 @@ def test_pictures_are_fetched_beside_through_pinned_memory_of_their_own(
     assert warp.pinned == [picture.nbytes]
     assert backend.fetch(OnGpu(gpu, np.zeros(0, np.float32))).shape == (0,)
     assert warp.pinned == [picture.nbytes]
+    memory = weakref.ref(held._memory)
+    del held
+    assert memory() is None  # released with the last view
+    np.testing.assert_array_equal(backend.fetch(OnGpu(gpu, picture), beside=True), picture)
+    assert warp.pinned == [picture.nbytes] * 2
 
 
 def test_threads_that_fetch_at_once_get_their_own(

@@ -241,6 +241,29 @@ def test_a_tube_lights_a_floor_as_the_side_that_is_seen(device: str) -> None:
         np.testing.assert_allclose(seen(scene, device=device)[0, 0], expected, rtol=0.01)
 
 
+def test_a_tube_that_shines_on_both_sides_counts_each_once_beyond_its_end(device: str) -> None:
+    """Below its end E = L cosθ sinγ 2 r l / d² of the near wall; through the end π r² cosγ of the far one is seen.
+
+    Of a slender tube the middle of the far wall is hidden, of a short one it is seen and counts like the near one.
+    """
+    radiance, place = 5.0, np.array([1.5, 3.0, 0.0])
+    distance = float(np.linalg.norm(place))
+    cosine, sine = place[1] / distance, place[0] / distance
+    for radius, length, walls in ((0.002, 0.2, 1.0), (0.05, 0.002, 2.0)):
+        along = np.array([0.0, 0.5 * length, 0.0])
+        scene = floor_under()
+        tube = wrt.cylinder(tuple(place - along), tuple(place + along), radius)
+        scene.add(tube, material=wrt.Diffuse(0.0), emission=radiance, two_sided_emission=True)
+        near = 0.6 / np.pi * radiance * cosine * sine * 2.0 * radius * length / distance**2
+        found = seen(scene, device=device)[0, 0]
+        np.testing.assert_allclose(found, walls * near, rtol=0.01)
+        # All light of the path integrator: what shows of both walls is near wall and opening, or both walls whole.
+        opening = 0.6 / np.pi * radiance * cosine * cosine * np.pi * radius**2 / distance**2
+        expected = near + min(near, opening)
+        path = seen(scene, spp=2**14, integrator="path", max_depth=2, device=device)[0, 0]
+        np.testing.assert_allclose(path, expected, rtol=0.03)  # 3.8 standard deviations
+
+
 def test_a_point_light_casts_a_hard_shadow(device: str) -> None:
     """Each pixel has I ρ cosθ / (π r²), or nothing where the way meets the square."""
     place, intensity = np.array([2.5, 2.0, 0.1]), 7.0

@@ -9,7 +9,7 @@ Whitted (1980), "An improved illumination model for shaded display"; the limit o
   find all light but that of lamps without extent.
 - Each point, spot or directional light casts a hard shadow; a triangle that shines does so from its middle, as if all
   of its area stood there: L A cosθ / r² (the midpoint rule). So do rectangles, disks, spheres and suns, by their solid
-  angle.
+  angle; of a cylinder that shines on both sides, its near and its far wall.
 - Ambient light arrives at what is not smooth from all sides alike and is blocked by nothing.
 - Mixtures and what is not opaque are all of their parts, each by its share.
 - Media absorb and emit along all rays, by Beer's law; what they absorb counts as attenuation. They do not scatter.
@@ -47,7 +47,7 @@ from wrt.kernels.integrators.tree_ray import (
 )
 from wrt.kernels.lights.environment import image_radiance
 from wrt.kernels.lights.intersect import make_hit_seen
-from wrt.kernels.lights.lights import make_lights
+from wrt.kernels.lights.lights import make_lights, make_sides_of
 from wrt.kernels.lights.shapes import make_light_shapes, make_middle_of, shape_number
 from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index
 from wrt.kernels.media.medium import emitted, make_extinction, medium_of, transmittance
@@ -92,11 +92,14 @@ def make_direct_light(features: Features) -> wp.Function:
     visibility = make_visibility(features)
     sample_one_light = make_lights(features).sample_one_light
     middle_of_shape = make_middle_of(features.light_shapes)
+    sides_of = make_sides_of(features.geometry)
     exact, sphere_of = features.has_exact, make_sphere_of(features.geometry)
     transmits = any(model_of(name).transmits for name in features.models)
 
     @wp.func
-    def middle_of(scene: SceneData, light: LightRecord, time: float) -> wp.vec2:
+    def middle_of(scene: SceneData, light: LightRecord, side: int, time: float) -> wp.vec2:
+        if side > 0:
+            return wp.vec2(0.5, 0.0)  # of the far wall of a cylinder
         if light.kind == LIGHT_TRIANGLE:
             if wp.static(exact):
                 if sphere_of(scene, light.triangle, light.instance, time).radius > 0.0:
@@ -139,32 +142,38 @@ def make_direct_light(features: Features) -> wp.Function:
         for number in range(scene.lights.shape[0]):
             lamp = scene.lights[number]
             if lamp.kind != LIGHT_ENVIRONMENT:
-                origin = vertex.origin_in_front
-                inside = r.medium_stack
-                receiver = Receiver()
-                receiver.position = origin
-                receiver.normal = surface.normal
-                receiver.time = time
-                light = sample_one_light(scene, number, 1.0, receiver, middle_of(scene, lamp, time))
-                above = wp.dot(light.wi, surface.normal) > 0.0
-                if wp.static(transmits):
-                    if not above:
-                        origin = vertex.origin_behind
-                        inside = vertex.stack_behind
-                        receiver.position = origin
-                        light = sample_one_light(scene, number, 1.0, receiver, middle_of(scene, lamp, time))
-                wi = to_local(surface.frame, light.wi)
-                counts = light.delta or not jitters
-                if counts and above == (wi[2] > 0.0) and (above or wp.static(transmits)):
-                    arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
-                    if wp.max(arriving) > 0.0:
-                        shadow_ray = Ray()
-                        shadow_ray.origin = origin
-                        shadow_ray.direction = light.wi
-                        shadow_ray.time = time
-                        result.rays = result.rays + 1
-                        seen = visibility(scene, shadow_ray, light.distance, light.point, inside, no_skin(), wp.vec4())
-                        result.radiance = result.radiance + wp.cw_mul(arriving, seen)
+                in_front = Receiver()
+                in_front.position = vertex.origin_in_front
+                in_front.normal = surface.normal
+                in_front.time = time
+                sides = sides_of(scene, lamp, in_front)
+                for side in range(sides):
+                    u = middle_of(scene, lamp, side, time)
+                    origin = vertex.origin_in_front
+                    inside = r.medium_stack
+                    receiver = in_front
+                    light = sample_one_light(scene, number, float(sides), receiver, u)
+                    above = wp.dot(light.wi, surface.normal) > 0.0
+                    if wp.static(transmits):
+                        if not above:
+                            origin = vertex.origin_behind
+                            inside = vertex.stack_behind
+                            receiver.position = origin
+                            light = sample_one_light(scene, number, float(sides), receiver, u)
+                    wi = to_local(surface.frame, light.wi)
+                    counts = light.delta or not jitters
+                    if counts and above == (wi[2] > 0.0) and (above or wp.static(transmits)):
+                        arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
+                        if wp.max(arriving) > 0.0:
+                            shadow_ray = Ray()
+                            shadow_ray.origin = origin
+                            shadow_ray.direction = light.wi
+                            shadow_ray.time = time
+                            result.rays = result.rays + 1
+                            seen = visibility(
+                                scene, shadow_ray, light.distance, light.point, inside, no_skin(), wp.vec4()
+                            )
+                            result.radiance = result.radiance + wp.cw_mul(arriving, seen)
         return result
 
     return direct_light

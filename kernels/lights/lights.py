@@ -12,6 +12,7 @@ from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT
 from wrt.kernels.features import Features, has_quadrics, instances_of
 from wrt.kernels.geometry.quadrics import (
+    CYLINDER,
     DISK,
     NO_QUADRIC,
     Quadric,
@@ -256,6 +257,28 @@ def make_hit_pdf(geometry: str) -> wp.Function:
         return hit_triangle_pdf(surface, direction, distance)
 
     return hit_pdf
+
+
+@specialised()
+def make_sides_of(geometry: str) -> wp.Function:
+    """Return the device function (scene, light, receiver) -> how many walls of a light its samples are shared among.
+
+    They are two for a cylinder that shines on both sides, from beyond its ends; see `Features.geometry`.
+    """
+    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
+
+    @wp.func
+    def sides_of(scene: SceneData, light: LightRecord, receiver: Receiver) -> int:
+        sides = int(1)
+        if wp.static(quadrics):
+            if light.kind == LIGHT_TRIANGLE:
+                quadric = quadric_of(scene, light.triangle, light.instance, receiver.time)
+                if quadric.kind == CYLINDER:
+                    view = view_of_cylinder(quadric, light.two_sided, receiver.position)
+                    sides = wp.where(view.near and view.far, 2, 1)
+        return sides
+
+    return sides_of
 
 
 # --- All of them -----------------------------------------------------------------------------------

@@ -49,8 +49,8 @@ FAULTS: tuple[Mutant, ...] = (
         "quadric-front",
         "quadrics",
         "wrt/scene/exact/quadrics.py",
-        "self.axes[disks, 2] @ np.linalg.inv(linear)",
-        "self.axes[disks, 2] @ linear.T",
+        "product(self.axes[disks, 2], inverse(linear))",
+        "product(self.axes[disks, 2], linear.T)",
         "tests/test_quadrics.py -k 'front or alike'",
     ),
     Mutant(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.mesh import box_around
 from wrt.scene.motion import rotation_matrix
@@ -138,24 +139,24 @@ def _nearest_axis(up: tuple[float, float, float]) -> tuple[float, float, float]:
 def _pivot(camera: Camera, scene: Scene) -> Matrix:
     """Return a point of the vertical axis about which a scene's own camera turns."""
     origin, target = np.array(camera.origin), np.array(camera.target)
-    if abs(float(np.linalg.norm(target - origin)) - 1.0) > 1e-6:
+    if abs(norm(target - origin) - 1.0) > 1e-6:
         return target
     shown = [shape for shape in scene.shapes if not shape.emits] or scene.shapes
     _, middle = _points(shown)
-    depth = float((middle - origin) @ (target - origin))
+    depth = float(product(middle - origin, target - origin))
     return np.asarray(origin + depth * (target - origin)) if depth > 0.0 else middle
 
 
 def _turn(pivot: Matrix, axis: tuple[float, float, float], degrees: float) -> Matrix:
     turn = np.eye(4)
     turn[:3, :3] = rotation_matrix(axis, degrees)
-    turn[:3, 3] = pivot - turn[:3, :3] @ pivot
+    turn[:3, 3] = pivot - product(turn[:3, :3], pivot)
     return turn
 
 
 def _moved(camera: Camera, turn: Matrix) -> Camera:
     def at(point: tuple[float, float, float], one: float) -> tuple[float, float, float]:
-        x, y, z = (turn @ np.array([*point, one]))[:3]
+        x, y, z = product(turn, np.array([*point, one]))[:3]
         return float(x), float(y), float(z)
 
     up = at(camera.up, 0.0)

@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 import time
+import weakref
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,10 @@ class WarpBackend:
         self._wp: Any = warp
         self.modules: set[str] = set()
         self.calls: dict[str, Any] = {}
-        self._streams: dict[Any, Any] = {}
-        self._staging: dict[tuple[Any, bool], Staging] = {}
+        # By the names of GPUs, as Warp's devices have no hash.
+        self._streams: dict[str, Any] = {}
+        self._staging: dict[str, Staging] = {}
+        self._staging_beside: weakref.WeakValueDictionary[str, Staging] = weakref.WeakValueDictionary()
 
     def start(self) -> None:
         """Start the backend; further calls do nothing."""
@@ -184,7 +187,7 @@ class WarpBackend:
         stream = self._copies(array.device) if beside else array.device.stream
         # Pinning much memory takes longer than copying it once; what is copied beside is a picture after each pass.
         if 0 < array.capacity <= (LARGEST_PINNED if beside else LARGE):
-            staging = self._staging.setdefault((array.device, beside), Staging())
+            staging = self.staging_beside(array) if beside else self._staging.setdefault(str(array.device), Staging())
             with on_device(array.device):
                 return staging.fetch(self._wp, array, stream)
         copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu")
@@ -192,11 +195,19 @@ class WarpBackend:
         self._wp.synchronize_stream(stream)
         return copy.numpy()
 
+    def staging_beside(self, array: Any) -> Staging:
+        """Return the pinned memory through which arrays of this one's GPU are fetched `beside`.
+
+        Who holds it keeps it for the next fetch: it is up to LARGEST_PINNED bytes, which nothing else can use.
+        """
+        return self._staging_beside.setdefault(str(array.device), Staging())
+
     def _copies(self, device: Any) -> Any:
         """Return the stream for copies of a GPU."""
-        if device not in self._streams:
-            self._streams[device] = self._wp.Stream(device)
-        return self._streams[device]
+        name = str(device)
+        if name not in self._streams:
+            self._streams[name] = self._wp.Stream(device)
+        return self._streams[name]
 
     def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
         """Launch threads as `launch` does, but on a GPU return at once: later work on its stream finds them done."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.sums import weighted_sum
 
 PACKAGE = "mitsuba_oidn"
 
@@ -71,7 +72,7 @@ def _clean(values: NDArray[np.floating[Any]], name: str, low: float, high: float
 
 def _scale(color: NDArray[np.float32]) -> float:
     """Return the factor that brings the picture's mean logarithmic luminance to a middle grey."""
-    luminance = color.astype(np.float64) @ np.array(_LUMINANCE)
+    luminance = weighted_sum(color.astype(np.float64), _LUMINANCE)
     lit = luminance[luminance > _LEAST]
     if not len(lit):
         return 1.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.developing import AUTO, LIMIT, Exposure
+from wrt.sums import weighted_sum
 
 BRIGHT, BRIGHT_PERCENTILE = 0.7, 90.0
 """A tenth of a well exposed picture is brighter than this share of white: lamps, windows, sun and gloss."""
@@ -95,6 +96,6 @@ def _in_blocks(image: NDArray[Any]) -> NDArray[Any]:
     side = _BLOCK if min(image.shape[:2]) >= 8 * _BLOCK else 1
     height, width = (size // side * side for size in image.shape[:2])
     with np.errstate(invalid="ignore", over="ignore"):
-        luminance = image[:height, :width] @ _LUMINANCE.astype(image.dtype)
+        luminance = weighted_sum(image[:height, :width], _LUMINANCE)
         blocks = luminance.reshape(height // side, side, width // side, side)
         return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64).reshape(-1))

@@ -99,6 +99,7 @@ class Film:
         self._kept: dict[str, Any] = {}
         self._using_kept = threading.Lock()
         self._images: list[Any] = []
+        self._staging: Any = None
         self.data = backend.kernels("wrt.kernels.film.film").FilmData()
         self.data.total = backend.zeros(self.pixels, "vec3d", device.name)
         self.data.total_of_squares = backend.zeros(self.pixels, "vec3d", device.name)
@@ -260,12 +261,13 @@ class Film:
         On a GPU it is copied there. Another thread can fetch the copy while passes go on, which do not wait for that.
         Once the function is gone the next snapshot takes the memory of the copy.
         """
-        if self.device.is_cpu:
+        backend, images = self.device.backend, self._images
+        if self.device.is_cpu or backend.builds is not None:
             image = self.mean()
             return lambda: image
-        backend, images = self.device.backend, self._images
         kept = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
         self._write_mean(kept)
+        self._staging = backend.staging_beside(kept)  # so that the next fetch finds it
         shape = (self.height, self.width, 3)
 
         def fetch() -> NDArray[np.float32]:

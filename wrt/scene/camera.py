@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.linalg import norm
 from wrt.scene.motion import Motion
 from wrt.scene.registration import register_class
 from wrt.values import Vec3, integer, number, one_of, vector
@@ -74,13 +75,13 @@ class Camera:
     def frame(self) -> np.ndarray:
         """Return the orthonormal rows right, up and forward, (3, 3) float64."""
         forward = np.subtract(self.target, self.origin)
-        distance = float(np.linalg.norm(forward))
+        distance = norm(forward)
         if distance == 0.0:
             raise InputError("camera origin and target must differ")
         forward = forward / distance
         right = np.cross(forward, self.up)
-        length = float(np.linalg.norm(right))
-        if length <= 1e-9 * float(np.linalg.norm(self.up)) or not np.any(self.up):
+        length = norm(right)
+        if length <= 1e-9 * norm(self.up) or not np.any(self.up):
             raise InputError("camera up must not be zero or parallel to the view")
         right = right / length
         return np.stack([right, np.cross(right, forward), forward])
@@ -136,7 +137,7 @@ class LensCamera(Camera):
         """The focus distance in use, metres."""
         if self.focus_distance is not None:
             return self.focus_distance
-        return float(np.linalg.norm(np.subtract(self.target, self.origin)))
+        return norm(np.subtract(self.target, self.origin))
 
 
 @dataclass(frozen=True)

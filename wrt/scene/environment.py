@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import norm, product
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
@@ -121,7 +122,7 @@ class SphericalHarmonicsEnvironment:
         """Return the environment as an image."""
         height = max(_HARMONICS_ROWS * self.degree, 1)
         directions = image_directions(height, 2 * height)
-        pixels = harmonics(self.degree, directions.reshape(-1, 3)) @ np.asarray(self.coefficients)
+        pixels = product(harmonics(self.degree, directions.reshape(-1, 3)), np.asarray(self.coefficients))
         pixels = np.maximum(pixels, 0.0).reshape(height, 2 * height, 3)
         return ImageEnvironment(sealed(pixels.astype(np.float32)), self.scale, name="spherical harmonics")
 
@@ -166,7 +167,7 @@ class SunSkyEnvironment:
         boolean(self.ground, "ground")
         if self.sun_direction is not None:
             direction = np.array(vector(self.sun_direction, "sun_direction"))
-            length = float(np.linalg.norm(direction))
+            length = norm(direction)
             if length == 0.0:
                 raise InputError("sun_direction must not be zero")
             x, y, z = (float(v) for v in direction / length)

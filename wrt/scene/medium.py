@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import determinant, gauss_legendre, product
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box
 from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, color, number, owned, vector
@@ -85,7 +86,7 @@ class DensityGrid:
         matrix = np.eye(4)
         matrix[:3, :3] = np.diag(np.subtract(self.upper, self.lower))
         matrix[:3, 3] = self.lower
-        return matrix if self.transform is None else self.transform @ matrix
+        return matrix if self.transform is None else product(self.transform, matrix)
 
     @property
     def boundary(self) -> Mesh:
@@ -248,7 +249,7 @@ def color_of_albedo(albedo: float) -> float:
     Args:
         albedo: 0 to 1.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(32)
+    nodes, weights = gauss_legendre(32)
     # Squaring concentrates nodes near μ = 0, where H has an infinite slope.
     mu = (0.5 * (nodes + 1.0)) ** 2
     weights = weights * np.sqrt(mu)
@@ -256,7 +257,7 @@ def color_of_albedo(albedo: float) -> float:
     root = math.sqrt(1.0 - albedo)
     h = np.ones_like(mu)
     for _ in range(200):
-        new = 1.0 / (root + 0.5 * albedo * (mu / (mu[:, None] + mu) * weights) @ h)
+        new = 1.0 / (root + product(0.5 * albedo * (mu / (mu[:, None] + mu) * weights), h))
         change = float(np.abs(new - h).max())
         h = 0.5 * (h + new)
         if change < 1e-9:
@@ -297,7 +298,7 @@ def _affine(value: Any, what: str) -> NDArray[np.float64]:
     matrix = array(value, what, np.float64).copy()
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
         raise InputError(f"{what} must be a (4, 4) affine matrix")
-    if not abs(np.linalg.det(matrix[:3, :3])) > 0.0:
+    if not abs(determinant(matrix[:3, :3])) > 0.0:
         raise InputError(f"{what} must not flatten space")
     matrix.flags.writeable = False
     return matrix

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import determinant, inverse, norm, product
 from wrt.values import array, number, owned, sealed
 
 
@@ -141,17 +142,17 @@ class Mesh:
         if (m[3:] != (0.0, 0.0, 0.0, 1.0)).any():
             raise InputError(f"{self.name}: a transform must be affine: its last row must be 0 0 0 1")
         linear, offset = m[:3, :3], m[:3, 3]
-        determinant = float(np.linalg.det(linear))
-        if determinant == 0.0:
+        volume = float(determinant(linear))
+        if volume == 0.0:
             raise InputError(f"{self.name}: the transform is not invertible")
         with np.errstate(all="ignore"):  # Mesh refuses values that are not finite
-            vertices = (self.vertices.astype(np.float64) @ linear.T + offset).astype(np.float32)
+            vertices = (product(self.vertices.astype(np.float64), linear.T) + offset).astype(np.float32)
         normals = self.normals
         if normals is not None:
-            moved = normals.astype(np.float64) @ np.linalg.inv(linear)
+            moved = product(normals.astype(np.float64), inverse(linear))
             length = np.linalg.norm(moved, axis=1, keepdims=True)
             normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
-        faces = self.faces if determinant > 0.0 else self.faces[:, ::-1]
+        faces = self.faces if volume > 0.0 else self.faces[:, ::-1]
         return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name)
 
     def scaled(self, factor: float) -> Mesh:
@@ -180,11 +181,11 @@ class Mesh:
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
         """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
-        x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+        x, y, z = np.asarray(axis, dtype=np.float64) / norm(axis)
         k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         angle = np.deg2rad(degrees)
         m = np.eye(4)
-        m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+        m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k)
         return self.transformed(m)
 
 

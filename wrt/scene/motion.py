@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import determinant, dot, inverse, norm, polar, product
 from wrt.values import Vec3, array, key_times, number, vector
 
 FloatArray = NDArray[np.float64]
@@ -64,7 +65,7 @@ class Motion:
             raise InputError(f"motion transforms must be ({len(times)}, 4, 4), one per key, not {matrices.shape}")
         for k, matrix in enumerate(matrices):
             check_affine(matrix, f"motion transform {k}")
-        mirrored = np.linalg.det(matrices[:, :3, :3]) < 0.0
+        mirrored = determinant(matrices[:, :3, :3]) < 0.0
         turned = np.flatnonzero(mirrored[1:] != mirrored[:-1])
         if len(turned):
             raise InputError(
@@ -106,7 +107,7 @@ class Motion:
         matrices = np.tile(np.eye(4), (keys, 1, 1))
         for matrix, share in zip(matrices, np.linspace(0.0, 1.0, keys), strict=True):
             matrix[:3, :3] = rotation_matrix(axis, share * degrees)
-            matrix[:3, 3] = pivot + share * way - matrix[:3, :3] @ pivot
+            matrix[:3, 3] = pivot + share * way - product(matrix[:3, :3], pivot)
         return cls(np.linspace(begin, end, keys), matrices, tuple(pivot))
 
     def after(self, matrix: ArrayLike) -> Motion:
@@ -118,8 +119,8 @@ class Motion:
         if first.shape != (4, 4):
             raise InputError(f"a transform must be (4, 4), not {first.shape}")
         check_affine(first, "transform")
-        center = np.linalg.solve(first, np.append(self.center, 1.0))[:3]
-        return Motion(self.times, self.transforms @ first, tuple(center.tolist()))
+        center = product(inverse(first), np.append(self.center, 1.0))[:3]
+        return Motion(self.times, product(self.transforms, first), tuple(center.tolist()))
 
     @property
     def is_rigid(self) -> bool:
@@ -130,15 +131,14 @@ class Motion:
     def parts(self) -> MotionParts:
         """The decomposed keys."""
         linear = self.transforms[:, :3, :3]
-        u, sizes, vt = np.linalg.svd(linear)
-        sign = np.sign(np.linalg.det(u @ vt))[:, None, None]
-        stretches = sign * np.einsum("kji,kj,kjl->kil", vt, sizes, vt)
-        rotations = np.stack([_quaternion(r) for r in sign * (u @ vt)])
+        sign = np.sign(determinant(linear))[:, None, None]
+        orthogonal, stretches = polar(linear)
+        rotations = np.stack([_quaternion(r) for r in sign * orthogonal])
         for k in range(1, len(rotations)):
-            if rotations[k] @ rotations[k - 1] < 0.0:
+            if dot(rotations[k], rotations[k - 1]) < 0.0:
                 rotations[k] = -rotations[k]
-        positions = linear @ np.array(self.center) + self.transforms[:, :3, 3]
-        return MotionParts(rotations, stretches, positions)
+        positions = product(linear, np.array(self.center)) + self.transforms[:, :3, 3]
+        return MotionParts(rotations, sign * stretches, positions)
 
     @cached_property
     def half_angles(self) -> FloatArray:
@@ -168,11 +168,11 @@ class Motion:
         w1 = np.where(even, np.sin(share * half) / safe, share)
         q = w0[:, None] * rotations[first] + w1[:, None] * rotations[second]
         f = share[:, None, None]
-        linear = _matrices(q) @ ((1.0 - f) * stretches[first] + f * stretches[second])
+        linear = product(_matrices(q), (1.0 - f) * stretches[first] + f * stretches[second])
         position = (1.0 - f[:, 0]) * positions[first] + f[:, 0] * positions[second]
         result = np.tile(np.eye(4), (len(flat), 1, 1))
         result[:, :3, :3] = linear
-        result[:, :3, 3] = position - linear @ np.array(self.center)
+        result[:, :3, 3] = position - product(linear, np.array(self.center))
         return result.reshape(*t.shape, 4, 4)
 
 
@@ -189,10 +189,10 @@ def check_affine(matrix: FloatArray, name: str) -> None:
         raise InputError(f"{name} must be finite numbers")
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         raise InputError(f"{name} must be affine: its last row must be 0 0 0 1, not {matrix[3].tolist()}")
-    if np.linalg.det(matrix[:3, :3]) == 0.0:
+    if determinant(matrix[:3, :3]) == 0.0:
         raise InputError(f"{name} is not invertible")
     with np.errstate(over="ignore"):
-        both = np.concatenate([matrix[:3], np.linalg.inv(matrix)[:3]]).astype(np.float32)
+        both = np.concatenate([matrix, inverse(matrix)]).astype(np.float32)
     if not np.isfinite(both).all():
         raise InputError(f"{name} scales by over 1e38 or by under 1e-38")
 
@@ -205,7 +205,7 @@ def rotation_matrix(axis: Any, degrees: Any) -> FloatArray:
         raise InputError("axis must not be zero")
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
     angle = np.deg2rad(number(degrees, "degrees"))
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k))
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k))
 
 
 def _two(times: Sequence[float]) -> tuple[float, float]:
@@ -231,7 +231,7 @@ def _quaternion(r: FloatArray) -> FloatArray:
     x, y, z, w = squares
     products = np.array([[x, xy, xz, a], [xy, y, yz, b], [xz, yz, z, c], [a, b, c, w]])
     row = products[int(np.argmax(squares))]
-    return np.asarray(row / np.linalg.norm(row))
+    return np.asarray(row / norm(row))
 
 
 def _matrices(q: FloatArray) -> FloatArray:

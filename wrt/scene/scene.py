@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.errors import InputError
+from wrt.linalg import product
 from wrt.scene.camera import Camera
 from wrt.scene.deformation import Deformation
 from wrt.scene.environment import Environment
@@ -105,10 +106,10 @@ class Shape:
     def moved(self, matrix: NDArray[np.float64]) -> Shape:
         """Return the shape transformed by a (4, 4) affine matrix, applied to its transform or else to its mesh."""
         if isinstance(self.transform, Motion):
-            motion = Motion(self.transform.times, matrix @ self.transform.transforms, self.transform.center)
+            motion = Motion(self.transform.times, product(matrix, self.transform.transforms), self.transform.center)
             return replace(self, transform=motion)
         if self.transform is not None or self.deformation is not None:
-            return replace(self, transform=matrix @ self.transform_at(0.0))
+            return replace(self, transform=product(matrix, self.transform_at(0.0)))
         return replace(self, mesh=self.mesh.transformed(matrix))
 
     @property

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wrt.errors import InputError
+from wrt.linalg import norm
 from wrt.scene.camera import PerspectiveCamera, require_camera
 from wrt.scene.mesh import box_around
 from wrt.scene.scene import Scene
@@ -47,7 +48,7 @@ def frame_camera(
     if (low == high).all():
         p = center + np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
         low, high = p
-    toward = np.array(view) / np.linalg.norm(view)
+    toward = np.array(view) / norm(view)
     right, upper, forward = PerspectiveCamera(origin=tuple(toward), target=(0.0, 0.0, 0.0), up=up).frame()
     tangent = math.tan(math.radians(fov_degrees) / 2.0) / margin
     slopes = ((right, tangent * aspect), (upper, tangent))

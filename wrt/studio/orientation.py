@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import product
 from wrt.scene.scene import Shape
 
 # Measured: standing objects (scanned busts and animals, a teapot, a bottle) cover 0.26 to 0.97 of their outline and
@@ -77,7 +78,7 @@ def _surface(shapes: list[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float
     total = float(areas.sum())
     if not 0.0 < total < np.inf:
         return None
-    return areas @ corners.mean(axis=1) / total, normals.sum(axis=0) / total
+    return product(areas, corners.mean(axis=1)) / total, normals.sum(axis=0) / total
 
 
 def _standing(points: _Float, center: NDArray[np.float64], axis: int) -> tuple[float, float]:

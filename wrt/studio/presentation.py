@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import norm, product
 from wrt.scene.camera import Camera
 from wrt.scene.environment import ConstantEnvironment, Environment
 from wrt.scene.materials import Diffuse
@@ -91,7 +92,7 @@ def present(
         reach = reach and reach.moved(_turn(axis, degrees))
     scene = Scene(shapes=list(shapes), settings=dataclasses.replace(SETTINGS), studio_shapes=len(shapes))
     low, high = scene.bounds if reach is None else reach.bounds
-    size = float(np.linalg.norm(high - low))
+    size = norm(high - low)
     if size == 0.0:
         raise InputError("there is nothing to show: all vertices are in one place")
     if rescale and not _SIZES[0] <= size <= _SIZES[1]:
@@ -100,7 +101,7 @@ def present(
         scene.shapes = [shape.moved(scaling) for shape in scene.shapes]
         reach = reach and reach.moved(scaling)
         low, high = scene.bounds if reach is None else reach.bounds
-        size = float(np.linalg.norm(high - low))
+        size = norm(high - low)
     floor = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
     center = 0.5 * (low + high)
 
@@ -137,10 +138,10 @@ def _turn(axis: tuple[float, float, float], degrees: float) -> NDArray[np.float6
 
 def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], radiance: float, *, below: bool) -> Shape:
     """Return a lamp as wide as the object, in front at the upper left, or the lower left; it makes soft shadows."""
-    toward = turn[:3, :3] @ np.array([-0.75, -1.15 if below else 1.15, 0.8])
-    toward /= np.linalg.norm(toward)
+    toward = product(turn[:3, :3], np.array([-0.75, -1.15 if below else 1.15, 0.8]))
+    toward /= norm(toward)
     side = np.cross([0.0, 1.0, 0.0], toward)
-    side /= np.linalg.norm(side)
+    side /= norm(side)
     lift = np.cross(toward, side)
     place = center + 1.9 * size * toward
     corner = place - 0.5 * size * side - 0.5 * size * lift
@@ -171,4 +172,4 @@ def _sweep(floor: np.ndarray, size: float, turn: NDArray[np.float64]) -> Mesh:
     i = np.arange(n - 1)
     faces = np.concatenate([np.stack([i, i + n, i + n + 1], 1), np.stack([i, i + n + 1, i + 1], 1)])
     rotation = turn[:3, :3].T
-    return Mesh(vertices @ rotation + floor, faces, (normals @ rotation).astype(np.float32), name="sweep")
+    return Mesh(product(vertices, rotation) + floor, faces, product(normals, rotation).astype(np.float32), name="sweep")

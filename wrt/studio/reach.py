@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import product
 from wrt.scene.camera import Camera
 from wrt.scene.scene import Scene
 from wrt.studio.framing import CHUNK
@@ -53,7 +54,9 @@ class Reach:
     def moved(self, matrix: NDArray[np.float64]) -> Reach:
         """Return it with its points transformed by a (4, 4) affine matrix; the camera stays."""
         linear, offset = matrix[:3, :3].T, matrix[:3, 3]
-        return dataclasses.replace(self, points=self.points @ linear + offset, subjects=self.subjects @ linear + offset)
+        return dataclasses.replace(
+            self, points=product(self.points, linear) + offset, subjects=product(self.subjects, linear) + offset
+        )
 
 
 def reach_of(scenes: Iterable[Scene]) -> Reach:
@@ -73,5 +76,5 @@ def _outermost(points: NDArray[np.floating[Any]]) -> Points:
     kept = np.empty((0, 3))
     for start in range(0, len(points), CHUNK):
         both = np.concatenate([kept, points[start : start + CHUNK]])
-        kept = both[(both @ _DIRECTIONS.T).argmax(axis=0)]
+        kept = both[product(both, _DIRECTIONS.T).argmax(axis=0)]
     return np.unique(kept, axis=0)

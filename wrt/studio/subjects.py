@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.scene import Shape
 
@@ -26,11 +27,11 @@ def subjects(shapes: list[Shape], camera: Camera | None = None) -> list[Shape]:
     if camera is not None:
         kept = [shape for shape in kept if share_of_picture(camera, shape.outline, 1.5) > 0.0] or kept
     boxes = np.stack([shape.bounds for shape in kept])
-    order = np.argsort([-float(np.linalg.norm(high - low)) for low, high in boxes], kind="stable")
+    order = np.argsort([-norm(high - low) for low, high in boxes], kind="stable")
     for number, largest in enumerate(order[:-1]):
         rest = boxes[order[number + 1 :]]
-        extent = float(np.linalg.norm(rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)))
-        if float(np.linalg.norm(boxes[largest][1] - boxes[largest][0])) <= _SURROUNDS * extent or extent == 0.0:
+        extent = norm(rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0))
+        if norm(boxes[largest][1] - boxes[largest][0]) <= _SURROUNDS * extent or extent == 0.0:
             return [kept[i] for i in sorted(order[number:])]
     return [kept[order[-1]]]
 
@@ -43,7 +44,7 @@ def share_of_picture(camera: Camera, points: NDArray[Any], aspect: float) -> flo
     """
     right, up, forward = camera.frame()
     offset = np.asarray(points, np.float64) - np.asarray(camera.origin)
-    depth, film = offset @ forward, np.stack([offset @ right, offset @ up], axis=1)
+    depth, film = product(offset, forward), np.stack([product(offset, right), product(offset, up)], axis=1)
     if isinstance(camera, OrthographicCamera):
         half = 0.5 * camera.view_height
     elif isinstance(camera, PerspectiveCamera) and not (camera.shift_x or camera.shift_y):

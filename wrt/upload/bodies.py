@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
+from wrt.linalg import product
 from wrt.scene.camera import Camera
 from wrt.scene.environment import ConstantEnvironment
 from wrt.scene.materials import Material, RoughDielectric
@@ -170,7 +171,7 @@ def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str
         return
     origin = np.asarray(camera.origin, np.float64)
     if camera.motion is not None:
-        origin = (camera.motion.at(camera.shutter_open) @ [*origin, 1.0])[:3]
+        origin = product(camera.motion.at(camera.shutter_open), [*origin, 1.0])[:3]
     around = find_bodies(data, len(table.records), origin, camera.shutter_open, geometry, device)
     numbers = [body + 1 for body in around[-scene_data.MOST_BODIES :]]
     data.inside_at_camera = tuple(numbers + [0] * (scene_data.MOST_BODIES - len(numbers)))

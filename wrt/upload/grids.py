@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
+from wrt.linalg import inverse, norm, product
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.upload.limits import require_countable
 
@@ -77,7 +78,7 @@ def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
     tables = _Tables()
     grid_records = np.zeros(len(grids), scene_data.GridRecord.numpy_dtype())
     for record, grid in zip(grid_records, grids, strict=True):
-        to_unit = np.linalg.inv(grid.to_world)
+        to_unit = inverse(grid.to_world)
         for axis, name in enumerate(("to_unit_x", "to_unit_y", "to_unit_z")):
             record[name] = to_unit[axis]
         record["density"] = tables.put_values(grid.values)
@@ -96,8 +97,8 @@ def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
 
 def _tracking(medium: Medium, grid: DensityGrid) -> float:
     """Return the coefficient of tentative collisions where the density is 1."""
-    corners = grid.to_world[:3, :3] @ np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1)
-    across = float(np.linalg.norm(corners.max(axis=1) - corners.min(axis=1)))
+    corners = product(grid.to_world[:3, :3], np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1))
+    across = norm(corners.max(axis=1) - corners.min(axis=1))
     extinction = grid.factor * max(medium.extinction)
     depth = extinction * float(grid.values.max()) * across
     if depth > GREATEST_DEPTH:

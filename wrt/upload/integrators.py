@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.errors import InputError
+from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.scene import RenderSettings, Scene
@@ -102,6 +103,6 @@ def mean_radiance(scene: Scene) -> NDArray[np.float64]:
     if isinstance(environment, ImageEnvironment):
         edges = np.cos(np.linspace(0.0, np.pi, len(environment.pixels) + 1))
         rows = environment.pixels.astype(np.float64).mean(axis=1)
-        mean: NDArray[np.float64] = environment.scale * 0.5 * ((edges[:-1] - edges[1:]) @ rows)
+        mean: NDArray[np.float64] = environment.scale * 0.5 * product(edges[:-1] - edges[1:], rows)
         return mean
     return np.zeros(3)

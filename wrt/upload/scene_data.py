@@ -13,6 +13,7 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
 from wrt.errors import InputError
+from wrt.linalg import norm
 from wrt.scene.camera import Camera
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.lights import Light
@@ -72,7 +73,7 @@ def _check_sizes(scene: Scene) -> None:
         if not reach <= LARGEST:
             raise InputError(f"{shape.name}: its vertices reach to {reach:g}; rays reach to {LARGEST:g}; scale it down")
         low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
-    size = float(np.linalg.norm(high - low)) if len(meshes) == len(scene.shapes) else np.inf
+    size = norm(high - low) if len(meshes) == len(scene.shapes) else np.inf
     if size < SMALLEST:
         what = f"the scene is {size:g} across" if size else "all vertices of the scene are in one place"
         raise InputError(f"{what}; rays need a size of {SMALLEST:g} at least; scale it up")

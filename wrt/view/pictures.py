@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from wrt.linalg import dot
 from wrt.rendering.renderer import Renderer
 from wrt.rendering.sharing import sharing
 from wrt.scene.camera import Camera
@@ -116,7 +117,7 @@ class Pictures:
         forward = camera.frame()[2]
         return {
             "position": position.tolist(),
-            "distance": float(np.dot(position - np.asarray(camera.origin), forward)),
+            "distance": dot(position - np.asarray(camera.origin), forward),
             "name": shape.name,
             "bounds": shape.bounds.tolist(),
         }

@@ -180,6 +180,8 @@ class Session:
         self._encoder.close()
         for _, future in self._requests:
             future.cancel()
+        if not self._thread.is_alive():
+            self._pictures, self._passes = None, None  # and their memory on the device
 
     def _ask(self, answer: Callable[[], Any]) -> Future[Any]:
         future: Future[Any] = Future()

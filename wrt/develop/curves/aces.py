@@ -9,15 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from wrt.develop.curves.curve import Colors, Curve
+from wrt.linalg import product
 
 _TO_RRT = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
 _TO_SRGB = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]])
 
 
 def _apply(colors: Colors, peak: float) -> Colors:
-    v = colors @ _TO_RRT.T
+    v = product(colors, _TO_RRT.T)
     fitted = (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)
-    shown: Colors = (fitted @ _TO_SRGB.T).clip(0.0, 1.0)
+    shown: Colors = product(fitted, _TO_SRGB.T).clip(0.0, 1.0)
     return shown
 
 

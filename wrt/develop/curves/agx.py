@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from wrt.develop.curves.curve import Colors, Curve
+from wrt.linalg import product
 
 _REC2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0113], [0.0164, 0.0880, 0.8956]])
 _REC709 = np.array([[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]])
@@ -58,11 +59,11 @@ def sigmoid(x: Colors) -> Colors:
 
 
 def _apply(colors: Colors, peak: float) -> Colors:
-    inset = colors @ (_INSET @ _REC2020).T
+    inset = product(colors, product(_INSET, _REC2020).T)
     stops = np.log2(np.maximum(inset, _LEAST) / _MIDDLE_GREY)
     encoded = sigmoid(((stops + _STOPS_BELOW) / (_STOPS_BELOW + _STOPS_ABOVE)).clip(0.0, 1.0))
-    linear = np.maximum(encoded @ _OUTSET.T, 0.0) ** 2.2
-    shown: Colors = (linear @ _REC709.T).clip(0.0, 1.0)
+    linear = np.maximum(product(encoded, _OUTSET.T), 0.0) ** 2.2
+    shown: Colors = product(linear, _REC709.T).clip(0.0, 1.0)
     return shown
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.gltf.buffers import Buffers, Tree
+from wrt.linalg import norm, product
 
 Array = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def _hermite(start: Array, leaving: Array, end: Array, arriving: Array, t: float
 
 def _slerp(start: Array, end: Array, t: float) -> Array:
     """Return the unit quaternion a part t of the shorter arc from one to another, up to its length."""
-    cosine = float(start @ end)
+    cosine = float(product(start, end))
     if cosine < 0.0:
         end, cosine = -end, -cosine
     if cosine > _NEARLY_ALIKE:
@@ -110,7 +111,7 @@ def _slerp(start: Array, end: Array, t: float) -> Array:
 
 
 def _unit(quaternion: Array) -> Array:
-    length = float(np.linalg.norm(quaternion))
+    length = norm(quaternion)
     return quaternion / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
 
 

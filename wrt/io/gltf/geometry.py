@@ -19,6 +19,7 @@ from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.gltf.buffers import Buffers, Tree
 from wrt.io.gltf.scene import nodes_of
+from wrt.linalg import product
 
 _FLOAT = 5126
 _FAN = 6
@@ -133,7 +134,7 @@ def _joints(tree: Tree, skin: Tree, world: dict[int, Any], buffers: Buffers) -> 
     if "inverseBindMatrices" not in skin:
         return moved
     inverse = buffers.numbers(skin["inverseBindMatrices"]).astype(np.float64).reshape(-1, 4, 4)
-    return moved @ inverse.transpose(0, 2, 1)[: len(moved)]
+    return product(moved, inverse.transpose(0, 2, 1)[: len(moved)])
 
 
 def _deformed(

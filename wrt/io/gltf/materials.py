@@ -20,6 +20,7 @@ from wrt.errors import warn
 from wrt.io.gltf.buffers import Tree
 from wrt.io.gltf.images import GltfImages, placement_of
 from wrt.io.mesh.parts import Part
+from wrt.linalg import product
 from wrt.scene.materials import Emissive, Material, Principled
 from wrt.scene.materials.dispersion import MOST as MOST_DISPERSION
 from wrt.scene.materials.film import HIGHEST_INDEX as HIGHEST_FILM_INDEX
@@ -90,7 +91,7 @@ class GltfMaterials:
                 colors = np.column_stack([colors, alpha])
         placement = self.shared_placement(number)
         if uvs is not None and placement is not None:
-            uvs = np.asarray(uvs, np.float64) @ placement[:, :2].T + placement[:, 2]
+            uvs = product(np.asarray(uvs, np.float64), placement[:, :2].T) + placement[:, 2]
         if uvs is not None and second is not None:
             uvs = np.column_stack([uvs, second * (1.0, -1.0) + (0.0, 1.0)])
         two_sided = self.shines_on_both_sides(number, material)

@@ -26,6 +26,7 @@ from wrt.io.gltf.scene import cameras_of, lights_of
 from wrt.io.mesh.parts import Contents, Part, placed
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import first_line
+from wrt.linalg import product
 
 # Extensions that a file may require: supported, or without effect on what is read.
 _KNOWN_EXTENSIONS = (
@@ -209,7 +210,7 @@ def _parts(path: Path, loaded: Tree, materials: GltfMaterials) -> list[Part]:
         if edge["frame_to"] in world:
             raise InputError(f"{path}: the nodes form a circle, or share a child")
         with np.errstate(all="ignore"):  # infinite scales are reported by their vertices
-            world[edge["frame_to"]] = matrix = world[edge["frame_from"]] @ edge["matrix"]
+            world[edge["frame_to"]] = matrix = product(world[edge["frame_from"]], edge["matrix"])
         if edge.get("geometry") is not None:
             places.setdefault(edge["geometry"], []).append(matrix)
     made = {name: _part(path, str(name), loaded["geometry"][name], materials) for name in places}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io.gltf.buffers import Tree
+from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.lights import DirectionalLight, Light, PointLight, SpotLight
 
@@ -87,7 +88,7 @@ def nodes_of(tree: Tree) -> Iterator[tuple[Tree, Matrix]]:
         if level > _DEEPEST:
             raise InputError("the nodes form a circle, or lie more than 256 deep")
         with np.errstate(all="ignore"):  # not-a-number is reported where it is used
-            world = parent @ _local(node)
+            world = product(parent, _local(node))
         yield node, world
         waiting += [(nodes[child], world, level + 1) for child in reversed(node.get("children", []))]
 
@@ -111,7 +112,7 @@ def _local(node: Tree) -> Matrix:
 def _view(world: Matrix) -> dict[str, Any]:
     """Return `origin`, `target` and `up` of a camera that looks along the −z axis of its node."""
     origin = world[:3, 3]
-    length = float(np.linalg.norm(world[:3, 2]))
+    length = norm(world[:3, 2])
     if length == 0.0:
         raise InputError("a camera hangs on a node that is scaled to nothing")
     forward = -world[:3, 2] / length

@@ -18,6 +18,7 @@ from wrt.io.gltf.nearest import nearest
 from wrt.io.gltf.written_materials import Tree, WrittenMaterials, has_vertex_alpha, is_colored
 from wrt.io.safe_read import PathLike
 from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.linalg import norm
 from wrt.scene import shapes
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.exact.analytic import Analytic
@@ -230,7 +231,7 @@ class _Writer:
         held["lights"].append(described)
         up = np.eye(3)[np.abs(direction).argmin()]
         right = np.cross(direction, up)
-        right /= np.linalg.norm(right)
+        right /= norm(right)
         rows = np.stack([right, np.cross(right, direction), np.asarray(direction, np.float64)])
         reference = {"KHR_lights_punctual": {"light": len(held["lights"]) - 1}}
         return {"matrix": _looking(rows, position), "extensions": reference}
@@ -266,7 +267,7 @@ def _disk(light: DiskLight) -> Mesh:
     """Return a polygon of the area of a disk."""
     normal = np.array(light.normal)
     x = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    x /= np.linalg.norm(x)
+    x /= norm(x)
     angles = 2.0 * math.pi * np.arange(_SEGMENTS) / _SEGMENTS
     reach = light.radius * math.sqrt(2.0 * math.pi / (_SEGMENTS * math.sin(2.0 * math.pi / _SEGMENTS)))
     rim = np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * np.cross(normal, x)

@@ -17,6 +17,7 @@ from wrt.io import memory_limits
 from wrt.io.measured.observer import REFLECTANCE_RESPONSE, WAVELENGTHS
 from wrt.io.measured.tensor_file import read_tensors, write_tensors
 from wrt.io.safe_read import PathLike, naming_file, read_file
+from wrt.linalg import product
 from wrt.scene.materials.measured import Measurement
 from wrt.values import sealed
 
@@ -73,10 +74,10 @@ def _colors(spectra: NDArray[np.float32], wavelengths: NDArray[Any]) -> NDArray[
     if not np.isfinite(nodes).all() or (np.diff(nodes) <= 0.0).any():
         raise InputError("'wavelengths' must ascend")
     shares = np.stack([np.interp(WAVELENGTHS, nodes, row) for row in np.eye(len(nodes))])
-    weights = shares @ REFLECTANCE_RESPONSE
+    weights = product(shares, REFLECTANCE_RESPONSE)
     rgb = np.empty((*spectra.shape[:2], 3, *spectra.shape[3:]), np.float32)
     for place in np.ndindex(*spectra.shape[:2]):  # a slice at a time: in double precision all may not fit in memory
-        rgb[place] = np.tensordot(weights, spectra[place].astype(np.float64), axes=(0, 0))
+        rgb[place] = np.einsum("lc,l...->c...", weights, spectra[place].astype(np.float64))
     return rgb
 
 

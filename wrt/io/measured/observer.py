@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from wrt.linalg import product
+
 # ISO/CIE 11664-1 and ISO/CIE 11664-2, every 5 nm: x, y, z, and the relative power of D65.
 _TABLE = np.array(
     [
@@ -106,8 +108,8 @@ D65 = _FINE[:, 3]
 RGB_FROM_XYZ = np.array(
     [(3.240479, -1.537150, -0.498535), (-0.969256, 1.875991, 0.041556), (0.055648, -0.204043, 1.057311)]
 )
-RESPONSE = OBSERVER @ RGB_FROM_XYZ.T
+RESPONSE = product(OBSERVER, RGB_FROM_XYZ.T)
 """(N, 3) what each wavelength adds to linear Rec. 709."""
 
-REFLECTANCE_RESPONSE = D65[:, None] * RESPONSE / (D65 @ RESPONSE)
+REFLECTANCE_RESPONSE = D65[:, None] * RESPONSE / product(D65, RESPONSE)
 """(N, 3) linear Rec. 709 under D65 of a reflectance of 1 at each of WAVELENGTHS alone."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import determinant, product
 from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
@@ -84,16 +85,16 @@ def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:
 def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
     """Return a part transformed by a (4, 4) matrix; a reflection also flips the winding, so that fronts stay fronts."""
     linear = matrix[:3, :3]
-    mirrored = np.linalg.det(linear) < 0.0
+    mirrored = determinant(linear) < 0.0
     normals = part.normals
     if normals is not None:
         # The cofactor matrix: the inverse transpose up to scale, which exists for singular transforms too.
         a, b, c = linear
         cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-        normals = (np.asarray(normals, np.float64) @ cofactors.T) * (-1.0 if mirrored else 1.0)
+        normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
     # Places that overflow are refused with all other vertices that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
-        vertices = np.asarray(part.vertices, np.float64) @ linear.T + matrix[:3, 3]
+        vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
 
 

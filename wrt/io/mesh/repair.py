@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, positions_of, rows_of
+from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse
 from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, box_around, merge
 from wrt.scene.normals import CHUNK, with_normals
@@ -55,7 +56,7 @@ def _check_size(path: str, parts: list[Part]) -> None:
     with np.errstate(all="ignore"):
         corners = np.concatenate([_box_corners(part) for part in parts])
         low, high = corners.min(axis=0), corners.max(axis=0)
-        size, reach = float(np.linalg.norm(high - low)), float(np.abs(corners).max())
+        size, reach = norm(high - low), float(np.abs(corners).max())
     if not reach <= LARGEST:
         raise InputError(f"{path}: its vertices reach to {reach:g}, beyond the {LARGEST:g} of rays; scale it down")
     if size < SMALLEST:
@@ -72,7 +73,7 @@ def _check_size(path: str, parts: list[Part]) -> None:
 def _box_corners(part: Part) -> NDArray[np.float64]:
     """Return (P, 3) corners of the bounding boxes of all instances of a repaired part."""
     corners = np.stack(np.meshgrid(*box_around(part.vertices).T, indexing="ij"), axis=-1).reshape(-1, 3)
-    return np.concatenate([corners @ m[:3, :3].T + m[:3, 3] for m in part.places] or [corners])
+    return np.concatenate([product(corners, m[:3, :3].T) + m[:3, 3] for m in part.places] or [corners])
 
 
 def _repaired(path: str, part: Part) -> Part:

@@ -23,6 +23,7 @@ from wrt.io import memory_limits
 from wrt.io.mesh.parts import Contents, Part, checked_faces, placed
 from wrt.io.safe_read import first_line
 from wrt.io.texture_images import TextureImages
+from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
 from wrt.scene.textures import ImageTexture
 
@@ -144,7 +145,7 @@ class _Model:
         colors = np.array([bases[index] for index in self._mixed[: len(shares)]])
         total = float(shares.sum())
         weights = shares[: len(colors)] / total if total > 0.0 else np.full(len(colors), 1.0 / len(colors))
-        self._group.values.append(tuple(weights @ colors))
+        self._group.values.append(tuple(product(weights, colors)))
 
 
 def _reference(given: dict[str, str]) -> tuple[str, str, _Matrix]:
@@ -243,7 +244,7 @@ class _Reader:
         if found.faces:
             yield key, matrix
         for other, inner, place in found.components:
-            yield from self._meshes(other or name, inner, matrix @ place, (*above, key))
+            yield from self._meshes(other or name, inner, product(matrix, place), (*above, key))
 
     def _of(self, name: str, number: str) -> Iterator[Part]:
         """Yield a part for the colours and one for each image of an object."""

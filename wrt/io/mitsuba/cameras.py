@@ -10,6 +10,7 @@ import numpy as np
 from wrt.errors import InputError
 from wrt.io.mitsuba.plugin import Plugin, positive
 from wrt.io.mitsuba.transforms import rotation_part
+from wrt.linalg import product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.scene import RenderSettings, Scene
 
@@ -241,8 +242,8 @@ def warn_of_clipping(plugin: Plugin, scene: Scene) -> None:
     aspect = scene.settings.width / scene.settings.height
     for shape in scene.shapes:
         place = np.eye(4) if shape.transform is None else shape.transform_at(0.0)
-        points = shape.mesh.vertices @ place[:3, :3].T + place[:3, 3] - np.array(camera.origin)
-        depth, x, y = points @ forward, points @ right, points @ up
+        points = product(shape.mesh.vertices, place[:3, :3].T) + place[:3, 3] - np.array(camera.origin)
+        depth, x, y = product(points, forward), product(points, right), product(points, up)
         if isinstance(camera, OrthographicCamera):
             half = np.full(len(depth), 0.5 * camera.view_height)
         else:

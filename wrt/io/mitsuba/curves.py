@@ -17,6 +17,7 @@ from wrt.io import memory_limits
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.surfaces import Detail
 from wrt.io.safe_read import read_file
+from wrt.linalg import norm, product
 from wrt.scene.exact.spheres import ball
 from wrt.scene.mesh import Mesh, merge
 
@@ -45,7 +46,7 @@ def read_curves(plugin: Plugin, detail: Detail) -> tuple[Mesh, bool]:
     try:
         curves = _control_points(path, 4 if plugin.type == "bsplinecurve" else 2)
         for each in curves:  # radii stay as they are
-            each[:, :3] = each[:, :3] @ matrix[:3, :3].T + matrix[:3, 3]
+            each[:, :3] = product(each[:, :3], matrix[:3, :3].T) + matrix[:3, 3]
         step = 3 if plugin.type == "bsplinecurve" else 1
         total = sum(len(each) - step for each in curves)
         pieces, first = [], 0
@@ -89,7 +90,7 @@ def _control_points(path: Path, least: int) -> list[Array]:
 def _ends(points: Array) -> tuple[float, float]:
     """Return the radii of the two ends of a spline."""
     weights = np.array([1.0, 4.0, 1.0]) / 6.0
-    return float(weights @ points[:3, 3]), float(weights @ points[-3:, 3])
+    return float(product(weights, points[:3, 3])), float(product(weights, points[-3:, 3]))
 
 
 def _around(points: Array, detail: Detail) -> tuple[int, float]:
@@ -173,19 +174,19 @@ def _frames(tangent: Array) -> tuple[Array, Array]:
     start, up = _mitsuba_frames(tangent[:1])
     x[0] = start[0]
     # Right-handed about the tangent, in the sense of _faces.
-    side = 1.0 if np.cross(start[0], up[0]) @ tangent[0] > 0.0 else -1.0
+    side = 1.0 if product(np.cross(start[0], up[0]), tangent[0]) > 0.0 else -1.0
     for i in range(len(tangent) - 1):
         between = tangent[i + 1] - tangent[i]
-        weight = between @ between
+        weight = product(between, between)
         moved = x[i]
         if weight > 1e-24:
             # A rotation from one tangent to the next about their common normal.
-            cosine = float(np.clip(tangent[i] @ tangent[i + 1], -1.0, 1.0))
+            cosine = float(np.clip(product(tangent[i], tangent[i + 1]), -1.0, 1.0))
             axis = np.cross(tangent[i], tangent[i + 1])
             if 1.0 + cosine > 1e-9:
-                moved = x[i] * cosine + np.cross(axis, x[i]) + axis * (axis @ x[i]) / (1.0 + cosine)
-        moved = moved - tangent[i + 1] * (tangent[i + 1] @ moved)
-        x[i + 1] = moved / max(float(np.linalg.norm(moved)), 1e-30)
+                moved = x[i] * cosine + np.cross(axis, x[i]) + axis * product(axis, x[i]) / (1.0 + cosine)
+        moved = moved - tangent[i + 1] * product(tangent[i + 1], moved)
+        x[i + 1] = moved / max(norm(moved), 1e-30)
     return x, side * np.cross(tangent, x)
 
 
@@ -213,13 +214,13 @@ def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
 def _cone(start: Array, end: Array, v: Array, sides: int) -> list[Mesh]:
     """Return the cone that touches two balls, or nothing where one ball holds the other."""
     along = end[:3] - start[:3]
-    length = float(np.linalg.norm(along))
+    length = norm(along)
     if length <= abs(start[3] - end[3]) or max(start[3], end[3]) == 0.0:
         return []
     axis = along / length
     lean = (start[3] - end[3]) / length
     x, y = (each[0] for each in _mitsuba_frames(axis[None]))
-    if np.cross(x, y) @ axis < 0.0:
+    if product(np.cross(x, y), axis) < 0.0:
         raise AssertionError("frames of curves are right-handed")
     angle = 2.0 * math.pi * (np.arange(sides + 1) % sides) / sides
     out = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y

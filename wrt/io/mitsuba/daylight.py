@@ -14,6 +14,7 @@ from wrt.io.measured.observer import WAVELENGTHS as OBSERVED
 from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
+from wrt.linalg import norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, SunSkyEnvironment
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.hosek_wilkie import WAVELENGTHS, sun_spectrum
@@ -51,19 +52,19 @@ def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, Direction
     if plugin.type != "sunsky":
         plugin.warn("taken as a 'sunsky' of Mitsuba 3")
         plugin.ignore("sun_radius_scale", "resolution", "stretch", "extend")
-        axes = axes @ _Y_UP
+        axes = product(axes, _Y_UP)
     if plugin.boolean("complex_sun", False):
         plugin.warn("limb darkening of the sun is left out; it is uniform with the same mean")
     to_sun = _to_sun(plugin, axes)
-    up = axes @ (0.0, 0.0, 1.0)
-    height = float(np.clip(to_sun @ up, -1.0, 1.0))
+    up = product(axes, (0.0, 0.0, 1.0))
+    height = float(np.clip(product(to_sun, up), -1.0, 1.0))
     turbidity = plugin.number("turbidity", 3.0)
     scale = plugin.number("scale", 1.0)
     sky_scale, sun_scale = (scale * plugin.number(name, 1.0) for name in ("sky_scale", "sun_scale"))
     diameter = plugin.number("sun_aperture", _DIAMETER)
     upright = _upright(up)
     sky = SunSkyEnvironment(
-        sun_direction=vec3(upright @ (to_sun if height > 0.0 else up)),
+        sun_direction=vec3(product(upright, to_sun if height > 0.0 else up)),
         turbidity=turbidity,
         ground_albedo=textures.constant(plugin, "albedo", 0.3),
         sky_scale=0.0 if plugin.type == "sun" else SCALE * sky_scale,
@@ -100,7 +101,7 @@ def sun_radiance(elevation: float, turbidity: float) -> Array:
     lower, upper = (sun_spectrum(math.radians(2.0 + 3.0 * i), turbidity) for i in (low, low + 1))
     spectrum = lower + (place - low) * (upper - lower)
     observer = np.stack([np.interp(WAVELENGTHS, OBSERVED, column, left=0.0) for column in OBSERVER.T], axis=1)
-    radiance = RGB_FROM_XYZ @ (spectrum @ observer)
+    radiance = product(RGB_FROM_XYZ, product(spectrum, observer))
     return np.asarray(np.maximum(radiance, 0.0) * _SUM * SCALE)
 
 
@@ -110,7 +111,7 @@ def _to_sun(plugin: Plugin, axes: Array) -> Array:
         if any(plugin.has(name) for name in (*_PLACE, *_DATE, *_TIME)):
             raise plugin.error("the sun is given by 'sun_direction' or by date and place, not both")
         direction = np.array(plugin.point("sun_direction", (0.0, 0.0, 1.0)))
-        length = float(np.linalg.norm(direction))
+        length = norm(direction)
         if length == 0.0:
             raise plugin.error("'sun_direction' must not be zero")
         return np.asarray(direction / length)
@@ -125,7 +126,7 @@ def _to_sun(plugin: Plugin, axes: Array) -> Array:
     # Mitsuba computes with x to the south, although its documentation says otherwise.
     flat = math.sin(zenith)
     local = (flat * math.cos(azimuth - math.pi), flat * math.sin(azimuth - math.pi), math.cos(zenith))
-    return np.asarray(axes @ np.array(local))
+    return np.asarray(product(axes, np.array(local)))
 
 
 def sun_position(
@@ -174,5 +175,5 @@ def _upright(up: Array) -> Array:
         return np.eye(3)
     # The rows are the axes x, y and z of the rotated frame.
     side = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.9 else (0.0, 0.0, 1.0))
-    side /= np.linalg.norm(side)
+    side /= norm(side)
     return np.stack([side, up, np.cross(side, up)])

@@ -15,6 +15,7 @@ from wrt.io.mitsuba.daylight import daylight
 from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
+from wrt.linalg import determinant, norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.lights import DirectionalLight, Light, PointLight, ProjectorLight, SpotLight
 from wrt.scene.textures import ImageTexture
@@ -87,7 +88,7 @@ class Emitters:
                 inner_degrees=plugin.number("beam_width", 0.75 * cutoff),
                 outer_degrees=cutoff,
                 falloff="linear",
-                texture=_mirrored(texture, u=np.linalg.det(matrix[:3, :3]) > 0.0),
+                texture=_mirrored(texture, u=determinant(matrix[:3, :3]) > 0.0),
                 up=_across(matrix[:3, 1], forward),
             )
         if plugin.type == "projector":
@@ -136,7 +137,7 @@ class Emitters:
             plugin.warn("'to_world' has shear, which is left out")
         if stretch[0] < 0.0:  # mirrored along x
             pixels = pixels[:, ::-1]
-        axis, degrees = axis_and_degrees(axes @ _TURNED)
+        axis, degrees = axis_and_degrees(product(axes, _TURNED))
         scale = plugin.number("scale", 1.0)
         plugin.ignore("mis_compensation")
         return ImageEnvironment(sealed(np.ascontiguousarray(pixels)), scale, degrees, file.name, axis)
@@ -147,13 +148,13 @@ def _mirrored(texture: ImageTexture | None, *, u: bool = False, v: bool = False)
     if texture is None or not (u or v):
         return texture
     signs = np.where([u, v], -1.0, 1.0)
-    offset = texture.placement @ np.array([float(u), float(v), 1.0])
+    offset = product(texture.placement, np.array([float(u), float(v), 1.0]))
     return dataclasses.replace(texture, scale=tuple(signs * texture.scale), offset=tuple(offset.tolist()))
 
 
 def _across(up: NDArray[np.float64], forward: Vec3) -> Vec3:
     """Return an axis that is given for up, or, should it lie along the direction, another one."""
-    if np.linalg.norm(np.cross(up, forward)) > 1e-6 * np.linalg.norm(up) * np.linalg.norm(forward):
+    if norm(np.cross(up, forward)) > 1e-6 * norm(up) * norm(forward):
         return vec3(up)
     return vec3(np.eye(3)[np.abs(forward).argmin()])
 

@@ -15,6 +15,7 @@ from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.volume.read import read_volume
 from wrt.io.volume.volume import Volume
+from wrt.linalg import inverse, product
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.scene.materials import Material
@@ -155,8 +156,8 @@ def continued(plugin: Plugin, medium: Medium, bounds: NDArray[np.float64], textu
     if plugin.type != "homogeneous" or density is None or grid is None or density.albedo is None:
         return medium
     corners = np.stack(np.meshgrid(*bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
-    inverse = np.linalg.inv(density.to_world)
-    within = corners @ inverse[:3, :3].T + inverse[:3, 3]
+    to_unit = inverse(density.to_world)
+    within = product(corners, to_unit[:3, :3].T) + to_unit[:3, 3]
     first = np.floor(within.min(axis=0) - _BEYOND).astype(int)
     last = np.ceil(within.max(axis=0) + _BEYOND).astype(int)
     key = id(plugin.element), *first.tolist(), *last.tolist()
@@ -173,7 +174,7 @@ def continued(plugin: Plugin, medium: Medium, bounds: NDArray[np.float64], textu
         place = np.eye(4)
         place[:3, :3], place[:3, 3] = np.diag(last - first), first
         textures.continuations[key] = DensityGrid(
-            density.values, transform=density.to_world @ place, albedo=albedo, name=density.name
+            density.values, transform=product(density.to_world, place), albedo=albedo, name=density.name
         )
     return dataclasses.replace(medium, density=textures.continuations[key])
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, did_you_mean
 from wrt.io.mitsuba.document import MOST_LEVELS, Document, Element
 from wrt.io.mitsuba.transforms import numbers_of, transform_of, vector_of
+from wrt.linalg import determinant
 from wrt.values import Vec3
 
 OBJECTS = (
@@ -151,7 +152,7 @@ class Plugin:
             self.warn(f"the animation {name!r} is left out")
             return np.eye(4)
         matrix = transform_of(element)
-        if abs(np.linalg.det(matrix[:3, :3])) < 1e-30 or not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+        if abs(determinant(matrix[:3, :3])) < 1e-30 or not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)):
             raise element.error(f"{self.label}: {name!r} must be an affine transform that can be inverted")
         return matrix
 

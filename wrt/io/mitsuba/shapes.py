@@ -20,6 +20,7 @@ from wrt.io.mitsuba.media import boundary_of_nothing, continued, filled, medium_
 from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
 from wrt.io.mitsuba.plugin import Plugin, positive
 from wrt.io.mitsuba.surfaces import Detail, is_closed
+from wrt.linalg import determinant, norm, product, singular_values
 from wrt.scene.camera import PerspectiveCamera
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import basis, quadrics_of, unit_cylinder, unit_disk
@@ -200,13 +201,13 @@ class Shapes:
         if plugin.type == "sdfgrid":
             return distance_grid(plugin).transformed(matrix)
         if plugin.type in ("sphere", "cylinder"):
-            matrix = matrix @ _own_transform(plugin)
+            matrix = product(matrix, _own_transform(plugin))
         if plugin.type in ("rectangle", "cube"):
             mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
             return mesh.transformed(matrix)
         center, radius = _ball_around(plugin.type, matrix)
         axes = matrix[:3, :3] if plugin.type == "cylinder" else matrix[:3, :2]
-        least = radius if plugin.type == "sphere" else float(np.linalg.svd(axes, compute_uv=False)[-1])
+        least = radius if plugin.type == "sphere" else float(singular_values(axes)[-1])
         if least > _LEAST_RADIUS * np.abs(center).max() and (exact := _exact(plugin.type, matrix)) is not None:
             return exact
         segments, coarse = self.detail.segments(center, radius, shines=shining)
@@ -238,18 +239,18 @@ class Shapes:
             return None
         matrix = plugin.transform()
         if plugin.type == "sphere":
-            matrix = matrix @ _own_transform(plugin)
+            matrix = product(matrix, _own_transform(plugin))
         x, y, _, center = matrix[:3].T
         sizes = np.linalg.norm(matrix[:3, :3], axis=0)
-        straight = abs(x @ y) < 1e-5 * sizes[0] * sizes[1]
-        normal = np.cross(x, y) * np.sign(np.linalg.det(matrix[:3, :3])) * (-1.0 if flip else 1.0)
+        straight = abs(product(x, y)) < 1e-5 * sizes[0] * sizes[1]
+        normal = np.cross(x, y) * np.sign(determinant(matrix[:3, :3])) * (-1.0 if flip else 1.0)
         round_ = straight and math.isclose(sizes[0], sizes[1], rel_tol=1e-5)
         if plugin.type == "rectangle" and straight:
-            u, v = (x, y) if np.cross(x, y) @ normal > 0.0 else (y, x)
+            u, v = (x, y) if product(np.cross(x, y), normal) > 0.0 else (y, x)
             return RectangleLight(vec3(center - x - y), vec3(2.0 * u), vec3(2.0 * v), radiance)
         if plugin.type == "disk" and round_:
             return DiskLight(vec3(center), vec3(normal), float(sizes[0]), radiance)
-        ball = round_ and np.allclose(matrix[:3, :3].T @ matrix[:3, :3], sizes[0] ** 2 * np.eye(3), rtol=1e-4)
+        ball = round_ and np.allclose(product(matrix[:3, :3].T, matrix[:3, :3]), sizes[0] ** 2 * np.eye(3), rtol=1e-4)
         if plugin.type == "sphere" and ball and not flip:
             return SphereLight(vec3(center), float(sizes[0]), radiance)
         return None
@@ -273,7 +274,7 @@ def _own_transform(plugin: Plugin) -> Matrix:
         return result
     start, end = (np.array(plugin.point(name, value)) for name, value in (("p0", (0, 0, 0)), ("p1", (0, 0, 1))))
     along = end - start
-    length = float(np.linalg.norm(along))
+    length = norm(along)
     if length == 0.0:
         raise plugin.error("'p0' and 'p1' must differ")
     x, y, _ = basis(along / length)
@@ -297,4 +298,4 @@ def _ball_around(kind: str, matrix: Matrix) -> tuple[NDArray[np.float64], float]
     """Return the centre of a transformed unit shape, and the largest radius of its circles."""
     middle = (0.0, 0.0, 0.5, 1.0) if kind == "cylinder" else (0.0, 0.0, 0.0, 1.0)
     axes = matrix[:3, :2] if kind != "sphere" else matrix[:3, :3]
-    return matrix[:3] @ np.array(middle), float(np.linalg.svd(axes, compute_uv=False)[0])
+    return product(matrix[:3], np.array(middle)), float(singular_values(axes)[0])

@@ -16,6 +16,7 @@ from wrt.io.mitsuba.document import Document, Element
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import numbers_of
 from wrt.io.safe_read import read_file
+from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
 from wrt.values import Vec3, vec3
 
@@ -34,12 +35,12 @@ Spectrum = NDArray[np.float64]
 
 def emitted(spectrum: Spectrum) -> Vec3:
     """Return the colour of an emission spectrum, clipped at 0 outside Rec. 709."""
-    return _color(spectrum @ RESPONSE / LUMINOUS)
+    return _color(product(spectrum, RESPONSE) / LUMINOUS)
 
 
 def reflected(spectrum: Spectrum) -> Vec3:
     """Return the colour of a reflectance spectrum, or of a spectrum of refractive indices, under D65."""
-    return _color((spectrum * D65) @ RESPONSE / (D65 @ RESPONSE))
+    return _color(product(spectrum * D65, RESPONSE) / product(D65, RESPONSE))
 
 
 def _color(rgb: NDArray[np.float64]) -> Vec3:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import norm
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
@@ -40,7 +41,7 @@ class Detail:
             return 0.5 * self.camera.view_height / self.height
         if not isinstance(self.camera, PerspectiveCamera):
             return 5e-4 * radius
-        distance = float(np.linalg.norm(center - np.array(self.camera.origin))) - radius
+        distance = norm(center - np.array(self.camera.origin)) - radius
         height = 2.0 * math.tan(0.5 * math.radians(self.camera.fov_degrees))
         return 0.5 * height * max(distance, 0.05 * radius) / self.height
 

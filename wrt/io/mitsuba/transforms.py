@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.io.mitsuba.document import Element
+from wrt.linalg import determinant, norm, product
 from wrt.values import Vec3, vec3
 
 Matrix = NDArray[np.float64]
@@ -56,7 +57,7 @@ def transform_of(element: Element) -> Matrix:
         maker = _MAKERS.get(child.tag)
         if maker is None:
             raise child.error(f"<{child.tag}> is not a transform; use one of {', '.join(_MAKERS)}")
-        result = maker(child) @ result
+        result = product(maker(child), result)
     return result
 
 
@@ -73,7 +74,7 @@ def _scale(element: Element) -> Matrix:
 def _rotate(element: Element) -> Matrix:
     """Return a rotation by degrees, counter-clockwise about the axis (Rodrigues' formula)."""
     axis = np.array(vector_of(element))
-    length = float(np.linalg.norm(axis))
+    length = norm(axis)
     if length == 0.0:
         raise element.error("the axis of a rotation must not be zero")
     return rotation(axis / length, math.radians(numbers_of(element, element.get("angle"), 1)[0]))
@@ -84,7 +85,7 @@ def rotation(axis: NDArray[np.float64], angle: float) -> Matrix:
     x, y, z = axis
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     result = np.eye(4)
-    result[:3, :3] += math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)
+    result[:3, :3] += math.sin(angle) * k + (1.0 - math.cos(angle)) * product(k, k)
     return result
 
 
@@ -92,7 +93,7 @@ def _look_at(element: Element) -> Matrix:
     """Return the camera's left, up and forward axes and its origin as columns."""
     origin, target = (np.array(numbers_of(element, element.get(key), 3)) for key in ("origin", "target"))
     forward = target - origin
-    length = float(np.linalg.norm(forward))
+    length = norm(forward)
     if length == 0.0:
         raise element.error("origin and target must differ")
     forward /= length
@@ -101,9 +102,9 @@ def _look_at(element: Element) -> Matrix:
     else:
         up = np.eye(3)[int(np.argmin(np.abs(forward)))]
     left = np.cross(up, forward)
-    if np.linalg.norm(left) <= 1e-9 * max(float(np.linalg.norm(up)), 1e-300):
+    if norm(left) <= 1e-9 * max(norm(up), 1e-300):
         raise element.error("up must not be zero or parallel to the view")
-    left /= np.linalg.norm(left)
+    left /= norm(left)
     result = np.eye(4)
     result[:3] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)
     return result
@@ -134,9 +135,9 @@ def rotation_part(matrix: Matrix) -> tuple[Matrix, NDArray[np.float64], bool]:
     linear = matrix[:3, :3]
     stretch = np.linalg.norm(linear, axis=0)
     axes = linear / stretch
-    if np.linalg.det(axes) < 0.0:
+    if determinant(axes) < 0.0:
         axes[:, 0], stretch[0] = -axes[:, 0], -stretch[0]
-    plain = bool(np.allclose(axes.T @ axes, np.eye(3), atol=1e-4))
+    plain = bool(np.allclose(product(axes.T, axes), np.eye(3), atol=1e-4))
     return axes, stretch, plain
 
 
@@ -144,11 +145,11 @@ def axis_and_degrees(turn: Matrix) -> tuple[Vec3, float]:
     """Return the unit axis and the angle of a (3, 3) rotation."""
     cosine = 0.5 * (float(np.trace(turn)) - 1.0)
     skew = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine = float(np.linalg.norm(skew))
+    sine = norm(skew)
     if sine > 1e-6:
         axis = skew / sine
     else:
         # At 180 degrees (R + 1) / 2 is the outer product of the axis with itself; at 0 any axis will do.
-        values, vectors = np.linalg.eigh(0.5 * (turn + turn.T))
-        axis = vectors[:, int(np.argmax(values))]
+        column = (turn + np.eye(3))[:, int(np.argmax(np.diag(turn)))]
+        axis = column / norm(column)
     return vec3(axis), math.degrees(math.atan2(sine, cosine))

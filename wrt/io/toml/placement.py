@@ -30,6 +30,7 @@ from wrt.io.toml.scene_keys import (
 from wrt.io.toml.tables import TableReader
 from wrt.io.toml.values import Table, numbers_of, table_of, text_of
 from wrt.io.volume.read import load_density, read_volume
+from wrt.linalg import product
 from wrt.scene.deformation import Deformation
 from wrt.scene.medium import DensityGrid
 from wrt.scene.mesh import Mesh, merge
@@ -100,7 +101,7 @@ def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
             return
         matrix = reader.transform(key)
         matrices.append(np.eye(4) if matrix is None else matrix)
-        matrices[-1][:3, 3] += pivot - matrices[-1][:3, :3] @ pivot
+        matrices[-1][:3, 3] += pivot - product(matrices[-1][:3, :3], pivot)
 
     reader.each(table, "keys", add)
     return Motion(np.array(times), np.array(matrices).reshape(-1, 4, 4), tuple(pivot))
@@ -133,7 +134,7 @@ def after(place: Transform, first: Transform) -> Transform:
     if place is None or first is None:
         return place if first is None else first
     assert not isinstance(first, Motion)
-    return place.after(first) if isinstance(place, Motion) else place @ first
+    return place.after(first) if isinstance(place, Motion) else product(place, first)
 
 
 def joined(shapes: list[Shape]) -> list[Shape]:
@@ -198,7 +199,7 @@ def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
     if matrix is None:
         return density
     own = np.eye(4) if density.transform is None else density.transform
-    return dataclasses.replace(density, transform=matrix @ own)
+    return dataclasses.replace(density, transform=product(matrix, own))
 
 
 def _deformation(file: Path) -> Deformation:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, did_you_mean
 from wrt.io.toml.scene_keys import TRANSFORM, TURN, Keys
 from wrt.io.toml.values import Table, table_of, text_of
+from wrt.linalg import product
 from wrt.scene.motion import rotation_matrix
 from wrt.values import number, vector
 
@@ -103,6 +104,6 @@ class TableReader:
         for i, turn in enumerate(turns if isinstance(turns, list) else [turns]):
             with self.at("rotate" + (f"[{i}]" if isinstance(turns, list) else "")):
                 self.check_table(table_of(turn), TURN)
-                matrix[:3, :3] = rotation_matrix(turn["axis"], turn["degrees"]) @ matrix[:3, :3]
+                matrix[:3, :3] = product(rotation_matrix(turn["axis"], turn["degrees"]), matrix[:3, :3])
         matrix[:3, 3] = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
         return matrix

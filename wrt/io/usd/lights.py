@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.lights import DirectionalLight, DiskLight, Light, PointLight, RectangleLight, SphereLight
 from wrt.values import Vec3, vec3
@@ -37,7 +38,7 @@ def _white(kelvin: float) -> NDArray[np.float64]:
     from wrt.io.mitsuba.spectra import blackbody, emitted
 
     color = np.maximum(np.asarray(emitted(blackbody(kelvin)), np.float64), 0.0)
-    return np.asarray(color / (color @ np.array([0.2126, 0.7152, 0.0722])))
+    return np.asarray(color / product(color, np.array([0.2126, 0.7152, 0.0722])))
 
 
 def light_of(prim: Any, kind: str, matrix: Matrix) -> Light:
@@ -57,17 +58,17 @@ def light_of(prim: Any, kind: str, matrix: Matrix) -> Light:
         given = UsdLux.RectLight(prim)
         u = x * float(given.GetWidthAttr().Get())
         v = y * float(given.GetHeightAttr().Get())
-        v = v - u * (u @ v) / (u @ u)
-        area = float(np.linalg.norm(np.cross(u, v)))
+        v = v - u * product(u, v) / product(u, u)
+        area = norm(np.cross(u, v))
         radiance = radiance / area if normalized else radiance
         # It shines along −z: its edges run the other way round.
         return RectangleLight(vec3(center - 0.5 * (u + v)), vec3(v), vec3(u), vec3(radiance))
     if kind == "DiskLight":
-        radius = float(UsdLux.DiskLight(prim).GetRadiusAttr().Get()) * float(np.linalg.norm(x))
+        radius = float(UsdLux.DiskLight(prim).GetRadiusAttr().Get()) * norm(x)
         radiance = radiance / (math.pi * radius * radius) if normalized else radiance
         return DiskLight(vec3(center), vec3(-z), radius, vec3(radiance))
     ball = UsdLux.SphereLight(prim)
-    radius = float(ball.GetRadiusAttr().Get()) * float(np.linalg.norm(x))
+    radius = float(ball.GetRadiusAttr().Get()) * norm(x)
     area = 4.0 * math.pi * radius * radius
     if ball.GetTreatAsPointAttr().Get() or radius == 0.0:
         return PointLight(vec3(center), intensity=vec3(radiance / 4.0 if normalized else 0.25 * area * radiance))
@@ -77,7 +78,7 @@ def light_of(prim: Any, kind: str, matrix: Matrix) -> Light:
 def camera_of(camera: Any, matrix: Matrix, scale: float) -> Camera:
     """Return a camera that looks along −z of its node; its apertures and focal length are in tenths of a unit."""
     origin, back, up = matrix[:3, 3], matrix[:3, 2], matrix[:3, 1]
-    forward = -back / np.linalg.norm(back)
+    forward = -back / norm(back)
     place: dict[str, Any] = {"origin": vec3(origin), "target": vec3(origin + forward), "up": vec3(up)}
     height = float(camera.GetVerticalApertureAttr().Get())
     if str(camera.GetProjectionAttr().Get()) == "orthographic":

@@ -18,6 +18,7 @@ from wrt.io.images import FLOAT_SUFFIXES, read_image
 from wrt.io.safe_read import first_line, read_file
 from wrt.io.texture_images import Source, TextureImages
 from wrt.io.usd.lights import Matrix, radiance_of
+from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.materials import Material, Principled
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
@@ -73,7 +74,7 @@ class UsdMaterials:
             return ConstantEnvironment(vec3(radiance))
         pixels = read_image(file) * radiance.astype(np.float32)
         axes = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
-        axis, degrees = axis_and_degrees(axes @ np.diag([-1.0, 1.0, -1.0]))
+        axis, degrees = axis_and_degrees(product(axes, np.diag([-1.0, 1.0, -1.0])))
         return ImageEnvironment(pixels, 1.0, degrees, file.name, axis)
 
     def _make(self, bound: Any, laid: bool, colored: bool) -> Material | None:

@@ -20,6 +20,7 @@ from wrt.io.safe_read import first_line, require_file
 from wrt.io.usd.lights import LIGHT_KINDS, camera_of, light_of
 from wrt.io.usd.materials import UsdMaterials
 from wrt.io.usd.meshes import SOLIDS, mesh_parts, solid
+from wrt.linalg import inverse, product
 from wrt.scene.camera import Camera
 from wrt.scene.environment import Environment
 from wrt.scene.lights import Light
@@ -67,7 +68,7 @@ def _read(path: Path, stage: Any) -> tuple[Contents, Environment | None]:
         scale = 1.0
     world = np.diag([scale, scale, scale, 1.0])
     if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
-        world = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]]) @ world
+        world = product(np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]]), world)
     return _Reader(path, world, scale).read(stage)
 
 
@@ -94,7 +95,7 @@ class _Reader:
                 walk.PruneChildren()
                 continue
             kind = str(prim.GetTypeName())
-            matrix = self._world @ np.array(cache.GetLocalToWorldTransform(prim)).T
+            matrix = product(self._world, np.array(cache.GetLocalToWorldTransform(prim)).T)
             if prim.IsA(UsdGeom.PointInstancer):
                 self._add_instances(stage, UsdGeom.PointInstancer(prim), matrix)
                 walk.PruneChildren()
@@ -142,9 +143,9 @@ class _Reader:
             for prim in Usd.PrimRange(prototype, Usd.TraverseInstanceProxies()):
                 if str(prim.GetTypeName()) != "Mesh" and str(prim.GetTypeName()) not in SOLIDS:
                     continue
-                within = np.linalg.inv(above) @ np.array(own.GetLocalToWorldTransform(prim)).T
+                within = product(inverse(above), np.array(own.GetLocalToWorldTransform(prim)).T)
                 for place in np.flatnonzero(which == number).tolist():
-                    self._add(prim, matrix @ np.array(places[place]).T @ within)
+                    self._add(prim, product(product(matrix, np.array(places[place]).T), within))
 
 
 def _is_hidden(prim: Any) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import product
 from wrt.scene.mesh import Mesh
 from wrt.values import array, sealed
 
@@ -125,9 +126,9 @@ class Analytic(Mesh, ABC):
 
 def keeps_spheres(matrix: FloatArray) -> bool:
     """Return whether an affine matrix maps spheres to spheres: it turns, mirrors and scales alike along all axes."""
-    product = matrix[:3, :3].T @ matrix[:3, :3]
-    square = float(np.trace(product)) / 3.0
-    return square > 0.0 and bool((np.abs(product - square * np.eye(3)) <= 2.0 * _SIMILAR * square).all())
+    gram = product(matrix[:3, :3].T, matrix[:3, :3])
+    square = float(np.trace(gram)) / 3.0
+    return square > 0.0 and bool((np.abs(gram - square * np.eye(3)) <= 2.0 * _SIMILAR * square).all())
 
 
 def stored(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import determinant, inverse, norm, product
 from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
 from wrt.scene.exact.spheres import circle, curved, grid
 from wrt.scene.mesh import Mesh
@@ -99,7 +100,7 @@ class Quadrics(Analytic):
         Disks do under all that can be inverted, as they become ellipses; cylinders if they stay round and straight. The
         maps between two of a motion are similar only if these are. None does where float32 does not resolve it.
         """
-        if not all(np.linalg.det(matrix[:3, :3]) for matrix in matrices):
+        if not all(determinant(matrix[:3, :3]) for matrix in matrices):
             return False
         disks, cylinders = self.are_disks, self.axes[~self.are_disks]
         if len(matrices) > 1 and len(cylinders) and not all(keeps_spheres(matrix) for matrix in matrices):
@@ -108,7 +109,7 @@ class Quadrics(Analytic):
         within = _SQUARE if len(matrices) == 1 else 0.5 * _SQUARE
         with np.errstate(all="ignore"):
             return all(
-                _are_straight(cylinders @ matrix[:3, :3].T, within).all()
+                _are_straight(product(cylinders, matrix[:3, :3].T), within).all()
                 and not len(_unresolved(disks, *self._moved(matrix)))
                 for matrix in matrices
             )
@@ -116,9 +117,9 @@ class Quadrics(Analytic):
     def _moved(self, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the centres and vectors of transformed shapes."""
         linear, disks = matrix[:3, :3], self.are_disks
-        axes = self.axes @ linear.T
-        axes[disks, 2] = self.axes[disks, 2] @ np.linalg.inv(linear)
-        return self.centers @ linear.T + matrix[:3, 3], axes
+        axes = product(self.axes, linear.T)
+        axes[disks, 2] = product(self.axes[disks, 2], inverse(linear))
+        return product(self.centers, linear.T) + matrix[:3, 3], axes
 
     def _mapped(self, matrix: FloatArray) -> Mesh:
         return _made(self.are_disks, *self._moved(matrix), self.inside_out, self.colors, self.name)
@@ -141,9 +142,9 @@ class Quadrics(Analytic):
             assert unit.uvs is not None
             place = unit.vertices.astype(np.float64) - (0.0 if disk else (0.0, 0.0, 0.5))
             side = -1.0 if self.inside_out[k] else 1.0
-            right_handed = float(np.linalg.det(axes)) > 0.0
-            points.append(self.centers[k] + place @ axes)
-            out = np.broadcast_to(axes[2], place.shape) if disk else place * (1.0, 1.0, 0.0) @ axes
+            right_handed = float(determinant(axes)) > 0.0
+            points.append(self.centers[k] + product(place, axes))
+            out = np.broadcast_to(axes[2], place.shape) if disk else product(place * (1.0, 1.0, 0.0), axes)
             normals.append(side * out / np.linalg.norm(out, axis=1, keepdims=True))
             faces.append(first + (unit.faces if right_handed == (side > 0.0) else unit.faces[:, ::-1]))
             uvs.append(unit.uvs)
@@ -170,7 +171,7 @@ def disk(center: Vec3 = (0.0, 0.0, 0.0), normal: Vec3 = (0.0, 1.0, 0.0), radius:
             for float32 at the centre.
     """
     middle, front = np.array(vector(center, "center")), np.array(vector(normal, "normal"))
-    size, length = number(radius, "radius", above=0.0), float(np.linalg.norm(front))
+    size, length = number(radius, "radius", above=0.0), norm(front)
     if not 0.0 < length < math.inf:
         raise InputError(f"a disk's normal must have a length above 0, not {front.tolist()}")
     axes = basis(front / length) * [[size], [size], [1.0]]
@@ -192,7 +193,7 @@ def cylinder(start: Vec3 = (0.0, 0.0, 0.0), end: Vec3 = (0.0, 1.0, 0.0), radius:
             float32 at the cylinder.
     """
     a, b = np.array(vector(start, "start")), np.array(vector(end, "end"))
-    size, length = number(radius, "radius", above=0.0), float(np.linalg.norm(b - a))
+    size, length = number(radius, "radius", above=0.0), norm(b - a)
     if not 0.0 < length < math.inf:
         raise InputError(f"a cylinder's start and end must differ, and are {a.tolist()} and {b.tolist()}")
     axes = basis((b - a) / length) * [[size], [size], [length]]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import determinant, product
 from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
 from wrt.scene.mesh import Mesh
 from wrt.values import array
@@ -50,7 +51,7 @@ class Spheres(Analytic):
         first, second = self._corners(0), self._corners(1)
         half, falls = 0.5 * np.abs(second - first), second < first
         uneven = half.max(axis=1) - half.min(axis=1) > 2.0**-22 * (np.abs(self.centers) + half).max(axis=1)
-        turned = np.abs(self.axes @ np.swapaxes(self.axes, 1, 2) - np.eye(3)).max(axis=(1, 2)) > _ORTHONORMAL
+        turned = np.abs(product(self.axes, np.swapaxes(self.axes, 1, 2)) - np.eye(3)).max(axis=(1, 2)) > _ORTHONORMAL
         return [
             (half.min(axis=1) == 0.0, "boxes", "must have a size"),
             (
@@ -66,9 +67,9 @@ class Spheres(Analytic):
         return all(keeps_spheres(matrix) for matrix in matrices)
 
     def _mapped(self, matrix: FloatArray) -> Mesh:
-        scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
-        axes = self.axes @ (matrix[:3, :3] / scale).T
-        centers = self.centers @ matrix[:3, :3].T + matrix[:3, 3]
+        scale = float(np.cbrt(abs(determinant(matrix[:3, :3]))))
+        axes = product(self.axes, (matrix[:3, :3] / scale).T)
+        centers = product(self.centers, matrix[:3, :3].T) + matrix[:3, 3]
         return _made(centers, scale * self.radii, self.inside_out, axes, self.colors, self.name)
 
     def tessellated(self, segments: int = 64) -> Mesh:
@@ -88,7 +89,7 @@ class Spheres(Analytic):
         assert one.uvs is not None
         normals = np.einsum("nk,skj->snj", one.normals.astype(np.float64), self.axes)
         points = self.centers[:, None] + self.radii[:, None, None] * normals
-        mirrored = np.linalg.det(self.axes) < 0.0
+        mirrored = determinant(self.axes) < 0.0
         faces = np.where((mirrored != self.inside_out)[:, None, None], one.faces[:, ::-1], one.faces)
         faces = faces + np.arange(count)[:, None, None] * len(one.vertices)
         normals[self.inside_out] *= -1.0

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.linalg import dot, norm
 from wrt.scene.lights.light import EVERYWHERE, Light, LightExtent, unit_vector
 from wrt.values import ColorLike, Vec3, boolean, number, vector
 
@@ -66,15 +67,15 @@ class RectangleLight(_AreaLight):
         """Return fields of the LightShape."""
         size = np.linalg.norm([self.edge_u, self.edge_v], axis=1)
         x, y = np.array(self.edge_u) / size[0], np.array(self.edge_v) / size[1]
-        y = y - x * np.dot(x, y)
-        y /= np.linalg.norm(y)
+        y = y - x * dot(x, y)
+        y /= norm(y)
         return {"place": self.origin, "x": x, "y": y, "normal": np.cross(x, y), "size": size}
 
     def extent(self) -> LightExtent:
         """Return the position, orientation and power."""
         o, u, v = np.array(self.origin), np.array(self.edge_u), np.array(self.edge_v)
         normal = np.cross(u, v)
-        area = float(np.linalg.norm(normal))
+        area = norm(normal)
         factor = (2.0 if self.two_sided else 1.0) * math.pi * area
         return LightExtent([o, o + u, o + v, o + u + v], normal / area, self.radiance, factor, two_sided=self.two_sided)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import norm
 from wrt.scene.textures import CHANNELS, ImageTexture
 from wrt.values import Vec3, color, vector
 
@@ -105,7 +106,7 @@ def axes_of(direction: Vec3, up: Vec3) -> tuple[NDArray[np.float64], NDArray[np.
         InputError: when `up` lies along the direction.
     """
     right = np.cross(direction, up)
-    length = float(np.linalg.norm(right))
+    length = norm(right)
     if length < 1e-6:
         raise InputError("up must not be along the direction of the light")
     right /= length

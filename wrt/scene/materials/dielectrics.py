@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import gauss_legendre
 from wrt.scene.materials.body import Body
 from wrt.scene.materials.dispersion import SHARES, channel_indices, channel_spread, checked_dispersion
 from wrt.scene.materials.material import Material
@@ -36,7 +37,7 @@ def mean_transmittance(eta: float) -> float:
     that, because radiance over index squared is conserved.
     """
     denser = max(eta, 1.0 / eta)
-    nodes, weights = np.polynomial.legendre.leggauss(64)
+    nodes, weights = gauss_legendre(64)
     # cosθ = t⁴ places more nodes near grazing angles, where F bends sharply if the indices are almost equal.
     t = 0.5 * (nodes + 1.0)
     into = float(np.sum(weights * 4.0 * t**7 * _transmittance(t**4, denser)))

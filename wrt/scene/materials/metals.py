@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.linalg import gauss_legendre
 from wrt.scene.materials.film import Filmed
 from wrt.scene.materials.material import Material, color_source, positive_color
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
@@ -64,7 +65,7 @@ def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
         eta: real part of the refractive index.
         k: extinction coefficient.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(64)
+    nodes, weights = gauss_legendre(64)
     mu = 0.5 * (nodes[:, None] + 1.0)
     index = np.asarray(eta, np.float64) + 1j * np.asarray(k, np.float64)
     # Snell's law and Fresnel's amplitudes for a complex index (Born and Wolf, 1.5 and 14.2).

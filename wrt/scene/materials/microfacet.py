@@ -8,6 +8,7 @@ from collections.abc import Hashable
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.linalg import gauss_legendre
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 from wrt.values import Vec3, number
 
@@ -127,7 +128,7 @@ def sgd_normalization(alpha: float, p: float) -> float:
     # exp(α) E_p(α) = ∫ exp(−αs) (1 + s)^−p ds over s ≥ 0. With 1 + s = e^y the integrand is smooth in y, and below
     # e^−50 at the end of this interval.
     end = math.log1p(50.0 / alpha)
-    nodes, weights = np.polynomial.legendre.leggauss(128)
+    nodes, weights = gauss_legendre(128)
     y = 0.5 * end * (nodes + 1.0)
     integral = 0.5 * end * float(np.sum(weights * np.exp(-alpha * np.expm1(y) + (1.0 - p) * y)))
     return 1.0 / (alpha * alpha * integral)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrt.linalg import product
 from wrt.scene.skies.preetham import rgb_from_xyz, spectrum_xyz
 
 Array = NDArray[np.float64]
@@ -53,7 +54,8 @@ def _parameters(table: Array, elevation: float, turbidity: float, albedo: Array)
     """
     x = (elevation / (0.5 * math.pi)) ** (1.0 / 3.0)
     powers = np.arange(6.0)
-    curve = np.tensordot(_at_turbidity(table, turbidity), _BINOMIAL * x**powers * (1.0 - x) ** (5.0 - powers), (1, 0))
+    weights = _BINOMIAL * x**powers * (1.0 - x) ** (5.0 - powers)
+    curve = np.einsum("ij...,j->i...", _at_turbidity(table, turbidity), weights)
     share = albedo.reshape(3, *(1,) * (curve.ndim - 2))
     result: Array = (1.0 - share) * curve[0] + share * curve[1]
     return result
@@ -98,14 +100,14 @@ def sun_spectrum(elevation: float, turbidity: float) -> Array:
     tables = _tables()
     polynomials = _at_turbidity(tables["sun_radiance"], turbidity)
     # The mean over the disk of the j-th power of the cosine at the sun's surface is 2 / (j + 2).
-    limb = tables["sun_limb"] @ (2.0 / (np.arange(6.0) + 2.0))
+    limb = product(tables["sun_limb"], 2.0 / (np.arange(6.0) + 2.0))
     # The mean over the elevations in the disk, by Gauss-Chebyshev quadrature of the second kind.
     angles = math.pi * np.arange(1, 6) / 6.0
     heights = np.clip(elevation + _SUN_RADIUS * np.cos(angles), 0.0, 0.5 * math.pi)
     segment = np.minimum((np.cbrt(2.0 * heights / math.pi) * _SEGMENTS).astype(np.int64), _SEGMENTS - 1)
     beyond = heights - 0.5 * math.pi * (segment / _SEGMENTS) ** 3
     radiance = np.einsum("kwp,kp->kw", polynomials[segment], beyond[:, None] ** np.arange(4.0))
-    result: Array = np.maximum(np.sin(angles) ** 2 @ radiance / 3.0, 0.0) * limb
+    result: Array = np.maximum(product(np.sin(angles) ** 2, radiance) / 3.0, 0.0) * limb
     return result
 
 

@@ -15,6 +15,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrt.linalg import dot, product
+
 Array = NDArray[np.float64]
 
 LUMINOUS_EFFICACY = 683.0
@@ -91,8 +93,12 @@ def sky_xyz(cos_zenith: ArrayLike, cos_sun: ArrayLike, sun_zenith: float, turbid
 
     t = np.array([turbidity**2, turbidity, 1.0])
     theta = np.array([sun_zenith**3, sun_zenith**2, sun_zenith, 1.0])
-    zenith = (zenith_luminance(sun_zenith, turbidity), t @ _ZENITH_X @ theta, t @ _ZENITH_Y @ theta)
-    rows = _PEREZ @ np.array([turbidity, 1.0])
+    zenith = (
+        zenith_luminance(sun_zenith, turbidity),
+        dot(product(t, _ZENITH_X), theta),
+        dot(product(t, _ZENITH_Y), theta),
+    )
+    rows = product(_PEREZ, np.array([turbidity, 1.0]))
     luminance, x, y = (
         value * perez(cosine, gamma, row) / perez(1.0, sun_zenith, row) for value, row in zip(zenith, rows, strict=True)
     )
@@ -142,7 +148,7 @@ def spectrum_xyz(wavelengths: ArrayLike, radiance: ArrayLike) -> Array:
     """Return spectral radiance as CIE XYZ, (3,), W·sr⁻¹·m⁻², interpolated linearly between wavelengths in nm."""
     at = np.asarray(wavelengths, np.float64)
     fine = np.arange(at[0], at[-1] + 1.0)
-    return np.asarray(np.interp(fine, at, np.asarray(radiance, np.float64)) @ color_matching(fine))
+    return np.asarray(product(np.interp(fine, at, np.asarray(radiance, np.float64)), color_matching(fine)))
 
 
 def sun_xyz(sun_zenith: float, turbidity: float) -> Array:
@@ -152,5 +158,5 @@ def sun_xyz(sun_zenith: float, turbidity: float) -> Array:
 
 def rgb_from_xyz(xyz: ArrayLike) -> Array:
     """Return linear Rec. 709 RGB, clipped at 0 outside the gamut."""
-    result: Array = np.maximum(np.asarray(xyz, np.float64) @ _RGB_FROM_XYZ.T, 0.0)
+    result: Array = np.maximum(product(np.asarray(xyz, np.float64), _RGB_FROM_XYZ.T), 0.0)
     return result

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
+from wrt.linalg import determinant, inverse, product
 from wrt.scene.mesh import Mesh
 from wrt.upload.accel.bvh import BuiltBvh, build_bvh, build_upper_tree, refit_bvh
 from wrt.upload.accel.geometry import upload_meshes
@@ -92,12 +93,12 @@ class PlacedTrees:
         projective = np.flatnonzero((matrices[:, 3:] != (0.0, 0.0, 0.0, 1.0)).any(axis=(1, 2)))
         if len(projective):
             raise InputError(f"the transform of instance {projective[0]} must be affine: its last row must be 0 0 0 1")
-        singular = np.flatnonzero(np.linalg.det(matrices[:, :3, :3]) == 0.0)
+        singular = np.flatnonzero(determinant(matrices[:, :3, :3]) == 0.0)
         if len(singular):
             raise InputError(f"the transform of instance {singular[0]} is not invertible")
         # Kernels hold the matrix and its inverse in float32.
         with np.errstate(over="ignore"):
-            both = np.concatenate([matrices[:, :3, :3], np.linalg.inv(matrices[:, :3, :3])], axis=1).astype(np.float32)
+            both = np.concatenate([matrices[:, :3, :3], inverse(matrices[:, :3, :3])], axis=1).astype(np.float32)
         extreme = np.flatnonzero(~np.isfinite(both).all(axis=(1, 2)))
         if len(extreme):
             raise InputError(f"the transform of instance {extreme[0]} scales by over 1e38 or by under 1e-38")
@@ -119,13 +120,13 @@ def instance_records(transforms: FloatArray) -> NDArray[Any]:
     instances = current_backend().kernels("wrt.kernels.accel.instances")
 
     linear, position = transforms[:, :3, :3], transforms[:, :3, 3]
-    inverse = np.linalg.inv(linear)
+    to_mesh = inverse(linear)
     records = np.zeros(len(transforms), instances.InstanceRecord.numpy_dtype())
-    records["linear"] = inverse
-    records["offset"] = -np.einsum("nij,nj->ni", inverse, position)
+    records["linear"] = to_mesh
+    records["offset"] = -np.einsum("nij,nj->ni", to_mesh, position)
     with np.errstate(over="ignore"):
         records["to_world"], records["position"] = linear, position
-    records["side"] = np.where(np.linalg.det(linear) < 0.0, -1.0, 1.0)
+    records["side"] = np.where(determinant(linear) < 0.0, -1.0, 1.0)
     records["round_trip"] = round_trip(linear)
     records["motion"] = records["shape"] = -1
     return records
@@ -133,7 +134,7 @@ def instance_records(transforms: FloatArray) -> NDArray[Any]:
 
 def round_trip(linear: FloatArray) -> FloatArray:
     """Return the bound ‖|M| |M⁻¹|‖ of (..., 3, 3) matrices on the growth of rounding errors in a round trip."""
-    return np.asarray((np.abs(linear) @ np.abs(np.linalg.inv(linear))).sum(axis=-1).max(axis=-1))
+    return np.asarray(product(np.abs(linear), np.abs(inverse(linear))).sum(axis=-1).max(axis=-1))
 
 
 def placed_mesh(tree: BuiltBvh) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import singular_values
 from wrt.scene.motion import FloatArray, Motion, segments
 from wrt.upload.accel.instances import world_boxes
 
@@ -67,7 +68,7 @@ def swept_boxes(
         return np.stack([low - margin[:, None], high + margin[:, None]], axis=1)
 
     around_box, around_center = path_bounds(own), path_bounds(np.repeat(own.mean(axis=1, keepdims=True), 2, axis=1))
-    stretch = np.linalg.norm(matrices[:, :3, :3], 2, axis=(1, 2))
+    stretch = singular_values(matrices[:, :3, :3])[:, 0]
     reach = (1.0 + 1e-5) * radius * np.maximum(stretch[:-1], stretch[1:])[:, None]
     low = np.maximum(around_box[:, 0], around_center[:, 0] - reach)
     high = np.minimum(around_box[:, 1], around_center[:, 1] + reach)

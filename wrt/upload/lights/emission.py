@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import product
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
@@ -68,7 +69,7 @@ def _of_image(shape: Shape, texture: ImageTexture) -> tuple[NDArray[np.float64],
         pixels = np.repeat(pixels[..., [CHANNELS.index(texture.channel)]], 3, axis=2)
     height, width = pixels.shape[:2]
     laid_by = columns(shape.mesh, "uvs", 2 * texture.uv_set, 2 * texture.uv_set + 2, 0.0)
-    corners = laid_by[faces].astype(np.float64) @ texture.placement[:, :2].T + texture.placement[:, 2]
+    corners = product(laid_by[faces].astype(np.float64), texture.placement[:, :2].T) + texture.placement[:, 2]
     colors = np.ones((len(faces), 3, 3))
     if texture.vertex_colors or texture.vertex_alpha:
         colors = _vertex_colors(shape, alpha=texture.vertex_alpha)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import product
 from wrt.upload.lights.piecewise import integrals, pooled, tiles
 
 ROWS, COLUMNS = 16, 32
@@ -131,12 +132,12 @@ def by_normal(weights: NDArray[np.float64], image_to_world: NDArray[np.float64])
     azimuth = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
     sine = np.sin(polar)
     local = [sine * np.sin(azimuth), np.cos(polar) + 0.0 * azimuth, -sine * np.cos(azimuth)]
-    directions = np.stack(local, axis=2) @ image_to_world.T
+    directions = product(np.stack(local, axis=2), image_to_world.T)
     normals = octahedral_nodes()
     found = np.empty((len(normals) + 1, ROWS, COLUMNS))
     for row in range(ROWS):
         block = slice(parts * row, parts * (row + 1))
-        cosines = np.tensordot(normals, directions[block], axes=(1, 2))
+        cosines = np.einsum("nk,ijk->nij", normals, directions[block])
         softened = 0.5 * (cosines + np.sqrt(cosines * cosines + SOFTNESS * SOFTNESS))
         seen = (softened * fine[block]).sum(axis=1)
         found[:-1, row] = seen.reshape(len(normals), COLUMNS, parts).sum(axis=2)

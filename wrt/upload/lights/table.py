@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.backend import current_backend
 from wrt.errors import InputError
+from wrt.linalg import dot
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
@@ -275,7 +276,7 @@ def _swept_corners(shape: Shape, shutter: tuple[float, float]) -> Array:
 def _extent(light: Light) -> LightBounds:
     """Return the bounds of a light."""
     extent = light.extent()
-    power = extent.power_over_amount * float(np.dot(extent.amount, LUMINANCE))
+    power = extent.power_over_amount * dot(extent.amount, LUMINANCE)
     if extent.corners is None:
         return _far(extent.axis, power)
     return LightBounds.of(

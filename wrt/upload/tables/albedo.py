@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.linalg import gauss_legendre
 
 LATTICE_POINTS = 4096
 """Directions per value: accurate to 6e-4."""
@@ -140,7 +141,7 @@ def _masses(missing: Floats, logs: Floats, scale: Floats) -> Floats:
         logs: (rows, columns) ln(1 + μ / scale), in which 1 − E is interpolated linearly.
         scale: (columns,) scale of the cosines μ.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(8)
+    nodes, weights = gauss_legendre(8)
     x = 0.5 * (nodes[:, None, None] + 1.0)
     low, step = logs[:-1], np.diff(logs, axis=0)
     mu = scale * np.expm1(low + x * step)

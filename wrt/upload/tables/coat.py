@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.linalg import gauss_legendre, product
 
 ROWS = 128
 """Rows for one roughness; the interpolation error of T is below 1e-4."""
@@ -68,7 +69,7 @@ def coat_table(
 
     # Light from below leaves unless it is reflected, and radiance over the squared index is reciprocal:
     # 1 − R = 2 ∫ T cosθ d cosθ / η². A white base then absorbs nothing.
-    internal = 1.0 - _weights(root) @ let_in.astype(np.float64) / eta**2
+    internal = 1.0 - product(_weights(root), let_in.astype(np.float64)) / eta**2
     header = np.array([rows, len(alphas)], np.float64)
     return np.concatenate([header, internal, let_in.ravel()]).astype(np.float32)
 
@@ -76,7 +77,7 @@ def coat_table(
 def _weights(root: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return quadrature weights of 2 ∫ T cosθ d cosθ = ∫ T 4 x³ dx for values at even √cosθ, linear in between."""
     # Three Gauss points per cell are exact for x³ times a linear function.
-    node, weight = np.polynomial.legendre.leggauss(3)
+    node, weight = gauss_legendre(3)
     low, high = root[:-1, None], root[1:, None]
     share = 0.5 * (node + 1.0)
     mass = 0.5 * (high - low) * weight * 4.0 * (low + (high - low) * share) ** 3

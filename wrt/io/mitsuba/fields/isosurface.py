@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.linalg import product
 from wrt.scene.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -100,7 +101,7 @@ def _march(keys: NDArray[np.int64], at: Array, places: Array) -> tuple[Array, ND
     total = 0
     for tetrahedron in _TETRAHEDRA:
         inside = at[:, tetrahedron] < 0.0
-        pattern = inside @ (1, 2, 4, 8)
+        pattern = product(inside, (1, 2, 4, 8))
         for code in range(1, 15):
             chosen = np.flatnonzero(pattern == code)
             if not len(chosen):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.linalg import gauss_legendre, product
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 from wrt.values import vec3
 
@@ -66,11 +67,11 @@ def scaled(color: ColorSource, factor: float) -> ColorSource:
 
 def diffuse_fresnel(eta: float) -> float:
     """Return the share of diffuse light that a smooth dielectric of a relative refractive index above 1 reflects."""
-    node, weight = np.polynomial.legendre.leggauss(64)
+    node, weight = gauss_legendre(64)
     mu = 0.5 * (node + 1.0)
     inside = np.sqrt(np.maximum(1.0 - (1.0 - mu**2) / eta**2, 0.0))
     across, along = (mu - eta * inside) / (mu + eta * inside), (eta * mu - inside) / (eta * mu + inside)
-    return float(weight @ (0.5 * (across**2 + along**2) * mu))
+    return float(product(weight, 0.5 * (across**2 + along**2) * mu))
 
 
 @functools.lru_cache(maxsize=256)
@@ -85,11 +86,11 @@ def internal_reflectances(distribution: str, alpha: float, eta: float) -> tuple[
     nodes = np.maximum(np.linspace(0.0, 1.0, _NODES), 1e-6)
     theirs = 2.0 * float(np.mean(_shares(distribution, alpha, 1.0 / eta, nodes)[0] * nodes))
     # Light that is not reflected leaves: 1 − R = 2 ∫ T μ dμ / η² (kernels/bsdf/lobes/coat_transmittance.py), over √μ.
-    node, weight = np.polynomial.legendre.leggauss(24)
+    node, weight = gauss_legendre(24)
     root = 0.5 * (node + 1.0)
     reflected, refracted = _shares(distribution, alpha, eta, root**2)
     let_in = np.clip(np.minimum(refracted, 1.0 - reflected), 0.0, 1.0)
-    return 1.0 - float(0.5 * weight @ (let_in * 4.0 * root**3)) / eta**2, theirs
+    return 1.0 - float(product(0.5 * weight, let_in * 4.0 * root**3)) / eta**2, theirs
 
 
 def _shares(distribution: str, alpha: float, eta: float, cosines: Array) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from wrt.errors import InputError
 from wrt.io.images import read_image
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
+from wrt.linalg import norm
 from wrt.scene.medium import DensityGrid
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 from wrt.sums import weighted_sum
@@ -171,7 +172,7 @@ def _placed(texture: Plugin, image: ImageTexture) -> ImageTexture:
     linear, offset = matrix[:, :2] * scale, matrix[:, 3] + shift
     if np.allclose(linear, np.eye(2)) and not offset.any():
         return image
-    along_u = float(np.linalg.norm(linear[:, 0]))
+    along_u = norm(linear[:, 0])
     if along_u == 0.0:
         raise texture.error("'to_uv' must not flatten u")
     c, s = linear[:, 0] / along_u
