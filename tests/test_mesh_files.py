@@ -317,7 +317,7 @@ def test_a_bare_mesh_has_its_colors_and_else_the_material_of_files(channels, tmp
 
 def test_colors_that_are_codes_are_refused():
     for codes in (np.full((3, 3), 200, np.uint8), np.full((3, 4), 255)):
-        with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear, from 0 to 1, not codes up to 2"):
+        with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear numbers, not codes up to 2"):
             wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=codes)
     assert wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.eye(3, dtype=int)).colors is not None
     bright = wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.full((3, 3), 1.5))  # it may be meant to shine

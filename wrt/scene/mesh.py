@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.values import array, number, owned, sealed
+from wrt.values import array, number, owned, refuse_codes, sealed
 
 
 def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -79,8 +79,8 @@ class Mesh:
             if value is None:
                 continue
             rows = self._float_array(name, value, widths)
-            if name == "colors" and array(value, name).dtype.kind in "iu" and rows.max() > 1.0:
-                raise InputError(f"{self.name}: colors must be linear, from 0 to 1, not codes up to {rows.max():g}")
+            if name == "colors":
+                refuse_codes(value, f"{self.name}: colors")
             if len(rows) != count:
                 raise InputError(f"{self.name}: {len(rows)} {name} for {count} vertices")
             object.__setattr__(self, name, rows)
