@@ -343,3 +343,5 @@ def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin(tmp_pa
     # In a scene of one's own it stays where it is.
     with pytest.warns(InputWarning, match="move it to the origin"):
         assert load_mesh(path).bounds[0, 1] > 5e6
+    with pytest.raises(wrt.InputError, match=r"a face names vertex 2, but there are 0"):
+        wrt.load(write(tmp_path, "none.off", "OFF\n0 1 0\n3 0 1 2\n"))

@@ -53,7 +53,7 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
 def near_origin(parts: list[Part]) -> list[Part]:
     """Return parts moved to the origin together, in double precision, if they are too far from it for single."""
     with np.errstate(all="ignore"):
-        corners = np.concatenate([_box_corners(part) for part in parts if len(part.faces)] or [np.zeros((1, 3))])
+        corners = np.concatenate([_box_corners(part) for part in parts if len(part.vertices)] or [np.zeros((1, 3))])
         low, high = corners.min(axis=0), corners.max(axis=0)
         if not np.abs(corners).max() > FARTHEST * np.linalg.norm(high - low):
             return parts
