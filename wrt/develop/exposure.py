@@ -91,8 +91,10 @@ def _automatic(luminance: NDArray[Any]) -> float:
 
 def _without_background(luminance: NDArray[Any]) -> NDArray[Any]:
     """Return the blocks that are neither black, nor nearly so beside the others, nor not finite."""
-    lit = luminance[np.isfinite(luminance) & (luminance > 0.0)]
-    return lit[lit > _BACKGROUND * np.percentile(lit, _SUBJECT_PERCENTILE)] if lit.size else lit
+    lit: NDArray[Any] = luminance[np.isfinite(luminance) & (luminance > 0.0)]
+    if lit.size:
+        lit = lit[lit > _BACKGROUND * np.percentile(lit, _SUBJECT_PERCENTILE)]
+    return lit
 
 
 def _in_blocks(image: NDArray[Any]) -> NDArray[Any]:
