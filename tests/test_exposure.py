@@ -63,6 +63,9 @@ def test_by_default_a_uniform_picture_is_exact(radiance):
 
 def test_by_default_lamps_change_nothing_and_an_overexposed_picture_is_darkened():
     assert stops(picture((0.88, 0.3), (0.12, 500.0))) == 0.0
+    alone = picture((0.8, 0.0), (0.12, 20.0), (0.08, 40.0))  # an object without surroundings, far too bright
+    assert stops(alone) == stops(alone, "auto") < -5.0
+    assert stops(picture((0.48, 0.0), (0.48, 0.3), (0.04, 500.0))) == 0.0  # and one well lit, with a lamp
     assert stops(picture((0.5, 10.0), (0.5, 30.0))) == stops(picture((0.5, 10.0), (0.5, 30.0)), "auto") < -5.0
     assert stops(picture((1.0, 0.02))) == stops(picture((1.0, 0.02)), "auto") > 5.0
     assert stops(picture((1.0, 0.02)), brighten=False) == 0.0

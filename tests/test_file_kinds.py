@@ -51,6 +51,7 @@ KINDS: dict[str, tuple[bytes, str]] = {
         b'<?xml version="1.0"?>\n<!-- a -->\n<scene version="3.0.0">',
         "a scene file of Mitsuba; rename it to end in .xml",
     ),
+    "dae": (b'<?xml version="1.0"?>\n<COLLADA><scene/></COLLADA>', "a COLLADA file; rename it to end in .dae"),
     "toml": (b"# by hand\n[camera]\norigin = [0, 0, 1]\n", "a scene file; rename it to end in .toml"),
     "html": (b"\xef\xbb\xbf\n<!DOCTYPE html>\n<html>", "a web page"),
     "zip": (b"PK\x03\x04" + bytes(30), "a ZIP archive; unpack it"),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from support.meshes import SQUARE, area, area_vector, check_message, gltf_box, repeated_edges, triangles, volume, write
 
 import wrt
@@ -293,3 +294,54 @@ def test_from_trimesh_takes_colors_textures_transforms_and_given_normals():
     bright = float(linear_from_srgb(200 / 255))
     tinted = moved.material.base_color.pixels[0, 0] * moved.material.base_color.factor
     np.testing.assert_allclose(tinted, [bright, bright * 0.2, bright], rtol=1e-5)
+
+
+# Arrays, and places far away ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_bare_mesh_has_its_colors_and_else_the_material_of_files(channels, tmp_path):
+    vertices, faces = np.eye(3), [[0, 1, 2]]
+    colors = np.linspace(0.0, 1.0, 3 * channels).reshape(3, channels)
+    np.savez(tmp_path / "colored.npz", vertices=vertices, faces=faces, colors=colors)
+    for source in (wrt.Mesh(vertices, faces, colors=colors), tmp_path / "colored.npz"):
+        material = wrt.load(source).shapes[0].material
+        assert material.reflectance == wrt.VertexColor()
+        assert material.opacity == (wrt.VertexColor(alpha=True) if channels == 4 else 1.0)
+        assert wrt.load(source, material="gold").shapes[0].material != material
+    write(tmp_path, "own.toml", '[[shapes]]\ntype = "mesh"\nfile = "colored.npz"\n')
+    assert wrt.load(tmp_path / "own.toml").shapes[0].material == wrt.Diffuse()
+    plain = wrt.Mesh(vertices, faces)
+    assert wrt.load(plain).shapes[0].material.reflectance == DEFAULT_REFLECTANCE
+
+
+def test_colors_that_are_codes_are_refused():
+    for codes in (np.full((3, 3), 200, np.uint8), np.full((3, 4), 255)):
+        with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear numbers, not codes up to 2"):
+            wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=codes)
+    assert wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.eye(3, dtype=int)).colors is not None
+    bright = wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.full((3, 3), 1.5))  # it may be meant to shine
+    with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear, from 0 to 1; they are from 1.5 to 1.5"):
+        wrt.load(bright)
+    assert bright._repr_png_() is None
+
+
+def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin(tmp_path):
+    away = np.array([448262.0, 5411932.0, 120.0])
+    corners = np.random.default_rng(3).random((30, 3))
+    faces = np.arange(30).reshape(-1, 3)
+    lines = [
+        *("v {:.9f} {:.9f} {:.9f}".format(*p) for p in corners + away),
+        *("f {} {} {}".format(*f + 1) for f in faces),
+    ]
+    path = write(tmp_path, "map.obj", "\n".join(lines))
+    for source in (path, trimesh.Trimesh(corners + away, faces, process=False)):
+        shown = triangles(wrt.load(source, up="y", strict=True).shapes[0].mesh)
+        edges = shown - shown[:, :1]
+        expected = corners[faces]
+        np.testing.assert_allclose(edges, expected - expected[:, :1], atol=1e-6)
+    # In a scene of one's own it stays where it is.
+    with pytest.warns(InputWarning, match="move it to the origin"):
+        assert load_mesh(path).bounds[0, 1] > 5e6
+    with pytest.raises(wrt.InputError, match=r"a face names vertex 2, but there are 0"):
+        wrt.load(write(tmp_path, "none.off", "OFF\n0 1 0\n3 0 1 2\n"))

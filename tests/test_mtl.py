@@ -114,6 +114,18 @@ def test_a_bump_map_is_a_relief(tmp_path):
     np.testing.assert_allclose(pixels, blue / 255.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["RGB.png", r"Maps\Rgb.PNG", r"C:\work\maps\rgb.png", "/home/else/RGB.png"])
+def test_images_are_found_in_any_case_and_beside_the_file(name, tmp_path):
+    folder = tmp_path / "maps" if name.startswith("Maps") else tmp_path
+    folder.mkdir(exist_ok=True)
+    Image.fromarray(CODES[:, :, :3]).save(folder / "rgb.png")
+    write(tmp_path, "m.mtl", f"newmtl m\nKd 1 1 1\nmap_Kd {name}\n")
+    with pytest.warns(InputWarning, match=r"is not there; '.*rgb\.png' is taken"):
+        (shape,) = load_shapes(write(tmp_path, "mesh.obj", OBJ))
+    pixels = shape.material.reflectance.pixels
+    np.testing.assert_allclose(pixels, linear_from_srgb(CODES[:, :, :3] / 255.0), atol=1e-6)
+
+
 def test_images_that_are_not_there_are_told(tmp_path):
     for text in ("map_Ks none.png\nKs 1 1 1\nillum 2", "map_d none.png", "bump none.png", "map_Pr none.png"):
         with pytest.warns(InputWarning, match=r"none\.png', which it refers to: no such file"):

@@ -141,10 +141,13 @@ def _load(
             raise InputError(f"{kind}: {_FOR_MESHES}")
         return stage.shown(source)
     if isinstance(source, Mesh):
-        return stage.present(source, Scene([Shape(source, name=source.name)]), up or "y")
+        from wrt.io.mesh.repair import bare_shape
+
+        shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
+        return stage.present(source, Scene(shapes), up or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source)
+    scene = load_object(source, alone=True)
     from wrt.io.trimesh_objects import file_type
 
     return _shown(source, scene, up, file_type(source), stage)
@@ -202,7 +205,7 @@ def _load_path(
         from wrt.animation.file_animation import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
-    scene = load_file(path, time=stage.time)
+    scene = load_file(path, time=stage.time, alone=stage.time is None)
     with naming_file(path):
         return _shown(source, scene, up, path.suffix.lower().removeprefix("."), stage)
 

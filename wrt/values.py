@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -184,12 +185,22 @@ def key_times(value: object, what: str) -> NDArray[np.float64]:
     return times
 
 
+def refuse_codes(value: object, name: str) -> None:
+    """Raise InputError naming `name` if values are codes, such as 0 to 255, which are not linear either."""
+    given = array(value, name)
+    if given.dtype.kind in "iu" and given.size and given.max() > 1:
+        raise InputError(f"{name} must be linear numbers, not codes up to {given.max()}")
+
+
 def image(value: object, what: str) -> NDArray[np.float32]:
     """Return `value` as finite, non-negative, read-only (H, W, 3) float32 pixels; see `owned`.
 
     Raises:
         InputError: if it is not such an image; the message names `what`.
     """
+    if isinstance(value, (str, os.PathLike)):
+        raise InputError(f"{what}: pixels must be an array, such as wrt.load_image({str(value)!r}) returns")
+    refuse_codes(value, f"{what}: pixels")
     with np.errstate(over="ignore"):
         pixels = owned(value, f"{what}: pixels", np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:

@@ -24,8 +24,9 @@ _BACKGROUND, _SUBJECT_PERCENTILE = 1e-4, 97.0
 """Blocks darker than the first, relative to this percentile, are background. Lamps are brighter than it as a rule."""
 
 _TOO_BRIGHT = 0.15, 0.35
-"""By default a picture is exposed at 0 stops if less than the first share of it would be white, and automatically from
-the second share on; between both the exposure goes over continuously. Lamps and windows alone change nothing."""
+"""By default a picture is exposed at 0 stops if less than the first share of it would be white, not counting a black
+background, and automatically from the second share on; between both the exposure goes over continuously. Lamps and
+windows alone change nothing."""
 
 _TOO_DARK = 1.5, 2.5
 """Likewise, stops of automatic exposure, for dark pictures."""
@@ -43,8 +44,9 @@ def stops(image: NDArray[Any], exposure: Exposure = None, *, brighten: bool = Tr
     - "auto" makes a tenth of the picture brighter than 0.7 of white, or more if its geometric mean were below 0.05. The
       picture is measured in blocks of 4x4 pixels; those of the background, black or nearly so, do not count.
     - None is 0 for every picture that shows well at 0 stops, so that radiance keeps its meaning: a surface of radiance
-      0.5 has the sRGB code of 0.5. Pictures of which a third would be white, or that need more than 2.5 stops, are
-      exposed automatically; from a sixth, or 1.5 stops, the exposure goes over continuously.
+      0.5 has the sRGB code of 0.5. Pictures of which a third would be white, not counting a black background, or that
+      need more than 2.5 stops, are exposed automatically; from a sixth, or 1.5 stops, the exposure goes over
+      continuously.
 
     The result depends on the picture alone.
 
@@ -55,7 +57,7 @@ def stops(image: NDArray[Any], exposure: Exposure = None, *, brighten: bool = Tr
     """
     if exposure is not None and not isinstance(exposure, str):
         return float(exposure)
-    luminance = _in_blocks(image)
+    luminance = _without_background(_in_blocks(image))
     automatic = _automatic(luminance)
     if exposure == AUTO:
         return automatic
@@ -76,19 +78,24 @@ def peak(image: NDArray[Any]) -> float:
 
 
 def _white_share(luminance: NDArray[Any]) -> float:
-    """Return the share of a picture that would be white at 0 stops."""
-    over = np.log2(np.maximum(np.nan_to_num(luminance, nan=0.0), 1.0)) / _WHITE_STOPS
-    return float(np.minimum(over, 1.0).mean())
+    """Return the share of blocks that would be white at 0 stops."""
+    return float(np.minimum(np.log2(np.maximum(luminance, 1.0)) / _WHITE_STOPS, 1.0).mean())
 
 
 def _automatic(luminance: NDArray[Any]) -> float:
-    luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if luminance.size == 0:
         return 0.0
-    subject = luminance[luminance > _BACKGROUND * np.percentile(luminance, _SUBJECT_PERCENTILE)]
-    bright = math.log2(BRIGHT / float(np.percentile(subject, BRIGHT_PERCENTILE)))
-    mean = math.log2(LEAST_MEAN) - float(np.log2(subject).mean())
+    bright = math.log2(BRIGHT / float(np.percentile(luminance, BRIGHT_PERCENTILE)))
+    mean = math.log2(LEAST_MEAN) - float(np.log2(luminance).mean())
     return min(max(bright, mean, -LIMIT), LIMIT)
+
+
+def _without_background(luminance: NDArray[Any]) -> NDArray[Any]:
+    """Return the blocks that are neither black, nor nearly so beside the others, nor not finite."""
+    lit: NDArray[Any] = luminance[np.isfinite(luminance) & (luminance > 0.0)]
+    if lit.size:
+        lit = lit[lit > _BACKGROUND * np.percentile(lit, _SUBJECT_PERCENTILE)]
+    return lit
 
 
 def _in_blocks(image: NDArray[Any]) -> NDArray[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ class Developed:
         clipped: share of pixels brighter than white of which a channel ends at the brightest code, 0 to 1.
     """
 
-    codes: NDArray[np.uint8]
+    codes: NDArray[np.uint8] = field(repr=False)  # notebooks show what a cell returns
     stops: float
     tone: str
     clipped: float

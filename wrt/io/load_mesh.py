@@ -14,7 +14,7 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.file_type import hint, hinting
 from wrt.io.mesh.parts import Contents
-from wrt.io.mesh.repair import to_shapes
+from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import CREASE_DEGREES
@@ -68,7 +68,13 @@ def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES
 
 
 @memory_limits.one_load()
-def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, time: float | None = None) -> Scene:
+def load_file(
+    path: PathLike,
+    *,
+    smooth_degrees: float | None = CREASE_DEGREES,
+    time: float | None = None,
+    alone: bool = False,
+) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
     Instances are shapes that share a mesh, each with a transform.
@@ -80,6 +86,9 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, 
         path: see `load_mesh`.
         smooth_degrees: see `load_mesh`.
         time: the time of the file's first animation, seconds; None for the scene at rest.
+        alone: whether the file is shown by itself. If it lies far from the origin, such as a map in metres, it is then
+            moved there unless it has lights or cameras: positions are exact to a part of its size, not of the distance.
+            Arrays have the material of mesh files instead of a shape's default.
 
     Raises:
         InputError: see `load_mesh`; also when a time is given and the file has no animation.
@@ -95,7 +104,8 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, 
         from wrt.io.arrays import read_mesh_arrays
 
         with hinting(file):
-            return Scene([Shape(read_mesh_arrays(file), name=file.stem)])
+            mesh = read_mesh_arrays(file)
+            return Scene([bare_shape(mesh) if alone else Shape(mesh, name=file.stem)])
     if suffix in USD_SUFFIXES:
         from wrt.io.usd.reader import read_usd
 
@@ -109,7 +119,7 @@ def load_file(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES, 
         known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
         raise InputError(f"{file}: not a known mesh format; {known}" + (f"; {kind}" if kind else ""))
     with naming_file(file), hinting(file):
-        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees)
+        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, alone=alone)
 
 
 def _contents(file: Path, data: bytes, time: float | None) -> Contents:
@@ -159,7 +169,7 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         return animation_ends(file, read_file(file))
 
 
-def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Scene:
+def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, alone: bool = False) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file.
 
     Materials, textures, colours with alpha, cameras and lights are those of the file, as far as trimesh keeps them:
@@ -171,13 +181,14 @@ def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -
     Args:
         source: the object.
         smooth_degrees: see `load_mesh`.
+        alone: see `load_file`.
 
     Raises:
         InputError: when it is another type, or has no triangles.
     """
     from wrt.io.trimesh_objects import read_object
 
-    return _scene("trimesh", read_object(source), smooth_degrees)
+    return _scene("trimesh", read_object(source), smooth_degrees, alone=alone)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
@@ -185,6 +196,7 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) 
     return load_object(source, smooth_degrees=smooth_degrees).shapes
 
 
-def _scene(path: str, contents: Contents, smooth_degrees: float | None) -> Scene:
-    shapes = to_shapes(path, contents.parts, smooth_degrees)
+def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, alone: bool = False) -> Scene:
+    movable = alone and not (contents.lights or contents.cameras)
+    shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees)
     return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)

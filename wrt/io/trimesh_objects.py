@@ -54,7 +54,9 @@ def read_object(source: Any) -> Contents:
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
         return Contents(_Reader(source).parts("trimesh", source))
     if not isinstance(source, trimesh.Scene):
-        raise InputError(f"expected a trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}")
+        raise InputError(
+            f"expected a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}"
+        )
     reader = _Reader(source)
     places: dict[str, list[NDArray[np.float64]]] = {}
     for node in source.graph.nodes_geometry:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import determinant, inverse, norm, product
-from wrt.values import array, number, owned, sealed
+from wrt.values import array, number, owned, refuse_codes, sealed
 
 
 def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -80,6 +80,8 @@ class Mesh:
             if value is None:
                 continue
             rows = self._float_array(name, value, widths)
+            if name == "colors":
+                refuse_codes(value, f"{self.name}: colors")
             if len(rows) != count:
                 raise InputError(f"{self.name}: {len(rows)} {name} for {count} vertices")
             object.__setattr__(self, name, rows)

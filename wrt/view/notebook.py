@@ -62,4 +62,7 @@ def picture_of_mesh(mesh: Mesh) -> bytes | None:
     """Return a small picture of a mesh in the studio as a PNG file."""
     from wrt.api import load
 
-    return picture_of_scene(load(mesh))
+    try:
+        return picture_of_scene(load(mesh))
+    except InputError:  # its colours are not those of a material
+        return None

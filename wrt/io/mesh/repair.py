@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, positions_of, rows_of
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, positions_of, rows_of
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse
 from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, box_around, merge
@@ -49,6 +49,21 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
         shape = _shape(part, mesh)
         shapes += [replace(shape, transform=place) for place in part.places] or [shape]
     return shapes
+
+
+def near_origin(parts: list[Part]) -> list[Part]:
+    """Return parts moved to the origin together, in double precision, if they are too far from it for single."""
+    with np.errstate(all="ignore"):
+        corners = np.concatenate([_box_corners(part) for part in parts if len(part.vertices)] or [np.zeros((1, 3))])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        if not np.abs(corners).max() > FARTHEST * np.linalg.norm(high - low):
+            return parts
+    shift = np.eye(4)
+    shift[:3, 3] = -0.5 * (low + high)
+    return [
+        replace(part, places=[shift @ place for place in part.places]) if part.places else moved(part, shift)
+        for part in parts
+    ]
 
 
 def _check_size(path: str, parts: list[Part]) -> None:
@@ -196,6 +211,22 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
             mesh.name,
         )
         return Shape(split, _colored(colors), name=mesh.name)
-    if mesh.colors is not None:
-        return Shape(mesh, _colored(mesh.colors), name=mesh.name)
-    return Shape(mesh, Diffuse(DEFAULT_REFLECTANCE if reflectance is None else reflectance), name=mesh.name)
+    return (
+        bare_shape(mesh)
+        if reflectance is None or mesh.colors is not None
+        else Shape(mesh, Diffuse(reflectance), name=mesh.name)
+    )
+
+
+def bare_shape(mesh: Mesh) -> Shape:
+    """Return the shape of a mesh that brings no material: matt, in its vertex colours if it has any.
+
+    Raises:
+        InputError: if a colour is not from 0 to 1.
+    """
+    if mesh.colors is None:
+        return Shape(mesh, Diffuse(DEFAULT_REFLECTANCE), name=mesh.name)
+    low, high = mesh.colors.min(), mesh.colors.max()
+    if low < 0.0 or high > 1.0:
+        raise InputError(f"{mesh.name}: colors must be linear, from 0 to 1; they are from {low:g} to {high:g}")
+    return Shape(mesh, _colored(mesh.colors), name=mesh.name)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import warnings
 from collections.abc import Iterator
@@ -62,6 +63,12 @@ class Beside:
             with contextlib.suppress(InputError):
                 require_file(file)
                 return file
+        # Windows takes names in any case, and paths of another machine lead nowhere.
+        for names in (plain.split("/"), plain.split("/")[-1:]):
+            found = _in_any_case(self.path.parent, names)
+            if found is not None:
+                warn(f"{self.path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken")
+                return found
         try:
             require_file(files[-1])
         except InputError as error:
@@ -101,6 +108,19 @@ class Beside:
         return data
 
     __getitem__ = get
+
+
+def _in_any_case(folder: Path, names: list[str]) -> Path | None:
+    """Return the file of a path below a folder whose names may differ in case, or None."""
+    for name in names:
+        try:
+            folder /= min(each for each in os.listdir(folder) if each.lower() == name.lower())
+        except (OSError, ValueError):  # no folder, or no such name in it
+            return None
+    with contextlib.suppress(InputError):
+        require_file(folder)
+        return folder
+    return None
 
 
 @contextlib.contextmanager
