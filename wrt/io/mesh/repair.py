@@ -56,12 +56,12 @@ def near_origin(parts: list[Part]) -> list[Part]:
     with np.errstate(all="ignore"):
         corners = np.concatenate([_box_corners(part) for part in parts if len(part.vertices)] or [np.zeros((1, 3))])
         low, high = corners.min(axis=0), corners.max(axis=0)
-        if not np.abs(corners).max() > FARTHEST * np.linalg.norm(high - low):
+        if not np.abs(corners).max() > FARTHEST * norm(high - low):
             return parts
     shift = np.eye(4)
     shift[:3, 3] = -0.5 * (low + high)
     return [
-        replace(part, places=[shift @ place for place in part.places]) if part.places else moved(part, shift)
+        replace(part, places=[product(shift, place) for place in part.places]) if part.places else moved(part, shift)
         for part in parts
     ]
 
