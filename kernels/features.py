@@ -46,6 +46,7 @@ class Features:
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
+        slot_loop: whether one loop reads the values of materials for all models, as pays on GPUs where there are many.
     """
 
     models: tuple[str, ...]
@@ -70,6 +71,7 @@ class Features:
     mipmapped: bool = False
     composite: str = "none"
     exact: str = "none"
+    slot_loop: bool = False
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""

@@ -6,6 +6,8 @@ to its next vertex, and adds it to the film if it ended (Novák, Havran and Dach
 so that camera rays, which are alike, are traced side by side. What that saves is in docs/gpu.md.
 """
 
+from dataclasses import replace
+
 import warp as wp
 
 from wrt.kernels.camera.camera import Camera
@@ -17,12 +19,15 @@ from wrt.kernels.film.tiles import pixel_of_thread
 from wrt.kernels.integrators.path import make_begin_path, make_follow_path
 from wrt.kernels.integrators.path_state import PathSettings, PathState, path_result
 from wrt.kernels.native import include
-from wrt.kernels.render import launch_bounds, make_render_kernel
+from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
 from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 
 votes_h = include("votes.h")
+
+FEW_MODELS = 4
+"""Models at most whose values are read in a loop of each, in registers; those of more by `Features.slot_loop`."""
 
 WAITING = wp.constant(2)
 """One of so many lanes that still have samples must wait before those that do begin paths. Half of them issue least of
@@ -49,6 +54,7 @@ def number_of(lanes: wp.uint32) -> int:
 
 def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.Kernel:
     """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
+    features = replace(features, slot_loop=len(features.models) > FEW_MODELS)
     if regenerates and features.integrator == "path" and not features.aovs:
         return make_regenerating_kernel(features)
     return make_render_kernel(features)
@@ -62,7 +68,7 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
     pixel_name = make_pixel_name(features.sampler)
     module = wp.get_module(make_regenerating_kernel.module_name(features))
 
-    @wp.kernel(module=module, enable_backward=False, launch_bounds=launch_bounds(features))
+    @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     def render_pass(
         first_pixel: int,
         target_count: int,

@@ -14,17 +14,13 @@ from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import pixel_kernel
 
-CUDA_BOUNDS, FEW_MODELS = (256, 2), 4
-"""Threads of a block, and blocks that a multiprocessor is to hold at least, in kernels of so many models at most.
+CUDA_BOUNDS = (256, 2)
+"""Threads of a block, and blocks that a multiprocessor is to hold at least.
 
-That caps registers at 128: twice the threads, for 36 bytes of spills with one model and 152 with four (sm_90). All
-models together spill 2.2 KB even with 255 registers. Compiled, not timed (docs/notes/cuda.md).
+That caps registers at 128: twice the threads, for 36 bytes of spills with one model, 152 with four and 232 with eight
+(sm_90). All models, with holes and normal maps, spill 2 KB, as they did with 255 registers. Compiled, not timed
+(docs/notes/cuda.md).
 """
-
-
-def launch_bounds(features: Features) -> tuple[int, int] | None:
-    """Return the bounds of a render kernel's launches on CUDA."""
-    return CUDA_BOUNDS if len(features.models) <= FEW_MODELS else None
 
 
 @specialised()
@@ -37,7 +33,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     pixel_name = make_pixel_name(features.sampler)
     module = wp.get_module(make_render_kernel.module_name(features))
 
-    @wp.kernel(module=module, enable_backward=False, launch_bounds=launch_bounds(features))
+    @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     @pixel_kernel
     def render_pass(
         first_pixel: int,

@@ -46,13 +46,21 @@ BLOCK = 256
 """Threads per block, Warp's default."""
 
 
+EIGHT = (
+    *("conductor", "dielectric", "diffuse", "plastic", "principled"),
+    *("rough_conductor:ggx:smith:conductor", "rough_dielectric:ggx:smith", "rough_plastic:ggx:smith"),
+)
+"""What a scene may well have."""
+
+
 def render_features() -> dict[str, Features]:
     """Return sets of scene features, from the fewest to all."""
     models = {each.model for each in (cls.example() for cls in MATERIALS.values()) if not each.parts}
     return {
         "diffuse": Features(("diffuse",), False, "none"),
         "four models": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),
-        "everything": Features(tuple(sorted(models)), True, "image", opacity=True, tangents=True),
+        "eight models": Features(EIGHT, True, "image", slot_loop=True),
+        "everything": Features(tuple(sorted(models)), True, "image", opacity=True, tangents=True, slot_loop=True),
     }
 
 

@@ -31,7 +31,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "scripts")]
 
 from gpu_model import H100  # noqa: E402
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda, entry_of  # noqa: E402
-from support.emulated_cuda.flow import Flow, flow_of  # noqa: E402
+from support.emulated_cuda.flow import Flow  # noqa: E402
 from support.emulated_cuda.libraries import BLOCK  # noqa: E402
 from support.emulated_cuda.ptx import Instruction, bits_of  # noqa: E402
 
@@ -137,7 +137,7 @@ class BuilderBackend(EmulatedBackend):
         """Run a grid and count it."""
         library, entry = self.library(kernel), entry_of(kernel)
         if entry not in self._tables:
-            self._tables[entry] = _weights(flow_of(self.entry(kernel)))
+            self._tables[entry] = _weights(self.flow(kernel))
         table, total, longest = self._tables[entry], np.zeros(4), np.zeros(2)
         whole = -(-count // BLOCK) * BLOCK
         for first in range(0, whole, _BATCH):

@@ -32,7 +32,6 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda, entry_of  # noqa: E402
-from support.emulated_cuda.flow import flow_of  # noqa: E402
 from support.emulated_cuda.translation import COUNTED, tally  # noqa: E402
 from support.emulated_cuda.warps import WARP, Issued, issued  # noqa: E402
 
@@ -103,7 +102,7 @@ class CountingBackend(EmulatedBackend):
             super().run_grid(kernel, count, packed)
             return
         library, entry = self.library(kernel), entry_of(kernel)
-        flow = flow_of(self.entry(kernel))
+        flow = self.flow(kernel)
         self.table, self.segments = tally(flow), np.zeros(flow.end, np.int64)
         self.segments[list(flow.marks["nearest hit"])] = 1
         warps = []

@@ -7,6 +7,7 @@ import importlib
 import pkgutil
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -28,8 +29,8 @@ from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
-from wrt.kernels.regeneration import make_gpu_render_kernel, make_regenerating_kernel
-from wrt.kernels.render import CUDA_BOUNDS, FEW_MODELS, make_render_kernel
+from wrt.kernels.regeneration import FEW_MODELS, make_gpu_render_kernel, make_regenerating_kernel
+from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
 
@@ -175,13 +176,13 @@ def loop_of(features: Features) -> tuple[Any, ...]:
     """Return all that the loop along a path asks of the features itself: the rest is in functions that it calls."""
     asked = features.media, features.grid_media, features.nested, features.opacity, features.mixed, features.clamped
     shadows = can_attenuate_shadows(features), bool(features.light_shapes), features.geometry
-    return *asked, *shadows, has_panes(features.models)
+    return *asked, *shadows, has_panes(features.models), len(features.models) > FEW_MODELS
 
 
 REGENERATING = {
     loop_of(features): features
     for features in reversed(FEATURES)
-    if make_gpu_render_kernel(features) is make_regenerating_kernel(features)
+    if make_gpu_render_kernel(features).key.startswith("make_regenerating_kernel")
 }
 """Kernels that regenerate paths call the same functions, from another loop: one for each loop."""
 
@@ -204,12 +205,15 @@ def test_the_loop_asks_for_nothing_else() -> None:
 def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
     """A GPU refuses a launch of larger blocks than a kernel is bound to."""
     makes = (make_render_kernel, make_regenerating_kernel)
-    bound = {(len(f.models), make): make(f) for f in FEATURES for make in makes}
-    assert min(models for models, _ in bound) <= FEW_MODELS
-    for (models, _), kernel in bound.items():
-        found = kernel.options.get("launch_bounds")
-        assert found == (CUDA_BOUNDS if models <= FEW_MODELS else None)
-        assert found is None or found[0] == kernel.module.options["block_dim"]
+    for kernel in (make(features) for features in FEATURES for make in makes):
+        assert kernel.options["launch_bounds"] == CUDA_BOUNDS
+        assert CUDA_BOUNDS[0] == kernel.module.options["block_dim"]
+
+
+def test_values_of_many_models_are_read_in_one_loop() -> None:
+    few, many = (Features(names, True, "none") for names in (("diffuse",), tuple(MODELS)))
+    assert make_gpu_render_kernel(few) is make_regenerating_kernel(few)
+    assert make_gpu_render_kernel(many) is make_regenerating_kernel(replace(many, slot_loop=True))
 
 
 @pytest.mark.slow

@@ -28,7 +28,8 @@ def kernel(body: str) -> str:
 
 def run(ptx: str, threads: int) -> Issued:
     initialize_warp()
-    flow = flow_of(parse(ptx).entries[0])
+    module = parse(ptx)
+    flow = flow_of(module.entries[0], {function.name: function for function in module.functions})
     library = Library(compiled(ptx, optimization=0, traces=True))
     return issued(flow, library.trace_warp("parts", threads, [], 0))
 
@@ -111,6 +112,47 @@ def test_tables_and_ends() -> None:
     flow = flow_of(parse(TABLE).entries[0])
     assert flow.following == ((1, 3), (3, 2), (4,), (4,))
     assert flow.meeting == (4, 4, 4, 4)
+
+
+CALLS = """.version 9.0\n.target sm_90\n.address_size 64
+.func halved(.param .b32 halved_param_0)
+{
+    .reg .b32 %r<3>;
+    .reg .pred %p<2>;
+    ld.param.b32 %r1, [halved_param_0];
+    setp.eq.s32 %p1, %r1, 0;
+    @%p1 ret;
+    shr.u32 %r2, %r1, 1;
+    ret;
+}
+.visible .entry parts()
+{
+    .reg .b32 %r<3>;
+    .reg .pred %p<2>;
+    .param .b32 number;
+    mov.u32 %r0, %tid.x;
+    st.param.b32 [number], %r0;
+    setp.lt.u32 %p1, %r0, 2;
+    @%p1 bra $few;
+    call.uni halved, (number);
+    bra $both;
+$few:
+    call.uni halved, (number);
+$both:
+    ret;
+}
+"""
+
+
+def test_functions_are_copies_where_they_are_called() -> None:
+    """Blocks 5 and 6 are the first call, 7 and 8 the second; threads that part in a function meet where it returns."""
+    module = parse(CALLS)
+    flow = flow_of(module.entries[0], {f.name: f for f in module.functions})
+    assert flow.following == ((3, 1), (5,), (4,), (7,), (9,), (2, 6), (2,), (4, 8), (4,))
+    assert flow.meeting == (4, 5, 4, 7, 9, 2, 2, 4, 4)
+    found = run(CALLS, 5)
+    assert found.threads.tolist() == [5, 3, 3, 2, 5, 3, 3, 2, 1]
+    assert found.warps.tolist() == [1, 1, 1, 1, 1, 1, 1, 1, 1]
 
 
 def test_instructions_are_counted() -> None:

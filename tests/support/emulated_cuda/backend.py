@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import wrt.backend
+from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
-from support.emulated_cuda.ptx import Entry, parse
+from support.emulated_cuda.ptx import Entry, Module, parse
 from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_backend import WarpBackend, initialize_warp
@@ -58,8 +59,15 @@ class EmulatedBackend(WarpBackend):
 
     def entry(self, kernel: Any) -> Entry:
         """Return a kernel as PTX."""
-        entries = parse(ptx_of(kernel.module, self._arch)).entries
-        return next(entry for entry in entries if entry.name == entry_of(kernel))
+        return next(entry for entry in self._parsed(kernel).entries if entry.name == entry_of(kernel))
+
+    def flow(self, kernel: Any) -> Flow:
+        """Return the control flow of a kernel with the functions that it calls."""
+        functions = {function.name: function for function in self._parsed(kernel).functions}
+        return flow_of(self.entry(kernel), functions)
+
+    def _parsed(self, kernel: Any) -> Module:
+        return parse(ptx_of(kernel.module, self._arch))
 
     def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
         """Run a grid, as Warp launches it."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from support.emulated_cuda.flow import Flow, flow_of
+from support.emulated_cuda.flow import Flow, placed
 from support.emulated_cuda.operands import Operands, name_of, unsigned
 from support.emulated_cuda.operations import SPACES, TOGETHER, translate
 from support.emulated_cuda.ptx import (
@@ -30,7 +30,7 @@ PRELUDE, LANES = ((Path(__file__).parent / name).read_text(encoding="utf-8") for
 COUNTED = ("instructions", *(f"{what} {space}" for what in ("ld", "st") for space in SPACES), "other")
 """What `tally` counts."""
 
-LANE = 1 << 16
+LANE = 1 << 20
 """See `to_cpp`."""
 
 _THREAD = "char* const* P, char* shared, const u32 tid_x, const u32 ntid_x, const u32 ctaid_x, const u32 nctaid_x"
@@ -62,7 +62,8 @@ def to_cpp(module: Module, *, traces: bool = False) -> str:
     """
     addresses, shared, out = {}, 0, [PRELUDE, LANES]
     if traces:
-        out.append('extern "C" { u32* trace; u64 traced, longest; }')
+        # Where the copy of the function begins that is being called, see `flow_of`.
+        out.append('extern "C" { u32* trace; u64 traced, longest; }\nstatic u32 copy;')
     used = {op for entry in (*module.functions, *module.entries) for op in _names(entry.body)}
     for variable in module.variables:
         if variable.space == "shared":
@@ -73,7 +74,7 @@ def to_cpp(module: Module, *, traces: bool = False) -> str:
             out.append(_variable(variable))
             addresses[variable.name] = f"(u64){name_of(variable.name)}"
     unknown: list[str] = []
-    functions = frozenset(function.name for function in module.functions)
+    functions = {function.name: function for function in module.functions}
     out += [f"static void {name_of(name)}_called(char*, {_THREAD});" for name in sorted(functions)]
     for entry in (*module.functions, *module.entries):
         out += _entry(entry, addresses, shared, functions, unknown, traces)
@@ -106,7 +107,7 @@ def _entry(
     entry: Entry,
     addresses: dict[str, str],
     shared: int,
-    functions: frozenset[str],
+    functions: Mapping[str, Entry],
     unknown: list[str],
     traces: bool,
 ) -> Iterator[str]:
@@ -114,7 +115,7 @@ def _entry(
     name = name_of(entry.name)
     parameters = {name: f"(u64)P[{i}]" for i, name in enumerate(entry.parameters)}
     operands = Operands({**addresses, **parameters, **dict.fromkeys(entry.results, "(u64)R")})
-    operands.functions = functions
+    operands.functions = frozenset(functions)
     operands.tables = {s.name: s.targets for s in entry.body if isinstance(s, Label) and s.targets}
     for statement in entry.body:
         if isinstance(statement, Variable) and statement.space == "shared":
@@ -132,16 +133,17 @@ def _entry(
             if called
             else f"static void {name}_thread({_THREAD}) {{"
         )
-    begins = flow_of(entry).first if traces and not called else {}
+    found = placed(entry, functions) if traces else None
     for place, statement in enumerate(entry.body):
         if place in kept:
             continue
         try:
-            block = begins.get(place)
-            yield (
-                "" if block is None else f"if (traced++ < longest) trace[traced - 1] = {block} + {LANE} * (tid_x & 31);"
-            )
-            yield _statement(statement, operands)
+            if found is not None and place in found.first:
+                block = f"copy + {found.first[place]} + {LANE} * (tid_x & 31)"
+                yield f"if (traced++ < longest) trace[traced - 1] = {block};"
+            begin = found.calls.get(place) if found is not None else None
+            text = _statement(statement, operands)
+            yield text if begin is None else f"copy += {begin}; {text} copy -= {begin};"
         except NotTranslated as error:
             unknown.append(str(error))
     yield "}"
