@@ -1,4 +1,4 @@
-"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, lights, loading, readers, versions, found.
+"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, lights, loading, readers, versions, lanes.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
     python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
@@ -8,6 +8,7 @@
     python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
     python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
     python scripts/benchmark.py readers [FOLDER ...] [--formats NAME ...] [--triangles N] [--repeats N]
+    python scripts/benchmark.py widths [--lanes N ...] [--scenes NAME ...] [--rounds N] [--docs]
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
@@ -24,7 +25,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import checkouts, compiling, found, lights, loading, rays, readers, render, scaling
+from benchmarks import checkouts, compiling, found, lights, loading, rays, readers, render, scaling, widths
 from benchmarks.measure import machine
 from benchmarks.report import SECTIONS, write_documents
 
@@ -37,6 +38,7 @@ MODULES = {
     "loading": loading,
     "readers": readers,
     "found": found,
+    "widths": widths,
     "checkouts": checkouts,
 }
 
@@ -66,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "loading": loading.benchmark_loading,
         "readers": readers.benchmark_readers,
         "found": found.benchmark_found,
+        "widths": widths.benchmark_widths,
         "checkouts": checkouts.benchmark_checkouts,
     }
     result = benchmarks[options.command](options) | machine()

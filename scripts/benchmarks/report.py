@@ -239,6 +239,18 @@ def compile_text(result: Row) -> str:
     return f"On {result['machine']}.\n\n" + table(["kernel", "seconds", "kB of code"], lines)
 
 
+def widths_text(result: Row) -> str:
+    """Return the table of `widths`: a line for each number of lanes."""
+    ratios = {(row["lanes"], row["scene"]): row["ratio"] for row in result["rows"]}
+    scenes = list(dict.fromkeys(scene for _, scene in ratios))
+    lines = []
+    for lanes, target in dict.fromkeys((row["lanes"], row["target"]) for row in result["rows"]):
+        own = [ratios[lanes, scene] for scene in scenes]
+        lines.append([str(lanes), f"`{target}`", *(f"{ratio:.2f}" for ratio in own), f"**{geometric_mean(own):.2f}**"])
+    head = ["lanes", "processor", *(f"`{scene}`" for scene in scenes), "mean"]
+    return f"On {result['machine']}; {result['size']} x {result['size']} pixels.\n\n" + table(head, lines)
+
+
 def profile_text(result: Row) -> str:
     """Return the table of `scripts/profile_cpu.py`: per cent of each phase, the largest first."""
     rows = result["rows"]
@@ -311,6 +323,7 @@ SECTIONS = {
     "profile": (Section(NOTES / "profile.md", "profile", profile_text),),
     "found": (Section(PAGE, "found", found_text),),
     "files": (Section(NOTES / "comparison.md", "files", files_text),),
+    "widths": (Section(PAGE, "widths", widths_text),),
     "compile": (Section(NOTES / "compiling.md", "compile", compile_text),),
 }
 """What writes the tables of the documentation, by the benchmark."""
