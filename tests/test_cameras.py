@@ -116,7 +116,7 @@ def test_a_fisheye_sees_its_circle(device: str) -> None:
         inside = np.hypot(points[:, 0] - width / 2, points[:, 1] - height / 2) / (min(width, height) / 2)
         np.testing.assert_array_equal(rays.visible[inside < 0.9999], True)
         np.testing.assert_array_equal(rays.visible[inside > 1.0001], False)
-    scene = wrt.Scene(camera=wrt.FisheyeCamera(fov_degrees=180.0), environment=wrt.ConstantEnvironment(1.0))
+    scene = wrt.Scene(camera=wrt.FisheyeCamera(fov_degrees=180.0), environment=wrt.ImageEnvironment(np.ones((1, 1, 3))))
     scene.add(wrt.box((90, 90, 90), (91, 91, 91)))
     image = wrt.render(scene, width=200, height=100, spp=16, device=device)[..., 0]
     assert image[50, 100] == 1.0
@@ -176,10 +176,11 @@ def test_a_panorama_is_laid_out_as_an_environment_image(device: str) -> None:
 
 
 # --- Crop windows ------------------------------------------------------------------------------------
+# The skies of this file are images, so that one kernel renders all its scenes.
 
 
 def stage(camera: wrt.Camera) -> wrt.Scene:
-    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment((0.4, 0.5, 0.6)))
+    scene = wrt.Scene(camera=camera, environment=wrt.ImageEnvironment(np.float32([[[0.4, 0.5, 0.6]]])))
     scene.add(wrt.box((-4, -4, -4), (4, -1.2, 4)), material=wrt.Diffuse((0.6, 0.3, 0.2)))
     scene.add(wrt.sphere((0, 0, 0), 0.9, subdivisions=3), material=wrt.Diffuse(0.7))
     scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=6.0)

@@ -116,17 +116,37 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize("case", ERRORS)
-def test_unusable_input_is_one_line_and_status_2(case: str, tmp_path: Path) -> None:
-    arguments, mention = ERRORS[case]
+def write_unusable(folder: Path) -> list[Path]:
     for name, text in FILES.items():
-        (tmp_path / name).write_text(text)
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "folder.png").mkdir()
-    before = sorted(tmp_path.rglob("*"))
+        (folder / name).write_text(text)
+    (folder / "folder").mkdir()
+    (folder / "folder.png").mkdir()
+    return sorted(folder.rglob("*"))
+
+
+@pytest.mark.parametrize("case", ERRORS)
+def test_unusable_input_is_one_line_and_status_2(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, mention = ERRORS[case]
+    before = write_unusable(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    status = main(arguments)
+    out, err = capsys.readouterr()
+    err = without_progress(err)
+    assert (status, out) == (2, ""), err
+    assert re.fullmatch(r"wrt: error: [^\n]+\n", err), err
+    assert mention in err
+    assert sorted(tmp_path.rglob("*")) == before, "a refused command left files behind"
+
+
+@pytest.mark.parametrize("case", ["missing file", "directory as output", "no command"])
+def test_the_program_says_the_same(case: str, tmp_path: Path) -> None:
+    """A process of its own, which begins and ends with more than `main`."""
+    arguments, mention = ERRORS[case]
+    before = write_unusable(tmp_path)
     result = run(tmp_path, *arguments)
-    assert result.returncode == 2, result.stderr
-    assert result.stdout == ""
+    assert (result.returncode, result.stdout) == (2, ""), result.stderr
     assert re.fullmatch(r"wrt: error: [^\n]+\n", result.stderr), result.stderr
     assert mention in result.stderr
     assert sorted(tmp_path.rglob("*")) == before, "a refused command left files behind"
@@ -407,7 +427,7 @@ def test_bar_is_drawn_on_a_terminal_and_wiped(tmp_path: Path) -> None:
     assert "cornell-box.png  32x32" in frames[-2], "the summary stands alone on the last line"
 
 
-@pytest.mark.parametrize("columns", [0, 80, 40, 12])
+@pytest.mark.parametrize("columns", [0, 12, *(pytest.param(each, marks=pytest.mark.slow) for each in (40, 80))])
 def test_the_bar_fits_the_terminal(columns: int, tmp_path: Path) -> None:
     name = "a-long-name-絵絵絵絵絵絵絵絵-of-a-picture-that-takes-more-than-there-is.png"
     *frames, _, _ = shown_on_terminal(tmp_path, columns, *SMALL, "--time", "0.6", "-o", name)

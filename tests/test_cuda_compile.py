@@ -155,7 +155,9 @@ def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: s
     assert set(re.findall(r"^\.extern \.func .*?(\w+)$", text, re.MULTILINE)) <= {"vprintf", "__assertfail"}
 
 
-@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize(
+    "architecture", [ARCHITECTURES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in ARCHITECTURES[1:])]
+)
 @pytest.mark.parametrize("name", MODULES)
 def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
     compile_for_cuda(wp.get_module(name), architecture, tmp_path)

@@ -102,7 +102,7 @@ def test_a_render_is_developed_with_its_options(tmp_path, monkeypatch, capsys):
     assert not os.path.exists("c.png")
 
 
-@pytest.mark.parametrize("name", ["cornell-box", "still-life", "teapot"])
+@pytest.mark.parametrize("name", ["cornell-box", pytest.param("still-life", marks=pytest.mark.slow), "teapot"])
 def test_built_in_scenes_do_not_nag(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run("render", name, "-o", "a.png", "--size", "48x36", "--spp", "4") == 0

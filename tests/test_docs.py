@@ -102,6 +102,7 @@ def test_python_examples_run_and_write_what_they_say(
     assert re.fullmatch(r"(\d+ of 4 samples per pixel\n)+\d+ samples per pixel, noise 0\.0\d+\n", said)
 
 
+@pytest.mark.slow
 def test_the_scene_file_renders(tmp_path: Path) -> None:
     complete, *parts = blocks(SCENE_FORMAT, "toml")
     write_files(tmp_path)

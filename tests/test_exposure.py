@@ -86,6 +86,7 @@ def test_the_default_goes_over_continuously():
     assert np.ptp(shown[gains < -4.0]) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_day_is_shown_well_without_options():
     """A white surface under the sun is neither clipped nor grey, at the exposure that the documentation names."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0, 2, 5), target=(0, 0, 0), fov_degrees=40))

@@ -41,13 +41,13 @@ def fetched(gpu: EmulatedBackend, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return sizes
 
 
-def renderer_of() -> wrt.Renderer:
+def renderer_of(width: int = WIDTH, height: int = HEIGHT) -> wrt.Renderer:
     """Return a renderer of a floor under a lamp: most of the picture is dark, and a little of it is noisy."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 5), (0, 0, 0)))
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)))
     scene.add(wrt.sphere((0, 1, 0), 0.5, subdivisions=2))
     scene.add_light(wrt.RectangleLight((-0.5, 3, -0.5), (1, 0, 0), (0, 0, 1), radiance=8.0))
-    return wrt.Renderer(scene, width=WIDTH, height=HEIGHT, device=GPU)
+    return wrt.Renderer(scene, width=width, height=height, device=GPU)
 
 
 def test_passes_fetch_no_film(fetched: list[int]) -> None:
@@ -111,7 +111,7 @@ def test_a_frame_of_a_simulation_waits_for_no_other_stream(
 
 def test_later_passes_take_no_memory_of_a_gpu(gpu: EmulatedBackend) -> None:
     """Nor release any, for which a GPU ends all work of all streams first."""
-    renderer = renderer_of()
+    renderer = renderer_of(24, 16)
     passes = renderer.passes(spp=40, pass_seconds=1e-9)
     for _ in range(3):
         next(passes)
@@ -119,7 +119,7 @@ def test_later_passes_take_no_memory_of_a_gpu(gpu: EmulatedBackend) -> None:
     with allocations() as counted:
         for progress in passes:
             image = renderer.film.snapshot()()
-            assert renderer.film.tally().samples == progress.spp * WIDTH * HEIGHT
+            assert renderer.film.tally().samples == progress.spp * renderer.film.pixels
             assert progress.noise == renderer.film.noise()
     assert counted.peak == 0
     assert progress.pass_index > 10

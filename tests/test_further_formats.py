@@ -104,7 +104,10 @@ END-ISO-10303-21;
 """A ball of radius 10 around (5, 0, 0), in a unit to be named in place of PREFIX."""
 
 
-@pytest.mark.parametrize(("prefix", "unit"), [(".MILLI.", 1e-3), (".CENTI.", 1e-2), ("$", 1.0)])
+@pytest.mark.parametrize(
+    ("prefix", "unit"),
+    [(".MILLI.", 1e-3), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((".CENTI.", 1e-2), ("$", 1.0)))],
+)
 def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path, prefix, unit):
     pytest.importorskip("cascadio")
     (shape,) = load_file(write(tmp_path, "ball.stp", STEP_BALL.replace("PREFIX", prefix))).shapes
@@ -117,6 +120,7 @@ def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path, prefix, unit):
     np.testing.assert_allclose(shape.material.base_color, linear_from_srgb(np.array([0.8, 0.4, 0.2])), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_step_files_that_cannot_be_read_are_refused_in_one_line(tmp_path, monkeypatch, capfd):
     pytest.importorskip("cascadio")
     for text in ("ISO-10303-21;\nHEADER;\n", STEP_BALL[:600], "solid", STEP_BALL.replace("#20=", "#99=")):

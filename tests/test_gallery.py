@@ -113,6 +113,7 @@ def test_scenes_of_pictures_are_built(name: str) -> None:
     assert describe_materials([shape.material for shape in scene.shapes]).models
 
 
+@pytest.mark.slow
 def test_a_picture_renders_as_the_docs_show_it(tmp_path: Path) -> None:
     """16 pixels wide, against the picture of the docs made as small; noise and JPEG leave a difference of 6 levels."""
     assert script("gallery").main(["light-spots", "--spp", "256", "--size", "16", "--out", str(tmp_path)]) == 0

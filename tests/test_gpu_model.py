@@ -21,6 +21,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> Any:
     return script
 
 
+@pytest.mark.slow
 def test_counts_of_a_scene(script: Any, report: Report) -> None:
     loop, counts = (script.count("cornell-box", regenerates=each) for each in (False, True))
     # A ray through a tree of a few nodes, and shading: thousands of instructions, a twentieth of them loads.

@@ -182,6 +182,7 @@ class TestLargerIsRefused:
         with pytest.raises(wrt.InputError, match=r"^2,147,483,648 texels of the scene's textures are more than the"):
             Texels([half, half])
 
+    @pytest.mark.slow
     def test_an_environment(self) -> None:
         environment = wrt.ImageEnvironment(np.ones((2, 4, 3), np.float32))
         object.__setattr__(environment, "pixels", np.broadcast_to(np.ones(3, np.float32), (2**15, 2**16, 3)))

@@ -374,6 +374,7 @@ def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.Ca
         assert wrt.load_image(tmp_path / "a.png").any()
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -44,11 +44,17 @@ def material(folder: Path, bsdf: str) -> wrt.Material:
 # --- What is taken --------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scenes")
+    write_files(folder)
+    return folder
+
+
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.xml")))
-def test_scenes_of_the_tests_are_read_without_a_warning(name: str, tmp_path: Path) -> None:
-    write_files(tmp_path)
+def test_scenes_of_the_tests_are_read_without_a_warning(name: str, scenes: Path) -> None:
     if name not in ("view", "lamp"):  # which have nothing to see
-        assert wrt.load(tmp_path / f"{name}.xml", strict=True).shapes
+        assert wrt.load(scenes / f"{name}.xml", strict=True).shapes
 
 
 def test_settings(tmp_path: Path) -> None:
@@ -494,6 +500,7 @@ def test_a_second_medium_around_is_told(tmp_path: Path) -> None:
         assert loaded(tmp_path, shapes + BALL).medium == wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25))
 
 
+@pytest.mark.slow
 def test_naming_what_is_around_an_inner_body_changes_no_bit(tmp_path: Path, device: str) -> None:
     glass = '<shape type="sphere"><float name="radius" value="0.4"/><bsdf type="dielectric"/>{}</shape>'
     haze = '<medium type="homogeneous" name="{}">' + HAZE + "</medium>"

@@ -115,7 +115,10 @@ def test_headers_compile_as_loops(kind: str, folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("header", "mistake"),
-    [("boxes.h", ("slab.shift = o *", "slab.shift = missing *")), ("triangles.h", ("V det,", "V unknown det,"))],
+    [
+        ("boxes.h", ("slab.shift = o *", "slab.shift = missing *")),
+        pytest.param("triangles.h", ("V det,", "V unknown det,"), marks=pytest.mark.slow),
+    ],
 )
 def test_mistakes_in_headers_are_noticed(header: str, mistake: tuple[str, str], tmp_path: Path) -> None:
     text = (FOLDER / header).read_text()

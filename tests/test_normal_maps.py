@@ -242,12 +242,12 @@ def test_a_brushed_highlight_turns_with_the_texture(name: str, camera: wrt.Persp
 
 
 @pytest.mark.parametrize("filtered", [False, True])
-def test_a_flat_map_changes_nothing(filtered: bool, device: str) -> None:
+@pytest.mark.parametrize("shows", PROBES)
+def test_a_flat_map_changes_nothing(shows: str, filtered: bool, device: str) -> None:
     flat = constant_map(0.0, 0.0, 1.0, filter=filtered)
-    for shows in PROBES:
-        with_map = render(lit(wrt.quad(*SQUARE), Probe(shows, tangents=True, normal_map=flat), LIGHT), device)
-        without = render(lit(wrt.quad(*SQUARE), Probe(shows, tangents=True), LIGHT), device)
-        np.testing.assert_allclose(with_map, without, rtol=0.0, atol=0.0 if not filtered else 1e-6)
+    with_map = render(lit(wrt.quad(*SQUARE), Probe(shows, tangents=True, normal_map=flat), LIGHT), device)
+    without = render(lit(wrt.quad(*SQUARE), Probe(shows, tangents=True), LIGHT), device)
+    np.testing.assert_allclose(with_map, without, rtol=0.0, atol=0.0 if not filtered else 1e-6)
 
 
 TILT = (0.35, -0.2, 1.0)
@@ -460,6 +460,7 @@ def test_an_image_texture_is_taken_as_it_is() -> None:
     np.testing.assert_array_equal(wrt.NormalMap(texture).pixels, texture.pixels)
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_scenes_without_pay_nothing() -> None:
     """Their kernels are made without tangents, and hold no coordinates."""
     plain = wrt.Renderer(lit(wrt.quad(*SQUARE), wrt.Diffuse(0.5), LIGHT), width=2, height=2)

@@ -274,6 +274,7 @@ def test_no_python_to_start_is_no_error(notes: Noted, renderer: wrt.Renderer, mo
     assert kernel.kernel is None
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_the_largest_array_is_found_wherever_it_is() -> None:
     scene = wrt.load("cornell-box")
     pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)

@@ -148,6 +148,7 @@ def test_convex_bodies_do_not_shade_themselves(
     assert abs(inside.mean() - 0.5) < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_a_furnace_of_an_instance(shared: None, scale: float, moving: bool, device: str, report: Report) -> None:

@@ -10,6 +10,7 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from test_wide import differences, needs_lanes
 
 import wrt
 from wrt.develop.picture import develop_image
@@ -103,19 +104,12 @@ def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
     assert lit[9, 12].min() > 1.5 * hidden.image()[9, 12].max()  # its light is there
 
 
+@pytest.mark.slow
+@needs_lanes
 def test_the_wide_kernel_has_the_same_bits() -> None:
     scene = wall_with_lamp()
     scene.shapes[:] = [scene.shapes[0], *block(wrt.Diffuse(0.4)).shapes]
-    pictures = []
-    for wide in (False, True):
-        renderer = wrt.Renderer(scene, transparent=True, **SIZE)
-        if wide:
-            renderer.compile()
-        for _ in renderer.passes(spp=16):
-            pass
-        pictures.append((renderer.image(), renderer.alpha()))
-    np.testing.assert_array_equal(pictures[0][0], pictures[1][0])
-    np.testing.assert_array_equal(pictures[0][1], pictures[1][1])
+    assert differences(scene, transparent=True, **SIZE) == []
 
 
 # --- Files ----------------------------------------------------------------------------------------

@@ -57,6 +57,7 @@ def test_a_view_is_one_pass_once_the_time_of_one_is_known(monkeypatch: pytest.Mo
     assert targets.count(1) == 5
 
 
+@pytest.mark.slow
 def test_views_of_a_scene_with_media_begin_in_their_own_bodies() -> None:
     """The bodies around the camera belong to the built scene."""
     inside = wrt.PerspectiveCamera(origin=(0.0, 0.0, 0.0), target=(0.0, 0.0, -1.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -255,11 +256,17 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
 """A scene, options of its renderer, and cameras, by name; each is one kernel."""
 
 
+@functools.cache
+def _made_once(features: Any, lanes: int) -> Any:
+    from wrt.spmd.kernel import make_wide_render_kernel
+
+    return make_wide_render_kernel(features, lanes)
+
+
 def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
     """Return the wide kernel for a renderer's scene, and how many of its threads render the picture."""
     from wrt.kernels.native.constants import TILE
-    from wrt.spmd.kernel import make_wide_render_kernel
 
     x0, y0, x1, y1 = renderer.crop
     tiles = -(-(x1 - x0) // TILE) * -(-(y1 - y0) // TILE)
-    return make_wide_render_kernel(renderer._kernel._features, lanes), tiles
+    return _made_once(renderer._kernel._features, lanes), tiles

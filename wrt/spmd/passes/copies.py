@@ -199,7 +199,8 @@ def _without_unused(function: ir.Function) -> ir.Function:
     while before != len(needed):
         before = len(needed)
         kept = _kept(function.body, needed)
-    variables = [v for v in function.variables if v in uses(kept)]
+    used = uses(kept)
+    variables = [v for v in function.variables if v in used]
     return replace(function, variables=variables, body=kept)
 
 
