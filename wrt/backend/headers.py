@@ -21,6 +21,7 @@ from typing import Any
 
 from wrt.backend.cache_folders import keep_latest, put, work_folder, wrt_folder
 from wrt.backend.fingerprint import TESTED, digest_of_warp
+from wrt.backend.slices import Threads
 
 WRITTEN = "builtin_*.pch"
 """Pattern of the CPU files, which share a folder with those of the CUDA compiler."""
@@ -30,6 +31,8 @@ KEPT = 4
 
 _THREAD = threading.local()
 """`lent`: names of this thread's headers that were copied from or to the cache."""
+
+_PRECOMPILER = Threads(1, "wrt-headers")
 
 _PRECOMPILING = threading.Lock()
 """Held by a thread while it looks for headers, or precompiles them."""
@@ -41,6 +44,12 @@ def _renew_lock() -> None:
 
 
 os.register_at_fork(after_in_child=_renew_lock)  # a fork lacks the thread that holds it
+
+
+def precompile_early(precompile: Callable[[], object]) -> None:
+    """Have a thread precompile headers if none are kept, while others prepare what they will compile."""
+    if sys.modules["warp"].config.version in TESTED and not any(_kept().glob(f"{WRITTEN}-*")):
+        _PRECOMPILER.submit(lend_headers, precompile)
 
 
 def lend_headers(precompile: Callable[[], object]) -> None:

@@ -175,8 +175,8 @@ class Build:
         folder.parent.mkdir(parents=True, exist_ok=True)
         try:
             if self._device.is_cpu:
-                lend_headers(self._compile_nothing)
-            self._run_compiler(folder)
+                lend_headers(compile_nothing)
+            self.run_compiler(folder)
             seal(folder / self.binary, folder / self.meta)
         except Exception as error:
             room = os.statvfs(folder.parent)
@@ -187,7 +187,8 @@ class Build:
             names.add(str(self._module.name))
         keep_headers()
 
-    def _run_compiler(self, folder: Path) -> None:
+    def run_compiler(self, folder: Path) -> None:
+        """Compile it, and nothing else."""
         # Warp does not repeat a build that failed before, for instance because the disk was full.
         self._module.failed_builds.pop((self._device.context, self._block), None)
         self._module.get_module_hash(self._block)  # it resolves the options as a side effect
@@ -195,18 +196,17 @@ class Build:
         arch = self._module._get_compile_arch(self._device)
         self._module._compile(self._device, folder, self.binary, arch, options=options)
 
-    def _compile_nothing(self) -> None:
-        """Compile an empty module with the same options, for the headers that Warp precompiles before."""
-        empty = type(self._module)(EMPTY, None)
-        empty.options |= self._module.options
-        folder = work_folder() / "kernels" / EMPTY
-        Build(sys.modules["warp._src.context"], empty, self._device.alias)._run_compiler(folder)
-
     def load(self, folder: Path) -> None:
         """Load it from a folder with Warp."""
         arch = self._module._get_compile_arch(self._device)
         files = {"binary_path": folder / self.binary, "meta_path": folder / self.meta}
         self._module.load(self._device, self._block, output_arch=arch, **files)
+
+
+def compile_nothing() -> None:
+    """Compile a module without kernels for CPUs, so that Warp precompiles its headers."""
+    context: Any = sys.modules["warp._src.context"]
+    Build(context, context.Module(EMPTY, None), "cpu").run_compiler(work_folder() / "kernels" / EMPTY)
 
 
 def _publish(own: Path, kept: Path, binary: str) -> None:
