@@ -205,8 +205,12 @@ class Build:
 
 def compile_nothing() -> None:
     """Compile a module without kernels for CPUs, so that Warp precompiles its headers."""
+    import shutil
+
     context: Any = sys.modules["warp._src.context"]
-    Build(context, context.Module(EMPTY, None), "cpu").run_compiler(work_folder() / "kernels" / EMPTY)
+    folder = work_folder() / "kernels" / EMPTY
+    Build(context, context.Module(EMPTY, None), "cpu").run_compiler(folder)
+    shutil.rmtree(folder, ignore_errors=True)  # else Warp would not compile it again in another thread
 
 
 def _publish(own: Path, kept: Path, binary: str) -> None:
