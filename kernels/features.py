@@ -47,6 +47,7 @@ class Features:
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         slot_loop: whether one loop reads the values of materials for all models, as pays on GPUs where there are many.
+        shadows_meet: whether shadow rays to a hole in their light are traced to nowhere, beside others of a GPU's warp.
     """
 
     models: tuple[str, ...]
@@ -72,6 +73,7 @@ class Features:
     composite: str = "none"
     exact: str = "none"
     slot_loop: bool = False
+    shadows_meet: bool = False
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""

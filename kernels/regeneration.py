@@ -54,7 +54,8 @@ def number_of(lanes: wp.uint32) -> int:
 
 def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.Kernel:
     """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
-    features = replace(features, slot_loop=len(features.models) > FEW_MODELS)
+    many, holes = len(features.models) > FEW_MODELS, features.opacity and not features.bodies
+    features = replace(features, slot_loop=many, shadows_meet=holes)
     if regenerates and features.integrator == "path" and not features.aovs:
         return make_regenerating_kernel(features)
     return make_render_kernel(features)

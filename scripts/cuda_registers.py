@@ -60,7 +60,9 @@ def render_features() -> dict[str, Features]:
         "diffuse": Features(("diffuse",), False, "none"),
         "four models": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),
         "eight models": Features(EIGHT, True, "image", slot_loop=True),
-        "everything": Features(tuple(sorted(models)), True, "image", opacity=True, tangents=True, slot_loop=True),
+        "everything": Features(
+            tuple(sorted(models)), True, "image", opacity=True, tangents=True, slot_loop=True, shadows_meet=True
+        ),
     }
 
 

@@ -218,6 +218,13 @@ def test_values_of_many_models_are_read_in_one_loop() -> None:
     assert make_gpu_render_kernel(many) is make_regenerating_kernel(replace(many, slot_loop=True))
 
 
+def test_shadow_rays_have_no_way_out_before_they_are_traced_where_lights_may_have_holes() -> None:
+    holes = Features(("diffuse",), True, "none", opacity=True)
+    assert make_gpu_render_kernel(holes) is make_regenerating_kernel(replace(holes, shadows_meet=True))
+    fog = replace(holes, media="absorbing")
+    assert make_gpu_render_kernel(fog) is make_regenerating_kernel(fog), "media would count a way of negative length"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("features", FEATURES[:2], ids=lambda features: features.name)
 def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:
