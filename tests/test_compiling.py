@@ -347,7 +347,7 @@ def test_one_thread_loads_a_wide_kernel(monkeypatch: pytest.MonkeyPatch) -> None
     from wrt.rendering import wide_kernel
 
     prepared: list[float] = []
-    monkeypatch.setattr(wide_kernel.WideKernel, "_prepare", lambda _, seconds: prepared.append(seconds))
+    monkeypatch.setattr(wide_kernel.WideKernel, "_prepare", lambda _, seconds, speedup: prepared.append(seconds))
     wide = wide_kernel.WideKernel(Device("cpu"), None, ())
     with wide_kernel._LOADING:
         wide.prepare(1e9)
