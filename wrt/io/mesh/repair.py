@@ -53,11 +53,9 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
 
 def near_origin(parts: list[Part]) -> list[Part]:
     """Return parts moved to the origin together, in double precision, if they are too far from it for single."""
-    with np.errstate(all="ignore"):
-        corners = np.concatenate([_box_corners(part) for part in parts if len(part.vertices)] or [np.zeros((1, 3))])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        if not np.abs(corners).max() > FARTHEST * norm(high - low):
-            return parts
+    low, high, size, reach = _extent([part for part in parts if len(part.vertices)])
+    if not reach > FARTHEST * size:
+        return parts
     shift = np.eye(4)
     shift[:3, 3] = -0.5 * (low + high)
     return [
@@ -68,10 +66,7 @@ def near_origin(parts: list[Part]) -> list[Part]:
 
 def _check_size(path: str, parts: list[Part]) -> None:
     """Raise InputError where parts together are too large or too small for rays; warn far from the origin."""
-    with np.errstate(all="ignore"):
-        corners = np.concatenate([_box_corners(part) for part in parts])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        size, reach = norm(high - low), float(np.abs(corners).max())
+    _, _, size, reach = _extent(parts)
     if not reach <= LARGEST:
         raise InputError(f"{path}: its vertices reach to {reach:g}, beyond the {LARGEST:g} of rays; scale it down")
     if size < SMALLEST:
@@ -83,6 +78,14 @@ def _check_size(path: str, parts: list[Part]) -> None:
             f"{path}: it is {size:g} across and up to {reach:g} from the origin, where numbers in single precision are "
             f"{100.0 * step:.2g} % of its size apart; move it to the origin"
         )
+
+
+def _extent(parts: list[Part]) -> tuple[FloatArray, FloatArray, float, float]:
+    """Return the least and greatest corner of parts together, the distance between both, and the largest coordinate."""
+    with np.errstate(all="ignore"):
+        corners = np.concatenate([_box_corners(part) for part in parts] or [np.zeros((1, 3))])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        return low, high, norm(high - low), float(np.abs(corners).max())
 
 
 def _box_corners(part: Part) -> NDArray[np.float64]:
@@ -211,11 +214,9 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
             mesh.name,
         )
         return Shape(split, _colored(colors), name=mesh.name)
-    return (
-        bare_shape(mesh)
-        if reflectance is None or mesh.colors is not None
-        else Shape(mesh, Diffuse(reflectance), name=mesh.name)
-    )
+    if reflectance is None or mesh.colors is not None:
+        return bare_shape(mesh)
+    return Shape(mesh, Diffuse(reflectance), name=mesh.name)
 
 
 def bare_shape(mesh: Mesh) -> Shape:
