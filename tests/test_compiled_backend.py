@@ -239,8 +239,8 @@ def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, mo
         (warp / name).write_text('version: str = "1.19.0"\n')
     kernels = tmp_path / "kernels"
     shutil.copytree(ROOT / "kernels", kernels, ignore=shutil.ignore_patterns("__pycache__"))
-    folder_of = fingerprint._folder_of
-    monkeypatch.setattr(fingerprint, "_folder_of", lambda name: kernels if name == "wrt.kernels" else folder_of(name))
+    folder_of = fingerprint.folder_of
+    monkeypatch.setattr(fingerprint, "folder_of", lambda name: kernels if name == "wrt.kernels" else folder_of(name))
     seen = {fingerprint.fingerprint(warp)}
     assert {fingerprint.fingerprint(warp)} == seen
 

@@ -372,7 +372,8 @@ def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> No
     assert len(found) == 4
 
 
-def test_the_headers_of_an_empty_module_are_those_of_kernels(no_headers: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("early", [False, True], ids=["by Warp", "without Warp"])
+def test_headers_precompiled_before_kernels_are_those_of_kernels(early: bool, no_headers: Path, tmp_path: Path) -> None:
     @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_headers"))
     def nothing(first: int) -> None:
         pass
@@ -380,14 +381,21 @@ def test_the_headers_of_an_empty_module_are_those_of_kernels(no_headers: Path, t
     own = Build.of(nothing.module, "cpu")
     assert own is not None
 
+    def precompile() -> None:
+        assert not early
+        kernel_cache.compile_nothing()
+
     def compile() -> str:
-        headers.lend_headers(kernel_cache.compile_nothing)
+        headers.lend_headers(precompile)
         (written,) = Path(str(headers._of_thread())).glob(headers.WRITTEN)
         before = written.stat().st_mtime_ns
         own.compile(tmp_path / "build")
         assert [path.stat().st_mtime_ns for path in written.parent.glob(headers.WRITTEN)] == [before]
         return written.name
 
+    if early:
+        headers.precompile_early()
+        headers._PRECOMPILER.submit(int).result()
     with ThreadPoolExecutor(1) as pool:
         name = pool.submit(compile).result()
     assert [kept.name.rpartition("-")[0] for kept in no_headers.iterdir()] == [name]

@@ -52,6 +52,9 @@ def current_backend() -> Backend:
         return apart.backend
     if _backend is None:
         _has_imported_warp = _has_imported_warp or "warp" not in sys.modules
+        from wrt.backend.headers import precompile_early
+
+        precompile_early()
         from wrt.backend.warp_backend import WarpBackend
 
         _backend = WarpBackend()
@@ -117,6 +120,10 @@ def prefer_compiled() -> None:
     _builds = Builds.known()
     if _builds is not None:
         _backend = _compiled(_builds)
+    if _backend is None:
+        from wrt.backend.headers import precompile_early
+
+        precompile_early()
 
 
 def is_own_process() -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import importlib.util
 import itertools
 import json
 import math
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from wrt.backend.cache_folders import keep_latest, locked, put, wrt_folder
-from wrt.backend.fingerprint import TESTED, fingerprint
+from wrt.backend.fingerprint import TESTED, fingerprint, folder_of, version_of
 from wrt.backend.kernel_cache import State, digest, state
 
 KEPT = 16
@@ -60,12 +59,11 @@ class Builds:
     @classmethod
     def known(cls) -> Builds | None:
         """Return the builds of the current kernels on this machine; None if the version of Warp is not tested."""
-        spec = importlib.util.find_spec("warp")
-        if spec is None or spec.origin is None or not sys.platform.startswith("linux"):
+        if not sys.platform.startswith("linux"):
             return None
-        warp = Path(spec.origin).parent
         try:
-            version = _version(warp)
+            warp = folder_of("warp")
+            version = version_of(warp)
             if version not in TESTED:
                 return None
             path = wrt_folder() / f"builds-{fingerprint(warp)}.json"
@@ -172,11 +170,3 @@ def _is_warp_running() -> bool:
     """Return whether Warp has started in this process."""
     context = sys.modules.get("warp._src.context")
     return context is not None and getattr(context, "runtime", None) is not None
-
-
-def _version(warp: Path) -> str:
-    """Return the version of Warp in a folder, without importing it."""
-    for line in (warp / "config.py").read_text(encoding="utf-8").splitlines():
-        if line.startswith("version"):
-            return line.partition("=")[2].strip().strip("\"'")
-    return ""

@@ -11,19 +11,31 @@ TESTED = ("1.19.0",)
 """Versions of Warp whose memory layout wrt was tested against; with others, Warp is always imported."""
 
 
-def _folder_of(package: str) -> Path:
-    """Return the folder of a package's sources, without importing it."""
+def folder_of(package: str) -> Path:
+    """Return the folder of a package's sources, without importing it.
+
+    Raises:
+        FileNotFoundError: if there is no such package.
+    """
     spec = importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         raise FileNotFoundError(package)
     return Path(spec.origin).parent
 
 
+def version_of(warp: Path) -> str:
+    """Return the version of Warp in a folder, without importing it."""
+    for line in (warp / "config.py").read_text(encoding="utf-8").splitlines():
+        if line.startswith("version"):
+            return line.partition("=")[2].strip().strip("\"'")
+    return ""
+
+
 def fingerprint(warp: Path) -> str:
     """Return a digest of everything that builds and notes depend on: code, Warp, processor, Python, environment."""
     things: list[object] = []
     for package in ("wrt.kernels", "wrt.spmd", "wrt.backend"):
-        folder = _folder_of(package)
+        folder = folder_of(package)
         for root, folders, files in os.walk(folder):
             folders.sort()
             for name in sorted(files):

@@ -9,6 +9,7 @@ the compiler would reject them, and Warp would print a message and do without.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import functools
 import os
 import sys
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from wrt.backend.cache_folders import keep_latest, put, work_folder, wrt_folder
-from wrt.backend.fingerprint import TESTED, digest_of_warp
+from wrt.backend.fingerprint import TESTED, digest_of_warp, folder_of, version_of
 from wrt.backend.slices import Threads
 
 WRITTEN = "builtin_*.pch"
@@ -28,6 +29,29 @@ WRITTEN = "builtin_*.pch"
 
 KEPT = 4
 """Folders that are kept, for different versions of Warp and different processors."""
+
+FLAGS = (
+    "-march=native",
+    "-mllvm=-inline-threshold=9000",
+    "-mllvm=-inline-cold-callsite-threshold=3000",
+    "-mllvm=-slp-recursion-max-depth=4",
+)
+"""Flags of the compiler by default in the tested versions of Warp (`warp.config.cpu_compiler_flags`)."""
+
+_COMPILE_CPP: list[Any] = [ctypes.c_char_p] * 4 + [ctypes.c_bool] * 4
+_COMPILE_CPP += [
+    ctypes.POINTER(ctypes.c_char_p),
+    ctypes.c_int,
+    ctypes.c_bool,
+    ctypes.c_bool,
+    ctypes.c_char_p,
+    ctypes.c_int,
+]
+"""Arguments of `wp_compile_cpp` (Warp's clang.cpp): source, its path, headers, output, debug, verify_fp, fuse_fp,
+tiles_in_stack_memory, flags, optimization_level, verbose, use_precompiled_headers, their folder, block_dim."""
+
+_EMPTY = b'#define WP_TILE_BLOCK_DIM 1\n#include "builtin.h"\n'
+"""What Warp writes for a module without kernels, as far as it matters."""
 
 _THREAD = threading.local()
 """`lent`: names of this thread's headers that were copied from or to the cache."""
@@ -46,10 +70,44 @@ def _renew_lock() -> None:
 os.register_at_fork(after_in_child=_renew_lock)  # a fork lacks the thread that holds it
 
 
-def precompile_early(precompile: Callable[[], object]) -> None:
-    """Have a thread precompile headers if none are kept, while others prepare what they will compile."""
-    if sys.modules["warp"].config.version in TESTED and not any(_kept().glob(f"{WRITTEN}-*")):
-        _PRECOMPILER.submit(lend_headers, precompile)
+def precompile_early() -> None:
+    """Have a thread precompile headers if none are kept, while others import Warp and prepare what to compile."""
+    with contextlib.suppress(OSError):
+        warp = folder_of("warp")
+        if version_of(warp) in TESTED and _has_usual_flags() and not _is_any_kept():
+            _PRECOMPILER.submit(_precompile, warp)
+
+
+def _precompile(warp: Path) -> None:
+    """Precompile headers as Warp does, without importing it, and keep them."""
+    import tempfile
+
+    with _PRECOMPILING, contextlib.suppress(OSError):
+        if _is_any_kept():
+            return
+        with tempfile.TemporaryDirectory(dir=work_folder()) as temporary:
+            folder = Path(temporary)
+            compile_cpp = ctypes.CDLL(str(warp / "bin" / "warp-clang.so")).wp_compile_cpp
+            compile_cpp.argtypes = _COMPILE_CPP
+            paths = (folder / "empty.cpp", warp / "native", folder / "empty.o")
+            flags = (ctypes.c_char_p * (len(FLAGS) + 1))(*map(os.fsencode, FLAGS), None)
+            options = (False, False, True, True, flags, 2, False, True)
+            compile_cpp(_EMPTY, *map(os.fsencode, paths), *options, os.fsencode(folder), 1)
+            for written in folder.glob(WRITTEN):
+                data = written.read_bytes()
+                _keep(data, _kept() / f"{written.name}-{_digest(data)}")
+
+
+def _has_usual_flags() -> bool:
+    """Return whether Warp compiles, or will compile, with FLAGS."""
+    if (warp := sys.modules.get("warp")) is not None:
+        return bool(str(warp.config.cpu_compiler_flags).split() == list(FLAGS))
+    return not any(name.startswith("WARP_") for name in os.environ)
+
+
+def _is_any_kept() -> bool:
+    """Return whether the cache has precompiled headers."""
+    return any(_kept().glob(f"{WRITTEN}-*"))
 
 
 def lend_headers(precompile: Callable[[], object]) -> None:
@@ -130,4 +188,4 @@ def _of_thread() -> Path | None:
 @functools.cache
 def _kept() -> Path:
     """Return the folder of the headers for this version of Warp, its sources, and this processor."""
-    return wrt_folder() / f"headers-{digest_of_warp(Path(sys.modules['warp'].__file__ or '').parent)}"
+    return wrt_folder() / f"headers-{digest_of_warp(folder_of('warp'))}"

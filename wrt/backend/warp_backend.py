@@ -275,7 +275,7 @@ def initialize_warp() -> None:
     finally:
         os.close(kept)
     _forget_start()
-    precompile_early(kernel_cache.compile_nothing)
+    precompile_early()
 
 
 @cache
