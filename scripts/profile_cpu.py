@@ -175,7 +175,10 @@ def inlined(object_file: str, section: str, offsets: Sequence[int]) -> Iterator[
     starts = []
     for number, line in enumerate(source.read_text(encoding="utf-8").splitlines(), 1):
         if (found := re.match(r"struct (\w+) {|[A-Za-z].*?\b(\w+)\(", line)) and not line.endswith(";"):
-            starts.append((number, plain_name(found[1] or found[2])))
+            name = plain_name(found[1] or found[2])
+            # A helper of kernels/native/lanes may have the name of a function elsewhere, such as `load`.
+            is_helper = line.startswith(("LANES_", "template")) and name not in WIDE_TRAVERSAL
+            starts.append((number, f"lanes::{name}" if is_helper else name))
     text = run(
         *("addr2line", "-a", "-i", "-e", object_file, "-j", section),
         given="".join(f"{offset:x}\n" for offset in offsets),
