@@ -414,7 +414,9 @@ def test_a_mesh_is_made_of_an_object_as_of_a_file(tmp_path):
     assert wrt.load_mesh(box, smooth_degrees=None).normals is None
 
 
-@pytest.mark.parametrize("source", [None, b"a.obj", np.zeros((3, 3)), wrt.Scene()], ids=lambda source: type(source).__name__)
+@pytest.mark.parametrize(
+    "source", [None, b"a.obj", np.zeros((3, 3)), wrt.Scene()], ids=lambda source: type(source).__name__
+)
 def test_no_mesh_is_made_of_other_things(source):
     with pytest.raises(wrt.InputError, match=f"trimesh object, not {type(source).__name__}; wrt.Mesh takes arrays"):
         wrt.load_mesh(source)
@@ -432,7 +434,7 @@ def test_where_a_scene_is_needed_the_function_that_makes_one_is_named(tmp_path):
         for name in ("a.toml", "a.glb"):
             with pytest.raises(wrt.InputError, match=f"{name} {makes}"):
                 wrt.save_scene(tmp_path / name, source)
-    with pytest.raises(wrt.InputError, match="mesh must be a wrt.Mesh, not Trimesh; wrt.load_mesh makes one"):
+    with pytest.raises(wrt.InputError, match=r"mesh must be a wrt\.Mesh, not Trimesh; wrt\.load_mesh makes one"):
         wrt.Scene().add(box)
-    with pytest.raises(wrt.InputError, match="shapes must be a list of wrt.Shape; wrt.load makes a scene of a file"):
+    with pytest.raises(wrt.InputError, match=r"shapes must be a list of wrt\.Shape; wrt\.load makes a scene of a file"):
         wrt.Scene("bunny.obj")

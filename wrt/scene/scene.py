@@ -292,7 +292,7 @@ class Scene:
     studio_shapes: int = field(default=0, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.shapes, str) or any(not isinstance(shape, Shape) for shape in self.shapes):
+        if not all(isinstance(shape, Shape) for shape in self.shapes):
             raise InputError("shapes must be a list of wrt.Shape; wrt.load makes a scene of a file or a mesh")
         if self.medium is not None and not isinstance(self.medium, Medium):
             raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
@@ -403,7 +403,9 @@ class Scene:
 def require_scene(scene: object, what: str) -> None:
     """Raise InputError unless `scene` is a Scene, naming what needs it."""
     if not isinstance(scene, Scene):
-        raise InputError(f"{what} needs a wrt.Scene, not {type(scene).__name__}; wrt.load makes one of a file or a mesh")
+        raise InputError(
+            f"{what} needs a wrt.Scene, not {type(scene).__name__}; wrt.load makes one of files and meshes"
+        )
 
 
 __all__ = ["FILTERS", "SAMPLERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]
