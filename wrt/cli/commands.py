@@ -103,12 +103,12 @@ def _memory(options: argparse.Namespace) -> str:
 
 
 def develop(options: argparse.Namespace) -> int:
-    """Turn a picture of radiance into a PNG."""
+    """Turn a picture of radiance into a PNG or a JPEG."""
     from pathlib import Path
 
     from wrt.cli.signals import Interrupts
     from wrt.develop.exposure import stops
-    from wrt.developing import check_exposure
+    from wrt.developing import DEVELOPED_SUFFIXES, check_exposure
     from wrt.errors import InputError
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path
@@ -119,8 +119,10 @@ def develop(options: argparse.Namespace) -> int:
         else:
             output = check_output(options.output, force=options.force)
         nothing = f"{output} was not written"
-        if output.suffix.lower() != ".png":
-            raise InputError(f"{output}: a developed picture is a PNG; give it a name that ends in .png")
+        if output.suffix.lower() not in DEVELOPED_SUFFIXES:
+            raise InputError(
+                f"{output}: a developed picture is a PNG or a JPEG; give it a name that ends in .png or .jpg"
+            )
         try:
             image = read_image(Path(options.source))
             given = {} if options.tone is None else {"tone": options.tone}

@@ -166,8 +166,8 @@ class RenderSettings:
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
-        tone: tone curve of pictures written as PNG, see `wrt.develop_image`.
-        exposure: stops (factors of two) by which a PNG is brightened, or "auto"; None for 0, unless the picture would
+        tone: tone curve of pictures written as PNG or JPEG, see `wrt.develop_image`.
+        exposure: stops (factors of two) by which these are brightened, or "auto"; None for 0, unless the picture would
             be mostly white or dark. The radiance of the film does not depend on tone and exposure.
         denoise: whether saved pictures are denoised, by the extra wrt[denoise]; see `wrt.Renderer.denoised`.
         crop: part of the picture to render, in pixels: first column, first row, and the column and row after the last;
