@@ -70,7 +70,7 @@ def info(options: argparse.Namespace) -> int:
 
     from wrt.api import load
     from wrt.describe.scene import scene_text
-    from wrt.io.load_mesh import MESH_SUFFIXES, load_file
+    from wrt.io.load_mesh import ARRAYS_SUFFIX, MESH_SUFFIXES, load_file
     from wrt.io.safe_read import confined_to
     from wrt.progress.bar import short_warnings
 
@@ -85,7 +85,8 @@ def info(options: argparse.Namespace) -> int:
         alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
         if alone:
             with confined_to(path.parent if options.confined else None):
-                scene = load_file(path)
+                # What is alone is moved to the origin too, which would hide where the file has it; arrays are not.
+                scene = load_file(path, alone=path.suffix.lower() == ARRAYS_SUFFIX)
         else:
             scene = load(options.source, confined=options.confined)
         _say(scene_text(scene))
