@@ -59,10 +59,10 @@ def load(
             file's content: materials, colours, up axis, camera and lights.
         triangles: number of triangles of a scene's procedural meshes.
         up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF, by its
-            specification, and for a Mesh, which has wrt's axes. For other files it is the one of y and z on which the
-            mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF, as most programs write
-            them, and y for the others. A trimesh object follows the type of the file it was loaded from; an object
-            that was not loaded from a file, or was copied, is treated like an OBJ file.
+            specification, and for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files it is the
+            one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF,
+            as most programs write them, and y for the others. A trimesh object follows the type of the file it was
+            loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
         sensor: which sensor of a Mitsuba scene is the camera, counted from 0; by default the first.
         strict: whether unsupported content raises an error instead of a warning.
@@ -206,6 +206,10 @@ def _load_path(
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
     scene = load_file(path, time=stage.time, alone=stage.time is None)
+    if up is None and path.suffix.lower() == ".dae":
+        from wrt.io.by_trimesh import declared_up
+
+        up = declared_up(path)
     with naming_file(path):
         return _shown(source, scene, up, path.suffix.lower().removeprefix("."), stage)
 
