@@ -22,7 +22,9 @@ _BEGINNING = 1 << 16
 """Bytes at the start of a file that hold its description."""
 
 _UP = re.compile(r"<(?:\w+:)?up_axis>\s*([XYZ])_UP\s*<")
-_KINDS = ("skin", "morph")
+_MOST_CONTROLLERS = 8
+"""Controllers that are followed to a geometry: a skin may move a morphed mesh."""
+
 _NO_TURN = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
 
 
@@ -89,12 +91,14 @@ def _without_controllers(data: bytes) -> tuple[bytes, int]:
 def _replace(instance: Any, controllers: dict[str, Any], space: str, etree: Any) -> None:
     """Make an instance of a controller one of its geometry; a skin's stands where the skin binds it, in the world."""
     source, place = instance.get("url", "")[1:], None
-    for _ in range(len(controllers)):  # a skin may move a morphed mesh
-        skin, morph = (controllers[source].find(space + kind) if source in controllers else None for kind in _KINDS)
-        if skin is not None:
-            place = skin.findtext(f"{space}bind_shape_matrix", _NO_TURN)
-        if skin is not None or morph is not None:
-            source = (morph if skin is None else skin).get("source", "")[1:]
+    for _ in range(_MOST_CONTROLLERS):
+        tags = f"{space}skin", f"{space}morph"
+        found = next((each for each in controllers.get(source, ()) if each.tag in tags), None)
+        if found is None:
+            break
+        if found.tag == tags[0]:
+            place = found.findtext(f"{space}bind_shape_matrix", _NO_TURN)
+        source = found.get("source", "")[1:]
     instance.tag, instance.attrib["url"] = f"{space}instance_geometry", f"#{source}"
     for skeleton in instance.findall(f"{space}skeleton"):
         instance.remove(skeleton)
