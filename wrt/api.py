@@ -144,6 +144,8 @@ def _load(
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
+        if up is None:
+            _name_land(source.name, shapes, "y")
         return stage.present(source, Scene(shapes), up or "y")
     from wrt.io.load_mesh import load_object
 
@@ -240,14 +242,26 @@ def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    if up is None and kind not in _WITH_AXES and not (scene.lights or scene.camera):
+    name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
+    if up is None and (kind == "npz" or kind not in _WITH_AXES) and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
-        up = guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        up = "y" if kind in _WITH_AXES else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        _name_land(name, scene.shapes, up)
     if up not in (None, "y") and (scene.lights or scene.camera):
-        name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
+
+
+def _name_land(name: object, shapes: list[Shape], up: str) -> None:
+    """Warn if shapes stand on an edge that may be land, whose axis nothing names."""
+    from wrt.studio.orientation import land_axis
+
+    axis = land_axis(shapes, up)
+    if axis is not None:
+        looks = f"it is thin along {axis} and faces that way"
+        text = f'{name}: {looks}; if it is land, which lies, say up="{axis}", or --up {axis}'
+        warnings.warn(text, UserWarning, stacklevel=2)
 
 
 def render(
