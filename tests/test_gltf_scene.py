@@ -117,6 +117,37 @@ def test_dark_lights_light_nothing(tmp_path):
     assert (scene.lights, scene.environment) == ([], wrt.ConstantEnvironment(2.0))
 
 
+@pytest.mark.parametrize("name", ["FOO_bar", "KHR_materials_subsurface", "KHR_texture_procedurals", "EXT_texture_x"])
+def test_an_extension_that_nobody_knows_may_not_be_required(tmp_path, name):
+    tree = tree_with([], extensionsUsed=[name])
+    assert load_file(write(tmp_path, "a.gltf", json.dumps(tree))).shapes
+    tree["extensionsRequired"] = [name]
+    with pytest.raises(wrt.InputError, match=rf"a\.gltf: requires the glTF extension {name}, which is not supported"):
+        load_file(write(tmp_path, "a.gltf", json.dumps(tree)))
+
+
+@pytest.mark.parametrize(
+    ("asset", "refused"),
+    [
+        ({"version": "2.0"}, None),
+        ({"version": "2.3", "minVersion": "2.0"}, None),
+        ({"version": "2.3"}, None),
+        ({"version": "3.0", "minVersion": "2.0"}, None),
+        ({"version": "2.3", "minVersion": "2.1"}, "2.1"),
+        ({"version": "3.0"}, "3.0"),
+        ({"version": "1.0"}, "1.0"),
+    ],
+)
+def test_versions(tmp_path, asset, refused):
+    """Minor versions add to a major one; `minVersion` is what a file cannot be read without (section 3.2)."""
+    path = write(tmp_path, "a.gltf", json.dumps(tree_with([], asset=asset)))
+    if refused is None:
+        assert load_file(path).shapes
+    else:
+        with pytest.raises(wrt.InputError, match=rf"a\.gltf: a file of glTF {refused}, which is not supported"):
+            load_file(path)
+
+
 def test_mistakes_are_told_in_one_line(tmp_path):
     for nodes, more in (
         ([{"camera": 3}], {"cameras": CAMERAS}),
