@@ -60,6 +60,14 @@ def test_the_name_is_that_of_the_source_and_others_are_kept(radiance, capsys):
     assert codes("room.png").shape == (48, 64, 3)
 
 
+def test_a_png_gets_another_name(radiance, capsys):
+    wrt.save_image("lamp.png", radiance)
+    before = codes("lamp.png")
+    assert run("develop", "lamp.png") == 0
+    assert capsys.readouterr().err.startswith("lamp-render.png  tone")
+    np.testing.assert_array_equal(codes("lamp.png"), before)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -126,6 +126,8 @@ def develop(options: argparse.Namespace) -> int:
             )
         try:
             image = read_image(Path(options.source))
+            if options.output is None:
+                output = free_path(output, PICTURE)  # again: it may be the source, which must stay
             given = {} if options.tone is None else {"tone": options.tone}
             given["exposure"] = stops(image, check_exposure(options.exposure))
             developed = save_image(output, image, **given, force=options.force)
