@@ -16,7 +16,7 @@ from wrt.backend.processor import processor_flags
 from wrt.sums import weighted_sum
 
 CORES = "Haswell", "SkylakeX" if "avx512f" in processor_flags() else "Sandybridge"
-"""Two processors whose code in OpenBLAS differs and runs here: with AVX-512, with AVX2, and without fused operations."""
+"""Processors whose code in OpenBLAS differs and runs here: with AVX2, and with AVX-512 or without fused operations."""
 
 LEFT_TO_BLAS = {
     *(f"np.{name}" for name in ("dot", "inner", "vdot", "matmul", "tensordot", "vecdot", "convolve", "correlate")),
