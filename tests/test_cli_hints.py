@@ -20,13 +20,17 @@ from wrt.cli.arguments.options import parse
         ("bunny.opj", "bunny.obj"),
         ("rooms/kitchn.toml", "kitchen.toml"),
         ("cornell-box.png", "cornell-box"),
+        ("BUNNY.obj", "bunny.obj"),
+        ("LAMP.GLB", "lamp.glb"),
+        ("bunny", "bunny.obj"),
     ],
 )
 def test_a_file_or_scene_that_nearly_has_the_name(
     name: str, meant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "bunny.obj").write_text("")
+    for file in ("bunny.obj", "lamp1.glb", "LAMP.OBJ", "lamp.glb"):
+        (tmp_path / file).write_text("")
     (tmp_path / "rooms").mkdir()
     (tmp_path / "rooms" / "kitchen.toml").write_text("")
     with pytest.raises(wrt.InputError) as caught:
@@ -43,6 +47,19 @@ def test_nothing_is_hinted_at_where_nothing_is_near(tmp_path: Path, monkeypatch:
         wrt.load("none/bunny.obj")
 
 
+def test_what_is_no_file_is_told_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link.obj").symlink_to("gone.obj")
+    for name, said in (
+        ("https://example.org/lamp.glb", "https://example.org/lamp.glb: no such file; download it first"),
+        ("-", "-: no such file; standard input is not read"),
+        ("link.obj", "link.obj: is a link to 'gone.obj', which is not there"),
+    ):
+        with pytest.raises(wrt.InputError) as caught:
+            wrt.load(name)
+        assert str(caught.value) == said
+
+
 @pytest.mark.parametrize(
     ("option", "value", "meant"),
     [
@@ -51,6 +68,7 @@ def test_nothing_is_hinted_at_where_nothing_is_near(tmp_path: Path, monkeypatch:
         ("--device", "cdua", "cuda"),
         ("--device", "cuda0", "cuda:0"),
         ("--layers", "albedo,nromal", "normal"),
+        ("--material", "steel", "stainless-steel"),
     ],
 )
 def test_a_name_that_an_option_takes(
@@ -84,6 +102,12 @@ def test_a_name_that_an_option_takes(
         ("render --ssp=4 x", "there is no option --ssp (did you mean '--spp'?)"),
         ("render x --max_depth 4", "there is no option --max_depth (did you mean '--max-depth'?)"),
         ("render x --SIZE 4x4", "there is no option --SIZE (did you mean '--size'?)"),
+        ("render x --samples 4", "there is no option --samples (did you mean '--spp'?)"),
+        ("render x --width=40", "there is no option --width (did you mean '--size'?)"),
+        ("info x --samples=4", "there is no option --samples (see 'wrt info --help')"),
+        ("render -x.obj", "'-x.obj' begins like an option; to name the file, type ./-x.obj"),
+        ("render y.obj -x.obj", "'-x.obj' begins like an option; to name the file, type ./-x.obj"),
+        ("info -x.obj", "'-x.obj' begins like an option; to name the file, type ./-x.obj"),
         ("render x --xyzzy", "there is no option --xyzzy (see 'wrt render --help')"),
         ("info x --upp z", "there is no option --upp (see 'wrt info --help')"),
         ("info x y", "unexpected argument 'y' (see 'wrt info --help')"),
@@ -97,6 +121,7 @@ def test_commands_and_options(
     typed: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "-x.obj").write_text("")
     assert main(shlex.split(typed)) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"wrt: error: {said}")

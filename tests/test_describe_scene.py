@@ -65,3 +65,14 @@ def test_the_command(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "wrt: warning:" in printed.err
     assert main(["info", str(tmp_path / "none.obj")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_arrays_have_the_material_that_is_rendered(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
+    mesh = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    np.savez(tmp_path / "one.npz", vertices=mesh.vertices, faces=mesh.faces)
+    np.savez(tmp_path / "two.npz", vertices=mesh.vertices, faces=mesh.faces, colors=np.full((4, 3), 0.5))
+    for name, reflectance in (("one", "(0.62, 0.6, 0.57)"), ("two", "vertex-colors")):
+        assert main(["info", str(tmp_path / f"{name}.npz")]) == 0
+        assert f"diffuse  reflectance {reflectance}" in capsys.readouterr().out
+        shown = wrt.load(tmp_path / f"{name}.npz")
+        assert f"diffuse  reflectance {reflectance}" in scene_text(shown)

@@ -60,12 +60,20 @@ def test_the_name_is_that_of_the_source_and_others_are_kept(radiance, capsys):
     assert codes("room.png").shape == (48, 64, 3)
 
 
+def test_a_png_gets_another_name(radiance, capsys):
+    wrt.save_image("lamp.png", radiance)
+    before = codes("lamp.png")
+    assert run("develop", "lamp.png") == 0
+    assert capsys.readouterr().err.startswith("lamp-render.png  tone")
+    np.testing.assert_array_equal(codes("lamp.png"), before)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("nothing.exr",), "nothing.exr: no such file"),
-        (("room.exr", "-o", "a.exr"), "a developed picture is a PNG"),
-        (("room.exr", "-o", "a.jpg"), "must end in one of"),
+        (("room.exr", "-o", "a.exr"), "a developed picture is a PNG or a JPEG"),
+        (("room.exr", "-o", "a.gif"), "must end in one of"),
         (("room.exr", "-o", "room.png", "--tone", "agxx"), "did you mean 'agx'"),
         (("room.exr", "-o", "a.png", "--tone", "ocio:a.ocio"), "a.ocio: no such OpenColorIO configuration"),
         (("room.exr", "--exposure", "bright"), "must be a number of stops or auto, not 'bright'"),
@@ -100,6 +108,24 @@ def test_a_render_is_developed_with_its_options(tmp_path, monkeypatch, capsys):
     assert run("render", "cornell-box", "-o", "c.png", *SMALL, "--tone", "ocio:none.ocio") == 2
     assert "none.ocio: no such OpenColorIO configuration" in capsys.readouterr().err
     assert not os.path.exists("c.png")
+
+
+def test_a_jpeg_is_developed_like_a_png(radiance, capsys):
+    for name in ("a.png", "a.jpg"):
+        assert run("develop", "room.exr", "-o", name, "--tone", "agx", "--exposure", "1") == 0
+        assert run("render", "cornell-box", "-o", f"render-{name}", *SMALL, "--exposure", "1") == 0
+        assert "exposure +1" in capsys.readouterr().err.replace("+1.00 stops", "+1")
+    for first, second in (("a.png", "a.jpg"), ("render-a.png", "render-a.jpg")):
+        Image.fromarray(codes(first)).save("expected.jpg", quality=95, subsampling=0)
+        np.testing.assert_array_equal(codes(second), codes("expected.jpg"))
+    options = (*SMALL, "--tone", "ocio:none.ocio")
+    assert run("render", "cornell-box", "-o", "c.jpg", *options) == 2
+    assert "none.ocio: no such OpenColorIO configuration" in capsys.readouterr().err
+    assert run("render", "cornell-box", "-o", "c.jpg", *SMALL, "--transparent") == 2
+    assert "c.jpg: a JPEG has no alpha; give it a name that ends in .png or .exr" in capsys.readouterr().err
+    assert run("render", "cornell-box", "-o", "c.jpg", "--size", "65536x1", "--spp", "1") == 2
+    assert "c.jpg: a JPEG has 65535 pixels a side at most, not 65536x1" in capsys.readouterr().err
+    assert not os.path.exists("c.jpg")
 
 
 @pytest.mark.parametrize("name", ["cornell-box", pytest.param("still-life", marks=pytest.mark.slow), "teapot"])

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.meshes import SQUARE, gltf_box, write
+from test_cli import without_progress
 
 import wrt
 from wrt.cli import main
@@ -106,7 +107,7 @@ def test_broken_files_give_a_picture_and_a_warning_or_one_line(path, tmp_path, c
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         status = main(["render", str(path), "-o", str(output), "--size", "16x12", "--spp", "1"])
-    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("wrt: ")]
+    told = [line for line in without_progress(capsys.readouterr().err).splitlines() if line.startswith("wrt: ")]
     assert output.exists() == (status == 0)
     if status == 0:
         assert told

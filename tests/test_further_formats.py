@@ -10,6 +10,7 @@ import pytest
 from support.meshes import area, write
 
 import wrt
+from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file, load_mesh
 from wrt.scene.srgb import linear_from_srgb
 
@@ -49,6 +50,74 @@ def test_without_the_extra_it_is_named(tmp_path, monkeypatch):
     monkeypatch.delitem(mesh_loaders, "dae", raising=False)
     with pytest.raises(wrt.InputError, match=r"\.dae files need further libraries: pip install 'wrt\[formats\]'"):
         load_mesh(write(tmp_path, "box.dae", "<COLLADA>"))
+
+
+COLLADA = """\
+<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><up_axis>Y_UP</up_axis></asset>
+<library_images><image id="i"><init_from>none.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="s"><sampler2D><source>f</source></sampler2D></newparam>
+<technique sid="t"><lambert><diffuse><texture texture="s" texcoord="UV"/></diffuse></lambert></technique>
+</profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="a" count="12">0 0 0 1 0 0 1 2 0 0 2 3</float_array><technique_common>
+<accessor source="#a" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist material="M" count="1">
+<input semantic="VERTEX" source="#v" offset="0"/><vcount>4</vcount><p>0 1 2 3</p></polylist>
+</mesh></geometry></library_geometries>
+<library_controllers>
+<controller id="c"><skin source="#d">
+<bind_shape_matrix>1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1</bind_shape_matrix></skin></controller>
+<controller id="d"><morph source="#g" method="NORMALIZED"/></controller>
+</library_controllers>
+<library_visual_scenes><visual_scene id="w"><node id="n"><translate>0 0 7</translate>INSTANCE</node></visual_scene>
+</library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>
+"""
+BOUND = (
+    "<bind_material><technique_common><instance_material symbol='M' target='#m'/></technique_common></bind_material>"
+)
+
+
+@pytest.mark.parametrize(("controller", "shift"), [("c", (5, 0, 0)), ("d", (0, 0, 7))])
+def test_controllers_of_collada_are_shown_in_their_bind_pose(tmp_path, controller, shift):
+    pytest.importorskip("collada")
+    text = COLLADA.replace("INSTANCE", f"<instance_controller url='#{controller}'>{BOUND}</instance_controller>")
+    words = "skins and morph targets are shown in their bind pose"
+    with pytest.warns(InputWarning, match=rf"a\.dae: {words}"), pytest.warns(InputWarning, match=r"none\.png"):
+        (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
+    assert len(shape.mesh.faces) == 2
+    np.testing.assert_allclose(shape.mesh.bounds, np.add([[0, 0, 0], [1, 2, 3]], shift), atol=1e-6)
+
+
+def test_collada_without_a_scene_shows_its_first_and_names_missing_images(tmp_path):
+    pytest.importorskip("collada")
+    text = COLLADA.replace("INSTANCE", f"<instance_geometry url='#g'>{BOUND}</instance_geometry>")
+    text = text.replace('<scene><instance_visual_scene url="#w"/></scene>', "")
+    with pytest.warns(InputWarning, match=r"none\.png', which it refers to: no such file; it is left out"):
+        (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
+    np.testing.assert_allclose(shape.mesh.bounds, [[0, 0, 7], [1, 2, 10]], atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*none.png")
+def test_collada_names_its_up_axis(tmp_path):
+    """A plate tells of itself no axis."""
+    pytest.importorskip("collada")
+    text = COLLADA.replace("INSTANCE", "<instance_geometry url='#g'/>")
+    for axis, height in (("X", 1.0), ("Y", 2.0), ("Z", 3.0)):
+        for encoding in ("utf-8", "utf-16"):
+            path = write(
+                tmp_path, "a.dae", text.replace("Y_UP", f"{axis}_UP").replace("2 3<", "2 3\n<").encode(encoding)
+            )
+            low, high = wrt.load(path).shapes[0].bounds
+            assert high[1] - low[1] == pytest.approx(height), axis
+    low, high = wrt.load(path, up="x").shapes[0].bounds
+    assert high[1] - low[1] == pytest.approx(1.0)
 
 
 STEP_BALL = """\

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -90,6 +91,61 @@ def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_pa
     for name in ("lit", "seen"):
         with pytest.raises(wrt.InputError, match=rf"{name}\.gltf: an up axis is for files without lights and cameras"):
             wrt.load(tmp_path / f"{name}.gltf", up="z")
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_dark_lights_light_nothing(tmp_path):
+    """Where they are all there is, the studio lights the mesh; beside meshes that shine they mean darkness."""
+    off = {"lights": [{"type": "point", "intensity": 0.0}, {"type": "directional", "color": [0, 0, 0]}]}
+    tree = tree_with([light(0), light(1)], extensions={"KHR_lights_punctual": off})
+    path = write(tmp_path, "dark.gltf", json.dumps(tree))
+    with pytest.warns(UserWarning, match=r"dark\.gltf: its lights are dark, so the studio lights it"):
+        scene = wrt.load(path)
+    assert len(scene.shapes) > 1
+    assert not scene.lights
+    assert scene.environment is not None
+    lit = load_file(path)
+    with pytest.warns(UserWarning, match="the scene has no light: the picture will be black"):
+        wrt.Renderer(lit, width=8, height=8)
+    tree["materials"] = [{"emissiveFactor": [1, 1, 1]}]
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    scene = wrt.load(write(tmp_path, "shines.gltf", json.dumps(tree)))
+    assert (len(scene.shapes), len(scene.lights)) == (1, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = wrt.load(path, environment=wrt.ConstantEnvironment(2.0))
+    assert (scene.lights, scene.environment) == ([], wrt.ConstantEnvironment(2.0))
+
+
+@pytest.mark.parametrize("name", ["FOO_bar", "KHR_materials_subsurface", "KHR_texture_procedurals", "EXT_texture_x"])
+def test_an_extension_that_nobody_knows_may_not_be_required(tmp_path, name):
+    tree = tree_with([], extensionsUsed=[name])
+    assert load_file(write(tmp_path, "a.gltf", json.dumps(tree))).shapes
+    tree["extensionsRequired"] = [name]
+    with pytest.raises(wrt.InputError, match=rf"a\.gltf: requires the glTF extension {name}, which is not supported"):
+        load_file(write(tmp_path, "a.gltf", json.dumps(tree)))
+
+
+@pytest.mark.parametrize(
+    ("asset", "refused"),
+    [
+        ({"version": "2.0"}, None),
+        ({"version": "2.3", "minVersion": "2.0"}, None),
+        ({"version": "2.3"}, None),
+        ({"version": "3.0", "minVersion": "2.0"}, None),
+        ({"version": "2.3", "minVersion": "2.1"}, "2.1"),
+        ({"version": "3.0"}, "3.0"),
+        ({"version": "1.0"}, "1.0"),
+    ],
+)
+def test_versions(tmp_path, asset, refused):
+    """Minor versions add to a major one; `minVersion` is what a file cannot be read without (section 3.2)."""
+    path = write(tmp_path, "a.gltf", json.dumps(tree_with([], asset=asset)))
+    if refused is None:
+        assert load_file(path).shapes
+    else:
+        with pytest.raises(wrt.InputError, match=rf"a\.gltf: a file of glTF {refused}, which is not supported"):
+            load_file(path)
 
 
 def test_mistakes_are_told_in_one_line(tmp_path):

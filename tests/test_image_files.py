@@ -63,6 +63,47 @@ def test_png_exposure_is_in_stops(tmp_path):
     np.testing.assert_array_equal(load_image(tmp_path / "a.png"), load_image(tmp_path / "b.png"))
 
 
+@pytest.mark.parametrize("name", ["a.jpg", "b.JPEG"])
+def test_jpeg_shows_what_png_does(tmp_path, name):
+    """At quality 95, without chroma subsampling: colours that change from pixel to pixel stay."""
+    ramp = np.linspace(0.0, 1.2, 64)
+    image = np.stack(np.broadcast_arrays(ramp[None, :], ramp[:, None], 0.3), axis=2).astype(np.float32)
+    image[:, 32:, 2] = image[:, 32:, 2] * (np.arange(32) % 2)
+    developed = save_image(tmp_path / name, image, tone="aces", exposure=0.5, metadata={"spp": 12, "scène": "boîte"})
+    with Image.open(tmp_path / name) as picture:
+        assert (picture.format, picture.size, picture.mode) == ("JPEG", (64, 64), "RGB")
+        assert [component[1:3] for component in picture.layer] == [(1, 1)] * 3
+        pixels = np.asarray(picture)
+        said = dict(line.split(": ", 1) for line in picture.info["comment"].decode().splitlines())
+    Image.fromarray(developed.codes).save(tmp_path / "expected.jpg", quality=95, subsampling=0)
+    np.testing.assert_array_equal(pixels, np.asarray(Image.open(tmp_path / "expected.jpg")))
+    assert said == {
+        "Software": f"wrt {wrt.__version__}",
+        "spp": "12",
+        "scène": "boîte",
+        "Tone": "aces",
+        "Exposure": "0.5 stops",
+    }
+
+
+def test_jpeg_replaces_what_wrt_made_and_refuses_what_it_cannot_hold(tmp_path):
+    path = tmp_path / "a.jpg"
+    save_image(path, noise())
+    save_image(path, noise() * 0.5)
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(path, comment="wrt was here")
+    with pytest.raises(wrt.InputError, match=r"a\.jpg: already exists and is not a picture that wrt has made"):
+        save_image(path, noise())
+    with pytest.raises(
+        wrt.InputError, match=r"b\.jpg: a JPEG has no alpha; give it a name that ends in \.png or \.exr"
+    ):
+        save_image(tmp_path / "b.jpg", np.ones((4, 4, 4)))
+    with pytest.raises(wrt.InputError, match=r"b\.jpg: a JPEG has 65535 pixels a side at most, not 65536x1"):
+        save_image(tmp_path / "b.jpg", np.zeros((1, 65536, 3)))
+    with pytest.raises(wrt.InputError, match=r"b\.jpg: the metadata of a JPEG may have 65533 bytes"):
+        save_image(tmp_path / "b.jpg", noise(), metadata={"long": "x" * 70_000})
+    assert not (tmp_path / "b.jpg").exists()
+
+
 def test_dither_keeps_the_mean_and_leaves_no_bands():
     value = linear_from_srgb((100 + np.linspace(0.05, 0.95, 19)) / 255.0)
     image = np.broadcast_to(value[:, None, None, None], (19, 128, 128, 3)).reshape(-1, 128, 3)
@@ -92,7 +133,7 @@ def test_metadata_is_found_again(tmp_path):
     assert header["spp"] == "12"
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.exr", "a.npy"])
 def test_a_write_that_fails_changes_nothing(tmp_path, name, monkeypatch):
     path = tmp_path / name
     save_image(path, noise())
@@ -129,8 +170,8 @@ def test_written_files_have_ordinary_permissions(tmp_path):
 def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypatch):
     assert check_output(tmp_path / "a.png") == tmp_path / "a.png"
     assert list(tmp_path.iterdir()) == []
-    for name in ("a.jpg", "a", ".png"):
-        with pytest.raises(wrt.InputError, match=r"must end in one of \.png, \.exr, \.npy"):
+    for name in ("a.gif", "a", ".png"):
+        with pytest.raises(wrt.InputError, match=r"must end in one of \.png, \.jpg, \.jpeg, \.exr, \.npy"):
             check_output(tmp_path / name)
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(wrt.InputError, match="is a directory"):

@@ -62,6 +62,27 @@ def test_dissolve_and_transparency(tmp_path, text, opacity):
     assert material_of(tmp_path, f"Kd 1 1 1\n{text}").opacity == pytest.approx(opacity)
 
 
+def test_what_is_invisible_is_named(tmp_path):
+    write(tmp_path, "m.mtl", "newmtl m\nKd 1 0 0\nd 0\nnewmtl n\nKd 0 1 0\nnewmtl o\nKd 1 0 0\nd 0\n")
+    path = write(tmp_path, "mesh.obj", OBJ + "usemtl n\nf 3/3 2/2 1/1\nusemtl o\nf 2/2 3/3 1/1\n")
+    words = "'m' and 1 more are invisible: their opacity is 0"
+    with pytest.warns(InputWarning, match=rf"mesh\.obj: {words}"):
+        shapes = load_shapes(path)
+    assert [shape.material.opacity for shape in shapes] == [0.0, 1.0, 0.0]
+
+
+def test_a_file_that_would_be_invisible_is_opaque(tmp_path):
+    """Some exporters write a transparency, 0, for d."""
+    write(tmp_path, "m.mtl", "newmtl m\nKd 1 0 0\nd 0\nnewmtl n\nKd 0 1 0\nKs 1 1 1\nillum 2\nd 0\n")
+    path = write(tmp_path, "mesh.obj", OBJ + "usemtl n\nf 3/3 2/2 1/1\nusemtl m\nf 2/2 3/3 1/1\n")
+    words = "all of it would be invisible, as the opacity of its materials is 0; it is shown opaque"
+    with pytest.warns(InputWarning, match=rf"mesh\.obj: {words}"):
+        shapes = load_shapes(path)
+    assert [shape.material.opacity for shape in shapes] == [1.0] * len(shapes)
+    assert {shape.material.type_name for shape in shapes} == {"diffuse", "principled"}
+    assert len({id(shape.material) for shape in shapes}) == 2
+
+
 def test_glass(tmp_path):
     material = material_of(tmp_path, "Kd 0.2 0.2 0.2\nTf 0.9 0.95 1\nd 0.1\nNi 1.5\nNs 1000\nillum 7")
     assert (material.transmission, material.opacity, material.ior) == (pytest.approx(0.9), 1.0, 1.5)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import wrt
 from wrt.io.load_mesh import load_shapes
@@ -90,6 +92,34 @@ def test_land_lies():
     assert guess_up(shapes_of(quarter_turn(land)), "z") == "z"
     # What is turned to all sides is not taken for land.
     assert guess_up(shapes_of(quarter_turn(CYLINDER)), "y") == "z"
+
+
+def test_what_may_be_land_on_its_edge_is_named(tmp_path):
+    land = terrain(2_000)
+    upright = quarter_turn(land)
+    flipped = wrt.Mesh(upright.vertices, upright.faces[:, ::-1])
+    for mesh, up, other in ((upright, "y", "z"), (flipped, "y", "z"), (land, "z", "y")):
+        words = (
+            f'it is thin along {other} and faces that way; if it is land, which lies, say up="{other}", or --up {other}'
+        )
+        arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
+        made = trimesh.Trimesh(**arrays, process=False)
+        made.export(tmp_path / ("land.ply" if up == "y" else "land.stl"))
+        np.savez(tmp_path / "land.npz", **arrays)
+        with pytest.warns(UserWarning, match=f"land.*: {words}"):
+            wrt.load(tmp_path / ("land.ply" if up == "y" else "land.stl"))
+        if up == "y":
+            for source in (mesh, made, tmp_path / "land.npz"):
+                with pytest.warns(UserWarning, match=words):
+                    wrt.load(source)
+    lying = quarter_turn(wrt.quad((0, 0, 0), (0, 0, 1), (1, 0, 0)))
+    steep = terrain(2_000).transformed(np.diag([1.0, 5.0, 1.0, 1.0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for mesh in (land, lying, quarter_turn(steep), wrt.box((0, 0, 0), (1, 1, 0.01)), CYLINDER, wrt.sphere()):
+            wrt.load(mesh)
+        wrt.load(upright, up="y")
+        wrt.load(upright, up="z")
 
 
 def test_teapot_stands():

@@ -399,3 +399,42 @@ def test_axes_are_for_everything_that_is_rendered():
 def test_objects_without_material_are_of_clay():
     assert from_trimesh(trimesh.creation.box())[0].material.reflectance == DEFAULT_REFLECTANCE
     assert from_trimesh(laid(None))[0].material.reflectance == DEFAULT_REFLECTANCE
+
+
+def test_a_mesh_is_made_of_an_object_as_of_a_file(tmp_path):
+    box = trimesh.creation.box((1, 2, 3))
+    placed = trimesh.Scene()
+    for x in (0.0, 5.0):
+        placed.add_geometry(box, transform=trimesh.transformations.translation_matrix((x, 0, 0)))
+    for made in (box, placed):
+        made.export(path := tmp_path / "a.stl")
+        mesh, file = wrt.load_mesh(made), wrt.load_mesh(path)
+        np.testing.assert_allclose(mesh.bounds, file.bounds, atol=1e-6)
+        assert len(mesh.faces) == len(file.faces)
+    assert wrt.load_mesh(box, smooth_degrees=None).normals is None
+
+
+@pytest.mark.parametrize(
+    "source", [None, b"a.obj", np.zeros((3, 3)), wrt.Scene()], ids=lambda source: type(source).__name__
+)
+def test_no_mesh_is_made_of_other_things(source):
+    with pytest.raises(wrt.InputError, match=f"trimesh object, not {type(source).__name__}; wrt.Mesh takes arrays"):
+        wrt.load_mesh(source)
+
+
+def test_where_a_scene_is_needed_the_function_that_makes_one_is_named(tmp_path):
+    box = trimesh.creation.box()
+    for source in ("bunny.obj", box):
+        kind = type(source).__name__
+        makes = f"needs a wrt.Scene, not {kind}; wrt.load makes one"
+        with pytest.raises(wrt.InputError, match=f"a renderer {makes}"):
+            wrt.Renderer(source)
+        with pytest.raises(wrt.InputError, match=f"a turntable {makes}"):
+            wrt.turntable(source, frames=2)
+        for name in ("a.toml", "a.glb"):
+            with pytest.raises(wrt.InputError, match=f"{name} {makes}"):
+                wrt.save_scene(tmp_path / name, source)
+    with pytest.raises(wrt.InputError, match=r"mesh must be a wrt\.Mesh, not Trimesh; wrt\.load_mesh makes one"):
+        wrt.Scene().add(box)
+    with pytest.raises(wrt.InputError, match=r"shapes must be a list of wrt\.Shape; wrt\.load makes a scene of a file"):
+        wrt.Scene("bunny.obj")

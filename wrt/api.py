@@ -59,10 +59,10 @@ def load(
             file's content: materials, colours, up axis, camera and lights.
         triangles: number of triangles of a scene's procedural meshes.
         up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF, by its
-            specification, and for a Mesh, which has wrt's axes. For other files it is the one of y and z on which the
-            mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF, as most programs write
-            them, and y for the others. A trimesh object follows the type of the file it was loaded from; an object
-            that was not loaded from a file, or was copied, is treated like an OBJ file.
+            specification, and for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files it is the
+            one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF,
+            as most programs write them, and y for the others. A trimesh object follows the type of the file it was
+            loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
         sensor: which sensor of a Mitsuba scene is the camera, counted from 0; by default the first.
         strict: whether unsupported content raises an error instead of a warning.
@@ -144,6 +144,8 @@ def _load(
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
+        if up is None:
+            _name_land(source.name, shapes, "y")
         return stage.present(source, Scene(shapes), up or "y")
     from wrt.io.load_mesh import load_object
 
@@ -206,6 +208,10 @@ def _load_path(
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
     scene = load_file(path, time=stage.time, alone=stage.time is None)
+    if up is None and path.suffix.lower() == ".dae":
+        from wrt.io.by_trimesh import declared_up
+
+        up = declared_up(path)
     with naming_file(path):
         return _shown(source, scene, up, path.suffix.lower().removeprefix("."), stage)
 
@@ -215,6 +221,10 @@ def _not_there(source: str | os.PathLike[str]) -> str:
     from wrt import meshes
 
     path = Path(source)
+    if str(source) == "-" or "://" in str(source):
+        return (
+            f"{source}: no such file; {'download it first' if '://' in str(source) else 'standard input is not read'}"
+        )
     known: list[str] = []
     with contextlib.suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         known = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]
@@ -236,14 +246,26 @@ def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    if up is None and kind not in _WITH_AXES and not (scene.lights or scene.camera):
+    name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
+    if up is None and (kind == "npz" or kind not in _WITH_AXES) and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
-        up = guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        up = "y" if kind in _WITH_AXES else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        _name_land(name, scene.shapes, up)
     if up not in (None, "y") and (scene.lights or scene.camera):
-        name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
+
+
+def _name_land(name: object, shapes: list[Shape], up: str) -> None:
+    """Warn if shapes stand on an edge that may be land, whose axis nothing names."""
+    from wrt.studio.orientation import land_axis
+
+    axis = land_axis(shapes, up)
+    if axis is not None:
+        looks = f"it is thin along {axis} and faces that way"
+        text = f'{name}: {looks}; if it is land, which lies, say up="{axis}", or --up {axis}'
+        warnings.warn(text, UserWarning, stacklevel=2)
 
 
 def render(

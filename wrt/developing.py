@@ -1,4 +1,4 @@
-"""The settings of developing, which turns radiance into a PNG: tone curve and exposure."""
+"""The settings of developing, which turns radiance into a PNG or JPEG: tone curve and exposure."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from wrt.values import number
 
 Exposure: TypeAlias = float | str | None
 """Stops, "auto", or None for the default; see `wrt.develop.exposure.stops`."""
+
+DEVELOPED_SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Suffixes of pictures that are developed, in small letters; all others keep the radiance."""
 
 AUTO = "auto"
 

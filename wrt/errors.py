@@ -5,6 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 
+_PART = 4
+"""Characters of a word from which on a name that contains it is similar."""
+
 LONGEST_MESSAGE = 600
 """Maximum characters of a message; longer ones lose their middle, which repeats input."""
 
@@ -46,5 +49,9 @@ def did_you_mean(word: object, known: Iterable[str], *, likeness: float = 0.6) -
     """
     import difflib
 
-    near = difflib.get_close_matches(str(word), list(known), 1, likeness)
+    word, names = str(word), list(known)
+    near = [name for name in names if name.casefold() == word.casefold()]
+    near += difflib.get_close_matches(word, names, 1, likeness)
+    if len(word) >= _PART:
+        near += sorted((name for name in names if word in name), key=len)
     return f" (did you mean {near[0]!r}?)" if near else ""

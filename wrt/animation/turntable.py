@@ -15,7 +15,7 @@ from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.mesh import box_around
 from wrt.scene.motion import rotation_matrix
-from wrt.scene.scene import Scene, Shape
+from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.studio.framing import frame_camera
 from wrt.studio.views import VIEWS, view_direction
 from wrt.values import integer
@@ -53,6 +53,7 @@ def turntable(scene: Scene, frames: int) -> Iterator[Scene]:
     Raises:
         InputError: when the scene has no shapes, or its camera moves on its own.
     """
+    require_scene(scene, "a turntable")
     count = integer(frames, "frames of a turntable", minimum=2, maximum=MOST_FRAMES)
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")

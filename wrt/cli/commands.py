@@ -70,7 +70,7 @@ def info(options: argparse.Namespace) -> int:
 
     from wrt.api import load
     from wrt.describe.scene import scene_text
-    from wrt.io.load_mesh import MESH_SUFFIXES, load_file
+    from wrt.io.load_mesh import ARRAYS_SUFFIX, MESH_SUFFIXES, load_file
     from wrt.io.safe_read import confined_to
     from wrt.progress.bar import short_warnings
 
@@ -85,7 +85,8 @@ def info(options: argparse.Namespace) -> int:
         alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
         if alone:
             with confined_to(path.parent if options.confined else None):
-                scene = load_file(path)
+                # What is alone is moved to the origin too, which would hide where the file has it; arrays are not.
+                scene = load_file(path, alone=path.suffix.lower() == ARRAYS_SUFFIX)
         else:
             scene = load(options.source, confined=options.confined)
         _say(scene_text(scene))
@@ -103,12 +104,12 @@ def _memory(options: argparse.Namespace) -> str:
 
 
 def develop(options: argparse.Namespace) -> int:
-    """Turn a picture of radiance into a PNG."""
+    """Turn a picture of radiance into a PNG or a JPEG."""
     from pathlib import Path
 
     from wrt.cli.signals import Interrupts
     from wrt.develop.exposure import stops
-    from wrt.developing import check_exposure
+    from wrt.developing import DEVELOPED_SUFFIXES, check_exposure
     from wrt.errors import InputError
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path
@@ -119,10 +120,14 @@ def develop(options: argparse.Namespace) -> int:
         else:
             output = check_output(options.output, force=options.force)
         nothing = f"{output} was not written"
-        if output.suffix.lower() != ".png":
-            raise InputError(f"{output}: a developed picture is a PNG; give it a name that ends in .png")
+        if output.suffix.lower() not in DEVELOPED_SUFFIXES:
+            raise InputError(
+                f"{output}: a developed picture is a PNG or a JPEG; give it a name that ends in .png or .jpg"
+            )
         try:
             image = read_image(Path(options.source))
+            if options.output is None:
+                output = free_path(output, PICTURE)  # again: it may be the source, which must stay
             given = {} if options.tone is None else {"tone": options.tone}
             given["exposure"] = stops(image, check_exposure(options.exposure))
             developed = save_image(output, image, **given, force=options.force)

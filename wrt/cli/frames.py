@@ -201,7 +201,7 @@ def _renderer_of(options: argparse.Namespace, animation: Animation, scene: Scene
     """Return a renderer for a frame: the one before, if only the camera is another."""
     from wrt import backend
     from wrt.cli.load import make_renderer
-    from wrt.rendering.picture import check_layers
+    from wrt.rendering.picture import check_contents
 
     before, renderer = animation.scene, animation.current
     assert scene.camera is not None
@@ -210,7 +210,7 @@ def _renderer_of(options: argparse.Namespace, animation: Animation, scene: Scene
     else:
         animation.current = renderer = None  # free its memory first
         renderer = backend.prepare(lambda: make_renderer(options, scene))
-        check_layers(animation.files.path(0), renderer.settings.layers, has_light=renderer.renders_light)
+        check_contents(animation.files.path(0), renderer)
     animation.scene, animation.current = scene, renderer
     return renderer
 

@@ -51,6 +51,7 @@ def _interruptible(
 def _render(options: argparse.Namespace, interrupts: Interrupts) -> int:
     from wrt import backend
     from wrt.cli.load import load_input, make_renderer
+    from wrt.io.images import OUTPUT_SUFFIXES
     from wrt.io.safe_write import require_writable
     from wrt.parts.part import PART, Part, default_name
     from wrt.parts.render import render_part as render
@@ -64,7 +65,7 @@ def _render(options: argparse.Namespace, interrupts: Interrupts) -> int:
             raise InputError(why)
     options.input = options.inputs[0]
     output = Path(options.output or default_name(options.input, number, of))
-    if output.suffix.lower() in (".png", ".exr", ".npy"):
+    if output.suffix.lower() in OUTPUT_SUFFIXES:
         raise InputError(
             f"{output}: a part is no picture yet; give it a name that ends in .wrt, and then use wrt merge"
         )
@@ -126,14 +127,14 @@ def _merge(options: argparse.Namespace, interrupts: Interrupts) -> int:
     from wrt.io.safe_write import require_writable
     from wrt.parts.merge import merge as merge_parts
     from wrt.rendering.checkpoint import CHECKPOINT
-    from wrt.rendering.picture import check_layers
+    from wrt.rendering.picture import check_contents
 
     output = check_output(options.output, force=options.force)
     checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
     if checkpoint is not None:
         require_writable(checkpoint, CHECKPOINT)
     merged = merge_parts(options.inputs)
-    check_layers(output, merged.settings.layers, has_light=merged.renders_light)
+    check_contents(output, merged)
     if merged.settings.denoise:
         complain(
             "warning", f"{output}: not denoised, which needs the scene: wrt render --checkpoint FILE --resume does it"

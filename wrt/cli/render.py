@@ -188,7 +188,8 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
     """Read the input and compile the kernels; return the renderer and the path of the picture."""
     with no_collections():
         from wrt.develop.picture import require_tone
-        from wrt.rendering.picture import check_layers
+        from wrt.developing import DEVELOPED_SUFFIXES
+        from wrt.rendering.picture import check_contents
 
         with importing_renderer(options.input):
             scene = backend.prepare(lambda: load_input(options))
@@ -198,10 +199,10 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
         output, _ = check_paths(options)  # again, now that the files the scene reads are known
         if options.output is None and output != Path(options.default):
             say(f"wrt: {options.default} must not be overwritten; the picture will be {output}")
-        if output.suffix.lower() == ".png":
+        if output.suffix.lower() in DEVELOPED_SUFFIXES:
             require_tone(scene.settings.tone)
         renderer = backend.prepare(lambda: _make_renderer(options, scene, checkpoint, say))
-        check_layers(output, renderer.settings.layers, has_light=renderer.renders_light)
+        check_contents(output, renderer)
     return renderer, output
 
 

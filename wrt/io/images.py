@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt._version import __version__
-from wrt.developing import DEFAULT_TONE, Exposure
+from wrt.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array
@@ -31,8 +31,13 @@ if TYPE_CHECKING:
 
     from wrt.develop.picture import Developed
 
-OUTPUT_SUFFIXES = (".png", ".exr", ".npy")
+OUTPUT_SUFFIXES = (*DEVELOPED_SUFFIXES, ".exr", ".npy")
 """Formats that `save_image` writes."""
+
+_JPEG = {"quality": 95, "subsampling": 0, "optimize": True}
+"""Near the best that JPEG has: a colour for each pixel, and errors of few codes."""
+_JPEG_SIDE, _JPEG_COMMENT = 65535, 65533
+"""Most pixels a side, and most bytes of metadata."""
 
 _BEGINNING = 1 << 16
 """Bytes at the start of a picture file that hold its metadata."""
@@ -46,6 +51,8 @@ def _is_own(path: Path) -> bool:
         beginning = file.read(_BEGINNING)
     if beginning.startswith(b"\x89PNG"):
         return b"iTXtSoftware\0\0\0\0\0wrt " in beginning
+    if beginning.startswith(b"\xff\xd8\xff"):
+        return re.search(rb"\xff\xfe..Software: wrt ", beginning, re.DOTALL) is not None
     if beginning.startswith(b"v/1\x01"):
         _, found, value = beginning.partition(b"Software\0string\0")
         return bool(found) and value[4:8] == b"wrt "
@@ -287,25 +294,26 @@ def save_image(
     layers: Mapping[str, NDArray[Any]] | None = None,
     force: bool = False,
 ) -> Developed | None:
-    """Write a linear Rec. 709 image as PNG, OpenEXR or NumPy array, by its suffix.
+    """Write a linear Rec. 709 image as PNG, JPEG, OpenEXR or NumPy array, by its suffix.
 
     The file appears whole or not at all: it is written under a temporary name in the same folder and then renamed.
     It replaces pictures that wrt wrote; with `force` also other files, but never one that this process has read.
 
     Args:
-        path: ends in .png (8 bits, developed as by `develop_image`), .exr (float32 R, G, B) or .npy
+        path: ends in .png, .jpg or .jpeg (8 bits, developed as by `develop_image`), .exr (float32 R, G, B) or .npy
             (float32 (H, W, 3)).
         image: (H, W, 3), row 0 at the top; None to write layers only. A fourth channel is the same as `alpha`.
-        tone: tone curve of a PNG, see `develop_image`; the other formats keep the radiance unchanged.
-        exposure: stops (factors of two) by which a PNG is brightened, "auto", or None; see `develop_image`.
+        tone: tone curve of a PNG or JPEG, see `develop_image`; the other formats keep the radiance unchanged.
+        exposure: stops (factors of two) by which a PNG or JPEG is brightened, "auto", or None; see `develop_image`.
         alpha: (H, W) coverage, 0 to 1, by which the radiance is multiplied already (associated alpha). OpenEXR and
-            NumPy files keep both, with a channel A. A PNG, whose alpha is not associated, holds the quotient.
-        metadata: names and values, stored as text in PNG and as attributes in OpenEXR.
+            NumPy files keep both, with a channel A. A PNG, whose alpha is not associated, holds the quotient; a JPEG
+            cannot hold any.
+        metadata: names and values, stored as text in PNG and JPEG and as attributes in OpenEXR.
         layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
         force: whether to replace a file that wrt did not write.
 
     Returns:
-        How a PNG was developed, otherwise None.
+        How a PNG or JPEG was developed, otherwise None.
 
     Raises:
         InputError: see `check_output` and `develop_image`; also when the shape of the image is wrong or writing fails.
@@ -332,10 +340,26 @@ def save_image(
         from wrt.develop.picture import develop
 
         alpha = cover.get("alpha")
+        require_room(file, pixels.shape[1], pixels.shape[0], alpha=alpha is not None)
         developed = develop(pixels if alpha is None else _straight(pixels, alpha), tone=tone, exposure=exposure)
-        save(lambda temporary: _write_png(temporary, developed, notes, alpha))
+        notes |= {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
+        if file.suffix.lower() == ".png":
+            save(lambda temporary: _write_png(temporary, developed.codes, notes, alpha))
+        else:
+            comment = _comment(file, notes)
+            save(lambda temporary: _write_jpeg(temporary, developed.codes, comment))
         return developed
     return None
+
+
+def require_room(file: Path, width: int, height: int, *, alpha: bool) -> None:
+    """Raise InputError if a JPEG cannot hold a picture."""
+    if file.suffix.lower() not in (".jpg", ".jpeg"):
+        return
+    if alpha:
+        raise InputError(f"{file}: a JPEG has no alpha; give it a name that ends in .png or .exr")
+    if max(width, height) > _JPEG_SIDE:
+        raise InputError(f"{file}: a JPEG has {_JPEG_SIDE} pixels a side at most, not {width}x{height}")
 
 
 def _with_coverage(
@@ -361,17 +385,29 @@ def _straight(pixels: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArra
     return np.divide(pixels, cover, out=np.zeros_like(pixels), where=cover > 0.0)
 
 
+def _comment(file: Path, notes: Mapping[str, str]) -> bytes:
+    """Return the comment of a JPEG, or raise InputError if it is too long."""
+    comment = "\n".join(f"{key}: {value}" for key, value in notes.items()).encode()
+    if len(comment) > _JPEG_COMMENT:
+        raise InputError(f"{file}: the metadata of a JPEG may have {_JPEG_COMMENT} bytes, not {len(comment)}")
+    return comment
+
+
+def _write_jpeg(path: Path, codes: NDArray[np.uint8], comment: bytes) -> None:
+    from PIL import Image
+
+    Image.fromarray(codes).save(path, format="JPEG", comment=comment, **_JPEG)
+
+
 def _write_png(
-    path: Path, developed: Developed, notes: Mapping[str, str], alpha: NDArray[np.float32] | None = None
+    path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], alpha: NDArray[np.float32] | None = None
 ) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     info = PngInfo()
-    developing = {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
-    for key, value in {**notes, **developing}.items():
+    for key, value in notes.items():
         info.add_itxt(key, value)  # UTF-8, unlike the older text chunk
-    codes = developed.codes
     if alpha is not None:
         cover = np.clip(np.nan_to_num(alpha), 0.0, 1.0)
         codes = np.dstack([codes, np.rint(255.0 * cover).astype(np.uint8)])

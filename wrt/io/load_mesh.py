@@ -7,6 +7,7 @@ units of STEP, because formats disagree about them and most do not state them.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -47,19 +48,27 @@ MESH_SUFFIXES = (
 """Suffixes of mesh files, in lower or upper case."""
 
 
-def load_mesh(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> Mesh:
-    """Read all triangles of a file as one mesh in world space, without its materials.
+def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Mesh:
+    """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
-        path: the file; its suffix is one of MESH_SUFFIXES.
-        smooth_degrees: if the file has no normals, edges folded by up to this angle are smoothed (see
+        source: the path of a file, whose suffix is one of MESH_SUFFIXES; or a `trimesh.Trimesh` or `trimesh.Scene`.
+        smooth_degrees: if the source has no normals, edges folded by up to this angle are smoothed (see
             `wrt.scene.normals.with_normals`); None leaves the mesh flat.
 
     Raises:
-        InputError: when the file cannot be read, is damaged, or has no triangles.
+        InputError: when the file cannot be read, is damaged, or has no triangles, or the source is another type.
     """
-    shapes = load_shapes(path, smooth_degrees=smooth_degrees)
-    return merge([shape.mesh for shape in shapes], Path(path).name)
+    if isinstance(source, (str, os.PathLike)):
+        shapes, name = load_shapes(source, smooth_degrees=smooth_degrees), Path(source).name
+    else:
+        import trimesh
+
+        if not isinstance(source, trimesh.parent.Geometry):
+            kind = f"the path of a mesh file or a trimesh object, not {type(source).__name__}"
+            raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
+        shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), "trimesh"
+    return merge([shape.mesh for shape in shapes], name)
 
 
 def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
@@ -83,7 +92,7 @@ def load_file(
     DEFAULT_REFLECTANCE. A missing texture or material file causes an InputWarning, and the next of these is used.
 
     Args:
-        path: see `load_mesh`.
+        path: the file; see `load_mesh`.
         smooth_degrees: see `load_mesh`.
         time: the time of the file's first animation, seconds; None for the scene at rest.
         alone: whether the file is shown by itself. If it lies far from the origin, such as a map in metres, it is then

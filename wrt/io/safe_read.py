@@ -144,6 +144,8 @@ def _read(path: Path, count: int) -> bytes:
     except InputError:
         raise
     except FileNotFoundError:
+        if path.is_symlink():
+            raise InputError(f"{path}: is a link to {os.readlink(path)!r}, which is not there") from None
         raise InputError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None

@@ -12,11 +12,11 @@ FIRST_SECONDS = 2.0
 """Time before the first line; shorter renders print no line."""
 
 MOST_SECONDS = 15.0
-"""Longest interval between lines, which come after 2, 4, 8, 16, 31, 46 ... seconds."""
+"""Longest interval between lines, which come after 2, 4, 8, 16, 31, 46 ... seconds if the status has changed."""
 
 
 class ProgressLines:
-    """A thread that prints the status of a render from time to time.
+    """A thread that prints the status of a render from time to time, if it has changed.
 
     Attributes:
         text: the status to print next.
@@ -39,7 +39,9 @@ class ProgressLines:
         self._thread.join(timeout=1.0)  # it may be writing to a pipe that nobody reads
 
     def _run(self) -> None:
-        started, due = time.monotonic(), FIRST_SECONDS
+        started, due, said = time.monotonic(), FIRST_SECONDS, ""
         while not self._ended.wait(max(0.0, started + due - time.monotonic())):
-            print(f"wrt: {self._label}: {self.text}", file=sys.stderr, flush=True)
+            if self.text != said:
+                said = self.text
+                print(f"wrt: {self._label}: {said}", file=sys.stderr, flush=True)
             due += min(due, MOST_SECONDS)

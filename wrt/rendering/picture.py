@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 from wrt._version import __version__
 from wrt.develop.exposure import stops
 from wrt.develop.picture import Developed
-from wrt.developing import Exposure
+from wrt.developing import DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
-from wrt.io.images import save_image
+from wrt.io.images import require_room, save_image
 from wrt.io.safe_read import PathLike
 from wrt.rendering.film import Film
 from wrt.rendering.layer_colors import layer_colors
@@ -85,25 +84,27 @@ class Picture(ABC):
     ) -> Developed | None:
         """Write the picture as `wrt render` does, with its layers, and the settings as metadata.
 
-        A PNG is developed with `tone` and `exposure` (see `wrt.develop_image`), by default those of the settings; the
-        result says how.
+        A PNG or JPEG is developed with `tone` and `exposure` (see `wrt.develop_image`), by default those of the
+        settings; the result says how.
 
         Raises:
-            InputError: see `wrt.save_image`, also for `force`; and when there are layers and the file is not .exr.
+            InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
         return _write_picture(self, Path(path), tone, exposure, force=force)
 
 
-def check_layers(path: Path, layers: Collection[str], *, has_light: bool) -> None:
-    """Raise InputError if a file cannot hold the layers of a render.
+def check_contents(path: Path, picture: Picture) -> None:
+    """Raise InputError if a file cannot hold a render, with its layers and its alpha.
 
-    OpenEXR files hold all layers. Without light, as with integrator "aov", a PNG may show a single one.
+    OpenEXR files hold all layers. Without light, as with integrator "aov", a PNG or JPEG may show a single one.
     """
+    layers, has_light = picture.settings.layers, picture.renders_light
     if not has_light and not layers:
         raise InputError("integrator aov renders only layers; name some, such as albedo,normal,depth")
-    shown = path.suffix.lower() == ".png" and not has_light and len(layers) == 1
+    shown = path.suffix.lower() in DEVELOPED_SUFFIXES and not has_light and len(layers) == 1
     if layers and path.suffix.lower() != ".exr" and not shown:
         raise InputError(f"{path}: layers go into OpenEXR files; give it a name that ends in .exr")
+    require_room(path, picture.film.width, picture.film.height, alpha=picture.settings.transparent and has_light)
 
 
 def _write_picture(
@@ -115,11 +116,11 @@ def _write_picture(
         How radiance was developed to 8 bits, or None if it was not.
 
     Raises:
-        InputError: see `check_layers` and `wrt.save_image`.
+        InputError: see `check_contents` and `wrt.save_image`.
     """
     settings, layers, alpha = picture.settings, picture.layers(), picture.alpha()
     save = functools.partial(save_image, path, metadata=_metadata(picture), force=force)
-    check_layers(path, layers, has_light=picture.renders_light)
+    check_contents(path, picture)
     suffix = path.suffix.lower()
     if not picture.renders_light:
         if suffix == ".exr":
@@ -127,7 +128,7 @@ def _write_picture(
         ((name, values),) = layers.items()
         return save(layer_colors(name, values), tone="none", exposure=0.0)
     image = picture.denoised() if settings.denoise else picture.image()
-    if suffix != ".png":
+    if suffix not in DEVELOPED_SUFFIXES:
         if settings.denoise and suffix == ".exr":
             layers[NOISY] = picture.image()
         return save(image, alpha=alpha, layers=layers)

@@ -26,7 +26,7 @@ from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
-from wrt.scene.scene import UNBIASED, RenderSettings, Scene, Shape
+from wrt.scene.scene import UNBIASED, RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, outside_cameras
 from wrt.upload.filters import filter_table
@@ -111,6 +111,7 @@ class Renderer(Picture, Resumable, OnDevice):
             InputError: on unusable values, an empty scene, or a device that does not exist.
         """
         arguments = locals()
+        require_scene(scene, "a renderer")
         self.settings: RenderSettings = dataclasses.replace(
             scene.settings, **{name: arguments[name] for name in SETTINGS_OF_PICTURE if arguments[name] is not None}
         )

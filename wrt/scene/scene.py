@@ -37,6 +37,8 @@ SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
 """Integrators by name; docs/integrators.md describes them."""
 
+_MAKES_A_MESH = "wrt.load_mesh makes one of a file or a trimesh object"
+
 UNBIASED = "unbiased"
 """The choice of adaptive sampling besides true and false."""
 
@@ -70,7 +72,7 @@ class Shape:
 
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, Mesh):
-            raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}")
+            raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}; {_MAKES_A_MESH}")
         if not isinstance(self.material, Material):
             raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
         if self.transform is not None and not isinstance(self.transform, Motion):
@@ -164,8 +166,8 @@ class RenderSettings:
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
-        tone: tone curve of pictures written as PNG, see `wrt.develop_image`.
-        exposure: stops (factors of two) by which a PNG is brightened, or "auto"; None for 0, unless the picture would
+        tone: tone curve of pictures written as PNG or JPEG, see `wrt.develop_image`.
+        exposure: stops (factors of two) by which these are brightened, or "auto"; None for 0, unless the picture would
             be mostly white or dark. The radiance of the film does not depend on tone and exposure.
         denoise: whether saved pictures are denoised, by the extra wrt[denoise]; see `wrt.Renderer.denoised`.
         crop: part of the picture to render, in pixels: first column, first row, and the column and row after the last;
@@ -290,6 +292,8 @@ class Scene:
     studio_shapes: int = field(default=0, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
+        if not all(isinstance(shape, Shape) for shape in self.shapes):
+            raise InputError("shapes must be a list of wrt.Shape; wrt.load makes a scene of a file or a mesh")
         if self.medium is not None and not isinstance(self.medium, Medium):
             raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
 
@@ -394,6 +398,14 @@ class Scene:
             return np.zeros((2, 3))
         corners = np.stack([shape.bounds for shape in self.shapes])
         return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+
+def require_scene(scene: object, what: str) -> None:
+    """Raise InputError unless `scene` is a Scene, naming what needs it."""
+    if not isinstance(scene, Scene):
+        raise InputError(
+            f"{what} needs a wrt.Scene, not {type(scene).__name__}; wrt.load makes one of files and meshes"
+        )
 
 
 __all__ = ["FILTERS", "SAMPLERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]

@@ -114,9 +114,13 @@ class Stage:
             shapes = [dataclasses.replace(shape, material=self.material, emission=0.0) for shape in shapes]
         if self.frame or self.view is not None:
             camera = None
-        if scene.lights or scene.environment is not None:
+        shines = any(light.shines for light in scene.lights) or any(shape.emits for shape in shapes)
+        if scene.environment is not None or (scene.lights and shines):
             own = dataclasses.replace(scene, shapes=shapes, camera=scene.camera, settings=dataclasses.replace(SETTINGS))
             return dataclasses.replace(self, material=None, time=None).shown(own)
+        if scene.lights and self.environment is None:
+            name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
+            warnings.warn(f"{name}: its lights are dark, so the studio lights it", stacklevel=2)
         if camera is not None and self.frame is None and isinstance(source, (str, os.PathLike)):
             camera = self._worth_keeping(source, shapes, camera)
         made = present(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 
 from wrt.cli.arguments.parser import commands_of
 
-PICTURES = (".png", ".exr", ".npy")
+PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".npy")
 
 
 def shell_code(shell: str) -> str:

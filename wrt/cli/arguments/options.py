@@ -127,10 +127,14 @@ def make_parser() -> argparse.ArgumentParser:
     convert.add_argument("--confined", action="store_true", help=CONFINED)
 
     tones = " with an exposure and a tone curve"
-    develop = command("develop", "turn a picture of radiance into a PNG", tones)
+    develop = command("develop", "turn a picture of radiance into a PNG or a JPEG", tones)
     develop.add_argument("source", metavar="PICTURE", help="picture of radiance: .exr, .hdr or .npy")
     develop.add_argument(
-        "-o", "--output", metavar="OUT.png", action=Once, help="picture to write (default: PICTURE's name with .png)"
+        "-o",
+        "--output",
+        metavar="OUT",
+        action=Once,
+        help="picture to write: .png or .jpg (default: PICTURE's name with .png)",
     )
     _add_developing(develop.add_argument)
     develop.add_argument("--force", action="store_true", help="let -o overwrite a file that wrt did not write")
@@ -168,7 +172,7 @@ def _add_merge_options(parser: Parser) -> None:
     """Add the options of wrt merge."""
     add = parser.add_argument
     add("inputs", metavar="PART", nargs="+", help="files that wrt render --part has written, in any order")
-    add("-o", "--output", metavar="OUT", action=Once, required=True, help="picture to write: .png, .exr or .npy")
+    add("-o", "--output", metavar="OUT", action=Once, required=True, help="picture to write: .png, .jpg, .exr or .npy")
     add("--checkpoint", metavar="FILE", action=Once, help="also save the state, for wrt render SCENE --resume")
     _add_developing(add)
     add("--force", action="store_true", help="let -o overwrite a file that wrt did not write")
@@ -207,18 +211,19 @@ def _add_limits(add: Callable[..., object]) -> None:
 
 
 def _add_developing(add: Callable[..., object]) -> None:
-    """Add the options that make a PNG of radiance."""
+    """Add the options that make a PNG or JPEG of radiance."""
     add(
         "--tone",
         metavar="NAME",
-        help="tone curve of a PNG: soft, none, neutral, agx, aces, ocio or ocio:CONFIG,DISPLAY,VIEW (default: soft)",
+        help="tone curve of a PNG or JPEG: soft, none, neutral, agx, aces, ocio or ocio:CONFIG,DISPLAY,VIEW (default: "
+        "soft)",
     )
     add(
         "--exposure",
         metavar="STOPS",
         type=exposure,
-        help="brighten a PNG by this many stops (factors of two), or auto (default: 0, and auto for pictures that "
-        "would be mostly white or dark)",
+        help="brighten a PNG or JPEG by this many stops (factors of two), or auto (default: 0, and auto for pictures "
+        "that would be mostly white or dark)",
     )
 
 
@@ -340,7 +345,7 @@ def _add_render_options(parser: argparse.ArgumentParser) -> None:
         "--output",
         metavar="OUT",
         action=Once,
-        help="picture to write: .png, .exr or .npy (default: INPUT's name with .png, in the current folder); for "
+        help="picture to write: .png, .jpg, .exr or .npy (default: INPUT's name with .png, in the current folder); for "
         "several inputs, a folder",
     )
     _add_limits(add)

@@ -10,6 +10,18 @@ from typing import Any, NoReturn
 
 from wrt.errors import InputError, did_you_mean
 
+_ELSEWHERE = {
+    "--samples": "--spp",
+    "--width": "--size",
+    "--height": "--size",
+    "--resolution": "--size",
+    "--gpu": "--device",
+    "--cuda": "--device",
+    "--camera": "--view",
+    "--format": "--output",
+}
+"""Options of other renderers, and what they are here."""
+
 
 class Parser(argparse.ArgumentParser):
     """argparse that raises InputError instead of exiting."""
@@ -49,7 +61,11 @@ def parse_with(parser: argparse.ArgumentParser, arguments: list[str]) -> argpars
     if word not in commands:
         raise InputError(_no_command(word, arguments[1:], commands))
     command = commands[word]
-    options, rest = command.parse_known_args(arguments[1:])
+    try:
+        options, rest = command.parse_known_args(arguments[1:])
+    except InputError:
+        _refuse_files(_split(arguments[1:])[1], command)  # without which a name is missing
+        raise
     _take_rest(command, options, rest)
     return options
 
@@ -63,9 +79,12 @@ def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
 def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, rest: list[str]) -> None:
     """Add the arguments that argparse left over to the inputs, or raise InputError."""
     names, dashes, literal = _split(rest)
+    _refuse_files(dashes, command)
     for word in dashes:
         known = list(command._option_string_actions)
         option = word.partition("=")[0]
+        if (meant := _ELSEWHERE.get(option)) in known:
+            raise InputError(f"there is no option {option} (did you mean {meant!r}?)")
         hint = did_you_mean(option.lower(), known) or f" (see '{command.prog} --help')"
         raise InputError(f"there is no option {option}{hint}")
     more = names + literal
@@ -74,6 +93,13 @@ def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, re
     if not hasattr(options, "inputs"):
         raise InputError(f"unexpected argument {more[0]!r} (see '{command.prog} --help')")
     options.inputs += more
+
+
+def _refuse_files(words: list[str], command: argparse.ArgumentParser) -> None:
+    """Raise InputError if one of some words that look like options is the name of a file."""
+    for word in words:
+        if word not in command._option_string_actions and os.path.lexists(word):
+            raise InputError(f"{word!r} begins like an option; to name the file, type ./{word}")
 
 
 def _split(rest: list[str]) -> tuple[list[str], list[str], list[str]]:

@@ -7,6 +7,7 @@ rest, or as the first animation has them at a time.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,22 +29,31 @@ from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import first_line
 from wrt.linalg import product
 
-# Extensions that a file may require: supported, or without effect on what is read.
-_KNOWN_EXTENSIONS = (
-    "KHR_materials_",
-    "KHR_lights_punctual",
-    "KHR_mesh_quantization",
-    "KHR_texture_",
-    "KHR_draco_mesh_compression",
-    "KHR_node_visibility",
-    "KHR_xmp_json_ld",
-    "KHR_animation_pointer",
-    "EXT_mesh_gpu_instancing",
-    "EXT_texture_",
-    *MESHOPT,
+_KNOWN_EXTENSIONS = frozenset(
+    (
+        *(f"KHR_materials_{name}" for name in ("anisotropy", "clearcoat", "diffuse_transmission", "dispersion")),
+        *(f"KHR_materials_{name}" for name in ("emissive_strength", "ior", "iridescence", "pbrSpecularGlossiness")),
+        *(f"KHR_materials_{name}" for name in ("sheen", "specular", "transmission", "unlit", "variants", "volume")),
+        "KHR_texture_basisu",
+        "KHR_texture_transform",
+        "EXT_texture_webp",
+        "EXT_texture_avif",
+        "KHR_lights_punctual",
+        "KHR_mesh_quantization",
+        "KHR_draco_mesh_compression",
+        "KHR_node_visibility",
+        "KHR_xmp_json_ld",
+        "KHR_animation_pointer",
+        "EXT_mesh_gpu_instancing",
+        *MESHOPT,
+    )
 )
+"""Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
+
 NO_ANIMATION = "it has no animation, so there is no time to choose"
 """What is said of a file without animations if a time is given."""
+
+_VERSION = re.compile(r"([0-9]+)\.([0-9]+)")
 
 _SECOND = "_SECOND_COORDINATES"
 """trimesh passes on attributes of unknown names."""
@@ -121,11 +131,22 @@ def _tree(path: Path, text: bytes) -> Tree:
     tree = json.loads(text)
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
         raise InputError(f"{path}: not a glTF file: it names no asset")
-    if str(tree["asset"].get("version", "2.0")).startswith("1.") or isinstance(tree.get("meshes"), dict):
-        raise InputError(f"{path}: a file of glTF 1.0, which is not supported; convert it to glTF 2.0")
+    version = "1.0" if isinstance(tree.get("meshes"), dict) else _newest_needed(tree["asset"])
+    if version is not None:
+        raise InputError(f"{path}: a file of glTF {version}, which is not supported; convert it to glTF 2.0")
     if len(children := _children(tree)) != len(set(children)):  # paths to a node may be exponentially many
         raise InputError("nodes share a child; each may have one parent at most")
     return tree
+
+
+def _newest_needed(asset: Tree) -> str | None:
+    """Return the version that a file needs (section 3.2), or None if that is one which is read, or is not said."""
+    least, version = (str(asset[name]) if name in asset else None for name in ("minVersion", "version"))
+    needed = least or version or "2.0"
+    found = _VERSION.fullmatch(needed)
+    if found is None or (found[1] == "2" and (least is None or found[2] == "0")):
+        return None
+    return needed
 
 
 @contextmanager
@@ -157,7 +178,7 @@ def _children(tree: Tree) -> list[int]:
 def _prepare(path: Path, tree: Tree, buffers: Buffers) -> list[Tree]:
     """Adapt what trimesh 5.2 misreads, and return the materials."""
     for name in tree.get("extensionsRequired", []):
-        if not str(name).startswith(_KNOWN_EXTENSIONS):
+        if str(name) not in _KNOWN_EXTENSIONS:
             raise InputError(f"{path}: requires the glTF extension {name}, which is not supported; export without it")
     materials = tree.get("materials", [])
     for view in tree.get("bufferViews", []):  # some are longer than their data, which hurts no accessor

@@ -41,6 +41,7 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
     if dropped:
         warn(f"{path}: {dropped} of {total} triangles are left out: they have corners at one place, and so no area")
     _check_size(path, repaired)
+    repaired = _visible(path, repaired)
     meshes = [_mesh(path, part) for part in repaired]
     if crease_degrees is not None:
         meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
@@ -49,6 +50,23 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
         shape = _shape(part, mesh)
         shapes += [replace(shape, transform=place) for place in part.places] or [shape]
     return shapes
+
+
+def _visible(path: str, parts: list[Part]) -> list[Part]:
+    """Return parts, opaque if all are invisible: some programs write d 0 in MTL files for opaque."""
+    unseen = [part for part in parts if getattr(part.material, "opacity", 1.0) == 0.0]
+    if len(unseen) < len(parts):
+        if unseen:
+            first, more = f"{path}: {unseen[0].name!r}", len(unseen) - 1
+            warn(
+                f"{first} and {more} more are invisible: their opacity is 0"
+                if more
+                else f"{first} is invisible: its opacity is 0"
+            )
+        return parts
+    warn(f"{path}: all of it would be invisible, as the opacity of its materials is 0; it is shown opaque")
+    opaque = {id(part.material): replace(part.material, opacity=1.0) for part in parts if part.material is not None}
+    return [replace(part, material=opaque[id(part.material)]) for part in parts]
 
 
 def near_origin(parts: list[Part]) -> list[Part]:

@@ -35,7 +35,7 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
-from wrt.scene.scene import Scene, Shape
+from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
 Table = dict[str, Any]
@@ -67,6 +67,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         InputError: where it cannot be written, or has user-defined materials, which scene files cannot hold.
     """
     file = Path(path)
+    require_scene(scene, str(file))
     if file.suffix.lower() == ".glb":
         from wrt.io.gltf.writer import save_glb
 

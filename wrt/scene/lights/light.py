@@ -68,6 +68,11 @@ class Light:
         """Return the position, orientation and power."""
         raise NotImplementedError
 
+    @property
+    def shines(self) -> bool:
+        """Whether it gives any light."""
+        return bool(np.any(self.extent().amount))
+
     def _set(self, **values: Any) -> None:
         """Replace attributes by their checked values during construction."""
         for name, value in values.items():

@@ -31,7 +31,7 @@ def has_light(scene: Scene) -> bool:
     """Return whether anything in a scene emits light."""
     return (
         any(shape.emits for shape in scene.shapes)
-        or bool(scene.lights)
+        or any(light.shines for light in scene.lights)
         or environment_kind(resolve_environment(scene.environment)[0]) != "none"
         or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
     )
