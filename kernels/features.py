@@ -48,6 +48,7 @@ class Features:
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         slot_loop: whether one loop reads the values of materials for all models, as pays on GPUs where there are many.
         shadows_meet: whether shadow rays to a hole in their light are traced to nowhere, beside others of a GPU's warp.
+        tiles: whether threads take the pixels tile by tile, so that a GPU's warp has those of one tile.
     """
 
     models: tuple[str, ...]
@@ -74,6 +75,7 @@ class Features:
     exact: str = "none"
     slot_loop: bool = False
     shadows_meet: bool = False
+    tiles: bool = False
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""

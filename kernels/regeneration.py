@@ -58,7 +58,7 @@ def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.K
     features = replace(features, slot_loop=many, shadows_meet=holes)
     if regenerates and features.integrator == "path" and not features.aovs:
         return make_regenerating_kernel(features)
-    return make_render_kernel(features)
+    return make_render_kernel(replace(features, tiles=True))
 
 
 @specialised()

@@ -7,6 +7,7 @@ from wrt.kernels.camera.samples import make_camera_sample
 from wrt.kernels.features import Features
 from wrt.kernels.film.aovs import AovData, make_add_aovs
 from wrt.kernels.film.film import FilmData, is_finite_color
+from wrt.kernels.film.tiles import pixel_of_thread
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.registry import make_trace
 from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
@@ -29,7 +30,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     camera_sample = make_camera_sample(features)
     trace = make_trace(features)
     add_aovs = make_add_aovs(features)
-    has_aovs = features.aovs
+    has_aovs, tiles = features.aovs, features.tiles
     pixel_name = make_pixel_name(features.sampler)
     module = wp.get_module(make_render_kernel.module_name(features))
 
@@ -47,6 +48,8 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         aovs: AovData,
     ):
         pixel = first_pixel + wp.tid()
+        if wp.static(tiles):
+            pixel = pixel_of_thread(pixel, camera.crop_width, film.count.shape[0] // camera.crop_width)
         # Random numbers depend on the place in the whole picture, so that a crop looks as it does there.
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width

@@ -31,8 +31,7 @@ import wrt
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
-from wrt.kernels.regeneration import make_regenerating_kernel
-from wrt.kernels.render import make_render_kernel
+from wrt.kernels.regeneration import make_gpu_render_kernel
 from wrt.scene.materials import MATERIALS
 
 CPU_ONLY = {"trace_packets", "trace_interleaved"}
@@ -59,10 +58,8 @@ def render_features() -> dict[str, Features]:
     return {
         "diffuse": Features(("diffuse",), False, "none"),
         "four models": Features(("conductor", "dielectric", "diffuse", "mirror"), True, "image"),
-        "eight models": Features(EIGHT, True, "image", slot_loop=True),
-        "everything": Features(
-            tuple(sorted(models)), True, "image", opacity=True, tangents=True, slot_loop=True, shadows_meet=True
-        ),
+        "eight models": Features(EIGHT, True, "image"),
+        "everything": Features(tuple(sorted(models)), True, "image", opacity=True, tangents=True),
     }
 
 
@@ -74,8 +71,8 @@ def all_kernels() -> Iterator[tuple[str, wp.Kernel]]:
             if isinstance(value, wp.Kernel) and value.func.__module__ == found.name and name not in CPU_ONLY:
                 yield f"{found.name.removeprefix('wrt.kernels.')}.{name}", value
     for name, features in render_features().items():
-        yield f"render.render_pass ({name})", make_render_kernel(features)
-        yield f"regeneration.render_pass ({name})", make_regenerating_kernel(features)
+        yield f"render.render_pass ({name})", make_gpu_render_kernel(features, regenerates=False)
+        yield f"regeneration.render_pass ({name})", make_gpu_render_kernel(features)
 
 
 def find_tool(name: str, package: str) -> str | None:

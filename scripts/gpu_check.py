@@ -34,10 +34,9 @@ Results = dict[str, Any]
 
 def compare_films(device: str, quick: bool) -> list[Results]:
     """Compare films with those of the CPU."""
-    from support.digests import cases
-    from support.films_of_devices import FILMS, films_of
+    from support.films_of_devices import FILMS, film_cases, films_of
 
-    known, found = cases(), []
+    known, found = film_cases(), []
     for name in FILMS[:4] if quick else FILMS:
         films = films_of(name, known[name], device)
         found.append({"name": name, "rays": films.rays, "agreeing": films.agreeing, "problems": films.problems})

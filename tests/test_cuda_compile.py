@@ -225,6 +225,13 @@ def test_shadow_rays_have_no_way_out_before_they_are_traced_where_lights_may_hav
     assert make_gpu_render_kernel(fog) is make_regenerating_kernel(fog), "media would count a way of negative length"
 
 
+def test_threads_of_a_gpu_take_pixels_tile_by_tile_with_every_kernel() -> None:
+    plain = Features(("diffuse",), False, "none")
+    for features in (replace(plain, aovs=True), *(replace(plain, integrator=name) for name in ("ao", "whitted"))):
+        assert make_gpu_render_kernel(features) is make_render_kernel(replace(features, tiles=True))
+    assert make_gpu_render_kernel(plain, regenerates=False) is make_render_kernel(replace(plain, tiles=True))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("features", FEATURES[:2], ids=lambda features: features.name)
 def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ import pytest
 from conftest import ROOT
 from test_cuda_compile import declared_kernels
 
+from wrt.kernels import regeneration
+
 
 @pytest.fixture(scope="module")
 def script() -> Iterator[ModuleType]:
@@ -24,6 +26,16 @@ def test_no_kernel_is_left_out(script: ModuleType) -> None:
     assert len(left_out) == len(script.CPU_ONLY)
     rendered = {f"{of}.render_pass ({name})" for name in script.render_features() for of in ("render", "regeneration")}
     assert {name for name, _ in script.all_kernels()} == (declared - left_out) | rendered
+
+
+def test_render_kernels_are_those_that_a_gpu_runs(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a GPU adds to the features of a scene is decided in one place, and not again by the script."""
+    monkeypatch.setattr(regeneration, "FEW_MODELS", 0)
+    kernels = dict(script.all_kernels())
+    for name, features in script.render_features().items():
+        assert not features.slot_loop
+        assert kernels[f"regeneration.render_pass ({name})"] is regeneration.make_gpu_render_kernel(features)
+        assert kernels[f"render.render_pass ({name})"] is regeneration.make_gpu_render_kernel(features, False)
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.digests import cases
 from support.emulated_cuda.backend import EmulatedBackend, emulated_cuda
-from support.films_of_devices import FILMS, OPTIONS, films_of
+from support.films_of_devices import FILMS, OPTIONS, film_cases, films_of
 from test_bvh import HARD, Tree, build, check, grid, read_back
 from test_bvh import soup as corners_of
 from test_difficult_triangles import batches, mesh_of
@@ -26,7 +25,7 @@ from wrt.rendering.render_kernel import REGENERATE
 
 GPU = "cuda:0"
 
-CASES = cases()
+CASES = film_cases()
 
 
 @pytest.fixture(scope="module", params=[90, pytest.param(75, marks=pytest.mark.slow)], ids=["sm_90", "sm_75"])

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from support.digests import Case
+from support.digests import Case, cases
+from support.wide_scenes import CAMERAS, noise
 from wrt.scene.layers import LAYERS
 
 FILMS = (
@@ -25,8 +26,9 @@ FILMS = (
     "bodies-moving",
     "clouds-perspective",
     "deforming-moving",
+    "lamps-with-holes",
 )
-"""Names in `digests.cases()`: together, every feature of a render kernel. From the fifth on they compile for long."""
+"""Names in `film_cases()`: together, every feature of a render kernel. From the fifth on they compile for long."""
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "plain-disk": {"layers": tuple(LAYERS), "clamp_indirect": 2.0, "regularization": 0.2},
@@ -42,6 +44,37 @@ MAY_DIFFER = {"models-fisheye": 0.02, "bodies-moving": 0.001}
 """Share of pixels that may disagree, by film. Of many lights another is chosen where a random number is at a boundary:
 on the CPU, too, a lamp that is moved by 1e-7 changes 1.3 % of the pixels of the first scene. In the second, paths are
 long, and of 22,000 one was measured that multiplies rounding errors by 10^4."""
+
+
+def lamps_with_holes() -> wrt.Scene:
+    """Return lamps with holes above surfaces with holes: triangles and exact shapes, most of which move.
+
+    Shadow rays to a hole are traced to nowhere on a GPU (`Features.shadows_meet`), through both levels of the tree.
+    """
+    mask = wrt.Diffuse(0.7, opacity=wrt.ImageTexture(noise(13), channel="r", cutoff=0.5, filter="nearest"))
+    veil = wrt.Diffuse((0.8, 0.4, 0.2), opacity=wrt.ImageTexture(noise(14), channel="g"))
+    rise = wrt.Motion.translation((0.1, 0.2, -0.1))
+    turn = wrt.Motion.rotation((0.2, 1.0, 0.3), 50.0, offset=(0.0, 0.1, 0.0))
+    scene = wrt.Scene(camera=CAMERAS["moving"])
+    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(0.6))
+    lamps: tuple[tuple[wrt.Mesh, wrt.Diffuse, wrt.Motion | None], ...] = (
+        (wrt.quad((-2.0, 2.2, -0.5), (0.9, 0, 0), (0, 0, 0.9)), mask, None),
+        (wrt.sphere((-0.6, 1.6, 0.2), 0.3, exact=True), mask, turn),
+        (wrt.disk((0.4, 2.0, 0.0), (0.1, -1.0, 0.2), 0.5), mask, rise),
+        (wrt.cylinder((1.1, 1.2, 0.3), (1.5, 1.7, 0.0), 0.2), veil, turn),
+        (wrt.disk((1.9, 1.5, 0.5), (-1.0, -0.4, 0.1), 0.4), veil, None),
+    )
+    for mesh, material, motion in lamps:
+        scene.add(mesh, material=material, emission=(7.0, 6.0, 4.0), two_sided_emission=True, transform=motion)
+    scene.add(wrt.sphere((-0.5, 0.6, 0.5), 0.35, exact=True), material=mask, transform=rise)
+    scene.add(wrt.sphere((0.4, 0.5, 0.6), 0.35, subdivisions=2), material=veil, transform=rise)
+    scene.add(wrt.cylinder((1.0, 0.1, 0.8), (1.3, 0.8, 0.6), 0.2), material=wrt.Diffuse(0.5), transform=turn)
+    return scene
+
+
+def film_cases() -> dict[str, Case]:
+    """Return the films by name: those of `digests.cases`, and one for what GPUs do differently."""
+    return {**cases(), "lamps-with-holes": Case(lamps_with_holes, {"width": 24, "height": 16, "light_choice": "power"})}
 
 
 @dataclass(frozen=True)
@@ -71,7 +104,7 @@ class Films:
 
 
 def films_of(name: str, case: Case, device: str) -> Films:
-    """Render a case of `digests.cases` on the CPU and on a device."""
+    """Render a case of `film_cases` on the CPU and on a device."""
     options = OPTIONS.get(name, case.options)
     cpu, other = (_rendered(case, options, each) for each in ("cpu", device))
     counts = bool((cpu.film.counts == other.film.counts).all()) and cpu.film.rejected == other.film.rejected

@@ -9,6 +9,7 @@ import pytest
 from support.emulated_cuda.backend import emulated_cuda
 
 _NAMES = "Warp says that arrays of the emulated GPU are on the CPU"
+_PROCESS = "the process that it starts has no emulated GPU"
 
 LEFT_OUT: dict[str, str] = {
     "test_intersector.py::test_warp_arrays_come_back_as_warp_arrays": _NAMES,
@@ -16,6 +17,8 @@ LEFT_OUT: dict[str, str] = {
     "test_instances.py::test_warp_arrays": _NAMES,
     "test_refit.py::test_instances_follow_their_mesh": _NAMES,
     "test_refit.py::test_vertices_as_a_warp_array_are_not_copied": _NAMES,
+    "test_tree_layout.py::test_a_tree_is_built_where_sums_of_coordinates_overflow": _PROCESS,
+    "test_tree_layout.py::test_rays_that_are_not_finite_meet_nothing": _PROCESS,
     "test_pace.py": "the emulator is too slow for what is said about seconds",
 }
 """Files, or tests as FILE::NAME, that the emulator cannot run, and why."""
