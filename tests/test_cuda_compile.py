@@ -29,7 +29,7 @@ from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
-from wrt.kernels.regeneration import FEW_MODELS, make_gpu_render_kernel, make_regenerating_kernel
+from wrt.kernels.regeneration import FEW_MODELS, can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
@@ -181,18 +181,16 @@ def loop_of(features: Features) -> tuple[Any, ...]:
     return *asked, *shadows, has_panes(features.models), len(features.models) > FEW_MODELS
 
 
-REGENERATING = {
-    loop_of(features): features
-    for features in reversed(FEATURES)
-    if make_gpu_render_kernel(features).key.startswith("make_regenerating_kernel")
-}
+REGENERATING = {loop_of(features): features for features in reversed(FEATURES) if can_regenerate(features)}
 """Kernels that regenerate paths call the same functions, from another loop: one for each loop."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("features", REGENERATING.values(), ids=lambda features: features.name)
 def test_kernels_that_regenerate_paths_compile(features: Features, tmp_path: Path) -> None:
-    compile_for_cuda(make_gpu_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+    kernel = make_gpu_render_kernel(features)
+    assert kernel.key.startswith("make_regenerating_kernel")
+    compile_for_cuda(kernel.module, ARCHITECTURES[0], tmp_path, mode="debug")
 
 
 def test_the_loop_asks_for_nothing_else() -> None:
