@@ -141,7 +141,8 @@ def declared_kernels() -> dict[str, wp.Kernel]:
 MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
 
 
-def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: str = "release") -> None:
+def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: str = "release") -> str:
+    """Compile a module, check that no function is missing, and return its PTX."""
     initialize_warp()
     usual = module.options["mode"]
     module.options["mode"] = mode
@@ -153,6 +154,7 @@ def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: s
     text = paths[0].read_text()
     assert f".target sm_{architecture}" in text
     assert set(re.findall(r"^\.extern \.func .*?(\w+)$", text, re.MULTILINE)) <= {"vprintf", "__assertfail"}
+    return text
 
 
 @pytest.mark.parametrize(
@@ -160,18 +162,10 @@ def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: s
 )
 @pytest.mark.parametrize("name", MODULES)
 def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
-    compile_for_cuda(wp.get_module(name), architecture, tmp_path)
-    text = next(tmp_path.glob("*.ptx")).read_text()
+    text = compile_for_cuda(wp.get_module(name), architecture, tmp_path)
     for kernel in declared_kernels().values():
         if kernel.module.name == name:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
-def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
-    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
-    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
 
 
 def loop_of(features: Features) -> tuple[Any, ...]:
@@ -186,11 +180,21 @@ REGENERATING = {loop_of(features): features for features in reversed(FEATURES) i
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("features", REGENERATING.values(), ids=lambda features: features.name)
-def test_kernels_that_regenerate_paths_compile(features: Features, tmp_path: Path) -> None:
-    kernel = make_gpu_render_kernel(features)
-    assert kernel.key.startswith("make_regenerating_kernel")
-    compile_for_cuda(kernel.module, ARCHITECTURES[0], tmp_path, mode="debug")
+@pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
+def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
+    """In one module with the kernel that regenerates paths: the functions that both call are then compiled once."""
+    kernels = [make_render_kernel(features)]
+    if features in REGENERATING.values():
+        kernels.append(make_gpu_render_kernel(features))
+        assert kernels[1].key.startswith("make_regenerating_kernel")
+        assert kernels[1].module.options == kernels[0].module.options
+    module = wp.get_module(f"test_cuda_compile.{features.name}")
+    module.options.update(kernels[0].module.options)
+    for kernel in kernels:
+        module.register_kernel(kernel)
+    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
+    text = compile_for_cuda(module, ARCHITECTURES[0], tmp_path, mode="debug")
+    assert all(f".visible .entry {kernel.get_mangled_name()}" in text for kernel in kernels)
 
 
 def test_the_loop_asks_for_nothing_else() -> None:
