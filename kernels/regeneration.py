@@ -56,9 +56,14 @@ def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.K
     """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
     many, holes = len(features.models) > FEW_MODELS, features.opacity and not features.bodies
     features = replace(features, slot_loop=many, shadows_meet=holes)
-    if regenerates and features.integrator == "path" and not features.aovs:
+    if regenerates and can_regenerate(features):
         return make_regenerating_kernel(features)
     return make_render_kernel(replace(features, tiles=True))
+
+
+def can_regenerate(features: Features) -> bool:
+    """Return whether there is a kernel for these features that regenerates paths."""
+    return features.integrator == "path" and not features.aovs
 
 
 @specialised()

@@ -29,7 +29,7 @@ from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
-from wrt.kernels.regeneration import FEW_MODELS, make_gpu_render_kernel, make_regenerating_kernel
+from wrt.kernels.regeneration import FEW_MODELS, can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
@@ -141,7 +141,8 @@ def declared_kernels() -> dict[str, wp.Kernel]:
 MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
 
 
-def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: str = "release") -> None:
+def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: str = "release") -> str:
+    """Compile a module, check that no function is missing, and return its PTX."""
     initialize_warp()
     usual = module.options["mode"]
     module.options["mode"] = mode
@@ -153,6 +154,7 @@ def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: s
     text = paths[0].read_text()
     assert f".target sm_{architecture}" in text
     assert set(re.findall(r"^\.extern \.func .*?(\w+)$", text, re.MULTILINE)) <= {"vprintf", "__assertfail"}
+    return text
 
 
 @pytest.mark.parametrize(
@@ -160,18 +162,10 @@ def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: s
 )
 @pytest.mark.parametrize("name", MODULES)
 def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
-    compile_for_cuda(wp.get_module(name), architecture, tmp_path)
-    text = next(tmp_path.glob("*.ptx")).read_text()
+    text = compile_for_cuda(wp.get_module(name), architecture, tmp_path)
     for kernel in declared_kernels().values():
         if kernel.module.name == name:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
-def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
-    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
-    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
 
 
 def loop_of(features: Features) -> tuple[Any, ...]:
@@ -181,18 +175,26 @@ def loop_of(features: Features) -> tuple[Any, ...]:
     return *asked, *shadows, has_panes(features.models), len(features.models) > FEW_MODELS
 
 
-REGENERATING = {
-    loop_of(features): features
-    for features in reversed(FEATURES)
-    if make_gpu_render_kernel(features).key.startswith("make_regenerating_kernel")
-}
+REGENERATING = {loop_of(features): features for features in reversed(FEATURES) if can_regenerate(features)}
 """Kernels that regenerate paths call the same functions, from another loop: one for each loop."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("features", REGENERATING.values(), ids=lambda features: features.name)
-def test_kernels_that_regenerate_paths_compile(features: Features, tmp_path: Path) -> None:
-    compile_for_cuda(make_gpu_render_kernel(features).module, ARCHITECTURES[0], tmp_path, mode="debug")
+@pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
+def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
+    """In one module with the kernel that regenerates paths: the functions that both call are then compiled once."""
+    kernels = [make_render_kernel(features)]
+    if features in REGENERATING.values():
+        kernels.append(make_gpu_render_kernel(features))
+        assert kernels[1].key.startswith("make_regenerating_kernel")
+        assert kernels[1].module.options == kernels[0].module.options
+    module = wp.get_module(f"test_cuda_compile.{features.name}")
+    module.options.update(kernels[0].module.options)
+    for kernel in kernels:
+        module.register_kernel(kernel)
+    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
+    text = compile_for_cuda(module, ARCHITECTURES[0], tmp_path, mode="debug")
+    assert all(f".visible .entry {kernel.get_mangled_name()}" in text for kernel in kernels)
 
 
 def test_the_loop_asks_for_nothing_else() -> None:

@@ -36,18 +36,30 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(tree: ast.AST) -> Iterator[tuple[str, ast.stmt]]:
-    """Yield every imported module by its full name, at any depth."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name, node
-        elif isinstance(node, ast.ImportFrom):
-            yield "." * node.level + (node.module or ""), node
-            # `from wrt import x` may import a module.
-            if node.module == "wrt":
-                for alias in node.names:
-                    yield f"wrt.{alias.name}", node
+@functools.cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree_of(path)))
+
+
+@functools.cache
+def functions(path: Path) -> tuple[ast.FunctionDef, ...]:
+    """Return every function of a file, at any depth."""
+    return tuple(node for node in nodes_of(path) if isinstance(node, ast.FunctionDef))
+
+
+@functools.cache
+def imports(path: Path) -> tuple[tuple[str, ast.stmt], ...]:
+    """Return every imported module by its full name, at any depth."""
+    found = (node for node in nodes_of(path) if isinstance(node, (ast.Import, ast.ImportFrom)))
+    return tuple((name, node) for node in found for name in names_imported(node))
+
+
+def names_imported(node: ast.Import | ast.ImportFrom) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    # `from wrt import x` may import a module.
+    modules = [f"wrt.{alias.name}" for alias in node.names] if node.module == "wrt" else []
+    return ["." * node.level + (node.module or ""), *modules]
 
 
 def imports_of_module(tree: ast.Module) -> set[str]:
@@ -61,7 +73,7 @@ def imports_of_module(tree: ast.Module) -> set[str]:
             if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
                 continue
             if isinstance(node, (ast.Import, ast.ImportFrom)):
-                found.update(name for name, _ in imports(node))
+                found.update(names_imported(node))
             for field in ("body", "orelse", "finalbody", "handlers"):
                 visit(getattr(node, field, []))
 
@@ -73,77 +85,69 @@ def within(name: str, package: str) -> bool:
     return name == package or name.startswith(package + ".")
 
 
-def functions(tree: ast.AST) -> Iterator[tuple[ast.FunctionDef, list[ast.AST]]]:
-    """Yield every function with what encloses it."""
-
-    def visit(node: ast.AST, parents: list[ast.AST]) -> Iterator[tuple[ast.FunctionDef, list[ast.AST]]]:
-        for child in ast.iter_child_nodes(node):
-            if isinstance(child, ast.FunctionDef):
-                yield child, parents
-            yield from visit(child, [*parents, child])
-
-    yield from visit(tree, [])
-
-
 def decorators(function: ast.FunctionDef) -> dict[str, ast.expr]:
     return {ast.unparse(d.func if isinstance(d, ast.Call) else d): d for d in function.decorator_list}
 
 
 def test_there_are_kernels_to_look_at() -> None:
-    kernels = [f for path in KERNEL_FILES for f, _ in functions(tree_of(path)) if "wp.kernel" in decorators(f)]
+    kernels = [f for path in KERNEL_FILES for f in functions(path) if "wp.kernel" in decorators(f)]
     assert len(kernels) >= 5
     assert len(KERNEL_FILES) > 20
 
 
-@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
-def test_kernels_import_warp_and_themselves(path: Path) -> None:
-    for name, node in imports(tree_of(path)):
-        standard = name.split(".")[0] in sys.stdlib_module_names and name != "__future__"
-        assert within(name, "warp") or within(name, "wrt.kernels") or standard, f"line {node.lineno}: imports {name}"
+def test_kernels_import_warp_and_themselves() -> None:
+    for path in KERNEL_FILES:
+        for name, node in imports(path):
+            standard = name.split(".")[0] in sys.stdlib_module_names and name != "__future__"
+            allowed = within(name, "warp") or within(name, "wrt.kernels") or standard
+            assert allowed, f"{name_of(path)} line {node.lineno}: imports {name}"
 
 
-@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
-def test_kernels_keep_their_annotations(path: Path) -> None:
+def test_kernels_keep_their_annotations() -> None:
     """Warp reads them as objects, which `from __future__ import annotations` turns into text."""
-    assert "__future__" not in {name for name, _ in imports(tree_of(path))}
+    for path in KERNEL_FILES:
+        assert "__future__" not in {name for name, _ in imports(path)}, name_of(path)
 
 
-@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
-def test_kernels_are_declared_without_gradients(path: Path) -> None:
+def test_kernels_are_declared_without_gradients() -> None:
     """They are half of the compiled code, and nobody asks for them."""
-    for function, _ in functions(tree_of(path)):
-        decorator = decorators(function).get("wp.kernel")
-        if decorator is None:
-            continue
-        options = {k.arg: k.value for k in decorator.keywords} if isinstance(decorator, ast.Call) else {}
-        off = options.get("enable_backward")
-        assert isinstance(off, ast.Constant), f"{function.name}: enable_backward must be written out"
-        assert off.value is False, function.name
+    for path in KERNEL_FILES:
+        for function in functions(path):
+            decorator = decorators(function).get("wp.kernel")
+            if decorator is None:
+                continue
+            where = f"{name_of(path)}: {function.name}"
+            options = {k.arg: k.value for k in decorator.keywords} if isinstance(decorator, ast.Call) else {}
+            off = options.get("enable_backward")
+            assert isinstance(off, ast.Constant), f"{where}: enable_backward must be written out"
+            assert off.value is False, where
 
 
-@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
-def test_every_public_thing_of_the_device_is_explained(path: Path) -> None:
+def test_every_public_thing_of_the_device_is_explained() -> None:
     """Functions and structs; those inside a factory, and those with an underscore, are explained by its text."""
-    tree = tree_of(path)
-    assert ast.get_docstring(tree), "the file says nothing about itself"
-    for node in tree.body:
-        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
-            assert ast.get_docstring(node), f"line {node.lineno}: {node.name} has no docstring"
+    for path in KERNEL_FILES:
+        tree = tree_of(path)
+        assert ast.get_docstring(tree), f"{name_of(path)} says nothing about itself"
+        for node in tree.body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+                assert ast.get_docstring(node), f"{name_of(path)} line {node.lineno}: {node.name} has no docstring"
 
 
-@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
-def test_kernels_fill_only_arrays_named_out(path: Path) -> None:
+def test_kernels_fill_only_arrays_named_out() -> None:
     """An array argument that a kernel only writes ends in _out; state that it reads as well needs not."""
-    for function, _ in functions(tree_of(path)):
-        if "wp.kernel" not in decorators(function):
-            continue
-        arrays = {a.arg for a in function.args.args if a.annotation and "wp.array" in ast.unparse(a.annotation)}
-        written = {base(node) for node in ast.walk(function) if isinstance(node, ast.Subscript) and is_store(node)}
-        read = {base(node) for node in ast.walk(function) if isinstance(node, ast.Subscript) and not is_store(node)}
-        for name in arrays & written - read:
-            assert name.endswith("_out") or name in IN_PLACE, f"{function.name} writes {name}"
-        for name in arrays:
-            assert not name.endswith("_out") or name not in read, f"{function.name} reads {name}"
+    for path in KERNEL_FILES:
+        for function in functions(path):
+            if "wp.kernel" not in decorators(function):
+                continue
+            where = f"{name_of(path)}: {function.name}"
+            arrays = {a.arg for a in function.args.args if a.annotation and "wp.array" in ast.unparse(a.annotation)}
+            elements = [node for node in ast.walk(function) if isinstance(node, ast.Subscript)]
+            written = {base(node) for node in elements if is_store(node)}
+            read = {base(node) for node in elements if not is_store(node)}
+            for name in arrays & written - read:
+                assert name.endswith("_out") or name in IN_PLACE, f"{where} writes {name}"
+            for name in arrays:
+                assert not name.endswith("_out") or name not in read, f"{where} reads {name}"
 
 
 def is_store(node: ast.Subscript) -> bool:
@@ -156,18 +160,20 @@ def base(node: ast.expr) -> str:
     return node.id if isinstance(node, ast.Name) else ""
 
 
-@pytest.mark.parametrize("path", KERNEL_FILES, ids=name_of)
-def test_static_expressions_do_not_hang_on_loop_variables(path: Path) -> None:
+def test_static_expressions_do_not_hang_on_loop_variables() -> None:
     """Warp's hash leaves such a `wp.static` out, so two kernels would be taken for one another."""
-    for function, _ in functions(tree_of(path)):
-        for loop in ast.walk(function):
-            if not isinstance(loop, ast.For):
-                continue
-            variables = {n.id for n in ast.walk(loop.target) if isinstance(n, ast.Name)}
-            for call in ast.walk(loop):
-                if isinstance(call, ast.Call) and ast.unparse(call.func) == "wp.static":
-                    names = {n.id for argument in call.args for n in ast.walk(argument) if isinstance(n, ast.Name)}
-                    assert not names & variables, f"line {call.lineno}: {ast.unparse(call)}"
+    loops = [(path, node) for path in KERNEL_FILES for node in nodes_of(path) if isinstance(node, ast.For)]
+    assert loops
+    for path, loop in loops:
+        variables = names_in(loop.target)
+        for call in ast.walk(loop):
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == "wp.static":
+                names = {name for argument in call.args for name in names_in(argument)}
+                assert not names & variables, f"{name_of(path)} line {call.lineno}: {ast.unparse(call)}"
+
+
+def names_in(node: ast.AST) -> set[str]:
+    return {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
 
 
 ONE_WAY = {
@@ -197,7 +203,7 @@ def test_imports_run_one_way(part: str) -> None:
     paths = [path for path in HOST_FILES if name_of(path).startswith(part)]
     assert paths
     for path in paths:
-        for name, node in imports(tree_of(path)):
+        for name, node in imports(path):
             if (name_of(path), name) in EXCEPT:
                 continue
             for forbidden in ONE_WAY[part]:
@@ -287,39 +293,42 @@ def test_imports_make_no_circle() -> None:
     assert circles(graph) == []
 
 
-@pytest.mark.parametrize("package", sorted(name for name, path in modules().items() if path.name == "__init__.py"))
-def test_folders_make_no_circle(package: str) -> None:
-    if package not in FOLDERS_IN_CIRCLES:
-        assert circles(inside(import_graph(), package)) == []
+def test_folders_make_no_circle() -> None:
+    packages = [name for name, path in modules().items() if path.name == "__init__.py"]
+    assert len(packages) > 40
+    for package in packages:
+        if package not in FOLDERS_IN_CIRCLES:
+            assert circles(inside(import_graph(), package)) == [], package
 
 
-@pytest.mark.parametrize("path", [path for path in HOST_FILES if path.parent.name != "spmd"], ids=name_of)
-def test_heavy_imports_wait_until_they_are_needed(path: Path) -> None:
-    if name_of(path).startswith("wrt/spmd/"):
-        return  # the compiler itself is imported only where a wide kernel is compiled
+def test_heavy_imports_wait_until_they_are_needed() -> None:
     heavy = ("warp", "trimesh", "PIL", "OpenEXR", "OpenImageIO", "tqdm", "wrt.kernels", "wrt.spmd")
-    for name in imports_of_module(tree_of(path)):
-        assert not any(within(name, package) for package in heavy), f"imports {name} at once"
+    for path in HOST_FILES:
+        # The compiler itself is imported only where a wide kernel is compiled.
+        if not name_of(path).startswith("wrt/spmd/"):
+            for name in imports_of_module(tree_of(path)):
+                assert not any(within(name, package) for package in heavy), f"{name_of(path)} imports {name} at once"
 
 
-@pytest.mark.parametrize("path", [*KERNEL_FILES, *HOST_FILES], ids=name_of)
-def test_files_stay_short(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
+def test_files_stay_short() -> None:
+    for path in [*KERNEL_FILES, *HOST_FILES]:
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= MOST_LINES, name_of(path)
 
 
-@pytest.mark.parametrize("path", [*KERNEL_FILES, *HOST_FILES], ids=name_of)
-def test_functions_stay_short(path: Path) -> None:
-    most = MOST_LINES_OF_FUNCTIONS[path.relative_to(ROOT).parts[0]]
-    for function, _ in functions(tree_of(path)):
-        length = (function.end_lineno or 0) - function.lineno + 1
-        assert length <= most, f"{function.name} has {length} lines"
+def test_functions_stay_short() -> None:
+    for path in [*KERNEL_FILES, *HOST_FILES]:
+        most = MOST_LINES_OF_FUNCTIONS[path.relative_to(ROOT).parts[0]]
+        for function in functions(path):
+            length = (function.end_lineno or 0) - function.lineno + 1
+            assert length <= most, f"{name_of(path)}: {function.name} has {length} lines"
 
 
-@pytest.mark.parametrize("folder", sorted({path.parent for path in [*KERNEL_FILES, *HOST_FILES]}), ids=name_of)
-def test_folders_hold_few_modules(folder: Path) -> None:
-    assert len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= MOST_MODULES
+def test_folders_hold_few_modules() -> None:
+    for folder in {path.parent for path in [*KERNEL_FILES, *HOST_FILES]}:
+        names = [path.name for path in folder.glob("*.py") if path.name != "__init__.py"]
+        assert len(names) <= MOST_MODULES, name_of(folder)
 
 
 def test_a_quick_run_takes_tests_that_there_are() -> None:
     for file, name in ONE_OF_A_FILE.items():
-        assert name is None or name in {function.name for function, _ in functions(tree_of(ROOT / "tests" / file))}
+        assert name is None or name in {function.name for function in functions(ROOT / "tests" / file)}

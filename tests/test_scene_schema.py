@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,6 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parent.parent
-SCHEMA = scene_schema()
-VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 FILES = [
     *sorted((ROOT / "meshes").glob("*.toml")),
     *sorted((ROOT / "tests" / "corpus" / "seeds").glob("*.toml")),
@@ -50,8 +49,18 @@ SEEN_BY_THE_READER_ALONE = (
 """Words of complaints about what no schema knows: other files, names, and values that must go together."""
 
 
+@functools.cache
+def schema() -> dict[str, Any]:
+    return scene_schema()
+
+
+@functools.cache
+def validator() -> jsonschema.Draft7Validator:
+    return jsonschema.Draft7Validator(schema())
+
+
 def is_valid(text: str) -> bool:
-    return VALIDATOR.is_valid(tomllib.loads(text))
+    return validator().is_valid(tomllib.loads(text))
 
 
 def is_marked(text: str) -> bool:
@@ -62,7 +71,7 @@ def is_marked(text: str) -> bool:
 
 
 def test_the_published_schema_is_the_one_of_the_code(capsys: pytest.CaptureFixture[str]) -> None:
-    jsonschema.Draft7Validator.check_schema(SCHEMA)
+    jsonschema.Draft7Validator.check_schema(schema())
     assert (ROOT / "docs" / "scene.schema.json").read_text(encoding="utf-8") == schema_text()
     assert main(["schema"]) == 0
     assert capsys.readouterr().out == schema_text()
@@ -70,18 +79,18 @@ def test_the_published_schema_is_the_one_of_the_code(capsys: pytest.CaptureFixtu
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
 def test_scene_files_are_valid(file: Path) -> None:
-    VALIDATOR.validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    validator().validate(tomllib.loads(file.read_text(encoding="utf-8")))
 
 
 @pytest.mark.parametrize("text", [*blocks(SCENE_FORMAT, "toml"), FULL, COMPOSITES, MOVING, QUAD, "# nothing\n"])
 def test_all_that_the_reader_reads_is_valid(text: str) -> None:
-    VALIDATOR.validate(tomllib.loads(text))
+    validator().validate(tomllib.loads(text))
 
 
 def test_written_scenes_are_valid(tmp_path: Path) -> None:
     for name in ("cornell-box", "still-life"):
         save_scene(tmp_path / f"{name}.toml", wrt.load(name))
-        VALIDATOR.validate(tomllib.loads((tmp_path / f"{name}.toml").read_text()))
+        validator().validate(tomllib.loads((tmp_path / f"{name}.toml").read_text()))
 
 
 def test_mistakes_are_marked(report: Any) -> None:
@@ -143,7 +152,7 @@ def properties_of(heading: str) -> dict[str, Any]:
     section, _, kind = heading.partition(" ")
     what = {"[media.NAME]": "medium", "[materials.NAME]": "material", "[[lights]]": "light", "[[shapes]]": "shape"}
     name = what.get(section, section.strip("[]")) + (f"-{kind}" if kind else "")
-    properties: dict[str, Any] = SCHEMA["definitions"][name]["properties"]
+    properties: dict[str, Any] = schema()["definitions"][name]["properties"]
     return properties
 
 

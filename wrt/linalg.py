@@ -6,6 +6,7 @@ the model of the processor, with other last digits for each. What leads to a pic
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -149,8 +150,12 @@ def _orthogonal_columns(matrices: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return columns.reshape(given.shape), axes.reshape(*given.shape[:-2], size, size)
 
 
+@functools.lru_cache(maxsize=64)
 def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes, ascending in (−1, 1), and weights of Gauss and Legendre's quadrature, by Newton's method."""
+    """Return nodes, ascending in (−1, 1), and weights of Gauss and Legendre's quadrature, by Newton's method.
+
+    The arrays are read-only, as all callers share them.
+    """
     x = -np.cos(math.pi * (np.arange(count) + 0.75) / (count + 0.5))
     slope = np.ones(count)
     for _ in range(8):
@@ -161,4 +166,7 @@ def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
         x = x - value / slope
     # Nodes are symmetric; rounding is not.
     x, slope = 0.5 * (x - x[::-1]), 0.5 * (np.abs(slope) + np.abs(slope[::-1]))
-    return x, 2.0 / ((1.0 - x * x) * slope * slope)
+    weights = 2.0 / ((1.0 - x * x) * slope * slope)
+    for array in (x, weights):
+        array.setflags(write=False)
+    return x, weights
