@@ -156,7 +156,7 @@ def test_samples_that_overflow_are_counted_and_black(device: str) -> None:
     """Either of two suns, over the chance of choosing it, is more than a float32 holds; the sky is not."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
     scene.add(wrt.quad((0, 0, 99), (99, 0, 0), (0, 0, -198)), material=wrt.Diffuse(1.0))
-    scene.environment = wrt.ConstantEnvironment(0.5)
+    scene.environment = wrt.ImageEnvironment(np.full((1, 1, 3), 0.5))
     for _ in range(2):
         scene.add_light(wrt.DirectionalLight((0, -1, 0), 3e38))
     width, height, spp = 8, 4, 16
