@@ -24,7 +24,7 @@ _MEASURED = "measured"
 os.environ["WRT_WIDE"] = "0"
 os.environ["WRT_BACKGROUND"] = "0"
 
-# Without bytecode each of the hundreds of processes that tests start compiles wrt anew, 0.5 s of CPU, and pytest each test.
+# Without bytecode each of the hundreds of processes that tests start compiles wrt anew (0.5 s), and pytest each test.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
