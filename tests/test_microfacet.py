@@ -95,6 +95,10 @@ def test_distribution_is_the_printed_one(case: Case, device: str, report: Report
 def test_anisotropic_distributions_turn_with_their_axes(device: str) -> None:
     m, wo = hemisphere(10_000, seed=1), hemisphere(10_000, seed=2)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    # GPUs fuse products and sums, so turned axes round otherwise: nearer to 0, wo·m has larger errors than are allowed.
+    clear = np.abs((m * wo).sum(axis=1)) > 0.02
+    m, wo = m[clear], wo[clear]
+    assert clear.mean() > 0.9
     for name in ("ggx", "beckmann"):
         there = slopes(name, 0.5, 0.1).values(device, m, wo, masking="smith")
         back = slopes(name, 0.1, 0.5).values(device, m @ turn, wo @ turn, masking="smith")
