@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from support.covering_kernels import render_by
+from support.covering_kernels import covering, render_by
 from support.digests import Case, arithmetic, cases, film_digest, rendered, scalar_film
 from support.wide_scenes import SCENES
 
@@ -24,6 +24,14 @@ CASES = cases()
 NEIGHBOURS = "picture-materials-", "picture-thin-films"
 """Pictures of many models, whose kernels take 10 to 20 s to compile: rendered by those of a picture that is the same
 but for its many lights, with the same bits."""
+
+OF_PICTURES = covering(
+    *("dielectric", "diffuse", "mirror", "oren_nayar", "plastic"),
+    *("rough_conductor:ggx:smith:conductor", "rough_plastic:ggx:smith"),
+    sampler="sobol",
+)
+"""One kernel for the many pictures of the documentation that differ in a model, a light or a texture. Those of
+`wide_scenes` and the built-in scenes, which have every feature as well, are rendered by their own kernels."""
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +53,8 @@ def test_films_keep_their_bits(name: str, recorded: dict[str, str], monkeypatch:
     """With another arithmetic each film still shows something: it is brighter here than there."""
     if name.startswith(NEIGHBOURS):
         render_by(lambda own: dataclasses.replace(own, light_tree=True), monkeypatch)
+    elif name.startswith("picture-"):
+        render_by(lambda own: OF_PICTURES if OF_PICTURES.covers(own) else own, monkeypatch)
     renderer = rendered(CASES[name])
     if renderer.renders_light and renderer.film.pixels > 1:
         assert renderer.image().std() > 0.0
