@@ -157,4 +157,12 @@ FAULTS: tuple[Mutant, ...] = (
         "path.depth = 0",
         "tests/test_emulated_cuda.py -k 'films_agree and fisheye'",
     ),
+    Mutant(
+        "cuda-ray-to-nowhere",
+        "cuda",
+        "kernels/integrators/shadow_rays.py",
+        "wp.where(wp.max(share) > 0.0, distance, -1.0)",
+        "wp.where(wp.max(share) > 0.0, -1.0, distance)",
+        "tests/test_emulated_cuda.py -k 'films_agree and lamps'",
+    ),
 )
