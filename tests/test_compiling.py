@@ -277,7 +277,7 @@ def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, mo
     for name in ("__init__.py", "config.py", "bin/warp.so", "bin/warp-clang.so", "native/vec.h"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    monkeypatch.setitem(sys.modules, "warp", SimpleNamespace(__file__=str(tmp_path / "__init__.py")))
+    monkeypatch.setattr(headers, "folder_of", lambda _: tmp_path)
     folder_now = headers._kept.__wrapped__
     before = folder_now()
     assert folder_now() == before
