@@ -221,10 +221,10 @@ def _not_there(source: str | os.PathLike[str]) -> str:
     from wrt import meshes
 
     path = Path(source)
-    if str(source) == "-" or "://" in str(source):
-        return (
-            f"{source}: no such file; {'download it first' if '://' in str(source) else 'standard input is not read'}"
-        )
+    if str(source) == "-":
+        return f"{source}: no such file; standard input is not read"
+    if "://" in str(source):
+        return f"{source}: no such file; download it first"
     known: list[str] = []
     with contextlib.suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         known = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]

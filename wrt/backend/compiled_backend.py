@@ -144,9 +144,7 @@ class Array:
 
 
 def _packed(value: Any) -> Any:
-    """Return a value as a kernel argument."""
-    if isinstance(value, Struct):
-        return value._memory
+    """Return a value that is no struct as a kernel argument."""
     if not isinstance(value, Array):
         return value
     header, count = np.zeros((), HEADER), len(value.shape)

@@ -16,7 +16,7 @@ import sys
 import threading
 import warnings
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -38,15 +38,9 @@ FLAGS = (
 )
 """Flags of the compiler by default in the tested versions of Warp (`warp.config.cpu_compiler_flags`)."""
 
-_COMPILE_CPP: list[Any] = [ctypes.c_char_p] * 4 + [ctypes.c_bool] * 4
-_COMPILE_CPP += [
-    ctypes.POINTER(ctypes.c_char_p),
-    ctypes.c_int,
-    ctypes.c_bool,
-    ctypes.c_bool,
-    ctypes.c_char_p,
-    ctypes.c_int,
-]
+_TEXT: Any = ctypes.c_char_p
+_COMPILE_CPP = [*[_TEXT] * 4, *[ctypes.c_bool] * 4, ctypes.POINTER(_TEXT), ctypes.c_int]
+_COMPILE_CPP += [*[ctypes.c_bool] * 2, _TEXT, ctypes.c_int]
 """Arguments of `wp_compile_cpp` (Warp's clang.cpp): source, its path, headers, output, debug, verify_fp, fuse_fp,
 tiles_in_stack_memory, flags, optimization_level, verbose, use_precompiled_headers, their folder, block_dim."""
 
@@ -93,9 +87,7 @@ def _precompile(warp: Path) -> None:
             flags = (ctypes.c_char_p * (len(FLAGS) + 1))(*map(os.fsencode, FLAGS), None)
             options = (False, False, True, True, flags, 2, False, True)
             compile_cpp(_EMPTY, *map(os.fsencode, paths), *options, os.fsencode(folder), 1)
-            for written in folder.glob(WRITTEN):
-                data = written.read_bytes()
-                _keep(data, _kept() / f"{written.name}-{_digest(data)}")
+            _keep_all(folder)
 
 
 def _has_usual_flags() -> bool:
@@ -146,11 +138,16 @@ def keep_headers() -> None:
     with contextlib.suppress(OSError):
         if (folder := _of_thread()) is None:
             return
-        for written in folder.glob(WRITTEN):
-            if written.name not in _THREAD.lent:
-                data = written.read_bytes()
-                _keep(data, _kept() / f"{written.name}-{_digest(data)}")
-                _THREAD.lent.add(written.name)
+        _THREAD.lent |= _keep_all(folder, but_for=_THREAD.lent)
+
+
+def _keep_all(folder: Path, *, but_for: Collection[str] = ()) -> set[str]:
+    """Put the headers in a folder into the cache, but for some names; return the names of those put there."""
+    names = {written.name for written in folder.glob(WRITTEN)}.difference(but_for)
+    for name in names:
+        data = (folder / name).read_bytes()
+        _keep(data, _kept() / f"{name}-{_digest(data)}")
+    return names
 
 
 def _keep(data: bytes, kept: Path) -> None:

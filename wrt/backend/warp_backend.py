@@ -15,7 +15,6 @@ from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
 from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
-from wrt.backend.headers import precompile_early
 from wrt.backend.memory import LARGE, forget_code, trim, zeros
 from wrt.backend.recording import call_name
 
@@ -275,7 +274,6 @@ def initialize_warp() -> None:
     finally:
         os.close(kept)
     _forget_start()
-    precompile_early()
 
 
 @cache
