@@ -293,22 +293,40 @@ def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
-def test_seconds_are_those_that_somebody_waited(loads: Loads) -> None:
+def test_seconds_are_those_that_somebody_waited(monkeypatch: pytest.MonkeyPatch) -> None:
+    # By a clock of its own, a load takes a second. It ends only after somebody has looked at the clock and waits.
+    now, ended, loaded = 0.0, threading.Event(), set[str]()
+    waits = threading.Event()
+
+    def clock() -> float:
+        waits.set()
+        return now
+
+    def load(module: SimpleNamespace, device: str) -> None:
+        nonlocal now
+        if module.name not in loaded:
+            assert waits.wait(60.0)
+            loaded.add(module.name)
+            now += 1.0
+        ended.set()
+
+    monkeypatch.setattr(wp, "load_module", load)
+    monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
+    monkeypatch.setattr("wrt.backend.device.time", SimpleNamespace(perf_counter=clock))
     device = Device("cpu", threads=2)
     with device.compiling() as compile:
+        waits.set()
         compile(kernel("beside"))
-        while not loads.ended:  # other work that takes longer
-            time.sleep(0.01)
-    assert device.seconds_compile < 0.15
+        assert ended.wait(60.0), "other work takes longer"
+    assert device.seconds_compile == 0.0
+    waits.clear()
     with device.compiling() as compile:
         compile(kernel("waited for"))
-    assert device.seconds_compile > 0.15
-    before = device.seconds_compile
+    assert device.seconds_compile == 1.0
     device.launch(kernel("needed at once"), 1, [])
-    assert device.seconds_compile > before + 0.15
-    before = device.seconds_compile
+    assert device.seconds_compile == 2.0
     device.launch(kernel("needed at once"), 1, [])
-    assert device.seconds_compile < before + 0.15, "it was loaded already"
+    assert device.seconds_compile == 2.0, "it was loaded already"
 
 
 def test_seconds_of_another_process_are_counted_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
