@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 import warp as wp
-from conftest import ROOT
+from conftest import ROOT, WARPS_FLAGS
 from support.caches import CORNELL_BOX, copy_of_warm_cache
 
 from wrt.backend import cache_folders, headers, kernel_cache
@@ -343,6 +343,7 @@ def no_headers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     initialize_warp()
     headers._PRECOMPILER.submit(int).result()  # what Warp's start has begun is done
     monkeypatch.setattr(headers, "_kept", lambda: tmp_path / "headers-0")
+    monkeypatch.setattr(wp.config, "cpu_compiler_flags", WARPS_FLAGS)
     return tmp_path / "headers-0"
 
 
