@@ -293,6 +293,18 @@ def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
+def test_nobody_complains_after_the_last_message() -> None:
+    # The compiler would, about a folder that has been removed: as a signal ends a process, it may still run.
+    program = """import atexit, os, sys
+from wrt.cli.process import end
+atexit.register(os.write, 2, b"error: cannot open file")
+print("Stopped.", file=sys.stderr)
+end(143)"""
+    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", program], env=variables, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (143, "Stopped.\n")
+
+
 def test_seconds_are_those_that_somebody_waited(monkeypatch: pytest.MonkeyPatch) -> None:
     # By a clock of its own, a load takes a second. It ends only after somebody has looked at the clock and waits.
     now, ended, loaded = 0.0, threading.Event(), set[str]()

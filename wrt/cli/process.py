@@ -104,11 +104,25 @@ def no_collections() -> Iterator[None]:
 
 def end(status: int) -> NoReturn:
     """End the process without freeing its objects; temporary files are still removed."""
+    _flush()
+    if status:
+        _silence()
     atexit._run_exitfuncs()
+    _flush()
+    os._exit(status)
+
+
+def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed or missing
             stream.flush()
-    os._exit(status)
+
+
+def _silence() -> None:
+    """Let nobody write to standard error: a compiler that still runs would complain about its missing files."""
+    with contextlib.suppress(OSError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 2)
 
 
 def end_soon(status: int) -> None:
