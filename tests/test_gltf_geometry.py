@@ -10,7 +10,7 @@ import pytest
 from support.meshes import gltf_box, write
 
 import wrt
-from wrt.errors import InputWarning
+from wrt.errors import InputError, InputWarning
 from wrt.io.gltf.meshopt import decoded
 from wrt.io.load_mesh import load_file, load_mesh
 
@@ -99,6 +99,21 @@ def test_fans_are_triangles_and_lines_are_told(tmp_path):
     np.testing.assert_allclose(corners(tmp_path, tree), POINTS[FACES])
     tree["meshes"][0]["primitives"].append({"attributes": {"POSITION": 0}, "mode": 3})
     with pytest.warns(InputWarning, match="lines are left out: only triangles are rendered"):
+        corners(tmp_path, tree)
+
+
+def test_primitives_without_positions_are_left_out(tmp_path):
+    tree = square()
+    whole = tree["meshes"][0]["primitives"][0]
+    without = {**whole, "attributes": {}}
+    tree["meshes"][0]["primitives"] = [without, whole]
+    tree["meshes"].append({"primitives": [without]})
+    tree["nodes"].append({"mesh": 1, "name": "empty", "skin": 0, "weights": [0.5]})
+    assert "scenes" not in tree, "all nodes are shown"
+    with pytest.warns(InputWarning, match=r"mesh.gltf: primitives without positions .* \(2\)"):
+        assert np.array_equal(corners(tmp_path, tree), POINTS[FACES])
+    tree["meshes"][0]["primitives"] = [without]
+    with pytest.warns(InputWarning), pytest.raises(InputError, match=r"mesh.gltf: no triangles"):
         corners(tmp_path, tree)
 
 

@@ -35,6 +35,7 @@ def prepare_nodes(tree: Tree, buffers: Buffers) -> None:
     """Hide what is not visible, and place instances and moved meshes as nodes of their own."""
     nodes, meshes = tree.get("nodes", []), tree.get("meshes", [])
     _hide(nodes)
+    _leave_out_without_positions(nodes, meshes, buffers)
     if any("skin" in node or "weights" in node for node in nodes) or any("weights" in mesh for mesh in meshes):
         _deform(tree, buffers)
     for node in list(nodes):
@@ -97,6 +98,20 @@ def _hide(nodes: list[Tree]) -> None:
         node = waiting.pop()
         node.pop("mesh", None)
         waiting += [nodes[child] for child in node.get("children", [])]
+
+
+def _leave_out_without_positions(nodes: list[Tree], meshes: list[Tree], buffers: Buffers) -> None:
+    """Take primitives without positions, which need not be rendered (section 3.7.2.1), and meshes of them alone."""
+    left_out = 0
+    for mesh in meshes:
+        kept = [primitive for primitive in mesh["primitives"] if "POSITION" in primitive["attributes"]]
+        left_out += len(mesh["primitives"]) - len(kept)
+        mesh["primitives"] = kept
+    if left_out:
+        warn(f"{buffers.path}: primitives without positions are left out ({left_out})")
+        for node in nodes:
+            if "mesh" in node and not meshes[node["mesh"]]["primitives"]:
+                del node["mesh"]
 
 
 # --- Skins and morph targets -----------------------------------------------------------------------
