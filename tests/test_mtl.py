@@ -147,6 +147,20 @@ def test_images_are_found_in_any_case_and_beside_the_file(name, tmp_path):
     np.testing.assert_allclose(pixels, linear_from_srgb(CODES[:, :, :3] / 255.0), atol=1e-6)
 
 
+def test_images_are_found_beside_their_material_file(tmp_path):
+    (tmp_path / "materials/maps").mkdir(parents=True)
+    Image.fromarray(CODES[:, :, :3]).save(tmp_path / "materials/maps/rgb.png")
+    write(tmp_path / "materials", "m.mtl", "newmtl m\nKd 1 1 1\nmap_Kd maps/rgb.png\n")
+    path = write(tmp_path, "mesh.obj", OBJ.replace("m.mtl", "materials/m.mtl"))
+    (shape,) = load_shapes(path)
+    expected = linear_from_srgb(CODES[:, :, :3] / 255.0)
+    np.testing.assert_allclose(shape.material.reflectance.pixels, expected, atol=1e-6)
+    (tmp_path / "maps").mkdir()
+    Image.fromarray(CODES[::-1, :, :3]).save(tmp_path / "maps/rgb.png")  # first comes what lies beside the mesh
+    (shape,) = load_shapes(path)
+    np.testing.assert_allclose(shape.material.reflectance.pixels, expected[::-1], atol=1e-6)
+
+
 def test_images_that_are_not_there_are_told(tmp_path):
     for text in ("map_Ks none.png\nKs 1 1 1\nillum 2", "map_d none.png", "bump none.png", "map_Pr none.png"):
         with pytest.warns(InputWarning, match=r"none\.png', which it refers to: no such file"):

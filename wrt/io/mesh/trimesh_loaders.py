@@ -11,7 +11,8 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -43,12 +44,13 @@ _COLOR_MAP = re.compile(r"^(\s*)map_kd(?=\s)", re.IGNORECASE | re.MULTILINE)
 class Beside:
     """Gives trimesh the files that a file refers to, and remembers the missing ones."""
 
-    def __init__(self, path: Path, *, images: bool = True) -> None:
-        """Take the path of the file, and whether all that it refers to are images."""
+    def __init__(self, path: Path, *, images: bool = True, folders: Sequence[Path] = ()) -> None:
+        """Take the path of the file, whether all that it refers to are images, and where to look after its folder."""
         self.path = path
         self.file_name = path.name
         self.missing: list[str] = []
         self._images = images
+        self._folders = [path.parent, *folders]
 
     def find(self, name: str) -> Path:
         """Return the path of a file that may be read.
@@ -58,25 +60,24 @@ class Beside:
         """
         # Exporters on Windows write backslashes and quotes; glTF writes spaces as %20.
         plain = name.strip().strip('"').replace("\\", "/")
-        files = [self.path.parent / each for each in (name.strip(), plain, unquote(plain))]
+        files = [folder / each for folder in self._folders for each in (name.strip(), plain, unquote(plain))]
         for file in files:
             with contextlib.suppress(InputError):
                 require_file(file)
                 return file
         # Windows takes names in any case, and paths of another machine lead nowhere.
-        for names in (plain.split("/"), plain.split("/")[-1:]):
-            found = _in_any_case(self.path.parent, names)
+        for folder, names in product(self._folders, (plain.split("/"), plain.split("/")[-1:])):
+            found = _in_any_case(folder, names)
             if found is not None:
                 warn(f"{self.path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken")
                 return found
+        beside = files[2]
         try:
-            require_file(files[-1])
+            require_file(beside)
         except InputError as error:
-            self.missing.append(
-                f"{self.path}: {str(files[-1])!r}, which it refers to: {reason_alone(files[-1], error)}"
-            )
+            self.missing.append(f"{self.path}: {str(beside)!r}, which it refers to: {reason_alone(beside, error)}")
             raise InputError(self.missing[-1]) from None
-        return files[-1]
+        return beside
 
     def get(self, name: str) -> bytes | str:
         """Return a file's bytes, or the text of a material file.
