@@ -421,6 +421,7 @@ _WAYS = {
     "gltf": (*_TEXT, *(_json,) * 12, _json_copies, _bom),
     "glb": (*_BINARY, *(_json,) * 10),
     "toml": (*_TEXT, *(_toml_value,) * 12, _toml_table, _toml_table, _bom),
+    "dae": (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom),
     "xml": (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom),
     "png": (*_BINARY, *(_png_chunk,) * 5, _png_size, _png_size),
     "hdr": _MIXED,

@@ -245,6 +245,50 @@ XML_INCLUDED = """\
   <emitter type="spot"><rgb name="intensity" value="3"/><float name="cutoff_angle" value="25"/></emitter>
 </scene>
 """
+DAE = """\
+<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="inch" meter="0.0254"/><up_axis>Z_UP</up_axis></asset>
+<library_cameras><camera id="eye"><optics><technique_common><perspective><yfov>35</yfov><znear>0.1</znear>
+<zfar>90</zfar></perspective></technique_common></optics></camera></library_cameras>
+<library_lights><light id="lamp"><technique_common><point><color>1 0.9 0.8</color></point></technique_common></light>
+</library_lights>
+<library_images><image id="i"><init_from>colors.png</init_from></image></library_images>
+<library_effects><effect id="paint"><profile_COMMON>
+<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="s"><sampler2D><source>f</source></sampler2D></newparam>
+<technique sid="t"><phong><emission><color>0 0.1 0 1</color></emission><diffuse><texture texture="s" texcoord="UV"/>
+</diffuse><specular><color>0.5 0.5 0.5 1</color></specular><shininess><float>20</float></shininess>
+<transparency><float>0.9</float></transparency></phong></technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#paint"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="12">0 0 0 1 0 0 1 2 0 0 2 3</float_array><technique_common>
+<accessor source="#pa" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<source id="n"><float_array id="na" count="3">0 0 1</float_array><technique_common><accessor source="#na" count="1"
+stride="3"><param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor>
+</technique_common></source>
+<source id="t"><float_array id="ta" count="8">0 0 1 0 1 1 0 1</float_array><technique_common><accessor source="#ta"
+count="4" stride="2"><param name="S" type="float"/><param name="T" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles material="M" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="NORMAL" source="#n" offset="1"/><input semantic="TEXCOORD" source="#t" offset="2" set="0"/>
+<p>0 0 0 1 0 1 2 0 2</p></triangles>
+<polylist material="M" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#t" offset="1"/><vcount>4</vcount><p>0 0 1 1 2 2 3 3</p></polylist>
+</mesh></geometry></library_geometries>
+<library_controllers><controller id="skin"><skin source="#g">
+<bind_shape_matrix>1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1</bind_shape_matrix></skin></controller></library_controllers>
+<library_nodes><node id="lent"><scale>1 2 1</scale><instance_geometry url="#g"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="w">
+<node id="top"><translate>0 0 7</translate><rotate>0 1 0 30</rotate><node id="below">
+<matrix>1 0 0 0 0 1 0 2 0 0 1 0 0 0 0 1</matrix><instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="M" target="#m"><bind_vertex_input semantic="UV" input_semantic="TEXCOORD" input_set="0"/>
+</instance_material></technique_common></bind_material></instance_geometry></node></node>
+<node id="moved"><instance_controller url="#skin"/></node><node><instance_node url="#lent"/></node>
+<node><lookat>0 5 9 0 0 0 0 1 0</lookat><instance_camera url="#eye"/><instance_light url="#lamp"/></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>
+"""
 
 
 def write(name: str, content: str | bytes) -> None:
@@ -437,6 +481,7 @@ def main() -> None:
     write("scene.gltf", gltf(image, binary=False))
     write("scene.glb", gltf(image, binary=True))
     write("parts.3mf", threemf(image))
+    write("nodes.dae", DAE)
     write("shapes.toml", TOML_SHAPES)
     write("sky.toml", TOML_SKY)
     write("plugins.xml", XML_SCENE)

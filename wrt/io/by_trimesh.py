@@ -57,7 +57,7 @@ def read_by_trimesh(path: Path, data: bytes) -> Contents:
         warn(f"{line}; it is left out")
     if controllers:
         warn(f"{path}: skins and morph targets are shown in their bind pose")
-    return read_object(scene)
+    return read_object(scene, str(path))
 
 
 def declared_up(path: Path) -> str | None:

@@ -43,11 +43,15 @@ def file_type(source: Any) -> str:
     return str(source.source.file_type or "").lower()
 
 
-def read_object(source: Any) -> Contents:
+def read_object(source: Any, name: str = "trimesh") -> Contents:
     """Return a part for each mesh and material of a `trimesh.Trimesh` or a `trimesh.Scene`, its camera and its lights.
 
+    Args:
+        source: the object.
+        name: what messages call it.
+
     Raises:
-        InputError: where it is another type.
+        InputError: where it is another type, or a node is at no finite place.
     """
     import trimesh
 
@@ -60,22 +64,24 @@ def read_object(source: Any) -> Contents:
     reader = _Reader(source)
     places: dict[str, list[NDArray[np.float64]]] = {}
     for node in source.graph.nodes_geometry:
-        matrix = _place_of(source, node)
+        matrix = _place_of(source, node, name)
         if matrix is not None:
             places.setdefault(source.graph[node][1], []).append(matrix)
     parts = [
         placed(part, found) for name, found in places.items() for part in reader.parts(str(name), source.geometry[name])
     ]
-    return Contents(parts, lights_of(_lights(source)), cameras_of(_camera(source)))
+    return Contents(parts, lights_of(_lights(source, name)), cameras_of(_camera(source)))
 
 
-def _place_of(scene: Any, node: Any) -> NDArray[np.float64] | None:
+def _place_of(scene: Any, node: Any, name: str) -> NDArray[np.float64] | None:
     """Return the (4, 4) transform of a node; None where trimesh has dropped its parents, such as glTF camera nodes."""
     try:
         return np.asarray(scene.graph.get(node)[0], np.float64)
     except ValueError:
-        warn(f"trimesh: node {node!r} is left out: nothing leads to it; trimesh drops nodes with cameras when it loads")
+        warn(f"{name}: node {node!r} is left out: nothing leads to it; trimesh drops nodes with cameras when it loads")
         return None
+    except AssertionError:  # trimesh would repair rotations that are slightly off, and finds infinite places wrong
+        raise InputError(f"{name}: node {node!r} is at no finite place") from None
 
 
 class _HeldImages(GltfImages):
@@ -295,16 +301,16 @@ def _camera(scene: Any) -> Tree:
     return {"cameras": [lens], "nodes": [node], "scenes": [{"nodes": [0]}]}
 
 
-def _lights(scene: Any) -> Tree:
+def _lights(scene: Any, name: str) -> Tree:
     """Return a scene's lights as glTF describes them: those given to it, and those that trimesh keeps from a glTF file.
 
-    trimesh adds two lights to a scene without any when it shows it; these are left out.
+    trimesh adds two lights to a scene without any when it shows it; these are left out. Messages name the scene.
     """
     lights: list[Tree] = []
     nodes: list[Tree] = []
 
     def add(light: Tree, frame: Any) -> None:
-        matrix = _place_of(scene, frame)
+        matrix = _place_of(scene, frame, name)
         if matrix is not None:
             extensions = {"KHR_lights_punctual": {"light": len(lights)}}
             nodes.append({"matrix": matrix.T.reshape(-1).tolist(), "extensions": extensions})
@@ -314,7 +320,7 @@ def _lights(scene: Any) -> Tree:
     for light in given if any(not _is_automatic(light) for light in given) else []:
         kind = type(light).__name__.removesuffix("Light").lower()
         color = (np.asarray(light.color)[:3] / 255.0).tolist()
-        cone = {name: getattr(light, name) for name in ("innerConeAngle", "outerConeAngle") if hasattr(light, name)}
+        cone = {key: getattr(light, key) for key in ("innerConeAngle", "outerConeAngle") if hasattr(light, key)}
         add({"type": kind, "color": color, "intensity": light.intensity, "spot": cone}, light.name)
     carried = _extension({"metadata": scene.metadata}).get("lights", [])
     for (_, frame), edge in scene.graph.transforms.edge_data.items():
