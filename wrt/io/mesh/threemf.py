@@ -144,6 +144,8 @@ class _Model:
         bases = self.groups[self._group.members[0]].values
         colors = np.array([bases[index] for index in self._mixed[: len(shares)]])
         total = float(shares.sum())
+        if not np.isfinite(total):
+            raise ValueError(f"shares of a mixture are not finite: {given['values']}")
         weights = shares[: len(colors)] / total if total > 0.0 else np.full(len(colors), 1.0 / len(colors))
         self._group.values.append(tuple(product(weights, colors)))
 
