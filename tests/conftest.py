@@ -57,17 +57,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 LONGEST = (
-    "test_wide.py",
+    "test_emulated_cuda.py",
     # It compiles nothing for the CPU, while another process compiles what all the others need.
     "test_cuda_compile.py",
-    "test_emulated_cuda.py",
-    "test_wide_functions.py",
-    "test_gallery.py",
-    "test_digests.py",
+    "test_wide.py",
     "test_mitsuba_files.py",
     "test_kernel_cache.py",
-    "test_render_kernel.py",
     "test_against_mitsuba.py",
+    "test_digests.py",
+    "test_extreme_materials.py",
 )
 """Files that take minutes, which begin first: else one process is left with them at the end."""
 
