@@ -79,6 +79,11 @@ COLLADA = """\
 <library_visual_scenes><visual_scene id="w"><node id="n"><translate>0 0 7</translate>INSTANCE</node></visual_scene>
 </library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>
 """
+OF_X = {
+    "camera": "<optics><technique_common><perspective><yfov>35</yfov><znear>1</znear><zfar>9</zfar></perspective>"
+    "</technique_common></optics>",
+    "light": "<technique_common><point><color>1 1 1</color></point></technique_common>",
+}
 BOUND = (
     "<bind_material><technique_common><instance_material symbol='M' target='#m'/></technique_common></bind_material>"
 )
@@ -102,6 +107,17 @@ def test_collada_without_a_scene_shows_its_first_and_names_missing_images(tmp_pa
     with pytest.warns(InputWarning, match=r"none\.png', which it refers to: no such file; it is left out"):
         (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
     np.testing.assert_allclose(shape.mesh.bounds, [[0, 0, 7], [1, 2, 10]], atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*none.png")
+def test_cameras_and_lights_of_collada_are_told(tmp_path):
+    pytest.importorskip("collada")
+    for more, words in (("camera", "cameras"), ("light", "lights")):
+        text = COLLADA.replace("INSTANCE", f"<instance_geometry url='#g'/><instance_{more} url='#x'/>")
+        library = f"<library_{more}s><{more} id='x'>{OF_X[more]}</{more}></library_{more}s>"
+        text = text.replace("<library_geometries>", f"{library}<library_geometries>")
+        with pytest.warns(InputWarning, match=rf"a\.dae: {words} of COLLADA files are left out"):
+            load_file(write(tmp_path, "a.dae", text))
 
 
 @pytest.mark.filterwarnings("ignore:.*none.png")

@@ -57,6 +57,8 @@ def read_by_trimesh(path: Path, data: bytes) -> Contents:
         warn(f"{line}; it is left out")
     if controllers:
         warn(f"{path}: skins and morph targets are shown in their bind pose")
+    if lost := [what for what in ("camera", "light") if f"instance_{what}".encode() in data]:
+        warn(f"{path}: {' and '.join(f'{what}s' for what in lost)} of COLLADA files are left out")
     return read_object(scene, str(path))
 
 
