@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
-from wrt.io.mesh.trimesh_loaders import COLOR_MAP, Beside
+from wrt.io.mesh.trimesh_loaders import COLOR_MAP
 from wrt.io.texture_images import Source, TextureImages
 from wrt.scene.materials import Diffuse, Material, Principled
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
@@ -40,9 +40,9 @@ _HIGHEST = 1e6
 class MtlMaterials:
     """The materials of one OBJ file, each made once for each way of using it."""
 
-    def __init__(self, path: Path, find: Callable[[str], Source] | None = None) -> None:
-        """Take the path of the OBJ file, and a function that finds images by name; by default beside the file."""
-        self._find = find or Beside(path).find
+    def __init__(self, path: Path, find: Callable[[str], Source]) -> None:
+        """Take the path of the OBJ file, and a function that finds images by name."""
+        self._find = find
         self._images = TextureImages(path)
         self._made: dict[tuple[str, bool, bool], Material] = {}
 

@@ -5,9 +5,7 @@ Format: Wavefront, "Advanced Visualizer Manual", appendix B1.
 
 from __future__ import annotations
 
-import contextlib
 import re
-import warnings
 from pathlib import Path
 
 from wrt.errors import InputError, warn
@@ -52,8 +50,9 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         names = dict.fromkeys(re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
         named = f"{next(iter(names), '')!r}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
         warn(f"{path}: it names no file (mtllib) that describes its materials, {named}; they are left out")
-    loaded = load(path, text, "obj", split_groups=True)
-    materials = MtlMaterials(path, Beside(path, folders=_folders_of_materials(path, text)).find)
+    beside = Beside(path)
+    loaded = load(path, text, "obj", beside=beside, split_groups=True)
+    materials = MtlMaterials(path, beside.find)
     parts = []
     for fields in reversed(list(loaded.get("geometry", {}).values())):  # trimesh takes the last one first
         described = getattr(fields.get("visual"), "material", None)
@@ -74,16 +73,6 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     if not parts and (count := text.count("\nv ") + text.startswith("v ")):
         raise InputError(f"{path}: {only_points(count)}")
     return parts
-
-
-def _folders_of_materials(path: Path, text: str) -> list[Path]:
-    """Return the folders of the material files other than the mesh's: their images lie beside either."""
-    folders = []
-    for name in re.findall(r"^mtllib (.+)$", text, re.MULTILINE):
-        with contextlib.suppress(InputError), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it is told where the file is read
-            folders.append(Beside(path).find(name).parent)
-    return [folder for folder in dict.fromkeys(folders) if folder != path.parent]
 
 
 def _plain(path: Path, text: str) -> str:

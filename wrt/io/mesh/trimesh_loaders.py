@@ -11,7 +11,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -44,13 +44,13 @@ _COLOR_MAP = re.compile(r"^(\s*)map_kd(?=\s)", re.IGNORECASE | re.MULTILINE)
 class Beside:
     """Gives trimesh the files that a file refers to, and remembers the missing ones."""
 
-    def __init__(self, path: Path, *, images: bool = True, folders: Sequence[Path] = ()) -> None:
-        """Take the path of the file, whether all that it refers to are images, and where to look after its folder."""
+    def __init__(self, path: Path, *, images: bool = True) -> None:
+        """Take the path of the file, and whether all that it refers to are images."""
         self.path = path
         self.file_name = path.name
         self.missing: list[str] = []
         self._images = images
-        self._folders = [path.parent, *folders]
+        self._folders = [path.parent]
 
     def find(self, name: str) -> Path:
         """Return the path of a file that may be read.
@@ -71,7 +71,7 @@ class Beside:
             if found is not None:
                 warn(f"{self.path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken")
                 return found
-        beside = files[2]
+        beside = self.path.parent / unquote(plain)
         try:
             require_file(beside)
         except InputError as error:
@@ -88,6 +88,7 @@ class Beside:
         file = self.find(name)
         data = read_file(file)
         if file.suffix.lower() == ".mtl":
+            self._folders.append(file.parent)  # images of materials lie beside the mesh or beside their own file
             try:
                 text = as_text(data)
             except InputError as error:  # trimesh would swallow it
@@ -155,7 +156,9 @@ class _Views(io.BytesIO):
         return self._view[start:stop]
 
 
-def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **options: Any) -> Fields:
+def load(
+    path: Path, data: bytes | str, kind: str, *, views: bool = False, beside: Beside | None = None, **options: Any
+) -> Fields:
     """Return the output of a trimesh loader.
 
     Args:
@@ -163,6 +166,7 @@ def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **opt
         data: its content.
         kind: the type of the file, such as "obj".
         views: whether reads may return memoryviews, which not all loaders accept.
+        beside: what finds the files that it refers to; by default a new one.
         options: further arguments of the loader.
 
     Raises:
@@ -170,7 +174,7 @@ def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **opt
     """
     from trimesh.exchange.load import mesh_loaders
 
-    beside = Beside(path, images=kind != "gltf")
+    beside = beside or Beside(path, images=kind != "gltf")
     file = io.StringIO(data) if isinstance(data, str) else (_Views if views else io.BytesIO)(data)
     with quiet():
         try:
