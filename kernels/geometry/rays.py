@@ -42,10 +42,15 @@ class Frame:
     n: wp.vec3
 
 
+TURNS = wp.constant(-1e-4)
+"""z of the normals at which frames turn, and with them all that is sampled in them. Rounding makes z of walls that stand
+upright 0 on one device and -1e-10 on another, so frames do not turn at 0."""
+
+
 @wp.func
 def make_frame(n: wp.vec3) -> Frame:
     """Return a frame around the unit vector n (Duff et al. 2017, listing 3)."""
-    sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
+    sign = wp.where(n[2] >= TURNS, 1.0, -1.0)
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
     frame = Frame()

@@ -26,6 +26,10 @@ _COMPILER = Threads(1, "wrt-compile")
 """The thread that compiles in the background. A single thread, because Warp precompiles its headers once per thread,
 which takes nearly half the time of compiling an ordinary render kernel."""
 
+_GPU_COMPILERS = Threads(min(available_threads(), 8), "wrt-nvrtc")
+"""The threads that compile for GPUs in the background: NVRTC needs no headers of a thread, and runs in several at
+once."""
+
 _LOADER = Threads(1, "wrt-load")
 """The thread that compiles while the caller waits, so that the caller can be interrupted; native code cannot."""
 
@@ -129,11 +133,11 @@ class Device:
     def compiling(self) -> Iterator[Callable[[Any], None]]:
         """Yield a function that compiles a kernel in the background; all are compiled when the context ends.
 
-        On the CPU another thread compiles, unless the device has a single thread. One is enough: Warp generates code
-        in one thread at a time, and the compiler then takes most of the time, without the interpreter lock. After an
-        exception no further compile begins, and the running one is not waited for.
+        For the CPU another thread compiles, unless the device has a single thread. One is enough: Warp generates code
+        in one thread at a time, and the compiler then takes most of the time, without the interpreter lock. For GPUs
+        several threads do. After an exception no further compile begins, and the running ones are not waited for.
         """
-        if not self.is_cpu or self.threads == 1:
+        if self.is_cpu and self.threads == 1:
             kernels: list[Any] = []
             yield kernels.append
             for kernel in kernels:
@@ -141,7 +145,8 @@ class Device:
             return
         workers: set[Future[None]] = set()
         try:
-            yield lambda kernel: workers.add(_COMPILER.submit(self._load, kernel))
+            compilers = _COMPILER if self.is_cpu else _GPU_COMPILERS
+            yield lambda kernel: workers.add(compilers.submit(self._load, kernel))
             start = time.perf_counter()
             finish(workers)
             self.seconds_compile += time.perf_counter() - start

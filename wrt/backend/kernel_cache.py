@@ -185,7 +185,8 @@ class Build:
             raise
         for names in _collected:
             names.add(str(self._module.name))
-        keep_headers()
+        if self._device.is_cpu:
+            keep_headers()
 
     def run_compiler(self, folder: Path) -> None:
         """Compile it, and nothing else."""

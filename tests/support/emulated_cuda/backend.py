@@ -151,7 +151,7 @@ def emulated_cuda(
 
     initialize_warp()
     backend = counting or EmulatedBackend(arch, optimization=optimization)
-    before, real = wrt.backend._backend, wp.launch
+    before, real, gpu = wrt.backend._backend, wp.launch, context.runtime.device_map.get(GPU)
 
     def launch(
         kernel: Any, dim: Any, inputs: Any = (), outputs: Any = (), *, device: Any = None, **options: Any
@@ -170,3 +170,5 @@ def emulated_cuda(
     finally:
         wrt.backend._backend, wp.launch = before, real
         del context.runtime.device_map[GPU]
+        if gpu is not None:
+            context.runtime.device_map[GPU] = gpu
