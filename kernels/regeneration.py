@@ -53,12 +53,19 @@ def number_of(lanes: wp.uint32) -> int:
 
 
 def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.Kernel:
-    """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
+    """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone.
+
+    It is compiled with approximate division and square roots, accurate to two units in the last place, which take half
+    of the code: a GPU waits for instructions longer than for anything else (docs/gpu.md).
+    """
     many, holes = len(features.models) > FEW_MODELS, features.opacity and not features.bodies
     features = replace(features, slot_loop=many, shadows_meet=holes)
     if regenerates and can_regenerate(features):
-        return make_regenerating_kernel(features)
-    return make_render_kernel(replace(features, tiles=True))
+        kernel = make_regenerating_kernel(features)
+    else:
+        kernel = make_render_kernel(replace(features, tiles=True))
+    kernel.module.options["fast_math"] = True
+    return kernel
 
 
 def can_regenerate(features: Features) -> bool:
