@@ -26,9 +26,6 @@ from wrt.kernels.specialise import specialised
 
 votes_h = include("votes.h")
 
-FEW_MODELS = 4
-"""Models at most whose values are read in a loop of each, in registers; those of more by `Features.slot_loop`."""
-
 WAITING = wp.constant(2)
 """One of so many lanes that still have samples must wait before those that do begin paths. Half of them issue least of
 all on average (docs/notes/cuda.md)."""
@@ -58,8 +55,7 @@ def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.K
     It is compiled with approximate division and square roots, accurate to two units in the last place, which take half
     of the code: a GPU waits for instructions longer than for anything else (docs/gpu.md).
     """
-    many, holes = len(features.models) > FEW_MODELS, features.opacity and not features.bodies
-    features = replace(features, slot_loop=many, shadows_meet=holes)
+    features = replace(features, slot_loop=True, shadows_meet=features.opacity and not features.bodies)
     if regenerates and can_regenerate(features):
         kernel = make_regenerating_kernel(features)
     else:

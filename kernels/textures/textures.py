@@ -17,13 +17,6 @@ from wrt.kernels.textures.footprint import texels_across
 
 
 @wp.func
-def wrap(i: int, n: int) -> int:
-    """Return i modulo n, in [0, n)."""
-    r = i % n
-    return wp.where(r < 0, r + n, r)
-
-
-@wp.func
 def mixed(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3, share: wp.vec2) -> wp.vec3:
     """Return the mean of the corners of a square, where b and d have the weight share[0], c and d share[1]."""
     upper = a * (1.0 - share[0]) + b * share[0]
@@ -93,11 +86,16 @@ def inside_image(t: float, mode: int) -> float:
 
 @wp.func
 def neighbors(i: int, size: int, mode: int) -> wp.vec2i:
-    """Return texel i and the next one along an axis, wrapped at the image's edge."""
-    if mode == WRAP_REPEAT:
-        return wp.vec2i(wrap(i, size), wrap(i + 1, size))
+    """Return texel i, from −1 to `size`, and the next one along an axis, wrapped at the image's edge."""
     # At the edge, mirrored and clamped images repeat the last texel.
-    return wp.vec2i(wp.clamp(i, 0, size - 1), wp.clamp(i + 1, 0, size - 1))
+    last = size - 1
+    first = wp.clamp(i, 0, last)
+    second = wp.clamp(i + 1, 0, last)
+    if mode == WRAP_REPEAT:
+        # Without a remainder, which is an integer division.
+        first = wp.where(i < 0, last, wp.where(i > last, 0, first))
+        second = wp.where(i >= last, 0, second)
+    return wp.vec2i(first, second)
 
 
 @wp.func

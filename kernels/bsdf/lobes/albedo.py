@@ -98,7 +98,7 @@ def row_of(mu: float, place: TablePlace) -> float:
     return wp.min(place.rows_per_log * logarithm(1.0 + mu / place.scale), float(ROWS - 1))
 
 
-@wp.func
+@wp.func(inline=False)
 def missing_energy(tables: wp.array(dtype=float), table: int, w: wp.vec3, alpha: float) -> float:
     """Return 1 − E(w), w on either side, for the roughness `alpha` if the table's columns are roughnesses."""
     place = table_place(tables, table, w[0], w[1], alpha)
@@ -108,7 +108,7 @@ def missing_energy(tables: wp.array(dtype=float), table: int, w: wp.vec3, alpha:
     return low + (read_row(tables, table + VALUES, i + 1, place) - low) * (row - float(i))
 
 
-@wp.func
+@wp.func(inline=False)
 def average_missing_energy(tables: wp.array(dtype=float), table: int, alpha: float) -> float:
     """Return the mean of 1 − E over the hemisphere, weighted by 2 cosθ; greater than 0."""
     place = table_place(tables, table, 0.0, 0.0, alpha)

@@ -59,7 +59,7 @@ def average_specular_albedo(alpha: float) -> wp.vec2:
     return wp.vec2(w + y6 * (-0.03115746 - 0.006600589 * y), g + y6 * (0.004559138 - 0.009248789 * y))
 
 
-@wp.func
+@wp.func(inline=False)
 def facet_albedo(w: wp.vec3, shape: wp.vec3) -> wp.vec2:
     """Return (W, G) of anisotropic GGX for light from w, of the shape (αu, αv, 0).
 
@@ -88,7 +88,7 @@ def average_facet_albedo(shape: wp.vec3) -> wp.vec2:
     return average_specular_albedo(wp.max(shape[0], shape[1]))
 
 
-@wp.func
+@wp.func(inline=False)
 def sheen_albedo(mu: float, roughness: float) -> float:
     """Return the albedo of white sheen (`sheen.py`); above 1 for smooth sheen at grazing angles.
 
