@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import re
 import shutil
@@ -52,7 +53,7 @@ def run_tests(quick: bool) -> Results:
         "pytest",
         "-q",
         "-n",
-        "2",
+        str(min(os.cpu_count() or 2, 16)),
         "--dist",
         "loadfile",
         "--device",

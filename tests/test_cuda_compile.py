@@ -29,7 +29,7 @@ from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
-from wrt.kernels.regeneration import FEW_MODELS, can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
+from wrt.kernels.regeneration import can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
@@ -172,7 +172,7 @@ def loop_of(features: Features) -> tuple[Any, ...]:
     """Return all that the loop along a path asks of the features itself: the rest is in functions that it calls."""
     asked = features.media, features.grid_media, features.nested, features.opacity, features.mixed, features.clamped
     shadows = can_attenuate_shadows(features), bool(features.light_shapes), features.geometry
-    return *asked, *shadows, has_panes(features.models), len(features.models) > FEW_MODELS
+    return *asked, *shadows, has_panes(features.models)
 
 
 REGENERATING = {loop_of(features): features for features in reversed(FEATURES) if can_regenerate(features)}
@@ -183,7 +183,7 @@ REGENERATING = {loop_of(features): features for features in reversed(FEATURES) i
 @pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
 def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     """In one module with the kernel that regenerates paths: the functions that both call are then compiled once."""
-    kernels = [make_render_kernel(features)]
+    kernels = [make_gpu_render_kernel(features, regenerates=False)]
     if features in REGENERATING.values():
         kernels.append(make_gpu_render_kernel(features))
         assert kernels[1].key.startswith("make_regenerating_kernel")
@@ -195,6 +195,8 @@ def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
     # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
     text = compile_for_cuda(module, ARCHITECTURES[0], tmp_path, mode="debug")
     assert all(f".visible .entry {kernel.get_mangled_name()}" in text for kernel in kernels)
+    assert "div.approx.ftz.f32" in text
+    assert "div.rn.f32" not in text
 
 
 def test_the_loop_asks_for_nothing_else() -> None:
@@ -214,24 +216,25 @@ def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
         assert CUDA_BOUNDS[0] == kernel.module.options["block_dim"]
 
 
-def test_values_of_many_models_are_read_in_one_loop() -> None:
-    few, many = (Features(names, True, "none") for names in (("diffuse",), tuple(MODELS)))
-    assert make_gpu_render_kernel(few) is make_regenerating_kernel(few)
-    assert make_gpu_render_kernel(many) is make_regenerating_kernel(replace(many, slot_loop=True))
+def test_values_of_all_models_are_read_in_one_loop() -> None:
+    plain = Features(("diffuse",), True, "none")
+    assert make_gpu_render_kernel(plain) is make_regenerating_kernel(replace(plain, slot_loop=True))
 
 
 def test_shadow_rays_have_no_way_out_before_they_are_traced_where_lights_may_have_holes() -> None:
     holes = Features(("diffuse",), True, "none", opacity=True)
-    assert make_gpu_render_kernel(holes) is make_regenerating_kernel(replace(holes, shadows_meet=True))
+    assert make_gpu_render_kernel(holes) is make_regenerating_kernel(replace(holes, slot_loop=True, shadows_meet=True))
     fog = replace(holes, media="absorbing")
-    assert make_gpu_render_kernel(fog) is make_regenerating_kernel(fog), "media would count a way of negative length"
+    negative = "media would count a way of negative length"
+    assert make_gpu_render_kernel(fog) is make_regenerating_kernel(replace(fog, slot_loop=True)), negative
 
 
 def test_threads_of_a_gpu_take_pixels_tile_by_tile_with_every_kernel() -> None:
     plain = Features(("diffuse",), False, "none")
     for features in (replace(plain, aovs=True), *(replace(plain, integrator=name) for name in ("ao", "whitted"))):
-        assert make_gpu_render_kernel(features) is make_render_kernel(replace(features, tiles=True))
-    assert make_gpu_render_kernel(plain, regenerates=False) is make_render_kernel(replace(plain, tiles=True))
+        assert make_gpu_render_kernel(features) is make_render_kernel(replace(features, slot_loop=True, tiles=True))
+    of_paths = make_gpu_render_kernel(plain, regenerates=False)
+    assert of_paths is make_render_kernel(replace(plain, slot_loop=True, tiles=True))
 
 
 @pytest.mark.slow

@@ -28,9 +28,8 @@ def test_no_kernel_is_left_out(script: ModuleType) -> None:
     assert {name for name, _ in script.all_kernels()} == (declared - left_out) | rendered
 
 
-def test_render_kernels_are_those_that_a_gpu_runs(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_render_kernels_are_those_that_a_gpu_runs(script: ModuleType) -> None:
     """What a GPU adds to the features of a scene is decided in one place, and not again by the script."""
-    monkeypatch.setattr(regeneration, "FEW_MODELS", 0)
     kernels = dict(script.all_kernels())
     for name, features in script.render_features().items():
         assert not features.slot_loop

@@ -6,6 +6,8 @@ import re
 import threading
 import weakref
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +22,9 @@ from wrt.backend.cuda import warp_errors
 from wrt.backend.cuda.staging import LARGEST_PINNED, LEAST_PINNED
 from wrt.backend.cuda.warp_errors import on_device
 from wrt.backend.device import Device
+from wrt.backend.kernel_cache import Build, State, state
 from wrt.backend.memory import LARGE
+from wrt.backend.slices import available_threads
 from wrt.backend.warp_backend import WarpBackend
 from wrt.cli import main
 from wrt.errors import NotEnoughMemory
@@ -295,3 +299,42 @@ def test_the_largest_arrays_are_not_pinned(
     large.capacity = LARGEST_PINNED + 1
     assert (backend.fetch(large, beside=True) == 1.0).all()
     assert warp.pinned == []
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def nothing(first: int):
+    pass
+
+
+def test_a_thread_that_compiled_nothing_for_cpus_compiles_for_a_gpu(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has no headers to keep: those are of Warp's compiler for CPUs."""
+    build = Build.of(nothing.module, "cpu")
+    assert build is not None
+    monkeypatch.setattr(build, "_device", StandIn())
+    monkeypatch.setattr(Build, "binary", "a.cubin")
+    monkeypatch.setattr(Build, "meta", "a.meta")
+
+    def run_compiler(folder: Path) -> None:
+        folder.mkdir()
+        for name in (build.binary, build.meta):
+            (folder / name).write_bytes(b"compiled")
+
+    monkeypatch.setattr(build, "run_compiler", run_compiler)
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(build.compile, tmp_path / "built").result()
+    assert state(tmp_path / "built" / "a.cubin", tmp_path / "built" / "a.meta") is State.WHOLE
+
+
+def test_several_threads_compile_for_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    if available_threads() == 1:
+        pytest.skip("there is one processor")
+    with emulated_cuda(optimization=0) as backend:
+        together = threading.Barrier(2, timeout=60.0)
+        monkeypatch.setattr(backend, "load", lambda kernel, device: together.wait())
+        device = Device(GPU)
+        with device.compiling() as compile:
+            for name in ("first", "second"):  # of two modules: each is loaded by one thread at a time
+                compile(SimpleNamespace(module=SimpleNamespace(name=name)))
+    assert not together.broken

@@ -43,8 +43,8 @@ class Frame:
 
 
 TURNS = wp.constant(-1e-4)
-"""z of the normals at which frames turn, and with them all that is sampled in them. Rounding makes z of walls that stand
-upright 0 on one device and -1e-10 on another, so frames do not turn at 0."""
+"""z of the normals at which frames turn, and with them all that is sampled in them. Rounding makes z of upright walls 0
+on one device and -1e-10 on another, so frames do not turn at 0."""
 
 
 @wp.func

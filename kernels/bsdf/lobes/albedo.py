@@ -16,6 +16,8 @@ A table is TABLE_SIZE floats, those of (ROWS, COLUMNS) by cosine:
 Rows are uniform in ln(1 + μ / s), μ = cosθ, s = 0.1 a, a the roughness towards w: losses occur at μ around a, so smooth
 surfaces need their rows near the horizon. Columns are uniform in ∜α; or, in a table for one anisotropic surface, in the
 azimuth stretched by √(αv/αu).
+
+What is called for each direction is not inlined, as in `albedo_fits.py`.
 """
 
 import warp as wp

@@ -126,8 +126,11 @@ def _atomic(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 
 
 def _compare(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
-    how, kind, joining = opcode[1], opcode[-1], opcode[2:-1]
+    how, kind = opcode[1], opcode[-1]
+    joining = [part for part in opcode[2:-1] if part != "ftz"]
     a, b = o.value(ops[1], kind), o.value(ops[2], kind)
+    if "ftz" in opcode:
+        a, b = f"flushed({a})", f"flushed({b})"
     ordered = f"({a} == {a} && {b} == {b})"
     if how in ("num", "nan"):
         value = ordered if how == "num" else f"!{ordered}"
@@ -157,9 +160,11 @@ def _select(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 
 def _convert(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     into, source, modifiers = opcode[-2], opcode[-1], opcode[1:-2]
-    if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "sat", *_MODES, *_WHOLE):
+    if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "sat", "ftz", *_MODES, *_WHOLE):
         return None
     value = o.value(ops[1], source)
+    if "ftz" in modifiers and source == "f32":
+        value = f"flushed({value})"
     whole = next((_WHOLE[m] for m in modifiers if m in _WHOLE), None)
     mode = next((_MODES[m] for m in modifiers if m in _MODES), None)
     if into[0] == "f":
@@ -168,6 +173,8 @@ def _convert(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
         if mode is not None:
             value = f"rounded<{mode}, {into}, {source}>([](auto x, auto, auto) {{ return ({into})x; }}, {value}, 0, 0)"
         value = f"({into})({value})"
+        if "ftz" in modifiers and into == "f32":
+            value = f"flushed({value})"
         return o.assign(ops[0], f"saturated({value})" if "sat" in modifiers else value, into)
     if source[0] == "f":
         if whole is None:
