@@ -76,9 +76,9 @@ def test_anisotropic_albedo_is_not_underestimated(device: str, report: Report) -
         report(f"F0 {f0}: least, mean above", float(excess.min()), float(excess.mean()))
         assert excess.min() > -2e-3
         assert excess.mean() < most
-    # Turned by a quarter it is the same.
+    # Turned by a quarter it is the same. On a GPU products are fused: 5e-6 was seen on an H200.
     turned = map_function(albedo_fits.facet_albedo, w[:, [1, 0, 2]], shape[:, [1, 0, 2]], device=device)
-    np.testing.assert_allclose(turned, found, atol=1e-6)
+    np.testing.assert_allclose(turned, found, atol=1e-5)
 
 
 def anisotropic_albedos(wo: NDArray, alpha: tuple[float, float], n: int = 48) -> tuple[float, float]:

@@ -108,7 +108,8 @@ def test_samples_follow_the_density(name: str, degrees: float, device: str, repo
 @pytest.mark.parametrize("degrees", [45.0, 89.0])
 @pytest.mark.parametrize("name", CASES)
 def test_weight_is_value_over_density(name: str, degrees: float, device: str) -> None:
-    assert_weights(CASES[name], degrees, device, rtol=1e-5)
+    # On an H200 two of 100,000 samples of brushed metal at 89 degrees differ by 1.7e-5: products are fused there.
+    assert_weights(CASES[name], degrees, device, rtol=3e-5)
 
 
 @pytest.mark.parametrize("name", CASES)
