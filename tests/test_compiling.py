@@ -16,7 +16,6 @@ import pytest
 import warp as wp
 from conftest import ROOT
 
-from wrt.backend import headers
 from wrt.backend.device import Device
 
 PROGRAM = """
@@ -43,25 +42,6 @@ with device.compiling() as compile:
 device.launch(other, 100, [x])
 assert (x.numpy() == 6.0).all()
 assert len(compiled) == 2, compiled
-"""
-
-
-HEADERS = """
-import sys
-from pathlib import Path
-import warp as wp
-from wrt.backend import headers
-from wrt.backend.device import Device
-
-@wp.kernel(enable_backward=False)
-def double(first: int, x: wp.array(dtype=float)):
-    x[first + wp.tid()] *= 2.0
-
-kept = []
-keep, headers._keep = headers._keep, lambda *arguments: (kept.append(arguments), keep(*arguments))
-wp.config.kernel_cache_dir = sys.argv[1]
-Device("cpu").compile(double)
-print("written" if kept else "lent")
 """
 
 
@@ -252,37 +232,6 @@ def test_warp_compiles_in_two_threads_and_leaves_whole_files_alone(tmp_path: Pat
     folders = list(next((tmp_path / "cache").iterdir()).iterdir())
     assert sorted(folder.name.rpartition("_")[0] for folder in folders) == ["wp_one", "wp_other"]
     assert all({path.suffix for path in folder.iterdir()} >= {".o", ".meta"} for folder in folders)
-
-
-@pytest.mark.slow
-def test_warps_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path: Path) -> None:
-    (tmp_path / "program.py").write_text(HEADERS)
-    variables = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
-
-    def compile_once(number: int) -> str:
-        command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / f"kernels{number}")]
-        return subprocess.run(command, env=variables, check=True, capture_output=True, text=True).stdout.strip()
-
-    assert compile_once(0) == "written"
-    assert compile_once(1) == "lent"
-    (kept,) = tmp_path.glob("wrt/headers-*/*")
-    whole = kept.read_bytes()
-    kept.write_bytes(whole[: len(whole) // 2])
-    assert compile_once(2) == "written"
-    (kept,) = tmp_path.glob("wrt/headers-*/*")
-    assert len(kept.read_bytes()) == len(whole)
-
-
-def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("__init__.py", "config.py", "bin/warp.so", "bin/warp-clang.so", "native/vec.h"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    monkeypatch.setattr(headers, "folder_of", lambda _: tmp_path)
-    folder_now = headers._kept.__wrapped__
-    before = folder_now()
-    assert folder_now() == before
-    os.utime(tmp_path / "native/vec.h", (1, 1))
-    assert folder_now() != before
 
 
 def test_files_that_are_of_use_to_one_process_go_with_it(tmp_path: Path) -> None:

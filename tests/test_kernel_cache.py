@@ -11,18 +11,15 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-import warp as wp
-from conftest import ROOT, WARPS_FLAGS
+from conftest import ROOT
 from support.caches import CORNELL_BOX, copy_of_warm_cache
 
-from wrt.backend import cache_folders, headers, kernel_cache
+from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
-from wrt.backend.kernel_cache import Build, State, seal, state
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.kernel_cache import State, seal, state
 
 sys.path.insert(0, str(ROOT / "scripts"))
 import damage_cache
@@ -332,74 +329,6 @@ def test_no_room_to_compile_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(cache_folders, "_work", None)
     with pytest.raises(OSError, match="compiling kernels takes"):
         work_folder()
-
-
-# Headers that Warp precompiles
-
-
-@pytest.fixture
-def no_headers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of a cache without precompiled headers."""
-    initialize_warp()
-    headers._PRECOMPILER.submit(int).result()  # what Warp's start has begun is done
-    monkeypatch.setattr(headers, "_kept", lambda: tmp_path / "headers-0")
-    monkeypatch.setattr(wp.config, "cpu_compiler_flags", WARPS_FLAGS)
-    return tmp_path / "headers-0"
-
-
-def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> None:
-    asked: list[int] = []
-
-    def header() -> Path:
-        return Path(str(headers._of_thread()), "builtin_1.pch")
-
-    def precompile() -> None:
-        asked.append(threading.get_ident())
-        time.sleep(0.05)
-        header().write_bytes(b"headers")
-
-    def compile(_: int) -> tuple[int, bytes]:
-        everybody.wait()
-        headers.lend_headers(precompile)
-        found = header().read_bytes()
-        header().unlink()  # a thread of another test may get this folder
-        return threading.get_ident(), found
-
-    everybody = threading.Barrier(4)
-    with ThreadPoolExecutor(4) as pool:
-        found = dict(pool.map(compile, range(4)))
-    assert len(asked) == 1
-    assert set(found.values()) == {b"headers"}
-    assert len(found) == 4
-
-
-@pytest.mark.parametrize("early", [False, True], ids=["by Warp", "without Warp"])
-def test_headers_precompiled_before_kernels_are_those_of_kernels(early: bool, no_headers: Path, tmp_path: Path) -> None:
-    @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_headers"))
-    def nothing(first: int) -> None:
-        pass
-
-    own = Build.of(nothing.module, "cpu")
-    assert own is not None
-
-    def precompile() -> None:
-        assert not early
-        kernel_cache.compile_nothing()
-
-    def compile() -> str:
-        headers.lend_headers(precompile)
-        (written,) = Path(str(headers._of_thread())).glob(headers.WRITTEN)
-        before = written.stat().st_mtime_ns
-        own.compile(tmp_path / "build")
-        assert [path.stat().st_mtime_ns for path in written.parent.glob(headers.WRITTEN)] == [before]
-        return written.name
-
-    if early:
-        headers.precompile_early()
-        headers._PRECOMPILER.submit(int).result()
-    with ThreadPoolExecutor(1) as pool:
-        name = pool.submit(compile).result()
-    assert [kept.name.rpartition("-")[0] for kept in no_headers.iterdir()] == [name]
 
 
 # Leftovers of killed processes
