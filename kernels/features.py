@@ -46,7 +46,7 @@ class Features:
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
-        slot_loop: whether one loop reads the values of materials for all models, as pays on GPUs where there are many.
+        slot_loop: whether one loop reads the values of materials for all models, as on GPUs.
         shadows_meet: whether shadow rays to a hole in their light are traced to nowhere, beside others of a GPU's warp.
         tiles: whether threads take the pixels tile by tile, so that a GPU's warp has those of one tile.
     """

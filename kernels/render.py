@@ -18,8 +18,8 @@ from wrt.kernels.spmd_marks import pixel_kernel
 CUDA_BOUNDS = (256, 2)
 """Threads of a block, and blocks that a multiprocessor is to hold at least.
 
-That caps registers at 128. On an H200 it is the fastest choice in the mean: without a cap scenes take 0.9 to 1.5 times
-as long, with three blocks 0.87 to 1.12 times (docs/notes/cuda.md).
+That caps registers at 128. On an H200 no other choice is faster in the mean: without a cap scenes take 0.9 to 1.5
+times as long, with three blocks 0.87 to 1.13 times (docs/notes/cuda.md).
 """
 
 
