@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import platform
 import re
 import shutil
@@ -47,13 +46,15 @@ def compare_films(device: str, quick: bool) -> list[Results]:
 
 def run_tests(quick: bool) -> Results:
     """Run the kernel tests on the GPU, which is the first one for them."""
+    from wrt.backend.slices import available_threads
+
     command = [
         sys.executable,
         "-m",
         "pytest",
         "-q",
         "-n",
-        str(min(os.cpu_count() or 2, 16)),
+        str(min(available_threads(), 16)),
         "--dist",
         "loadfile",
         "--device",
