@@ -92,7 +92,8 @@ def benchmark_render(options: argparse.Namespace) -> Row:
     for name in left_out:
         if all("left_out" in row["renderers"].get(name, {}) for row in rows):
             print(f"\n{name} was in no scene. How to get it: {PEERS[name].hint}")
-    result = {"benchmark": "files" if files else "render", "device": options.device, "size": options.size, "rows": rows}
+    kind = "files" if files else "gpu" if options.device == "cuda" else "render"
+    result = {"benchmark": kind, "device": options.device, "size": options.size, "rows": rows}
     return result | {"options": {"seconds": options.seconds, "repeats": options.repeats}, "pictures": pictures}
 
 

@@ -73,6 +73,15 @@ def render_text(result: Row) -> str:
     )
 
 
+def gpu_text(result: Row) -> str:
+    """Return the tables of `render --device cuda`."""
+    rows = result["rows"]
+    peers = peers_of(rows)
+    about = f"On an {result['gpu']}; {versions(rows, peers)}. Pictures of {result['size']} x {result['size']} pixels."
+    parts = [paragraph(about).rstrip("\n"), "", speed_table(rows, peers), start_table(rows, peers)]
+    return "\n".join(parts)
+
+
 def agreement_text(result: Row) -> str:
     """Return the table of `render` that tells whether all renderers made the same picture."""
     return agreement_table(result["rows"], peers_of(result["rows"]))
@@ -156,13 +165,20 @@ def cost_table(rows: list[Row], peers: list[str]) -> str:
         [f"`{row['scene']}`", *(cell(row, name, "peak_bytes", memory_in_words) for name in names)] for row in rows
     ]
     text = paragraph("Most memory at equal samples, MB:") + table(["scene", *map(title, names)], memory)
-    timed = [row for row in rows if "first_picture_seconds" in row["renderers"][OWN.name]]
-    if timed:
-        key = "first_picture_seconds"
-        first = [[f"`{row['scene']}`", *(cell(row, n, key, start_in_words) for n in names)] for row in timed]
-        intro = "Seconds from the shell to a picture of one sample, with nothing compiled / with kernels in the cache:"
-        text += "\n" + paragraph(intro) + table(["scene", *map(title, names)], first)
-    return text
+    starts = start_table(rows, peers)
+    return f"{text}\n{starts}" if starts else text
+
+
+def start_table(rows: list[Row], peers: list[str]) -> str:
+    """Return seconds from the shell to a first picture; nothing where none were measured."""
+    key = "first_picture_seconds"
+    timed = [row for row in rows if key in row["renderers"][OWN.name]]
+    if not timed:
+        return ""
+    names = [OWN.name, *peers]
+    first = [[f"`{row['scene']}`", *(cell(row, n, key, start_in_words) for n in names)] for row in timed]
+    intro = "Seconds from the shell to a picture of one sample, with nothing compiled / with kernels in the cache:"
+    return paragraph(intro) + table(["scene", *map(title, names)], first)
 
 
 def cell(row: Row, name: str, key: str, in_words: Callable[[Any], str]) -> str:
@@ -319,6 +335,7 @@ SECTIONS = {
         Section(PAGE, "render", render_text),
         Section(NOTES / "comparison.md", "agreement", agreement_text),
     ),
+    "gpu": (Section(ROOT / "docs" / "gpu.md", "speed", gpu_text),),
     "scaling": (Section(NOTES / "scaling.md", "scaling", scaling_text),),
     "profile": (Section(NOTES / "profile.md", "profile", profile_text),),
     "found": (Section(PAGE, "found", found_text),),
