@@ -30,6 +30,7 @@ class Operands:
 
     Attributes:
         registers: their widths in bits.
+        lane: registers that a thread keeps while it waits; they are members of its `lane`.
         addresses: C++ for the addresses of variables and parameters.
         tables: the targets of tables of branches.
         functions: names of the functions that may be called.
@@ -38,10 +39,15 @@ class Operands:
 
     def __init__(self, addresses: dict[str, str]) -> None:
         self.registers: dict[str, int] = {}
+        self.lane: frozenset[str] = frozenset()
         self.addresses = addresses
         self.tables: dict[str, tuple[str, ...]] = {}
         self.functions: frozenset[str] = frozenset()
         self.stops: int | None = None
+
+    def register(self, text: str) -> str:
+        """Return a register as C++."""
+        return f"lane.{name_of(text)}" if text in self.lane else name_of(text)
 
     def value(self, text: str, kind: str) -> str:
         """Return an operand as a value of a type.
@@ -52,7 +58,7 @@ class Operands:
         if text.startswith("!"):
             return f"!{self.value(text[1:], kind)}"
         if text in self.registers:
-            return _read(name_of(text), self.registers[text], kind)
+            return _read(self.register(text), self.registers[text], kind)
         if text in SPECIAL:
             return _read(SPECIAL[text], 32, kind)
         if found := _FLOAT.fullmatch(text):
@@ -75,11 +81,11 @@ class Operands:
             return f"(void)({value});"
         width = self.registers[target]
         if width == 1 or kind == "pred":
-            return f"{name_of(target)} = {value};"
+            return f"{self.register(target)} = {value};"
         if kind.startswith("f"):
             value = f"bits({value})"
         # A value is widened by its own sign.
-        return f"{name_of(target)} = ({unsigned(width)})({kind if kind[0] != 'f' else 'u' + kind[1:]})({value});"
+        return f"{self.register(target)} = ({unsigned(width)})({kind if kind[0] != 'f' else 'u' + kind[1:]})({value});"
 
     def address(self, text: str, space: str) -> str:
         """Return the address in brackets; shared memory has its own numbers."""

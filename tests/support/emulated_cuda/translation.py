@@ -189,9 +189,8 @@ def _waiting_thread(entry: Entry, kept: list[Registers | Variable], operands: Op
     yield f"struct {name}_lane : Lane {{"
     yield from (_statement(s, operands) for s in kept)
     yield f"}};\nstatic void {name}_thread({name}_lane& lane, {_THREAD}) {{"
-    for s in kept:
-        for each in map(name_of, s.names if isinstance(s, Registers) else [s.name]):
-            yield f"auto& {each} = lane.{each};"
+    operands.lane = frozenset(name for s in kept if isinstance(s, Registers) for name in s.names)
+    operands.addresses |= {s.name: f"(u64)lane.{name_of(s.name)}" for s in kept if isinstance(s, Variable)}
     stops = sum(isinstance(s, Instruction) and s.opcode[0] in TOGETHER for s in entry.body)
     cases = " ".join(f"case {i}: goto stop_{i};" for i in range(1, stops + 1))
     yield f"const u32 from = lane.at;\nlane.at = ENDED;\nswitch (from) {{ {cases} }}"
@@ -217,7 +216,8 @@ def _statement(statement: Statement, operands: Operands) -> str:
         return f"alignas({max(statement.align, 8)}) char {name}[{statement.size}];"
     body = translate(statement, operands)
     guard = f"if ({operands.value(statement.guard, 'pred')}) " if statement.guard else ""
-    return f"{guard}{{ {body} }}"
+    # Braces around what declares nothing make compiling longer.
+    return f"{guard}{body}" if body.count(";") == 1 else f"{guard}{{ {body} }}"
 
 
 def _counter(instruction: Instruction) -> int:
