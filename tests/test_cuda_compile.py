@@ -7,14 +7,16 @@ import importlib
 import pkgutil
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import pytest
 import warp as wp
+from support.feature_sets import MODELS
+from support.films_of_devices import FILMS, OPTIONS, film_cases
 
+import wrt
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels import regeneration
@@ -24,18 +26,17 @@ from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_ker
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.features import Features
 from wrt.kernels.integrators import path
-from wrt.kernels.integrators.path import can_attenuate_shadows, has_panes
+from wrt.kernels.integrators.path import has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.regeneration import can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
-from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import SAMPLERS
 
-ARCHITECTURES = (75, 90)
-"""Turing, the oldest that Warp supports, and Hopper."""
+ARCHITECTURE = 75
+"""Turing, the oldest that Warp supports. test_emulated_cuda.py compiles for Hopper."""
 
 TABLE_KERNELS = (make_coat_kernel, make_missing_kernel, make_missing_dielectric_kernel)
 FACTORIES = {
@@ -46,32 +47,31 @@ FACTORIES = {
 }
 """Functions that make kernels; each is called below."""
 
-MODELS = sorted({material.model for material in (cls.example() for cls in MATERIALS.values()) if not material.parts})
-"""The reflection model of each material as it comes."""
-
-FEATURES = [
-    Features(("diffuse",), False, "none"),
-    Features(("conductor", "dielectric"), False, "image", light_tree=True),
-    # Each kind of instances, and each sampler.
-    *(
-        Features(("diffuse",), False, "none", instances=instances, sampler=sampler)
-        for instances, sampler in zip(("still", "moving", "deforming"), SAMPLERS[1:], strict=True)
-    ),
-    Features(("diffuse",), True, "none", instances="moving", exact="spheres", aovs=True),
-    Features(("diffuse",), True, "none", instances="moving", exact="quadrics", aovs=True),
-    Features(("diffuse",), False, "none", exact="quadrics"),
-    Features(("diffuse",), False, "none", composite="mixed", aovs=True),
-    # Two models with all that a scene can have besides. All in one took minutes.
+COMPILED = [
+    # A loop for each path, as with layers, and all that it asks of the features itself.
     Features(
-        ("diffuse", "rough_dielectric:ggx:smith"),
+        ("dielectric", "diffuse", "null"),
         True,
         "image",
         opacity=True,
-        tangents=True,
-        uv2_alpha=True,
+        instances="still",
+        clamped=True,
+        aovs=True,
+        media="scattering",
+        grid_media=True,
+        nested=True,
+    ),
+    Features(
+        ("diffuse", "null", "thin_dielectric"),
+        False,
+        "constant",
+        aovs=True,
+        media="absorbing",
         light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
     ),
-    Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
+    Features(("diffuse",), False, "none", composite="mixed", aovs=True),
+    Features(("diffuse",), False, "none", instances="moving", exact="spheres"),
+    Features(("diffuse",), False, "none", exact="quadrics", clamped=True, composite="mixed"),
     # Under filtered normal maps.
     Features(
         ("principled:anisotropic:transmission:coat:bumpy", "rough_plastic:bumpy-ggx:smith"),
@@ -86,29 +86,9 @@ FEATURES = [
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
         for name in INTEGRATORS
-        if name != "path"
+        if name not in ("path", "aov")
     ),
-    Features(
-        ("dielectric", "diffuse"),
-        True,
-        "image",
-        True,
-        True,
-        mipmapped=True,
-        clamped=True,
-        regularized=True,
-        aovs=True,
-    ),
-    Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
-    Features(
-        ("dielectric", "null", "principled:transmission", "rough_dielectric:ggx:smith"),
-        False,
-        "none",
-        media="scattering",
-        nested=True,
-        instances="still",
-    ),
-    Features(("diffuse", "null"), False, "constant", media="scattering", grid_media=True),
+    Features(("diffuse",), False, "none", integrator="aov", aovs=True, guides=True),
     # Each distribution of normals, and each masking with one of them.
     Features(
         tuple(sorted(f"rough_conductor:{name}:{maskings_of(name)[-1]}:schlick" for name in DISTRIBUTIONS)),
@@ -116,9 +96,11 @@ FEATURES = [
         "none",
     ),
 ]
+"""What no kernel has that test_emulated_cuda.py compiles for its films; see test_every_feature_is_compiled."""
+
 # Then each material's model as it comes, where none of those has it.
-FEATURES.append(
-    Features(tuple(name for name in MODELS if not any(name in features.models for features in FEATURES)), False, "none")
+COMPILED.append(
+    Features(tuple(name for name in MODELS if not any(name in features.models for features in COMPILED)), False, "none")
 )
 
 
@@ -141,77 +123,97 @@ def declared_kernels() -> dict[str, wp.Kernel]:
 MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
 
 
-def compile_for_cuda(module: wp.Module, architecture: int, folder: Path, mode: str = "release") -> str:
+def compile_for_cuda(module: wp.Module, folder: Path, mode: str = "release") -> str:
     """Compile a module, check that no function is missing, and return its PTX."""
     initialize_warp()
     usual = module.options["mode"]
     module.options["mode"] = mode
     try:
-        paths = wp.compile_aot_module(module, arch=architecture, module_dir=folder, use_ptx=True)
+        paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
     finally:
         module.options["mode"] = usual
     assert [path.suffix for path in paths] == [".ptx"]
     text = paths[0].read_text()
-    assert f".target sm_{architecture}" in text
+    assert f".target sm_{ARCHITECTURE}" in text
     assert set(re.findall(r"^\.extern \.func .*?(\w+)$", text, re.MULTILINE)) <= {"vprintf", "__assertfail"}
     return text
 
 
-@pytest.mark.parametrize(
-    "architecture", [ARCHITECTURES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in ARCHITECTURES[1:])]
-)
 @pytest.mark.parametrize("name", MODULES)
-def test_modules_compile(name: str, architecture: int, tmp_path: Path) -> None:
-    text = compile_for_cuda(wp.get_module(name), architecture, tmp_path)
+def test_modules_compile(name: str, tmp_path: Path) -> None:
+    text = compile_for_cuda(wp.get_module(name), tmp_path)
     for kernel in declared_kernels().values():
         if kernel.module.name == name:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
 
 
-def loop_of(features: Features) -> tuple[Any, ...]:
-    """Return all that the loop along a path asks of the features itself: the rest is in functions that it calls."""
-    asked = features.media, features.grid_media, features.nested, features.opacity, features.mixed, features.clamped
-    shadows = can_attenuate_shadows(features), bool(features.light_shapes), features.geometry
-    return *asked, *shadows, has_panes(features.models)
+@pytest.mark.slow
+@pytest.mark.parametrize("features", COMPILED, ids=lambda features: features.name)
+def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
+    kernel = make_gpu_render_kernel(features)
+    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
+    text = compile_for_cuda(kernel.module, tmp_path, mode="debug")
+    assert f".visible .entry {kernel.get_mangled_name()}" in text
+    assert "div.approx.ftz.f32" in text
+    assert "div.rn.f32" not in text
 
 
-REGENERATING = {loop_of(features): features for features in reversed(FEATURES) if can_regenerate(features)}
-"""Kernels that regenerate paths call the same functions, from another loop: one for each loop."""
+VALUES = {
+    "environment": ("none", "constant", "image"),
+    "sampler": SAMPLERS,
+    "instances": ("none", "still", "moving", "deforming"),
+    "integrator": tuple(INTEGRATORS),
+    "media": ("none", "absorbing", "scattering"),
+    "composite": ("none", "sides", "mixed"),
+    "exact": ("none", "spheres", "quadrics"),
+    "models": MODELS,
+    "light_shapes": (*LIGHT_SHAPES, "projector", "projector:spot"),
+}
+"""What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
+
+ASKED = "media", "grid_media", "nested", "opacity", "mixed", "clamped", "light_shapes", "geometry", "models"
+"""The features that the loops along a path ask for: the rest is in functions that both loops call."""
+
+
+def values_of(features: Features) -> set[tuple[str, object]]:
+    """Return the names and values of features; tuples value by value."""
+    pairs = [(field.name, getattr(features, field.name)) for field in fields(features)]
+    return {(name, each) for name, value in pairs for each in (value if isinstance(value, tuple) else (value,))}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("features", FEATURES, ids=lambda features: features.name)
-def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
-    """In one module with the kernel that regenerates paths: the functions that both call are then compiled once."""
-    kernels = [make_gpu_render_kernel(features, regenerates=False)]
-    if features in REGENERATING.values():
-        kernels.append(make_gpu_render_kernel(features))
-        assert kernels[1].key.startswith("make_regenerating_kernel")
-        assert kernels[1].module.options == kernels[0].module.options
-    module = wp.get_module(f"test_cuda_compile.{features.name}")
-    module.options.update(kernels[0].module.options)
-    for kernel in kernels:
-        module.register_kernel(kernel)
-    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
-    text = compile_for_cuda(module, ARCHITECTURES[0], tmp_path, mode="debug")
-    assert all(f".visible .entry {kernel.get_mangled_name()}" in text for kernel in kernels)
-    assert "div.approx.ftz.f32" in text
-    assert "div.rn.f32" not in text
+def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
+    """Here or for a film of test_emulated_cuda.py; and what the loops along a path ask for, in both loops."""
+    known, made = film_cases(), list(COMPILED)
+    for name in FILMS:
+        options = OPTIONS.get(name, known[name].options)
+        renderer = wrt.Renderer(known[name].make(), **{**options, "width": 8, "height": 8, "device": "cpu"})
+        made.append(renderer._kernel._features)
+    chosen = {"cameras", "slot_loop", "shadows_meet", "tiles"}  # from outside, and by `make_gpu_render_kernel`
+    flags = {field.name for field in fields(Features)} - {*VALUES, *chosen}
+    asked = {(name, value) for name, values in VALUES.items() for value in values}
+    asked |= {(name, value) for name in flags for value in (False, True)}
+    assert set().union(*map(values_of, made)) >= asked
+    loops = [features for features in made if features.integrator == "path"]
+    for loop in ([each for each in loops if can_regenerate(each) is regenerates] for regenerates in (False, True)):
+        found = set().union(*map(values_of, loop))
+        assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
+        assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
+        assert {True, False} == {has_panes(features.models) for features in loop}
 
 
 def test_the_loop_asks_for_nothing_else() -> None:
     asked: set[str] = set()
     for module in (path, regeneration):
         asked |= set(re.findall(r"\bfeatures\.(\w+)", Path(str(module.__file__)).read_text(encoding="utf-8")))
-    known = {"media", "grid_media", "nested", "opacity", "mixed", "clamped", "light_shapes", "geometry", "models"}
     # The source of random numbers is a function too, bodies are media or nested, and layers have no such kernel.
-    assert asked - {"sampler", "bodies", "integrator", "aovs"} == known
+    assert asked - {"sampler", "bodies", "integrator", "aovs"} == set(ASKED)
 
 
 def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
     """A GPU refuses a launch of larger blocks than a kernel is bound to."""
     makes = (make_render_kernel, make_regenerating_kernel)
-    for kernel in (make(features) for features in FEATURES for make in makes):
+    for kernel in (make(features) for features in COMPILED for make in makes):
         assert kernel.options["launch_bounds"] == CUDA_BOUNDS
         assert CUDA_BOUNDS[0] == kernel.module.options["block_dim"]
 
@@ -237,13 +239,6 @@ def test_threads_of_a_gpu_take_pixels_tile_by_tile_with_every_kernel() -> None:
     assert of_paths is make_render_kernel(replace(plain, slot_loop=True, tiles=True))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("features", FEATURES[:2], ids=lambda features: features.name)
-def test_render_kernels_compile_for_new_hardware(features: Features, tmp_path: Path) -> None:
-    # No source of ours asks for the architecture: a few tell as much as all, which take minutes.
-    compile_for_cuda(make_render_kernel(features).module, ARCHITECTURES[-1], tmp_path)
-
-
 def test_no_source_asks_for_the_architecture() -> None:
     for file in Path(wrt.kernels.__file__).parent.rglob("*.[hp]*"):
         if file.suffix in (".h", ".py"):
@@ -253,12 +248,12 @@ def test_no_source_asks_for_the_architecture() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("instances", ["none", "still", "deforming"])
 def test_kernels_that_look_around_compile(instances: str, tmp_path: Path) -> None:
-    compile_for_cuda(make_count_crossings(instances).module, ARCHITECTURES[0], tmp_path)
+    compile_for_cuda(make_count_crossings(instances).module, tmp_path)
 
 
 @pytest.mark.parametrize("make_kernel", TABLE_KERNELS, ids=lambda make_kernel: make_kernel.__name__)
 def test_kernels_of_tables_compile(make_kernel: Callable[[str, str], wp.Kernel], tmp_path: Path) -> None:
-    compile_for_cuda(make_kernel("ggx", "smith").module, ARCHITECTURES[0], tmp_path)
+    compile_for_cuda(make_kernel("ggx", "smith").module, tmp_path)
 
 
 @wp.kernel(enable_backward=False, module="test_cuda_compile.rays")
@@ -269,9 +264,8 @@ def rays(bvh: Bvh, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=
         out[i] = hit.t
 
 
-@pytest.mark.parametrize("architecture", ARCHITECTURES)
-def test_rays_compile(architecture: int, tmp_path: Path) -> None:
-    compile_for_cuda(rays.module, architecture, tmp_path)
+def test_rays_compile(tmp_path: Path) -> None:
+    compile_for_cuda(rays.module, tmp_path)
 
 
 @wp.func_native("return __builtin_elementwise_max(a, 1.0f);")
@@ -286,7 +280,7 @@ def wrong(out: wp.array(dtype=float)):
 def test_code_that_only_clang_knows_does_not_compile(tmp_path: Path) -> None:
     """The test above can fail."""
     with pytest.raises(Exception, match=r"CUDA|NVRTC|compile"):
-        compile_for_cuda(wrong.module, ARCHITECTURES[0], tmp_path)
+        compile_for_cuda(wrong.module, tmp_path)
 
 
 def test_no_kernel_is_left_out() -> None:

@@ -7,7 +7,7 @@ import dataclasses
 from typing import Any
 
 import pytest
-from test_cuda_compile import FEATURES
+from support.feature_sets import FEATURES
 from test_kernel_style import KERNEL_FILES, decorators, name_of, tree_of
 
 from wrt.kernels.features import Features, identifier

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
+from support.feature_sets import FEATURES
 from support.wide_scenes import CAMERAS, SCENES, wide_kernel
-from test_cuda_compile import FEATURES
 
 import wrt
 from wrt.backend.lanes import WIDTHS, lanes_of

@@ -1,0 +1,85 @@
+"""Sets of features that together have all that a render kernel can have."""
+
+from __future__ import annotations
+
+from wrt.kernels.features import Features
+from wrt.kernels.integrators.registry import INTEGRATORS
+from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
+from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
+from wrt.scene.materials import MATERIALS
+from wrt.scene.scene import SAMPLERS
+
+MODELS = sorted({material.model for material in (cls.example() for cls in MATERIALS.values()) if not material.parts})
+"""The reflection model of each material as it comes."""
+
+FEATURES = [
+    Features(("diffuse",), False, "none"),
+    Features(("conductor", "dielectric"), False, "image", light_tree=True),
+    # Each kind of instances, and each sampler.
+    *(
+        Features(("diffuse",), False, "none", instances=instances, sampler=sampler)
+        for instances, sampler in zip(("still", "moving", "deforming"), SAMPLERS[1:], strict=True)
+    ),
+    Features(("diffuse",), True, "none", instances="moving", exact="spheres", aovs=True),
+    Features(("diffuse",), True, "none", instances="moving", exact="quadrics", aovs=True),
+    Features(("diffuse",), False, "none", exact="quadrics"),
+    Features(("diffuse",), False, "none", composite="mixed", aovs=True),
+    # Two models with all that a scene can have besides.
+    Features(
+        ("diffuse", "rough_dielectric:ggx:smith"),
+        True,
+        "image",
+        opacity=True,
+        tangents=True,
+        uv2_alpha=True,
+        light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
+    ),
+    Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
+    # Under filtered normal maps.
+    Features(
+        ("principled:anisotropic:transmission:coat:bumpy", "rough_plastic:bumpy-ggx:smith"),
+        False,
+        "none",
+        tangents=True,
+    ),
+    # Each channel in its own way: dispersion, among bodies within bodies too, and thin films.
+    Features(("conductor:film", "dielectric:dispersive", "rough_conductor:ggx:smith:conductor:film"), False, "none"),
+    Features(("principled:transmission:dispersion:film:coat",), False, "none", media="absorbing", nested=True),
+    Features(("burley", "burley:thin", "burley:transmission"), False, "none", composite="sides"),
+    *(
+        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
+        for name in INTEGRATORS
+        if name != "path"
+    ),
+    Features(
+        ("dielectric", "diffuse"),
+        True,
+        "image",
+        True,
+        True,
+        mipmapped=True,
+        clamped=True,
+        regularized=True,
+        aovs=True,
+    ),
+    Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
+    Features(
+        ("dielectric", "null", "principled:transmission", "rough_dielectric:ggx:smith"),
+        False,
+        "none",
+        media="scattering",
+        nested=True,
+        instances="still",
+    ),
+    Features(("diffuse", "null"), False, "constant", media="scattering", grid_media=True),
+    # Each distribution of normals, and each masking with one of them.
+    Features(
+        tuple(sorted(f"rough_conductor:{name}:{maskings_of(name)[-1]}:schlick" for name in DISTRIBUTIONS)),
+        False,
+        "none",
+    ),
+]
+# Then each material's model as it comes, where none of those has it.
+FEATURES.append(
+    Features(tuple(name for name in MODELS if not any(name in features.models for features in FEATURES)), False, "none")
+)
