@@ -23,6 +23,17 @@ times as long, with three blocks 0.87 to 1.13 times (docs/notes/cuda.md).
 """
 
 
+def gpu_module(name: str) -> wp.Module:
+    """Return the module of this name, for kernels that run on GPUs alone.
+
+    It is compiled with approximate division and square roots, accurate to two units in the last place, which take half
+    of the code: a GPU waits for instructions longer than for anything else (docs/gpu.md).
+    """
+    module = wp.get_module(name)
+    module.options["fast_math"] = True
+    return module
+
+
 @specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features."""
@@ -31,7 +42,8 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     add_aovs = make_add_aovs(features)
     has_aovs, tiles = features.aovs, features.tiles
     pixel_name = make_pixel_name(features.sampler)
-    module = wp.get_module(make_render_kernel.module_name(features))
+    name = make_render_kernel.module_name(features)
+    module = gpu_module(name) if tiles else wp.get_module(name)
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     @pixel_kernel
