@@ -68,7 +68,9 @@ def read_object(source: Any, name: str = "trimesh") -> Contents:
         if matrix is not None:
             places.setdefault(source.graph[node][1], []).append(matrix)
     parts = [
-        placed(part, found) for name, found in places.items() for part in reader.parts(str(name), source.geometry[name])
+        placed(part, found)
+        for geometry, found in places.items()
+        for part in reader.parts(str(geometry), source.geometry[geometry])
     ]
     return Contents(parts, lights_of(_lights(source, name)), cameras_of(_camera(source)))
 
