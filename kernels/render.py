@@ -10,7 +10,7 @@ from wrt.kernels.film.film import FilmData, is_finite_color
 from wrt.kernels.film.tiles import pixel_of_thread
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.registry import make_trace
-from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
+from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import pixel_kernel
@@ -41,7 +41,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     trace = make_trace(features)
     add_aovs = make_add_aovs(features)
     has_aovs, tiles = features.aovs, features.tiles
-    pixel_name = make_pixel_name(features.sampler)
+    sampler_of_pixel = make_sampler_of_pixel(features.sampler)
     name = make_render_kernel.module_name(features)
     module = gpu_module(name) if tiles else wp.get_module(name)
 
@@ -67,9 +67,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         total = film.total[pixel]
         squares = film.total_of_squares[pixel]
         rays = int(0)
-        sampler = Sampler()
-        sampler.seed = seed
-        sampler.pixel = pixel_name(x, y, camera.width)
+        sampler = sampler_of_pixel(seed, x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             sample = camera_sample(camera, filter_table, sampler, x, y)
