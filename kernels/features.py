@@ -48,7 +48,8 @@ class Features:
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         slot_loop: whether one loop reads the values of materials for all models, as on GPUs.
         shadows_meet: whether shadow rays to a hole in their light are traced to nowhere, beside others of a GPU's warp.
-        tiles: whether threads take the pixels tile by tile, so that a GPU's warp has those of one tile.
+        tiles: whether threads take the pixels tile by tile, so that a GPU's warp has those of one tile. Kernels with it
+            are for GPUs alone.
     """
 
     models: tuple[str, ...]

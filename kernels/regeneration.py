@@ -19,8 +19,8 @@ from wrt.kernels.film.tiles import pixel_of_thread
 from wrt.kernels.integrators.path import make_begin_path, make_follow_path
 from wrt.kernels.integrators.path_state import PathSettings, PathState, path_result
 from wrt.kernels.native import include
-from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
-from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
+from wrt.kernels.render import CUDA_BOUNDS, gpu_module, make_render_kernel
+from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 
@@ -50,18 +50,11 @@ def number_of(lanes: wp.uint32) -> int:
 
 
 def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.Kernel:
-    """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone.
-
-    It is compiled with approximate division and square roots, accurate to two units in the last place, which take half
-    of the code: a GPU waits for instructions longer than for anything else (docs/gpu.md).
-    """
+    """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
     features = replace(features, slot_loop=True, shadows_meet=features.opacity and not features.bodies)
     if regenerates and can_regenerate(features):
-        kernel = make_regenerating_kernel(features)
-    else:
-        kernel = make_render_kernel(replace(features, tiles=True))
-    kernel.module.options["fast_math"] = True
-    return kernel
+        return make_regenerating_kernel(features)
+    return make_render_kernel(replace(features, tiles=True))
 
 
 def can_regenerate(features: Features) -> bool:
@@ -74,8 +67,8 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features, which takes the arguments of `make_render_kernel`."""
     camera_sample = make_camera_sample(features)
     begin_path, advance_path = make_begin_path(features), make_follow_path(features, in_rounds=True)
-    pixel_name = make_pixel_name(features.sampler)
-    module = wp.get_module(make_regenerating_kernel.module_name(features))
+    sampler_of_pixel = make_sampler_of_pixel(features.sampler)
+    module = gpu_module(make_regenerating_kernel.module_name(features))
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     def render_pass(
@@ -93,9 +86,7 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
         pixel = pixel_of_thread(first_pixel + wp.tid(), camera.crop_width, film.count.shape[0] // camera.crop_width)
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width
-        sampler = Sampler()
-        sampler.seed = seed
-        sampler.pixel = pixel_name(x, y, camera.width)
+        sampler = sampler_of_pixel(seed, x, y, camera.width)
         index = film.count[pixel]
         path = PathState()
         path.is_done = True

@@ -10,7 +10,7 @@ from wrt.kernels.film.film import FilmData, is_finite_color
 from wrt.kernels.film.tiles import pixel_of_thread
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.registry import make_trace
-from wrt.kernels.sampling.sampler import Sampler, make_pixel_name
+from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import pixel_kernel
@@ -23,6 +23,17 @@ times as long, with three blocks 0.87 to 1.13 times (docs/notes/cuda.md).
 """
 
 
+def gpu_module(name: str) -> wp.Module:
+    """Return the module of this name, for kernels that run on GPUs alone.
+
+    It is compiled with approximate division and square roots, accurate to two units in the last place, which take half
+    of the code: a GPU waits for instructions longer than for anything else (docs/gpu.md).
+    """
+    module = wp.get_module(name)
+    module.options["fast_math"] = True
+    return module
+
+
 @specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features."""
@@ -30,8 +41,9 @@ def make_render_kernel(features: Features) -> wp.Kernel:
     trace = make_trace(features)
     add_aovs = make_add_aovs(features)
     has_aovs, tiles = features.aovs, features.tiles
-    pixel_name = make_pixel_name(features.sampler)
-    module = wp.get_module(make_render_kernel.module_name(features))
+    sampler_of_pixel = make_sampler_of_pixel(features.sampler)
+    name = make_render_kernel.module_name(features)
+    module = gpu_module(name) if tiles else wp.get_module(name)
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     @pixel_kernel
@@ -55,9 +67,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         total = film.total[pixel]
         squares = film.total_of_squares[pixel]
         rays = int(0)
-        sampler = Sampler()
-        sampler.seed = seed
-        sampler.pixel = pixel_name(x, y, camera.width)
+        sampler = sampler_of_pixel(seed, x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             sample = camera_sample(camera, filter_table, sampler, x, y)

@@ -413,17 +413,11 @@ def _member(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 _WAYS = {
     "3mf": (*_BINARY, *(_member,) * 20),
-    "obj": (*_TEXT, _bom),
-    "mtl": (*_TEXT, _bom),
-    "off": (*_TEXT, _bom),
-    "ply": _MIXED,
-    "stl": _MIXED,
+    **dict.fromkeys(("obj", "mtl", "off"), (*_TEXT, _bom)),
+    **dict.fromkeys(("ply", "stl", "hdr", "npy"), _MIXED),
     "gltf": (*_TEXT, *(_json,) * 12, _json_copies, _bom),
     "glb": (*_BINARY, *(_json,) * 10),
     "toml": (*_TEXT, *(_toml_value,) * 12, _toml_table, _toml_table, _bom),
-    "dae": (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom),
-    "xml": (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom),
+    **dict.fromkeys(("dae", "xml"), (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom)),
     "png": (*_BINARY, *(_png_chunk,) * 5, _png_size, _png_size),
-    "hdr": _MIXED,
-    "npy": _MIXED,
 }

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.measure import write_section
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -57,7 +58,6 @@ READ_SECONDS, READ_BANDWIDTH = 20e-6, 10e9
 """A copy to the host that waits for the device, and bytes a second into pageable memory."""
 
 PAGE = ROOT / "docs" / "notes" / "cuda.md"
-BEGIN, END = "<!-- builder -->", "<!-- end of builder -->"
 
 _TRACED = 1 << 24
 _BATCH = 1024
@@ -283,9 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = f"Build:\n\n{table(builds)}\n\nRefit:\n\n{table(refits)}"
     print(text)
     if options.write:
-        page = PAGE.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+        write_section(PAGE, "builder", text)
     return 0
 
 

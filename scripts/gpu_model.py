@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.measure import write_section
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -39,7 +40,6 @@ SCENES = ("cornell-box", "still-life", "teapot", "many-triangles")
 
 SIZE, CROP, SAMPLES = 512, (224, 192, 288, 256), 16
 PAGE = ROOT / "docs" / "gpu.md"
-BEGIN, END = "<!-- counts -->", "<!-- end of counts -->"
 
 
 class Peaks(NamedTuple):
@@ -156,9 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = table([count(name, regenerates=each) for name in options.scenes for each in (True, False)])
     print(text)
     if options.write:
-        page = PAGE.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+        write_section(PAGE, "counts", text)
     return 0
 
 

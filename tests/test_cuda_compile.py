@@ -218,6 +218,14 @@ def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
         assert CUDA_BOUNDS[0] == kernel.module.options["block_dim"]
 
 
+def test_kernels_for_gpus_alone_divide_approximately_whoever_made_them() -> None:
+    # No other test makes kernels of these features.
+    features = Features(("diffuse",), False, "none", clamped=True, regularized=True)
+    for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, tiles=True))):
+        assert kernel.module.options["fast_math"]
+    assert not make_render_kernel(features).module.options["fast_math"]
+
+
 def test_values_of_all_models_are_read_in_one_loop() -> None:
     plain = Features(("diffuse",), True, "none")
     assert make_gpu_render_kernel(plain) is make_regenerating_kernel(replace(plain, slot_loop=True))

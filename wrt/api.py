@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean
+from wrt.errors import InputError, did_you_mean, name_of
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -246,7 +246,7 @@ def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
+    name = name_of(source)
     if up is None and (kind == "npz" or kind not in _WITH_AXES) and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
@@ -257,7 +257,7 @@ def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
 
 
-def _name_land(name: object, shapes: list[Shape], up: str) -> None:
+def _name_land(name: str, shapes: list[Shape], up: str) -> None:
     """Warn if shapes stand on an edge that may be land, whose axis nothing names."""
     from wrt.studio.orientation import land_axis
 

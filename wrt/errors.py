@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterable
 
@@ -10,6 +11,9 @@ _PART = 4
 
 LONGEST_MESSAGE = 600
 """Maximum characters of a message; longer ones lose their middle, which repeats input."""
+
+OF_TRIMESH = "trimesh"
+"""What messages call sources without a path, which are objects of that library."""
 
 
 def one_line(text: str) -> str:
@@ -37,6 +41,11 @@ class InputWarning(UserWarning):
 def warn(message: str) -> None:
     """Warn with an InputWarning."""
     warnings.warn(one_line(message), InputWarning, stacklevel=3)
+
+
+def name_of(source: object) -> str:
+    """Return what messages call a source: its path if it is one."""
+    return str(source) if isinstance(source, (str, os.PathLike)) else OF_TRIMESH
 
 
 def did_you_mean(word: object, known: Iterable[str], *, likeness: float = 0.6) -> str:

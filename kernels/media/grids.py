@@ -71,28 +71,28 @@ def corners_at(lattice: Lattice, place: wp.vec3) -> Corners:
     return corners
 
 
-@wp.func
-def number_at(values: wp.array(dtype=float), lattice: Lattice, place: wp.vec3) -> float:
-    """Return the number at a place in the unit cube, trilinear between the centres of cells."""
-    c = corners_at(lattice, place)
-    wx, wy, wz = c.weight[0], c.weight[1], c.weight[2]
-    a = wp.lerp(values[c.z0 + c.y0 + c.x0], values[c.z0 + c.y0 + c.x1], wx)
-    b = wp.lerp(values[c.z0 + c.y1 + c.x0], values[c.z0 + c.y1 + c.x1], wx)
-    d = wp.lerp(values[c.z1 + c.y0 + c.x0], values[c.z1 + c.y0 + c.x1], wx)
-    e = wp.lerp(values[c.z1 + c.y1 + c.x0], values[c.z1 + c.y1 + c.x1], wx)
-    return wp.lerp(wp.lerp(a, b, wy), wp.lerp(d, e, wy), wz)
+@specialised()
+def make_value_at(dtype: type) -> wp.Function:
+    """Return the device function (values, lattice, place) -> the value, of a number or a colour for each cell.
+
+    It is trilinear between the centres of cells; the place is in the unit cube.
+    """
+
+    @wp.func
+    def value_at(values: wp.array(dtype=dtype), lattice: Lattice, place: wp.vec3) -> dtype:
+        c = corners_at(lattice, place)
+        wx, wy, wz = c.weight[0], c.weight[1], c.weight[2]
+        a = wp.lerp(values[c.z0 + c.y0 + c.x0], values[c.z0 + c.y0 + c.x1], wx)
+        b = wp.lerp(values[c.z0 + c.y1 + c.x0], values[c.z0 + c.y1 + c.x1], wx)
+        d = wp.lerp(values[c.z1 + c.y0 + c.x0], values[c.z1 + c.y0 + c.x1], wx)
+        e = wp.lerp(values[c.z1 + c.y1 + c.x0], values[c.z1 + c.y1 + c.x1], wx)
+        return wp.lerp(wp.lerp(a, b, wy), wp.lerp(d, e, wy), wz)
+
+    return value_at
 
 
-@wp.func
-def color_at(values: wp.array(dtype=wp.vec3), lattice: Lattice, place: wp.vec3) -> wp.vec3:
-    """Return the colour at a place in the unit cube, trilinear between the centres of cells."""
-    c = corners_at(lattice, place)
-    wx, wy, wz = c.weight[0], c.weight[1], c.weight[2]
-    a = wp.lerp(values[c.z0 + c.y0 + c.x0], values[c.z0 + c.y0 + c.x1], wx)
-    b = wp.lerp(values[c.z0 + c.y1 + c.x0], values[c.z0 + c.y1 + c.x1], wx)
-    d = wp.lerp(values[c.z1 + c.y0 + c.x0], values[c.z1 + c.y0 + c.x1], wx)
-    e = wp.lerp(values[c.z1 + c.y1 + c.x0], values[c.z1 + c.y1 + c.x1], wx)
-    return wp.lerp(wp.lerp(a, b, wy), wp.lerp(d, e, wy), wz)
+number_at = make_value_at(float)
+color_at = make_value_at(wp.vec3)
 
 
 @wp.struct

@@ -179,9 +179,18 @@ def make_sample_camera(name: str) -> wp.Function:
 
 
 @specialised()
-def make_pixel_name(name: str) -> wp.Function:
-    """Return the device function (x, y, picture's width) -> `Sampler.pixel` that a sampler expects."""
-    return _pixel_in_morton_order if name == "blue-noise" else _pixel_in_row
+def make_sampler_of_pixel(name: str) -> wp.Function:
+    """Return the device function (seed, x, y, picture's width) -> Sampler of a pixel, to be given a sample's index."""
+    pixel_name = _pixel_in_morton_order if name == "blue-noise" else _pixel_in_row
+
+    @wp.func
+    def sampler_of_pixel(seed: wp.uint32, x: int, y: int, width: int) -> Sampler:
+        sampler = Sampler()
+        sampler.seed = seed
+        sampler.pixel = pixel_name(x, y, width)
+        return sampler
+
+    return sampler_of_pixel
 
 
 @wp.func

@@ -9,7 +9,7 @@ from wrt.kernels.features import Features
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.registry import model_number
 from wrt.kernels.sampling.warps import BELOW_ONE
-from wrt.kernels.scene.scene_data import MATERIAL_MIX, MATERIAL_MODEL, SceneData
+from wrt.kernels.scene.scene_data import MATERIAL_MIX, MATERIAL_MODEL, MaterialRecord, SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.textures.textures import make_slot_value
 
@@ -345,13 +345,8 @@ def _make_load(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmappe
                     values[k] = slot_value(scene, record.first_slot + k, surface)
                 else:
                     values[k] = scene.slots[record.first_slot + k].value
-            bsdf = Bsdf()
-            bsdf.model = record.model
-            bsdf.front = surface.front
+            bsdf = _without_values(scene, record, surface)
             bsdf.slots = values
-            bsdf.tables = scene.tables
-            bsdf.table = record.table
-            bsdf.normal_variance = surface.normal_variance
             return bsdf
         return next_load(scene, material, surface)
 
@@ -370,12 +365,7 @@ def _make_load_in_loop(names: tuple[str, ...], textured: bool, uv2_alpha: bool, 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
         record = scene.materials[material]
-        bsdf = Bsdf()
-        bsdf.model = record.model
-        bsdf.front = surface.front
-        bsdf.tables = scene.tables
-        bsdf.table = record.table
-        bsdf.normal_variance = surface.normal_variance
+        bsdf = _without_values(scene, record, surface)
         for k in range(slot_count(record.model)):
             if wp.static(textured):
                 bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
@@ -401,6 +391,18 @@ def _make_slot_count(names: tuple[str, ...]) -> wp.Function:
         return next_count(model)
 
     return slot_count
+
+
+@wp.func
+def _without_values(scene: SceneData, record: MaterialRecord, surface: Surface) -> Bsdf:
+    """Return a material at a point, all but its values."""
+    bsdf = Bsdf()
+    bsdf.model = record.model
+    bsdf.front = surface.front
+    bsdf.tables = scene.tables
+    bsdf.table = record.table
+    bsdf.normal_variance = surface.normal_variance
+    return bsdf
 
 
 @wp.func

@@ -53,6 +53,7 @@ def ratios_of(lanes: int, name: str, size: int, rounds: int) -> list[float]:
 
     import wrt
     from wrt.kernels.native.constants import TILE
+    from wrt.rendering.wide_kernel import threads_of
     from wrt.spmd.kernel import make_wide_render_kernel
 
     flags = wp.config.cpu_compiler_flags or ""
@@ -62,7 +63,7 @@ def ratios_of(lanes: int, name: str, size: int, rounds: int) -> list[float]:
     renderer = wrt.Renderer(scene, threads=1)
     start = renderer.film.state()
     wide = make_wide_render_kernel(renderer._kernel._features, lanes)
-    threads = {renderer._kernel.scalar: renderer.film.pixels, wide: (-(-size // TILE)) ** 2}
+    threads = {renderer._kernel.scalar: renderer.film.pixels, wide: threads_of(size, size, TILE)}
 
     def seconds(kernel: Any) -> float:
         renderer.film.restore(start)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import wrt
+from wrt.rendering.wide_kernel import threads_of
 from wrt.scene.layers import LAYERS
 
 VIEW: dict[str, Any] = {"origin": (0.2, 1.5, 5.0), "target": (0.0, 0.6, 0.0)}
@@ -52,6 +53,15 @@ def room(*materials: wrt.Material) -> wrt.Scene:
         place[:3, 3] = across, 0.5 + 0.5 * (i % 2), 0.4 * np.sin(5.0 * i)
         scene.add((ball if i % 3 else box).transformed(place), material=material)
     return scene
+
+
+def add_balls(scene: wrt.Scene, *materials: wrt.Material) -> None:
+    """Add a ball of each material, each within a part of the one before."""
+    ball = wrt.sphere(subdivisions=2)
+    for i, material in enumerate(materials):
+        place = np.diag([0.6, 0.5, 0.6, 1.0])
+        place[:3, 3] = 0.7 * i - 1.0, 0.8, 0.2 * i
+        scene.add(ball, material=material, transform=place)
 
 
 def plain() -> wrt.Scene:
@@ -119,18 +129,13 @@ def spectral() -> wrt.Scene:
     film = {"film_thickness": 400.0, "film_ior": 1.6}
     clear = wrt.Principled(0.9, roughness=0.3, transmission=0.8, dispersion=2.0, coat=0.5, **film)
     scene = room(wrt.Principled(0.5, roughness=0.3, **film), wrt.RoughDielectric(1.6, alpha=0.2, dispersion=2.0), clear)
-    ball = wrt.sphere(subdivisions=2)
-    for i, material in enumerate(
-        (
-            wrt.Dielectric(1.5, dispersion=2.0, priority=1),
-            wrt.RoughDielectric(1.3, dispersion=2.0, priority=2),
-            wrt.RoughConductor(0.3, metal="gold", **film),
-            wrt.Conductor(metal="silver", **film),
-        )
-    ):
-        place = np.diag([0.6, 0.5, 0.6, 1.0])
-        place[:3, 3] = 0.7 * i - 1.0, 0.8, 0.2 * i
-        scene.add(ball, material=material, transform=place)
+    add_balls(
+        scene,
+        wrt.Dielectric(1.5, dispersion=2.0, priority=1),
+        wrt.RoughDielectric(1.3, dispersion=2.0, priority=2),
+        wrt.RoughConductor(0.3, metal="gold", **film),
+        wrt.Conductor(metal="silver", **film),
+    )
     return scene
 
 
@@ -176,18 +181,13 @@ def bodies() -> wrt.Scene:
     milk = wrt.Medium(absorption=(0.1, 0.3, 0.5), scattering=(2.0, 3.0, 4.0), g=0.5)
     scene = room(wrt.Diffuse(0.5), wrt.Diffuse(0.2))
     scene.medium = wrt.Medium(0.02, 0.1, g=-0.3)
-    ball = wrt.sphere(subdivisions=2)
-    for i, material in enumerate(
-        (
-            wrt.Dielectric(1.5, interior=wrt.Medium(absorption=0.3), priority=3),
-            wrt.Principled(0.9, transmission=1.0, ior=1.33, roughness=0.2, interior=milk, priority=1),
-            wrt.RoughDielectric(1.3, interior=milk, priority=2),
-            wrt.Null(interior=milk),
-        )
-    ):
-        place = np.diag([0.6, 0.5, 0.6, 1.0])
-        place[:3, 3] = 0.7 * i - 1.0, 0.8, 0.2 * i
-        scene.add(ball, material=material, transform=place)
+    add_balls(
+        scene,
+        wrt.Dielectric(1.5, interior=wrt.Medium(absorption=0.3), priority=3),
+        wrt.Principled(0.9, transmission=1.0, ior=1.33, roughness=0.2, interior=milk, priority=1),
+        wrt.RoughDielectric(1.3, interior=milk, priority=2),
+        wrt.Null(interior=milk),
+    )
     return scene
 
 
@@ -267,6 +267,5 @@ def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
     """Return the wide kernel for a renderer's scene, and how many of its threads render the picture."""
     from wrt.kernels.native.constants import TILE
 
-    x0, y0, x1, y1 = renderer.crop
-    tiles = -(-(x1 - x0) // TILE) * -(-(y1 - y0) // TILE)
-    return _made_once(renderer._kernel._features, lanes), tiles
+    threads = threads_of(renderer.film.width, renderer.film.height, TILE)
+    return _made_once(renderer._kernel._features, lanes), threads

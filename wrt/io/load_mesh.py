@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from wrt.errors import InputError
+from wrt.errors import OF_TRIMESH, InputError
 from wrt.io import memory_limits
 from wrt.io.file_type import hint, hinting
 from wrt.io.mesh.parts import Contents
@@ -67,7 +67,7 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> 
         if not isinstance(source, trimesh.parent.Geometry):
             kind = f"the path of a mesh file or a trimesh object, not {type(source).__name__}"
             raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
-        shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), "trimesh"
+        shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
     return merge([shape.mesh for shape in shapes], name)
 
 
@@ -197,7 +197,7 @@ def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, a
     """
     from wrt.io.trimesh_objects import read_object
 
-    return _scene("trimesh", read_object(source), smooth_degrees, alone=alone)
+    return _scene(OF_TRIMESH, read_object(source), smooth_degrees, alone=alone)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:

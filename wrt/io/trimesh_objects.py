@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, warn
+from wrt.errors import OF_TRIMESH, InputError, warn
 from wrt.io.gltf.buffers import Buffers, Tree
 from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
@@ -43,7 +43,7 @@ def file_type(source: Any) -> str:
     return str(source.source.file_type or "").lower()
 
 
-def read_object(source: Any, name: str = "trimesh") -> Contents:
+def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     """Return a part for each mesh and material of a `trimesh.Trimesh` or a `trimesh.Scene`, its camera and its lights.
 
     Args:
@@ -56,7 +56,7 @@ def read_object(source: Any, name: str = "trimesh") -> Contents:
     import trimesh
 
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
-        return Contents(_Reader(source).parts("trimesh", source))
+        return Contents(_Reader(source).parts(OF_TRIMESH, source))
     if not isinstance(source, trimesh.Scene):
         raise InputError(
             f"expected a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}"
@@ -68,7 +68,9 @@ def read_object(source: Any, name: str = "trimesh") -> Contents:
         if matrix is not None:
             places.setdefault(source.graph[node][1], []).append(matrix)
     parts = [
-        placed(part, found) for name, found in places.items() for part in reader.parts(str(name), source.geometry[name])
+        placed(part, found)
+        for geometry, found in places.items()
+        for part in reader.parts(str(geometry), source.geometry[geometry])
     ]
     return Contents(parts, lights_of(_lights(source, name)), cameras_of(_camera(source)))
 
@@ -111,14 +113,14 @@ class _Reader:
 
     def __init__(self, source: Any) -> None:
         self._linear = file_type(source) in _LINEAR_FILES
-        self._path = Path(source.source.file_path or "trimesh")
+        self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
         self._beside = Beside(self._path) if source.source.file_path else None
-        self._images = _HeldImages(Path("trimesh"))
+        self._images = _HeldImages(Path(OF_TRIMESH))
         self._descriptions: list[Tree] = []
-        self._physical = GltfMaterials(Path("trimesh"), self._descriptions, self._images)
+        self._physical = GltfMaterials(Path(OF_TRIMESH), self._descriptions, self._images)
         self._numbers: dict[int, int] = {}
-        self._simple = MtlMaterials(Path("trimesh"), self._find)
+        self._simple = MtlMaterials(Path(OF_TRIMESH), self._find)
         self._maps: dict[str, Any] = {}
 
     def parts(self, name: str, mesh: Any) -> list[Part]:

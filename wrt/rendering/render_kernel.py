@@ -13,7 +13,7 @@ from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
 from wrt.compiling import general, later
 from wrt.compiling.kernel import SCALAR, declaration
-from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WORTH_SECONDS, WideKernel
+from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WORTH_SECONDS, WideKernel, threads_of
 from wrt.upload.accel.bvh import kernels_of_building
 
 REGENERATE = "WRT_REGENERATE"
@@ -101,8 +101,8 @@ class RenderKernel:
         if best.kernel is None:
             self._device.launch(self.scalar, self._width * self._height, inputs, spared=spared, cancellable=True)
             return
-        tiles = -(-self._width // best.tile) * -(-self._height // best.tile)
-        self._device.launch(best.kernel, tiles, inputs, spared=spared, cancellable=True)
+        threads = threads_of(self._width, self._height, best.tile)
+        self._device.launch(best.kernel, threads, inputs, spared=spared, cancellable=True)
 
     def _request_general(self, seconds_left: float) -> None:
         """Have the general kernel compiled that covers this scene, for other scenes."""

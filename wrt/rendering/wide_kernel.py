@@ -49,6 +49,11 @@ _LOADING = threading.Lock()
 scene share a kernel."""
 
 
+def threads_of(width: int, height: int, tile: int) -> int:
+    """Return how many threads of a wide kernel render a picture: one for each square of `tile` pixels a side."""
+    return -(-width // tile) * -(-height // tile)
+
+
 class WideKernel:
     """The wide kernel for one scene, if it has one.
 

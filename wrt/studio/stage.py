@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wrt.errors import InputError
+from wrt.errors import InputError, name_of
 from wrt.scene.camera import Camera
 from wrt.scene.environment import Environment, SunSkyEnvironment
 from wrt.scene.materials import Material
@@ -119,8 +119,7 @@ class Stage:
             own = dataclasses.replace(scene, shapes=shapes, camera=scene.camera, settings=dataclasses.replace(SETTINGS))
             return dataclasses.replace(self, material=None, time=None).shown(own)
         if scene.lights and self.environment is None:
-            name = source if isinstance(source, (str, os.PathLike)) else "trimesh"
-            warnings.warn(f"{name}: its lights are dark, so the studio lights it", stacklevel=2)
+            warnings.warn(f"{name_of(source)}: its lights are dark, so the studio lights it", stacklevel=2)
         if camera is not None and self.frame is None and isinstance(source, (str, os.PathLike)):
             camera = self._worth_keeping(source, shapes, camera)
         made = present(

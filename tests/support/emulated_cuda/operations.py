@@ -62,6 +62,11 @@ def _only(modifiers: tuple[str, ...], *known: str) -> bool:
     return all(m in known or m in _HINTS or m.startswith(_CACHES) for m in modifiers)
 
 
+def _flushed(value: str, kind: str, modifiers: tuple[str, ...]) -> str:
+    """Return a value, as zero where it is subnormal and the instruction asks for that; of 64 bits none is."""
+    return f"flushed({value})" if "ftz" in modifiers and kind == "f32" else value
+
+
 def _move(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     kind = opcode[-1]
     if len(opcode) != 2:
@@ -128,9 +133,7 @@ def _atomic(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 def _compare(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     how, kind = opcode[1], opcode[-1]
     joining = [part for part in opcode[2:-1] if part != "ftz"]
-    a, b = o.value(ops[1], kind), o.value(ops[2], kind)
-    if "ftz" in opcode:
-        a, b = f"flushed({a})", f"flushed({b})"
+    a, b = (_flushed(o.value(op, kind), kind, opcode) for op in ops[1:3])
     ordered = f"({a} == {a} && {b} == {b})"
     if how in ("num", "nan"):
         value = ordered if how == "num" else f"!{ordered}"
@@ -162,9 +165,7 @@ def _convert(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
     into, source, modifiers = opcode[-2], opcode[-1], opcode[1:-2]
     if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "sat", "ftz", *_MODES, *_WHOLE):
         return None
-    value = o.value(ops[1], source)
-    if "ftz" in modifiers and source == "f32":
-        value = f"flushed({value})"
+    value = _flushed(o.value(ops[1], source), source, modifiers)
     whole = next((_WHOLE[m] for m in modifiers if m in _WHOLE), None)
     mode = next((_MODES[m] for m in modifiers if m in _MODES), None)
     if into[0] == "f":
@@ -172,9 +173,7 @@ def _convert(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
             value = f"{whole}({value})"
         if mode is not None:
             value = f"rounded<{mode}, {into}, {source}>([](auto x, auto, auto) {{ return ({into})x; }}, {value}, 0, 0)"
-        value = f"({into})({value})"
-        if "ftz" in modifiers and into == "f32":
-            value = f"flushed({value})"
+        value = _flushed(f"({into})({value})", into, modifiers)
         return o.assign(ops[0], f"saturated({value})" if "sat" in modifiers else value, into)
     if source[0] == "f":
         if whole is None:
@@ -207,9 +206,7 @@ def _floating(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str
         return None
     if name in _APPROXIMATE and kind != "f32":
         return None
-    values = [o.value(op, kind) for op in ops[1:]]
-    if "ftz" in modifiers:
-        values = [f"flushed({value})" for value in values]
+    values = [_flushed(o.value(op, kind), kind, modifiers) for op in ops[1:]]
     mode = next((_MODES[m] for m in modifiers if m in _MODES), None)
     if mode is not None:
         if name not in ("add", "sub", "mul", "fma", "mad", "div", "rcp", "sqrt"):
@@ -223,8 +220,7 @@ def _floating(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str
         value = _number(name, kind, values)
     if value is None:
         return None
-    if "ftz" in modifiers:
-        value = f"flushed({value})"
+    value = _flushed(value, kind, modifiers)
     return o.assign(ops[0], f"saturated({value})" if "sat" in modifiers else value, kind)
 
 

@@ -114,7 +114,6 @@ OP f64 with_sign_of(f64 sign, f64 x) { return __builtin_copysign(x, sign); }
 template<class T> OP T saturated(T x) { return x > 0 ? (x < 1 ? x : (T)1) : (T)0; }  // NaN becomes 0
 
 OP f32 flushed(f32 x) { return magnitude(x) < 1.17549435e-38f ? with_sign_of(x, 0.0f) : x; }
-OP f64 flushed(f64 x) { return x; }  // .ftz flushes single precision only
 
 // Rounding modes of <fenv.h>, which is not there.
 #if defined(__aarch64__)

@@ -9,6 +9,7 @@ from typing import ClassVar
 from wrt.errors import InputError
 from wrt.scene.materials.material import Material
 from wrt.scene.medium import Medium
+from wrt.scene.textures import ColorSource
 from wrt.values import Vec3, integer
 
 
@@ -44,6 +45,23 @@ class Body(Material):
     def interior_spread(self) -> Vec3:
         """What the refractive index of each channel differs from that one by."""
         return (0.0, 0.0, 0.0)
+
+
+class Entered(Body):
+    """Base of the materials that light enters by their `transmission`, unless they are thin; not used by itself."""
+
+    transmission: ColorSource
+    thin_walled: bool
+
+    @property
+    def is_body(self) -> bool:
+        """Whether light gets inside."""
+        return self.transmission != 0.0 and not self.thin_walled
+
+    def _refuse_interior(self) -> None:
+        """Raise InputError if there is a medium inside and no way into it."""
+        if self.interior is not None and not self.is_body:
+            raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from wrt.errors import InputError
-from wrt.scene.materials.body import Body
+from wrt.scene.materials.body import Entered
 from wrt.scene.textures import ColorSource
 from wrt.values import boolean, number
 
@@ -18,7 +17,7 @@ _SHARES = (
 
 
 @dataclass(frozen=True)
-class Burley(Body):
+class Burley(Entered):
     """The "Disney" material, as Mitsuba's `principled` and `principledthin` have it.
 
     It is for scenes that were made for it; Principled, the material of glTF, keeps energy better. (Burley,
@@ -67,13 +66,7 @@ class Burley(Body):
         self._check_colors("base_color")
         boolean(self.thin_walled, "thin_walled")
         self._set(ior=number(self.ior, "ior", minimum=1.0))
-        if self.interior is not None and not self.is_body:
-            raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
-
-    @property
-    def is_body(self) -> bool:
-        """Whether light gets inside."""
-        return self.transmission != 0.0 and not self.thin_walled
+        self._refuse_interior()
 
     @property
     def interior_ior(self) -> float:

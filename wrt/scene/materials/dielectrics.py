@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
-from wrt.scene.materials.body import Body
-from wrt.scene.materials.dispersion import SHARES, channel_indices, channel_spread, checked_dispersion
+from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
 from wrt.scene.materials.material import Material
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.scene.materials.presets import dielectric_ior
@@ -84,7 +83,7 @@ class _Boundary(Material):
 
 
 @dataclass(frozen=True)
-class _BodyBoundary(_Boundary, Body):
+class _BodyBoundary(_Boundary, Dispersive):
     """The boundary of a body, not of a pane.
 
     Attributes:
@@ -98,16 +97,6 @@ class _BodyBoundary(_Boundary, Body):
         self._set(dispersion=checked_dispersion(self.dispersion))
         if self.dispersion and float(self.ior) < 1.0:
             raise InputError(f"dispersion needs an ior of 1 or more, not {self.ior}")
-
-    @property
-    def interior_ior(self) -> float:
-        """Refractive index inside."""
-        return float(self.ior)
-
-    @property
-    def interior_spread(self) -> Vec3:
-        """What the refractive index of each channel differs from that one by."""
-        return channel_spread(float(self.ior), float(self.dispersion))
 
     @property
     def relative_iors(self) -> Vec3:

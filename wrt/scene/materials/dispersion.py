@@ -9,6 +9,7 @@ wavelength of its primary.
 from __future__ import annotations
 
 from wrt.errors import InputError
+from wrt.scene.materials.body import Body
 from wrt.scene.materials.presets import dielectric_abbe_number
 from wrt.values import Vec3, number
 
@@ -55,6 +56,23 @@ def checked_dispersion(value: float | str) -> float:
         return 20.0 / dielectric_abbe_number(value)
     except InputError as error:
         raise InputError(f"dispersion: {error}") from None
+
+
+class Dispersive(Body):
+    """Base of the bodies that may refract each channel by an index of its own; not used by itself."""
+
+    ior: float | str
+    dispersion: float | str
+
+    @property
+    def interior_ior(self) -> float:
+        """Refractive index inside."""
+        return float(self.ior)
+
+    @property
+    def interior_spread(self) -> Vec3:
+        """What the refractive index of each channel differs from that one by."""
+        return channel_spread(float(self.ior), float(self.dispersion))
 
 
 SHARES: Vec3 = (1.0 / 3.0,) * 3

@@ -10,21 +10,21 @@ from typing import ClassVar
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.scene.materials.body import Body
-from wrt.scene.materials.dispersion import SHARES, channel_indices, channel_spread, checked_dispersion
+from wrt.scene.materials.body import Entered
+from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
 from wrt.scene.materials.film import Filmed
 from wrt.scene.materials.material import value_source
 from wrt.scene.materials.microfacet import LEAST_ALPHA
 from wrt.scene.materials.presets import dielectric_ior
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import FLOAT32_MAX, Vec3, boolean, number
+from wrt.values import FLOAT32_MAX, boolean, number
 
 _SHARES = ("metallic", "roughness", "specular", "transmission", "film", "coat", "coat_roughness", "sheen_roughness")
 """Numbers from 0 to 1, which may vary over the surface."""
 
 
 @dataclass(frozen=True)
-class Principled(Filmed, Body):
+class Principled(Filmed, Dispersive, Entered):
     """A material with few intuitive parameters: the metallic-roughness workflow of glTF 2.0.
 
     `metallic` blends between a dielectric (plastic, paint, wood, stone, glass) and a metal; sheen and a clear coat may
@@ -100,31 +100,15 @@ class Principled(Filmed, Body):
             boolean(getattr(self, name), name)
         if self.ior == 0.0 and self.transmission != 0.0 and not self.thin_walled:
             raise InputError("ior 0 means infinite, which transmits no light; set transmission to 0, or give an ior")
-        if self.interior is not None and not self.is_body:
-            raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
+        self._refuse_interior()
         if self.multiple_bounces:
             _ = self.table_key
             self._refuse_film()
 
     @property
-    def is_body(self) -> bool:
-        """Whether light gets inside."""
-        return self.transmission != 0.0 and not self.thin_walled
-
-    @property
     def has_film(self) -> bool:
         """Whether there is a film anywhere."""
         return self.film != 0.0 and super().has_film
-
-    @property
-    def interior_ior(self) -> float:
-        """Refractive index inside."""
-        return float(self.ior)
-
-    @property
-    def interior_spread(self) -> Vec3:
-        """What the refractive index of each channel differs from that one by."""
-        return channel_spread(float(self.ior), float(self.dispersion))
 
     @property
     def features(self) -> tuple[str, ...]:

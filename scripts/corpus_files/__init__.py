@@ -1,0 +1,1 @@
+"""What `scripts/make_corpus.py` writes, a module for each group of kinds."""
