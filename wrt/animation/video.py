@@ -105,9 +105,11 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
 
     Raises:
         InputError: see `check_video`; when there are no frames, their shapes are wrong or differ, or writing fails.
+        Exception: what `frames` raises; nothing is written then.
     """
     file = check_video(path, fps=fps, force=force)
-    checked = _checked(file, frames)
+    failures: list[Exception] = []
+    checked = _checked(file, _noting(frames, failures))
     first = next(checked, None)
     if first is None:
         raise InputError(f"{file}: there are no frames")
@@ -117,7 +119,22 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
         ".gif": _write_gif,
     }
     writer = write[file.suffix.lower()]
-    write_atomically(file, lambda temporary: writer(temporary, first, checked, float(fps)), VIDEO, force=force)
+    try:
+        write_atomically(file, lambda temporary: writer(temporary, first, checked, float(fps)), VIDEO, force=force)
+    except InputError:
+        if not failures:
+            raise
+    if failures:
+        raise failures[0]
+
+
+def _noting(frames: Iterable[Any], failures: list[Exception]) -> Iterator[Any]:
+    """Yield frames; note what they raise, which is not a failure to write the file."""
+    try:
+        yield from frames
+    except Exception as error:
+        failures.append(error)
+        raise
 
 
 def _checked(file: Path, frames: Iterable[Any]) -> Iterator[Pixels]:
