@@ -152,3 +152,5 @@ def test_what_fails_in_making_frames_reaches_who_makes_them(failure: Exception, 
         wrt.save_video(tmp_path / "a.gif", frames())
     assert raised.value is failure
     assert not list(tmp_path.iterdir())
+    with pytest.raises(wrt.InputError, match=r"^a video is written to a path, not to list"):
+        wrt.save_video([np.zeros((2, 2, 3))], tmp_path / "a.gif")  # type: ignore[arg-type]

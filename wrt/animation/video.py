@@ -19,7 +19,7 @@ from wrt._version import __version__
 from wrt.develop.picture import develop_image
 from wrt.errors import InputError, one_line
 from wrt.io.safe_read import PathLike
-from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.io.safe_write import Kind, output_path, require_writable, write_atomically
 from wrt.values import number
 
 Pixels = NDArray[np.uint8]
@@ -74,7 +74,7 @@ def check_video(path: PathLike, *, fps: float, force: bool = False) -> Path:
         InputError: on another suffix than VIDEO_SUFFIXES, on a path that cannot be written, when ffmpeg is missing for
             an MP4, or for a rate of frames that the file type cannot hold.
     """
-    file = Path(path)
+    file = output_path(path, "a video")
     if not is_video(file):
         raise InputError(f"{file}: the name of a video must end in one of {', '.join(VIDEO_SUFFIXES)}")
     number(fps, "fps", above=0.0, maximum=1000.0)

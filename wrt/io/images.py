@@ -20,11 +20,11 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array
 from wrt.io.safe_read import PathLike, first_line, forget_input, is_input, naming_file, read_file, require_file
-from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.io.safe_write import Kind, output_path, require_writable, write_atomically
 from wrt.scene.environment import ImageEnvironment
 from wrt.scene.layers import channel_names
 from wrt.scene.srgb import linear_from_srgb, of_codes
-from wrt.values import Vec3, sealed
+from wrt.values import Vec3, refuse_codes, sealed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -275,8 +275,13 @@ def check_output(path: PathLike, *, force: bool = False) -> Path:
     return file
 
 
+def picture_path(path: PathLike) -> Path:
+    """Return the path of a picture that will be written, or raise InputError."""
+    return output_path(path, "a picture", "; Pillow writes the codes of wrt.develop_image into open files")
+
+
 def _picture_name(path: PathLike) -> Path:
-    file = Path(path)
+    file = picture_path(path)
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
         known = ", ".join(OUTPUT_SUFFIXES)
         raise InputError(f"{file}: the name of a picture must end in one of {known}")
@@ -319,6 +324,8 @@ def save_image(
         InputError: see `check_output` and `develop_image`; also when the shape of the image is wrong or writing fails.
     """
     file = check_output(path, force=force)
+    if image is not None:
+        refuse_codes(image, f"{file}: an image")
     image, cover = _with_coverage(file, image, alpha)
     notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
 
