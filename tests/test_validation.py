@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +34,41 @@ def test_a_speck_in_a_room_is_no_mistake() -> None:
     scene.add(wrt.Mesh(CORNERS * 1e-20, FACE))
     scene.add(wrt.box())
     assert np.isfinite(wrt.render(scene, width=4, height=4, spp=1)).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("environment", 0.5, "the scene's environment must be one of wrt's environments, not float"),
+        ("environment", wrt.Diffuse(), "the scene's environment must be one of wrt's environments, not Diffuse"),
+        ("camera", (0.0, 0.0, 1.0), "the scene's camera must be one of wrt's cameras, not tuple"),
+        ("shapes", None, "shapes must be a list of wrt.Shape, not NoneType; "),
+        ("shapes", [wrt.box()], "shapes must be a list of wrt.Shape, not of Mesh; "),
+        ("lights", wrt.PointLight((0, 3, 0), intensity=1.0), "lights must be a list of wrt's lights, not PointLight"),
+        ("lights", [3], "lights must be a list of wrt's lights, not of int"),
+        ("settings", {"spp": 3}, "the scene's settings must be wrt.RenderSettings, not dict"),
+        ("medium", 3, "the scene's medium must be a wrt.Medium, not int"),
+    ],
+)
+def test_what_a_scene_cannot_have_is_refused_when_made_and_when_rendered(field: str, value: Any, message: str) -> None:
+    with pytest.raises(wrt.InputError) as made:
+        wrt.Scene(**{field: value})
+    assert str(made.value).startswith(message)
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment())
+    scene.add(wrt.box())
+    setattr(scene, field, value)
+    for use in (wrt.Renderer, wrt.load, wrt.render):
+        with pytest.raises(wrt.InputError) as used:
+            use(scene)
+        assert str(used.value).startswith(message)
+
+
+def test_misspelt_names_are_refused() -> None:
+    scene = wrt.Scene()
+    with pytest.raises(AttributeError, match="enviroment"):
+        scene.enviroment = wrt.ConstantEnvironment()  # type: ignore[attr-defined]
+    with pytest.raises(AttributeError, match="samples"):
+        scene.settings.samples = 16  # type: ignore[attr-defined]
 
 
 def test_arrays_that_are_no_numbers_are_refused_in_one_line() -> None:

@@ -139,6 +139,7 @@ def _load(
     if isinstance(source, Scene):
         if up is not None:
             raise InputError(f"{kind}: {_FOR_MESHES}")
+        source.check()
         return stage.shown(source)
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
