@@ -436,5 +436,7 @@ def test_where_a_scene_is_needed_the_function_that_makes_one_is_named(tmp_path):
                 wrt.save_scene(tmp_path / name, source)
     with pytest.raises(wrt.InputError, match=r"mesh must be a wrt\.Mesh, not Trimesh; wrt\.load_mesh makes one"):
         wrt.Scene().add(box)
-    with pytest.raises(wrt.InputError, match=r"shapes must be a list of wrt\.Shape, not .*; wrt\.load makes a scene of a file"):
+    with pytest.raises(
+        wrt.InputError, match=r"shapes must be a list of wrt\.Shape, not .*; wrt\.load makes a scene of a file"
+    ):
         wrt.Scene("bunny.obj")

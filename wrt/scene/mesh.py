@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
 from wrt.values import array, number, owned, refuse_codes, sealed
 
@@ -25,11 +25,27 @@ SMALLEST, LARGEST = 1e-11, 1e12
 """Limits of a mesh's extent and distance from the origin, metres; beyond, products of coordinates exceed float32."""
 
 
+FARTHEST = 20_000.0
+"""Distance from the origin, in sizes of the mesh, beyond which single precision visibly snaps vertices to a grid."""
+
+
+def far_away(name: str, size: float, reach: float) -> str:
+    """Return the warning about a mesh that is `size` across and reaches to `reach` if it is too far away, else ""."""
+    if not reach > FARTHEST * size > 0.0:
+        return ""
+    step = 100.0 * reach * 2.0**-24 / size
+    return (
+        f"{name}: it is {size:g} across and up to {reach:g} from the origin, where numbers in single precision are "
+        f"{step:.2g} % of its size apart; move it to the origin"
+    )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """Indexed triangles with optional vertex attributes.
 
-    A mesh owns its arrays, which are read-only. It copies the given arrays unless they are read-only already.
+    A mesh owns its arrays, which are read-only. It copies the given arrays unless they are read-only already. Where it
+    rounds vertices, such as map coordinates, to a visible grid, an InputWarning names it.
 
     Attributes:
         vertices: (N, 3) float32 positions, metres.
@@ -73,6 +89,10 @@ class Mesh:
         if low < 0 or high >= count:
             bad = low if low < 0 else high
             raise InputError(f"{self.name}: a face names vertex {bad}, but there are {count} vertices")
+        if getattr(self.vertices, "dtype", None) != np.float32:
+            corners = box_around(vertices)
+            if far := far_away(self.name, norm(corners[1] - corners[0]), float(np.abs(corners).max())):
+                warn(far)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", owned(self.faces, f"{self.name}: faces", np.int32))
         for name, widths in (("normals", (3,)), ("uvs", (2, 4)), ("colors", (3, 4))):
