@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import wrt
+from wrt.errors import InputWarning
+from wrt.upload.attributes import check_attributes
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 FACE = np.array([[0, 1, 2]])
@@ -99,3 +101,34 @@ def test_a_saved_picture_says_how_it_was_made(tmp_path: Path) -> None:
     plain.save(tmp_path / "b.png")
     with Image.open(tmp_path / "b.png") as picture:
         assert picture.info["Samples per pixel"] == "2"
+
+
+COLORED = wrt.Diffuse(wrt.VertexColor())
+
+
+@pytest.mark.parametrize("material", [COLORED, wrt.Mix(wrt.Mirror(), COLORED), wrt.Diffuse(opacity=wrt.VertexColor())])
+def test_vertex_colors_that_no_surface_has_are_refused(material: wrt.Material) -> None:
+    for colors, said in ((np.full((3, 3), 200.0), "200 to 200"), (CORNERS - 0.5, "-0.5 to 0.5")):
+        with pytest.raises(wrt.InputError, match=f"^part: vertex colors must be linear, from 0 to 1; .* from {said}$"):
+            check_attributes([wrt.Shape(wrt.Mesh(CORNERS, FACE, colors=colors), material, name="part")])
+    bright = wrt.Mesh(CORNERS, FACE, colors=3.0 * CORNERS)
+    check_attributes([wrt.Shape(bright, emission=wrt.VertexColor()), wrt.Shape(wrt.Mesh(CORNERS, FACE), material)])
+    check_attributes([wrt.Shape(bright, wrt.Diffuse(wrt.VertexColor(1.0 / 3.0)))])
+
+
+def test_images_that_cannot_be_shown_as_they_are_are_named() -> None:
+    half, codes = (
+        wrt.ImageTexture(np.full((2, 2, 3), level), name) for level, name in ((0.5, "half"), (200.0, "wood"))
+    )
+    bare, laid = wrt.Mesh(CORNERS, FACE), wrt.Mesh(CORNERS, FACE, uvs=CORNERS[:, :2])
+    check_attributes([wrt.Shape(laid, wrt.Diffuse(half), emission=codes)])
+    with pytest.warns(InputWarning, match=r"^texture wood: as reflectance it must be at most 1, but it reaches 200$"):
+        check_attributes([wrt.Shape(laid, wrt.Diffuse(codes))])
+    for shape in (wrt.Shape(bare, wrt.Diffuse(half)), wrt.Shape(bare, emission=half)):
+        with pytest.warns(
+            InputWarning, match=r"^shape: its material has an image, but its mesh no texture coordinates"
+        ):
+            check_attributes([shape])
+    scene = wrt.Scene([wrt.Shape(bare, wrt.Diffuse(half))], environment=wrt.ConstantEnvironment())
+    with pytest.warns(InputWarning, match="no texture coordinates"):
+        wrt.Renderer(scene, width=4, height=4)

@@ -303,8 +303,9 @@ class Scene:
         if wrong := _wrong_item(self.lights, tuple(LIGHTS.values())):
             raise InputError(f"lights must be a list of wrt's lights, not {wrong}")
         if self.environment is not None and not isinstance(self.environment, Environment):
-            kind = type(self.environment).__name__
-            raise InputError(f"the scene's environment must be one of wrt's environments, not {kind}")
+            raise InputError(
+                f"the scene's environment must be one of wrt's environments, not {type(self.environment).__name__}"
+            )
         if self.camera is not None:
             require_camera(self.camera)
         if not isinstance(self.settings, RenderSettings):

@@ -1,0 +1,70 @@
+"""Check that meshes have the attributes which their materials read, and that these are what a material can have."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from wrt.errors import InputError, warn
+from wrt.scene.materials import Material
+from wrt.scene.mesh import box_around
+from wrt.scene.scene import Shape
+from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+
+UP_TO_ONE = frozenset(
+    ["reflectance", "base_color", "specular_reflectance", "specular_transmittance", "sheen_color", "opacity", "weight"]
+)
+"""Attributes of materials that constants of at most 1 may have."""
+
+TOLERANCE = 1e-3
+"""Vertex colours may exceed 1 by what rounding adds; 16-bit floats near 1 are half as far apart."""
+
+VISIBLE = 1.01
+"""Images of files may exceed 1 by this factor without a warning: resampling overshoots."""
+
+
+def check_attributes(shapes: Iterable[Shape]) -> None:
+    """Check the vertex attributes and images of shapes.
+
+    Warns of images on meshes without texture coordinates, and of images that reflect more than all light.
+
+    Raises:
+        InputError: where vertex colours that a material reads are not from 0 to 1.
+    """
+    bright: set[int] = set()
+    alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # instances are many
+    for shape in alike.values():
+        values = list(_values(shape.material))
+        for name, value in values:
+            if isinstance(value, VertexColor) and name in UP_TO_ONE:
+                _check_colors(shape, value)
+            elif isinstance(value, ImageTexture) and name in UP_TO_ONE and id(value) not in bright:
+                bright.add(id(value))
+                most = float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
+                if most > VISIBLE:
+                    warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
+        images = (ImageTexture, NormalMap)
+        if shape.mesh.uvs is None and any(isinstance(value, images) for _, value in [*values, ("", shape.emission)]):
+            warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
+
+
+def _values(material: Material) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of a material's attributes, and those of its parts."""
+    for field in dataclasses.fields(material):
+        yield field.name, getattr(material, field.name)
+    for part in material.parts:
+        yield from _values(part)
+
+
+def _check_colors(shape: Shape, value: VertexColor) -> None:
+    """Raise InputError unless the vertex colours that a value reads are from 0 to 1; a mesh without any is white."""
+    colors = shape.mesh.colors
+    if colors is None or (value.alpha and colors.shape[1] < 4):
+        return
+    bounds = box_around(colors)
+    read = bounds[:, 3:] if value.alpha else bounds[:, :3] * np.asarray(value.factor)
+    low, high = read.min(), read.max()
+    if low < 0.0 or high > 1.0 + TOLERANCE:
+        raise InputError(f"{shape.name}: vertex colors must be linear, from 0 to 1; they are from {low:g} to {high:g}")
