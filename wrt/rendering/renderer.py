@@ -388,7 +388,8 @@ class Renderer(Picture, Resumable, OnDevice):
             normals: shading normals, likewise; by default they are recomputed if the mesh has any.
 
         Raises:
-            InputError: when the shape cannot be updated, on arrays of other sizes, or on non-finite values.
+            InputError: when the shape cannot be updated, on arrays of other sizes, or on values that are not finite or
+                beyond 10^12.
         """
         number = shape_number(self.scene, shape)
         self._go_over_to_warp()
