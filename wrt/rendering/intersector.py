@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -282,6 +283,9 @@ def _meshes(source: Any) -> list[Any]:
             raise InputError("the scene has no shapes to hit")
         time = source.camera.shutter_open if source.camera else 0.0
         return [_triangles(shape.mesh_at(time)) for shape in source.shapes]
+    if isinstance(source, (str, os.PathLike)):
+        needed = "a wrt.Mesh, a wrt.Scene or a trimesh object"
+        raise InputError(f"an intersector needs {needed}, not a path; wrt.load_mesh reads files")
     from wrt.io.load_mesh import from_trimesh
 
     return [shape.mesh_at(0.0) for shape in from_trimesh(source)]
