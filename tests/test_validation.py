@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 import wrt
 from wrt.errors import InputWarning
@@ -132,3 +133,12 @@ def test_images_that_cannot_be_shown_as_they_are_are_named() -> None:
     scene = wrt.Scene([wrt.Shape(bare, wrt.Diffuse(half))], environment=wrt.ConstantEnvironment())
     with pytest.warns(InputWarning, match="no texture coordinates"):
         wrt.Renderer(scene, width=4, height=4)
+
+
+def test_warnings_name_the_line_outside_of_wrt() -> None:
+    scene = wrt.Scene([wrt.Shape(wrt.Mesh(CORNERS, FACE))])
+    dust = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(CORNERS)])
+    for warned in (lambda: wrt.Renderer(scene, width=4, height=4), lambda: wrt.load(dust)):
+        with pytest.warns(UserWarning, match="the scene has no light|is left out") as caught:
+            warned()
+        assert [warning.filename for warning in caught] == [__file__]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean
+from wrt.errors import InputError, did_you_mean, warn
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -266,7 +266,7 @@ def _name_land(name: object, shapes: list[Shape], up: str) -> None:
     if axis is not None:
         looks = f"it is thin along {axis} and faces that way"
         text = f'{name}: {looks}; if it is land, which lies, say up="{axis}", or --up {axis}'
-        warnings.warn(text, UserWarning, stacklevel=2)
+        warn(text, UserWarning)
 
 
 def render(
