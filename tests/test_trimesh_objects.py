@@ -437,6 +437,8 @@ def test_where_a_scene_is_needed_the_function_that_makes_one_is_named(tmp_path):
         for name in ("a.toml", "a.glb"):
             with pytest.raises(wrt.InputError, match=f"{name} {makes}"):
                 wrt.save_scene(tmp_path / name, source)
+    with pytest.raises(wrt.InputError, match="a scene file is written to a path, not to Scene"):
+        wrt.save_scene(wrt.Scene(), tmp_path / "a.toml")
     with pytest.raises(wrt.InputError, match=r"mesh must be a wrt\.Mesh, not Trimesh; wrt\.load_mesh makes one"):
         wrt.Scene().add(box)
     with pytest.raises(

@@ -59,7 +59,7 @@ def read_object(source: Any, name: str = "trimesh") -> Contents:
         return Contents(_Reader(source).parts("trimesh", source))
     if not isinstance(source, trimesh.Scene):
         kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
-        raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes vertices and faces")
+        raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
     reader = _Reader(source)
     places: dict[str, list[NDArray[np.float64]]] = {}
     for node in source.graph.nodes_geometry:
