@@ -259,6 +259,8 @@ def test_a_real_environment_loads():
 
 
 def test_files_that_are_no_images_are_refused(tmp_path, capfd):
+    with pytest.raises(wrt.InputError, match=r"^an image is read from a path, not from BytesIO$"):
+        load_image(io.BytesIO())
     with pytest.raises(wrt.InputError, match=r"none\.png: no such file"):
         load_image(tmp_path / "none.png")
     with pytest.raises(wrt.InputError, match="is a directory"):

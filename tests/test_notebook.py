@@ -48,6 +48,13 @@ def test_a_scene_shows_its_picture():
     assert wrt.Scene()._repr_png_() is None
 
 
+@pytest.mark.parametrize("spp", [0, 2.5, "many"])
+def test_a_view_rests_at_a_number_of_samples(spp):
+    pytest.importorskip("anywidget")
+    with pytest.raises(wrt.InputError, match=r"^spp must be "):
+        cornell_box().view(spp=spp)
+
+
 def test_a_view_converges_orbits_and_keeps_its_last_picture():
     pytest.importorskip("anywidget")
     asyncio.run(_drive(wrt.Renderer(cornell_box())))

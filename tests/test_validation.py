@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -142,3 +143,20 @@ def test_warnings_name_the_line_outside_of_wrt() -> None:
         with pytest.warns(UserWarning, match="the scene has no light|is left out") as caught:
             warned()
         assert [warning.filename for warning in caught] == [__file__]
+
+
+@pytest.mark.parametrize(
+    ("move", "message"),
+    [
+        (lambda mesh: mesh.scaled((1.0, 2.0, 3.0)), "mesh: a scale must be a number, not (1.0, 2.0, 3.0)"),
+        (lambda mesh: mesh.translated(3.0), "mesh: an offset must be three numbers, not 3.0"),
+        (lambda mesh: mesh.translated((1.0, 2.0)), "mesh: an offset must be three numbers, not (1.0, 2.0)"),
+        (lambda mesh: mesh.rotated("y", 90.0), "mesh: an axis must be three numbers, not 'y'"),
+        (lambda mesh: mesh.rotated((0, 0, 0), 90.0), "mesh: an axis must have a length above 0"),
+        (lambda mesh: mesh.rotated((0, 1, 0), "90"), "mesh: degrees must be a number, not '90'"),
+    ],
+)
+def test_movements_of_meshes_that_are_none_are_refused(move: Callable[[wrt.Mesh], wrt.Mesh], message: str) -> None:
+    with pytest.raises(wrt.InputError) as caught:
+        move(wrt.Mesh(CORNERS, FACE))
+    assert str(caught.value) == message

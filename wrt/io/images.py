@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import math
+import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -91,6 +92,8 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     Raises:
         InputError: when the file does not exist or cannot be decoded.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"an image is read from a path, not from {type(path).__name__}")
     file = Path(path)
     was_input = is_input(file)
     pixels = read_image(file, linear=linear)
@@ -270,18 +273,14 @@ def check_output(path: PathLike, *, force: bool = False) -> Path:
         InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or is not
             writable, or a file that may not be replaced (see `wrt.io.safe_write`).
     """
-    file = _picture_name(path)
+    file = picture_path(path)
     require_writable(file, PICTURE, force=force)
     return file
 
 
 def picture_path(path: PathLike) -> Path:
     """Return the path of a picture that will be written, or raise InputError."""
-    return output_path(path, "a picture", "; Pillow writes the codes of wrt.develop_image into open files")
-
-
-def _picture_name(path: PathLike) -> Path:
-    file = picture_path(path)
+    file = output_path(path, "a picture", "; Pillow writes the codes of wrt.develop_image into open files")
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
         known = ", ".join(OUTPUT_SUFFIXES)
         raise InputError(f"{file}: the name of a picture must end in one of {known}")

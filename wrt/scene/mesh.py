@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
-from wrt.values import array, number, owned, refuse_codes, sealed
+from wrt.values import array, number, owned, refuse_codes, sealed, vector
 
 
 def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -179,12 +179,13 @@ class Mesh:
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""
-        return self.transformed(np.diag([factor, factor, factor, 1.0]))
+        scale = number(factor, f"{self.name}: a scale")
+        return self.transformed(np.diag([scale, scale, scale, 1.0]))
 
     def translated(self, offset: ArrayLike) -> Mesh:
         """Return a copy moved by `offset`, metres."""
         m = np.eye(4)
-        m[:3, 3] = offset
+        m[:3, 3] = vector(offset, f"{self.name}: an offset")
         return self.transformed(m)
 
     def standing(self, height: float) -> Mesh:
@@ -203,9 +204,12 @@ class Mesh:
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
         """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
-        x, y, z = np.asarray(axis, dtype=np.float64) / norm(axis)
+        given = np.array(vector(axis, f"{self.name}: an axis"))
+        if not given.any():
+            raise InputError(f"{self.name}: an axis must have a length above 0")
+        x, y, z = given / norm(given)
         k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        angle = np.deg2rad(degrees)
+        angle = np.deg2rad(number(degrees, f"{self.name}: degrees"))
         m = np.eye(4)
         m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k)
         return self.transformed(m)
