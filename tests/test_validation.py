@@ -116,6 +116,10 @@ def test_vertex_colors_that_no_surface_has_are_refused(material: wrt.Material) -
     bright = wrt.Mesh(CORNERS, FACE, colors=3.0 * CORNERS)
     check_attributes([wrt.Shape(bright, emission=wrt.VertexColor()), wrt.Shape(wrt.Mesh(CORNERS, FACE), material)])
     check_attributes([wrt.Shape(bright, wrt.Diffuse(wrt.VertexColor(1.0 / 3.0)))])
+    dark = wrt.Mesh(CORNERS, FACE, colors=CORNERS - 0.5)
+    for emission, shining in ((wrt.VertexColor(2.0), wrt.Diffuse()), (0.0, wrt.Emissive(wrt.VertexColor(2.0)))):
+        with pytest.raises(wrt.InputError, match=r"^shape: vertex colors that shine must be at least 0, not -1$"):
+            check_attributes([wrt.Shape(dark, shining, emission=emission)])
 
 
 def test_images_that_cannot_be_shown_as_they_are_are_named() -> None:

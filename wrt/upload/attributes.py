@@ -31,7 +31,7 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
     Warns of images on meshes without texture coordinates, and of images that reflect more than all light.
 
     Raises:
-        InputError: where vertex colours that a material reads are not from 0 to 1.
+        InputError: where vertex colours that a material reads are not from 0 to 1, or those that shine are below 0.
     """
     bright: set[int] = set()
     alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # instances are many
@@ -45,6 +45,8 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
                 most = float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
                 if most > VISIBLE:
                     warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
+        if isinstance(shape.emission, VertexColor) and (low := _range(shape, shape.emission)[0]) < 0.0:
+            raise InputError(f"{shape.name}: vertex colors that shine must be at least 0, not {low:g}")
         images = (ImageTexture, NormalMap)
         if shape.mesh.uvs is None and any(isinstance(value, images) for _, value in [*values, ("", shape.emission)]):
             warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
@@ -58,13 +60,18 @@ def _values(material: Material) -> Iterator[tuple[str, object]]:
         yield from _values(part)
 
 
-def _check_colors(shape: Shape, value: VertexColor) -> None:
-    """Raise InputError unless the vertex colours that a value reads are from 0 to 1; a mesh without any is white."""
+def _range(shape: Shape, value: VertexColor) -> tuple[float, float]:
+    """Return the least and the greatest number that a value reads of vertex colours; a mesh without any is white."""
     colors = shape.mesh.colors
     if colors is None or (value.alpha and colors.shape[1] < 4):
-        return
+        return 1.0, 1.0
     bounds = box_around(colors)
     read = bounds[:, 3:] if value.alpha else bounds[:, :3] * np.asarray(value.factor)
-    low, high = read.min(), read.max()
+    return float(read.min()), float(read.max())
+
+
+def _check_colors(shape: Shape, value: VertexColor) -> None:
+    """Raise InputError unless the vertex colours that a value reads are from 0 to 1."""
+    low, high = _range(shape, value)
     if low < 0.0 or high > 1.0 + TOLERANCE:
         raise InputError(f"{shape.name}: vertex colors must be linear, from 0 to 1; they are from {low:g} to {high:g}")
