@@ -34,9 +34,12 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
         InputError: where vertex colours that a material reads are not from 0 to 1, or those that shine are below 0.
     """
     bright: set[int] = set()
+    varying: dict[int, list[tuple[str, object]]] = {}  # of materials, since many shapes share one
     alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # instances are many
     for shape in alike.values():
-        values = list(_values(shape.material))
+        if id(shape.material) not in varying:
+            varying[id(shape.material)] = [*_varying(shape.material)]
+        values = varying[id(shape.material)]
         for name, value in values:
             if isinstance(value, VertexColor) and name in UP_TO_ONE:
                 _check_colors(shape, value)
@@ -47,17 +50,19 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
                     warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
         if isinstance(shape.emission, VertexColor) and (low := _range(shape, shape.emission)[0]) < 0.0:
             raise InputError(f"{shape.name}: vertex colors that shine must be at least 0, not {low:g}")
-        images = (ImageTexture, NormalMap)
-        if shape.mesh.uvs is None and any(isinstance(value, images) for _, value in [*values, ("", shape.emission)]):
+        read = (*(value for _, value in values), shape.emission)
+        if shape.mesh.uvs is None and any(isinstance(value, (ImageTexture, NormalMap)) for value in read):
             warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
 
 
-def _values(material: Material) -> Iterator[tuple[str, object]]:
-    """Yield the names and values of a material's attributes, and those of its parts."""
+def _varying(material: Material) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of those attributes of a material, and of its parts, that vary over a surface."""
     for field in dataclasses.fields(material):
-        yield field.name, getattr(material, field.name)
+        value = getattr(material, field.name)
+        if isinstance(value, (ImageTexture, NormalMap, VertexColor)):
+            yield field.name, value
     for part in material.parts:
-        yield from _values(part)
+        yield from _varying(part)
 
 
 def _range(shape: Shape, value: VertexColor) -> tuple[float, float]:
