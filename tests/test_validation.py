@@ -164,3 +164,14 @@ def test_movements_of_meshes_that_are_none_are_refused(move: Callable[[wrt.Mesh]
     with pytest.raises(wrt.InputError) as caught:
         move(wrt.Mesh(CORNERS, FACE))
     assert str(caught.value) == message
+
+
+def test_one_time_is_no_list_of_times() -> None:
+    with pytest.raises(wrt.InputError, match=r"^motion times must be one or more finite numbers$"):
+        wrt.Motion(0.5, [np.eye(4)])  # type: ignore[arg-type]
+    with pytest.raises(wrt.InputError, match=r"^deformation times must be one or more finite numbers$"):
+        wrt.Deformation(0.5, CORNERS[None])  # type: ignore[arg-type]
+    with pytest.raises(wrt.InputError, match=r"^times must be two numbers, not 0.5$"):
+        wrt.Motion.rotation((0, 1, 0), 90.0, times=0.5)  # type: ignore[arg-type]
+    with pytest.raises(wrt.InputError, match=r"^times must be two numbers, not 0.5$"):
+        wrt.Motion.translation((0, 1, 0), times=0.5)  # type: ignore[arg-type]

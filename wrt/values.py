@@ -177,7 +177,7 @@ def key_times(value: object, what: str) -> NDArray[np.float64]:
     times = array(value, f"{what} times", np.float64).copy()
     with np.errstate(over="ignore", invalid="ignore"):
         rounded = times.astype(np.float32)
-        ascend = bool((np.diff(rounded) > 0.0).all())
+        ascend = times.ndim == 1 and bool((np.diff(rounded) > 0.0).all())
     if times.ndim != 1 or len(times) == 0 or not np.isfinite(rounded).all():
         raise InputError(f"{what} times must be one or more finite numbers")
     if not ascend:
