@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -137,3 +138,19 @@ def test_no_other_file_is_replaced(mesh: Path, tmp_path: Path, capsys: pytest.Ca
     assert main(["render", "box.obj", "--turntable", "2", "-o", "mine.gif", *SMALL]) in (1, 2)
     assert (tmp_path / "mine.gif").read_bytes() == b"GIF89a of somebody else"
     assert "mine.gif" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("failure", [RuntimeError("the solver diverged"), wrt.InputError("mesh: vertices")])
+@pytest.mark.parametrize("after", [0, 1])
+def test_what_fails_in_making_frames_reaches_who_makes_them(failure: Exception, after: int, tmp_path: Path) -> None:
+    def frames() -> Iterator[np.ndarray]:
+        for _ in range(after):
+            yield np.zeros((2, 2, 3), np.float32)
+        raise failure
+
+    with pytest.raises(type(failure)) as raised:
+        wrt.save_video(tmp_path / "a.gif", frames())
+    assert raised.value is failure
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(wrt.InputError, match=r"^a video is written to a path, not to list"):
+        wrt.save_video([np.zeros((2, 2, 3))], tmp_path / "a.gif")  # type: ignore[arg-type]

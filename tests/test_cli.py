@@ -62,6 +62,9 @@ def summary_of(result: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     return summary
 
 
+UNCOMPILED = {**ENVIRONMENT, "PYTHONDONTWRITEBYTECODE": "1"}
+"""With a limit on files, Python would leave truncated modules in its cache for all later tests."""
+
 CAMERA = "[camera]\norigin = [0, 0, {z}]\ntarget = [0, 0, 0]\n"
 QUAD = '[[shapes]]\ntype = "quad"\norigin = [-1, -1, 0]\nedge_u = [2, 0, 0]\nedge_v = [0, 2, 0]\n'
 
@@ -179,7 +182,7 @@ def test_file_that_cannot_be_written_is_one_line_and_status_1(suffix: str, tmp_p
         _default_interrupt()
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 
-    result = run(tmp_path, *SMALL, "--spp", "1", "-o", f"big.{suffix}", preexec_fn=full_disk)
+    result = run(tmp_path, *SMALL, "--spp", "1", "-o", f"big.{suffix}", preexec_fn=full_disk, env=UNCOMPILED)
     assert result.returncode == 1, result.stderr
     assert re.fullmatch(rf"wrt: error: big\.{suffix}: [^\n]+\n", result.stderr), result.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["small.png"]
@@ -190,7 +193,7 @@ def test_checkpoint_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Pa
         _default_interrupt()
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
-    result = run(tmp_path, *SMALL, "--spp", "1", "--checkpoint", "state", preexec_fn=full_disk)
+    result = run(tmp_path, *SMALL, "--spp", "1", "--checkpoint", "state", preexec_fn=full_disk, env=UNCOMPILED)
     assert result.returncode == 1, result.stderr
     assert re.fullmatch(r"wrt: error: [^\n]+\n", result.stderr), result.stderr
     assert not (tmp_path / "state").exists()

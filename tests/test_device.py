@@ -213,6 +213,7 @@ def test_unknown_devices(name: object) -> None:
         Device(name)  # type: ignore[arg-type]
     assert repr(name) in str(caught.value)
     assert "use cpu, cuda or cuda:N" in str(caught.value)
+    assert name != "gpu" or str(caught.value).endswith("(did you mean 'cuda'?)")
     assert "\n" not in str(caught.value)
 
 

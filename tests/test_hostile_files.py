@@ -161,10 +161,12 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, name: str)
     assert b"\x1b" not in told.stdout + result.stderr
 
 
-def test_a_full_disk_and_links_in_circles_end_in_one_line(tmp_path: Path):
+def test_a_full_disk_and_links_in_circles_end_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def small() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
+    # With a limit on files, Python would leave truncated modules in its cache for all later tests.
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     options = ("render", str(SEEDS / "little.ply"), "--size", "64x64", "--spp", "1", "--quiet")
     run(*options, "-o", "whole.png", cwd=tmp_path)  # kernels are in the cache from here on
     for name in ("x.png", "x.exr"):

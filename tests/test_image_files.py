@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import zlib
@@ -187,6 +188,21 @@ def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypa
     monkeypatch.undo()
     with pytest.raises(wrt.InputError, match=r"must be \(H, W, 3\)"):
         save_image(tmp_path / "a.png", np.zeros((4, 4)))
+    with pytest.raises(wrt.InputError, match=r"^a picture is written to a path, not to BytesIO; .*wrt.develop_image"):
+        save_image(io.BytesIO(), noise())
+    with pytest.raises(wrt.InputError, match=r"^a picture is written to a path, not to ndarray"):
+        save_image(noise(), tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
+def test_codes_are_not_taken_for_light(tmp_path, name):
+    codes = np.full((2, 2, 3), 200, np.uint8)
+    with pytest.raises(wrt.InputError, match=rf"^.*{name}: an image must be linear numbers, not codes up to 200"):
+        save_image(tmp_path / name, codes)
+    with pytest.raises(wrt.InputError, match=r"^an image must be linear numbers, not codes up to 200"):
+        wrt.develop_image(codes)
+    assert list(tmp_path.iterdir()) == []
+    assert (wrt.develop_image(np.ones((2, 2, 3), np.uint8), tone="none") == 255).all()
 
 
 def test_eight_bit_modes_decode_alike(tmp_path):
@@ -243,6 +259,8 @@ def test_a_real_environment_loads():
 
 
 def test_files_that_are_no_images_are_refused(tmp_path, capfd):
+    with pytest.raises(wrt.InputError, match=r"^an image is read from a path, not from BytesIO$"):
+        load_image(io.BytesIO())
     with pytest.raises(wrt.InputError, match=r"none\.png: no such file"):
         load_image(tmp_path / "none.png")
     with pytest.raises(wrt.InputError, match="is a directory"):

@@ -177,6 +177,13 @@ def test_what_cannot_be_traced(
         wrt.Intersector(mesh).closest_hit(origins, directions, **limits)
 
 
+def test_where_a_mesh_is_needed_what_makes_one_is_named() -> None:
+    with pytest.raises(wrt.InputError, match=r"^an intersector needs .*, not a path; wrt\.load_mesh reads files$"):
+        wrt.Intersector("bunny.obj")
+    with pytest.raises(wrt.InputError, match=r"not tuple; wrt\.Mesh takes arrays$"):
+        wrt.render((np.eye(3), [[0, 1, 2]]))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-3, 0.0), (1e6, 0.0), (1.0, 1e4)])
 def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str, report: Report) -> None:
     """Half a million rays from inside, at faces, edges and corners, however large or far away the mesh is."""

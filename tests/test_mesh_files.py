@@ -345,3 +345,12 @@ def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin(tmp_pa
         assert load_mesh(path).bounds[0, 1] > 5e6
     with pytest.raises(wrt.InputError, match=r"a face names vertex 2, but there are 0"):
         wrt.load(write(tmp_path, "none.off", "OFF\n0 1 0\n3 0 1 2\n"))
+
+
+def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
+    corners = np.random.default_rng(3).random((30, 3))
+    faces, away = np.arange(30).reshape(-1, 3), np.array([448262.0, 120.0, 5411932.0])
+    with pytest.warns(InputWarning, match=r"^map: it is 1\.\d+ across and up to 5\.4.* move it to the origin$"):
+        wrt.Mesh(corners + away, faces, name="map")
+    for harmless in (corners + 1e4, (corners + away).astype(np.float32), 1e4 * corners + away, corners * 0.0 + away):
+        wrt.Mesh(harmless, faces)

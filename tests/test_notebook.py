@@ -4,12 +4,15 @@ import asyncio
 import base64
 import io
 import json
+from concurrent.futures import ThreadPoolExecutor
+from unittest import mock
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import wrt
+from wrt.view.session import Session
 
 
 def cornell_box():
@@ -45,9 +48,34 @@ def test_a_scene_shows_its_picture():
     assert wrt.Scene()._repr_png_() is None
 
 
+@pytest.mark.parametrize("spp", [0, 2.5, "many"])
+def test_a_view_rests_at_a_number_of_samples(spp):
+    pytest.importorskip("anywidget")
+    with pytest.raises(wrt.InputError, match=r"^spp must be "):
+        cornell_box().view(spp=spp)
+
+
 def test_a_view_converges_orbits_and_keeps_its_last_picture():
     pytest.importorskip("anywidget")
     asyncio.run(_drive(wrt.Renderer(cornell_box())))
+
+
+def test_a_view_that_still_renders_ends_quietly_with_the_program():
+    def refused():  # thread pools refuse work as soon as the interpreter begins to end
+        pool = ThreadPoolExecutor(1)
+        pool.shutdown()
+        pool.submit(print)
+
+    def bug():
+        raise RuntimeError("a bug")
+
+    for opened, noisy in ((refused, False), (bug, True)):
+        heard = []
+        with mock.patch("threading.excepthook", heard.append):
+            session = Session(opened)
+            session.close()
+        assert not session._thread.is_alive()
+        assert bool(heard) == noisy
 
 
 async def _drive(renderer):

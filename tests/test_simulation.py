@@ -194,6 +194,18 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
         (1, mesh.vertices[:-1], "sheet: vertices are 399, but the mesh has 400"),
         (1, mesh.vertices[:, :2], r"sheet: vertices must be \(N, 3\), not \(400, 2\)"),
         (1, nan, "sheet: vertex 7 is not finite"),
+        (1, mesh.vertices * np.nan, "sheet: vertex 0 is not finite"),
+        (
+            1,
+            mesh.vertices + np.float32(2e12),
+            r"^sheet: vertex 0 is at 2e\+12 2e\+12 2e\+12; rays reach to 1e\+12; scale it down$",
+        ),
+        (
+            mesh,
+            mesh.vertices,
+            "shape must be one of the scene's shapes, as wrt.Scene.add returns it, or its number, not Mesh",
+        ),
+        ("sheet", mesh.vertices, "shape must be one of the scene's shapes, .* or its number, not str"),
         (1, "much", "sheet: vertices must be numbers"),
         (1, wp.zeros(400, dtype=float, device="cpu"), "sheet: vertices must be a Warp array of vec3"),
         (2, np.zeros((4, 3)), "lamp: vertices of an emitting shape cannot be updated"),

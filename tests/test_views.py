@@ -112,6 +112,11 @@ def test_a_camera_that_does_not_fit_is_named() -> None:
     with pytest.raises(wrt.InputError, match=r"^camera 1: the camera must have the same shutter times"):
         next(views)
     assert list(wrt.render_views(scene(), [])) == []
+    for alone in (CAMERAS[0], None):
+        with pytest.raises(
+            wrt.InputError, match=rf"^cameras must be several of wrt's cameras, not {type(alone).__name__}$"
+        ):
+            next(wrt.render_views(scene(), alone))  # type: ignore[arg-type]
 
 
 def test_a_dataset_maps_points_to_the_pixels_that_show_them(tmp_path: Path) -> None:

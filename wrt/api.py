@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean, name_of
+from wrt.errors import InputError, did_you_mean, name_of, warn
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -139,6 +139,7 @@ def _load(
     if isinstance(source, Scene):
         if up is not None:
             raise InputError(f"{kind}: {_FOR_MESHES}")
+        source.check()
         return stage.shown(source)
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
@@ -265,7 +266,7 @@ def _name_land(name: str, shapes: list[Shape], up: str) -> None:
     if axis is not None:
         looks = f"it is thin along {axis} and faces that way"
         text = f'{name}: {looks}; if it is land, which lies, say up="{axis}", or --up {axis}'
-        warnings.warn(text, UserWarning, stacklevel=2)
+        warn(text, UserWarning)
 
 
 def render(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import warnings
 from collections.abc import Iterable
 
@@ -38,9 +39,12 @@ class InputWarning(UserWarning):
     """A part of a file was left out; the message is one line."""
 
 
-def warn(message: str) -> None:
-    """Warn with an InputWarning."""
-    warnings.warn(one_line(message), InputWarning, stacklevel=3)
+def warn(message: str, category: type[Warning] = InputWarning) -> None:
+    """Warn, in one line, as if the line of the caller's program that called wrt did so."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "wrt":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(one_line(message), category, stacklevel=level)
 
 
 def name_of(source: object) -> str:

@@ -177,7 +177,7 @@ def key_times(value: object, what: str) -> NDArray[np.float64]:
     times = array(value, f"{what} times", np.float64).copy()
     with np.errstate(over="ignore", invalid="ignore"):
         rounded = times.astype(np.float32)
-        ascend = bool((np.diff(rounded) > 0.0).all())
+        ascend = times.ndim == 1 and bool((np.diff(rounded) > 0.0).all())
     if times.ndim != 1 or len(times) == 0 or not np.isfinite(rounded).all():
         raise InputError(f"{what} times must be one or more finite numbers")
     if not ascend:
@@ -185,11 +185,14 @@ def key_times(value: object, what: str) -> NDArray[np.float64]:
     return times
 
 
+_DECODED = "for sRGB, take wrt.scene.srgb.linear_from_srgb(codes / 255)"
+
+
 def refuse_codes(value: object, name: str) -> None:
     """Raise InputError naming `name` if values are codes, such as 0 to 255, which are not linear either."""
     given = array(value, name)
     if given.dtype.kind in "iu" and given.size and given.max() > 1:
-        raise InputError(f"{name} must be linear numbers, not codes up to {given.max()}")
+        raise InputError(f"{name} must be linear numbers, not codes up to {given.max()}; {_DECODED}")
 
 
 def image(value: object, what: str) -> NDArray[np.float32]:

@@ -89,6 +89,8 @@ def render_views(
     from wrt.api import load
     from wrt.rendering.renderer import Renderer
 
+    if isinstance(cameras, Camera) or not isinstance(cameras, Iterable):
+        raise InputError(f"cameras must be several of wrt's cameras, not {type(cameras).__name__}")
     coming, count = iter(cameras), operator.length_hint(cameras, 0)
     first = next(coming, None)
     if first is None:

@@ -19,7 +19,7 @@ from wrt._version import __version__
 from wrt.develop.picture import develop_image
 from wrt.errors import InputError, one_line
 from wrt.io.safe_read import PathLike
-from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.io.safe_write import Kind, output_path, require_writable, write_atomically
 from wrt.values import number
 
 Pixels = NDArray[np.uint8]
@@ -74,7 +74,7 @@ def check_video(path: PathLike, *, fps: float, force: bool = False) -> Path:
         InputError: on another suffix than VIDEO_SUFFIXES, on a path that cannot be written, when ffmpeg is missing for
             an MP4, or for a rate of frames that the file type cannot hold.
     """
-    file = Path(path)
+    file = output_path(path, "a video")
     if not is_video(file):
         raise InputError(f"{file}: the name of a video must end in one of {', '.join(VIDEO_SUFFIXES)}")
     number(fps, "fps", above=0.0, maximum=1000.0)
@@ -105,9 +105,11 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
 
     Raises:
         InputError: see `check_video`; when there are no frames, their shapes are wrong or differ, or writing fails.
+        Exception: what `frames` raises; nothing is written then.
     """
     file = check_video(path, fps=fps, force=force)
-    checked = _checked(file, frames)
+    failures: list[Exception] = []
+    checked = _checked(file, _noting(frames, failures))
     first = next(checked, None)
     if first is None:
         raise InputError(f"{file}: there are no frames")
@@ -117,7 +119,22 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
         ".gif": _write_gif,
     }
     writer = write[file.suffix.lower()]
-    write_atomically(file, lambda temporary: writer(temporary, first, checked, float(fps)), VIDEO, force=force)
+    try:
+        write_atomically(file, lambda temporary: writer(temporary, first, checked, float(fps)), VIDEO, force=force)
+    except InputError:
+        if not failures:
+            raise
+    if failures:
+        raise failures[0]
+
+
+def _noting(frames: Iterable[Any], failures: list[Exception]) -> Iterator[Any]:
+    """Yield frames; note what they raise, which is not a failure to write the file."""
+    try:
+        yield from frames
+    except Exception as error:
+        failures.append(error)
+        raise
 
 
 def _checked(file: Path, frames: Iterable[Any]) -> Iterator[Pixels]:

@@ -59,7 +59,7 @@ class Device:
             threads = integer(threads, "threads", minimum=1, maximum=1024)
         kind, colon, number = str(name).partition(":")
         if kind not in ("cpu", "cuda") or (kind == "cpu" and colon) or (colon and not number.isdecimal()):
-            hint = did_you_mean(name, ("cpu", "cuda", "cuda:0"))
+            hint = did_you_mean("cuda" if name == "gpu" else name, ("cpu", "cuda", "cuda:0"))
             raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N{hint}")
         self.backend = current_backend()
         self.backend.start()

@@ -15,6 +15,7 @@ from wrt.develop.tones import CURVES
 from wrt.developing import DEFAULT_TONE, Exposure, check_exposure, check_tone
 from wrt.errors import InputError
 from wrt.scene.srgb import srgb_from_linear
+from wrt.values import refuse_codes
 
 FLOAT32_MAX = np.finfo(np.float32).max
 
@@ -79,6 +80,7 @@ def require_tone(tone: str) -> None:
 def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> Developed:
     """Return linear radiance as a picture for people; see `develop_image`."""
     tone, exposure = check_tone(tone), check_exposure(exposure)
+    refuse_codes(image, "an image")
     with np.errstate(over="ignore"):
         pixels = np.ascontiguousarray(image, np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:

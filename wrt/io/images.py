@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import math
+import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -20,11 +21,11 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array
 from wrt.io.safe_read import PathLike, first_line, forget_input, is_input, naming_file, read_file, require_file
-from wrt.io.safe_write import Kind, require_writable, write_atomically
+from wrt.io.safe_write import Kind, output_path, require_writable, write_atomically
 from wrt.scene.environment import ImageEnvironment
 from wrt.scene.layers import channel_names
 from wrt.scene.srgb import linear_from_srgb, of_codes
-from wrt.values import Vec3, sealed
+from wrt.values import Vec3, refuse_codes, sealed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -91,6 +92,8 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
     Raises:
         InputError: when the file does not exist or cannot be decoded.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"an image is read from a path, not from {type(path).__name__}")
     file = Path(path)
     was_input = is_input(file)
     pixels = read_image(file, linear=linear)
@@ -270,13 +273,14 @@ def check_output(path: PathLike, *, force: bool = False) -> Path:
         InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or is not
             writable, or a file that may not be replaced (see `wrt.io.safe_write`).
     """
-    file = _picture_name(path)
+    file = picture_path(path)
     require_writable(file, PICTURE, force=force)
     return file
 
 
-def _picture_name(path: PathLike) -> Path:
-    file = Path(path)
+def picture_path(path: PathLike) -> Path:
+    """Return the path of a picture that will be written, or raise InputError."""
+    file = output_path(path, "a picture", "; Pillow writes the codes of wrt.develop_image into open files")
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
         known = ", ".join(OUTPUT_SUFFIXES)
         raise InputError(f"{file}: the name of a picture must end in one of {known}")
@@ -319,6 +323,8 @@ def save_image(
         InputError: see `check_output` and `develop_image`; also when the shape of the image is wrong or writing fails.
     """
     file = check_output(path, force=force)
+    if image is not None:
+        refuse_codes(image, f"{file}: an image")
     image, cover = _with_coverage(file, image, alpha)
     notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
 

@@ -58,6 +58,19 @@ class NotReplacedError(InputError):
     """An existing file may not be replaced."""
 
 
+def output_path(path: object, what: str, instead: str = "") -> Path:
+    """Return the path of an output, or raise InputError if it is an open file or no path at all.
+
+    Args:
+        path: what was given as the path.
+        what: the output in the message, such as "a picture".
+        instead: advice for the end of the message.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"{what} is written to a path, not to {type(path).__name__}{instead}")
+    return Path(path)
+
+
 def require_writable(path: Path, kind: Kind, *, force: bool = False) -> None:
     """Raise InputError unless a file of a kind may be written at `path`; see the rules above."""
     _target(path, kind, force)

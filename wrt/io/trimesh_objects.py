@@ -58,9 +58,8 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
         return Contents(_Reader(source).parts(OF_TRIMESH, source))
     if not isinstance(source, trimesh.Scene):
-        raise InputError(
-            f"expected a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene, not {type(source).__name__}"
-        )
+        kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
+        raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
     reader = _Reader(source)
     places: dict[str, list[NDArray[np.float64]]] = {}
     for node in source.graph.nodes_geometry:
@@ -132,7 +131,8 @@ class _Reader:
             # trimesh does not expand the triangle strips of PLY files: it returns their vertices as a point cloud.
             strips = strips_of(mesh.metadata.get("_ply_raw") or {})
             if not len(strips):
-                warn(f"trimesh: {name!r} is left out: a {type(mesh).__name__} has no triangles")
+                instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
+                warn(f"trimesh: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
                 return []
             colors = matching(getattr(mesh, "colors", None), len(mesh.vertices))
             colors = None if colors is None else self._colors(colors)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -13,9 +14,9 @@ from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
 from wrt.upload.accel.bvh import build_bvh, refit_bvh
-from wrt.upload.accel.geometry import device_vectors, first_not_finite, upload_meshes
+from wrt.upload.accel.geometry import device_vectors, first_outside, upload_meshes
 from wrt.upload.accel.instances import PlacedTrees
-from wrt.values import integer, number
+from wrt.values import FLOAT32_MAX, integer, number
 
 SMALL_BATCH = 4096
 """Smaller batches use the kernel that compiles fastest; the way of tracing hardly matters for them."""
@@ -153,7 +154,7 @@ class Intersector:
         points = device_vectors("vertices", vertices, self.device.name)
         if len(points) != len(before):
             raise InputError(f"there are {len(points)} vertices, but the tree was built over {len(before)}")
-        bad = first_not_finite(points, self.device)
+        bad = first_outside(points, FLOAT32_MAX, self.device)
         if bad >= 0:
             place = self.device.backend.fetch(points[bad : bad + 1])[0]
             raise InputError(f"vertex {bad} is not finite: {place}")
@@ -282,6 +283,9 @@ def _meshes(source: Any) -> list[Any]:
             raise InputError("the scene has no shapes to hit")
         time = source.camera.shutter_open if source.camera else 0.0
         return [_triangles(shape.mesh_at(time)) for shape in source.shapes]
+    if isinstance(source, (str, os.PathLike)):
+        needed = "a wrt.Mesh, a wrt.Scene or a trimesh object"
+        raise InputError(f"an intersector needs {needed}, not a path; wrt.load_mesh reads files")
     from wrt.io.load_mesh import from_trimesh
 
     return [shape.mesh_at(0.0) for shape in from_trimesh(source)]

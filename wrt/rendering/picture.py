@@ -15,7 +15,7 @@ from wrt.develop.exposure import stops
 from wrt.develop.picture import Developed
 from wrt.developing import DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
-from wrt.io.images import require_room, save_image
+from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
 from wrt.rendering.film import Film
 from wrt.rendering.layer_colors import layer_colors
@@ -90,7 +90,7 @@ class Picture(ABC):
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        return _write_picture(self, Path(path), tone, exposure, force=force)
+        return _write_picture(self, picture_path(path), tone, exposure, force=force)
 
 
 def check_contents(path: Path, picture: Picture) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from wrt.backend import compiled_first, using
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
@@ -123,7 +122,7 @@ class Renderer(Picture, Resumable, OnDevice):
         self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")
         self.scene = with_camera(scene, self.width / self.height)
         if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
-            warnings.warn("the scene has no light: the picture will be black", UserWarning, stacklevel=2)
+            warn("the scene has no light: the picture will be black", UserWarning)
         self.seconds_render, self.paths, self._updated = 0.0, 0, False
         start = partial(self._start, device, threads)
         compiled_first(start) if device == "cpu" else start()
@@ -388,7 +387,8 @@ class Renderer(Picture, Resumable, OnDevice):
             normals: shading normals, likewise; by default they are recomputed if the mesh has any.
 
         Raises:
-            InputError: when the shape cannot be updated, on arrays of other sizes, or on non-finite values.
+            InputError: when the shape cannot be updated, on arrays of other sizes, or on values that are not finite or
+                beyond 10^12.
         """
         number = shape_number(self.scene, shape)
         self._go_over_to_warp()

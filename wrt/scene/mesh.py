@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
-from wrt.values import array, number, owned, refuse_codes, sealed
+from wrt.values import array, number, owned, refuse_codes, sealed, vector
 
 
 def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -25,11 +25,27 @@ SMALLEST, LARGEST = 1e-11, 1e12
 """Limits of a mesh's extent and distance from the origin, metres; beyond, products of coordinates exceed float32."""
 
 
+FARTHEST = 20_000.0
+"""Distance from the origin, in sizes of the mesh, beyond which single precision visibly snaps vertices to a grid."""
+
+
+def far_away(name: str, size: float, reach: float) -> str:
+    """Return the warning about a mesh that is `size` across and reaches to `reach` if it is too far away, else ""."""
+    if not reach > FARTHEST * size > 0.0:
+        return ""
+    step = 100.0 * reach * 2.0**-24 / size
+    return (
+        f"{name}: it is {size:g} across and up to {reach:g} from the origin, where numbers in single precision are "
+        f"{step:.2g} % of its size apart; move it to the origin"
+    )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """Indexed triangles with optional vertex attributes.
 
-    A mesh owns its arrays, which are read-only. It copies the given arrays unless they are read-only already.
+    A mesh owns its arrays, which are read-only. It copies the given arrays unless they are read-only already. Where it
+    rounds vertices, such as map coordinates, to a visible grid, an InputWarning names it.
 
     Attributes:
         vertices: (N, 3) float32 positions, metres.
@@ -73,6 +89,10 @@ class Mesh:
         if low < 0 or high >= count:
             bad = low if low < 0 else high
             raise InputError(f"{self.name}: a face names vertex {bad}, but there are {count} vertices")
+        if getattr(self.vertices, "dtype", None) != np.float32:
+            corners = box_around(vertices)
+            if far := far_away(self.name, norm(corners[1] - corners[0]), float(np.abs(corners).max())):
+                warn(far)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", owned(self.faces, f"{self.name}: faces", np.int32))
         for name, widths in (("normals", (3,)), ("uvs", (2, 4)), ("colors", (3, 4))):
@@ -159,12 +179,13 @@ class Mesh:
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""
-        return self.transformed(np.diag([factor, factor, factor, 1.0]))
+        scale = number(factor, f"{self.name}: a scale")
+        return self.transformed(np.diag([scale, scale, scale, 1.0]))
 
     def translated(self, offset: ArrayLike) -> Mesh:
         """Return a copy moved by `offset`, metres."""
         m = np.eye(4)
-        m[:3, 3] = offset
+        m[:3, 3] = vector(offset, f"{self.name}: an offset")
         return self.transformed(m)
 
     def standing(self, height: float) -> Mesh:
@@ -183,9 +204,12 @@ class Mesh:
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
         """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
-        x, y, z = np.asarray(axis, dtype=np.float64) / norm(axis)
+        given = np.array(vector(axis, f"{self.name}: an axis"))
+        if not given.any():
+            raise InputError(f"{self.name}: an axis must have a length above 0")
+        x, y, z = given / norm(given)
         k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        angle = np.deg2rad(degrees)
+        angle = np.deg2rad(number(degrees, f"{self.name}: degrees"))
         m = np.eye(4)
         m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k)
         return self.transformed(m)

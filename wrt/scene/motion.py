@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import determinant, dot, inverse, norm, polar, product
-from wrt.values import Vec3, array, key_times, number, vector
+from wrt.values import Vec3, array, key_times, number, pair, vector
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class Motion:
         """Return the translation by `offset`, metres, between two times."""
         end = np.eye(4)
         end[:3, 3] = vector(offset, "offset")
-        return cls(np.array(_two(times)), np.stack([np.eye(4), end]))
+        return cls(np.array(pair(times, "times")), np.stack([np.eye(4), end]))
 
     @classmethod
     def rotation(
@@ -101,7 +101,7 @@ class Motion:
             times: begin and end, seconds.
             offset: translation of the centre meanwhile, metres; along the axis it makes a screw motion.
         """
-        begin, end = _two(times)
+        begin, end = pair(times, "times")
         keys = 1 + max(1, math.ceil(abs(number(degrees, "degrees")) / _LONGEST_TURN))
         pivot, way = np.array(vector(center, "center")), np.array(vector(offset, "offset"))
         matrices = np.tile(np.eye(4), (keys, 1, 1))
@@ -206,13 +206,6 @@ def rotation_matrix(axis: Any, degrees: Any) -> FloatArray:
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
     angle = np.deg2rad(number(degrees, "degrees"))
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k))
-
-
-def _two(times: Sequence[float]) -> tuple[float, float]:
-    values = tuple(times)
-    if len(values) != 2:
-        raise InputError(f"times must be two numbers, begin and end, not {len(values)}")
-    return number(values[0], "times[0]"), number(values[1], "times[1]")
 
 
 def _quaternion(r: FloatArray) -> FloatArray:

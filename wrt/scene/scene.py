@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.errors import InputError
 from wrt.linalg import product
-from wrt.scene.camera import Camera
+from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
@@ -153,7 +153,7 @@ def adaptive_choice(value: object) -> bool | str:
     raise InputError(f'adaptive must be true or false, or "{UNBIASED}", not {value!r}')
 
 
-@dataclass
+@dataclass(slots=True)
 class RenderSettings:
     """Render settings of a scene; options given to the renderer override them.
 
@@ -269,7 +269,7 @@ def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int,
     return x0, y0, x1, y1
 
 
-@dataclass(repr=False)
+@dataclass(repr=False, slots=True)
 class Scene:
     """Shapes, lights, an environment and a camera.
 
@@ -292,8 +292,24 @@ class Scene:
     studio_shapes: int = field(default=0, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
-        if not all(isinstance(shape, Shape) for shape in self.shapes):
-            raise InputError("shapes must be a list of wrt.Shape; wrt.load makes a scene of a file or a mesh")
+        self.check()
+
+    def check(self) -> None:
+        """Raise InputError unless its parts are what they must be: they may have been assigned after it was made."""
+        if wrong := _wrong_item(self.shapes, Shape):
+            raise InputError(
+                f"shapes must be a list of wrt.Shape, not {wrong}; wrt.load makes a scene of a file or a mesh"
+            )
+        if wrong := _wrong_item(self.lights, tuple(LIGHTS.values())):
+            raise InputError(f"lights must be a list of wrt's lights, not {wrong}")
+        if self.environment is not None and not isinstance(self.environment, Environment):
+            raise InputError(
+                f"the scene's environment must be one of wrt's environments, not {type(self.environment).__name__}"
+            )
+        if self.camera is not None:
+            require_camera(self.camera)
+        if not isinstance(self.settings, RenderSettings):
+            raise InputError(f"the scene's settings must be wrt.RenderSettings, not {type(self.settings).__name__}")
         if self.medium is not None and not isinstance(self.medium, Medium):
             raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
 
@@ -400,12 +416,20 @@ class Scene:
         return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
 
+def _wrong_item(values: object, kinds: type | tuple[type, ...]) -> str:
+    """Return what is wrong with a list of instances of `kinds`, such as "of int", or "" if nothing is."""
+    if not isinstance(values, (list, tuple)):
+        return type(values).__name__
+    return next((f"of {type(value).__name__}" for value in values if not isinstance(value, kinds)), "")
+
+
 def require_scene(scene: object, what: str) -> None:
-    """Raise InputError unless `scene` is a Scene, naming what needs it."""
+    """Raise InputError unless `scene` is a Scene whose parts can be used, naming what needs it."""
     if not isinstance(scene, Scene):
         raise InputError(
             f"{what} needs a wrt.Scene, not {type(scene).__name__}; wrt.load makes one of files and meshes"
         )
+    scene.check()
 
 
 __all__ = ["FILTERS", "SAMPLERS", "Environment", "Light", "RenderSettings", "Scene", "Shape", "Vec3"]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import warnings
 from typing import Any
 
 import numpy as np
 
-from wrt.errors import InputError, name_of
+from wrt.errors import InputError, name_of, warn
 from wrt.scene.camera import Camera
 from wrt.scene.environment import Environment, SunSkyEnvironment
 from wrt.scene.materials import Material
@@ -119,7 +118,7 @@ class Stage:
             own = dataclasses.replace(scene, shapes=shapes, camera=scene.camera, settings=dataclasses.replace(SETTINGS))
             return dataclasses.replace(self, material=None, time=None).shown(own)
         if scene.lights and self.environment is None:
-            warnings.warn(f"{name_of(source)}: its lights are dark, so the studio lights it", stacklevel=2)
+            warn(f"{name_of(source)}: its lights are dark, so the studio lights it", UserWarning)
         if camera is not None and self.frame is None and isinstance(source, (str, os.PathLike)):
             camera = self._worth_keeping(source, shapes, camera)
         made = present(
@@ -148,7 +147,7 @@ class Stage:
             return camera
         seen = f"at {share:.0%} of the picture's size" if share > 0.0 else "not at all"
         kept = "frame=False, or --no-frame, keeps its camera"
-        warnings.warn(f"{source}: its camera shows the mesh {seen}, so it is framed anew; {kept}", stacklevel=2)
+        warn(f"{source}: its camera shows the mesh {seen}, so it is framed anew; {kept}", UserWarning)
         return None
 
 

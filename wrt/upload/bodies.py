@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.linalg import product
 from wrt.scene.camera import Camera
 from wrt.scene.environment import ConstantEnvironment
@@ -128,11 +127,10 @@ def _check_outer(scene: Scene, medium: Medium) -> None:
     far = any(light.extent().corners is None for light in scene.lights)
     dark = isinstance(scene.environment, ConstantEnvironment) and not any(scene.environment.radiance)  # type: ignore[arg-type]
     if any(medium.extinction) and (far or (scene.environment is not None and not dark)):
-        warnings.warn(
+        warn(
             "the scene's medium reaches to infinity and hides the environment and directional lights; put the medium "
             "in a body of wrt.Null to see them",
             UserWarning,
-            stacklevel=4,
         )
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.materials.body import bodies_of
@@ -40,12 +39,11 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     scatters = any(medium.scatters for medium in scene.media)
     name = settings.integrator or ("volpath" if scatters else "path")
     if name in ("path", "direct", "whitted") and scatters:
-        warnings.warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", stacklevel=4)
+        warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", UserWarning)
     bodies = (body for shape in scene.shapes for body in bodies_of(shape.material))
     if name == "whitted" and any(getattr(body, "dispersion", 0.0) for body in bodies):
-        warnings.warn(
-            "integrator 'whitted' ignores dispersion and refracts all colours as green; use 'path' for it", stacklevel=4
-        )
+        what = "ignores dispersion and refracts all colours as green"
+        warn(f"integrator 'whitted' {what}; use 'path' for it", UserWarning)
     if name == "whitted" and any(medium.density is not None for medium in scene.media):
         raise InputError("integrator 'whitted' cannot render media whose density varies; use 'path' or 'volpath'")
     endless = settings.max_depth > DEEPEST_WHOLE_TREE and settings.min_attenuation < WHOLE_TREE_ATTENUATION

@@ -25,6 +25,7 @@ from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.accel.scene_instances import place
 from wrt.upload.analytic import mark_exact, with_exact_shapes
+from wrt.upload.attributes import check_attributes
 from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
 from wrt.upload.lights.choice import upload_light_choice
 from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
@@ -106,6 +107,7 @@ def describe_scene(scene: Scene) -> Described:
     if not scene.shapes:
         raise InputError("the scene has no shapes to render")
     _check_sizes(scene)
+    check_attributes(scene.shapes)
     scene = with_exact_shapes(scene)
     layout = lay_out(scene)
     exact = mark_exact(layout)

@@ -9,16 +9,21 @@ import numpy as np
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.exact.analytic import Analytic
-from wrt.scene.mesh import Mesh
+from wrt.scene.mesh import LARGEST, Mesh
 from wrt.scene.normals import same_positions
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.bvh import BuiltBvh, refit_bvh
-from wrt.upload.accel.geometry import device_vectors, first_not_finite
+from wrt.upload.accel.geometry import device_vectors, first_outside
 from wrt.values import integer
 
 
 def shape_number(scene: Scene, shape: Shape | int) -> int:
     """Return the number of one of a scene's shapes, or raise InputError."""
+    if not isinstance(shape, Shape) and not hasattr(shape, "__index__"):
+        kind = type(shape).__name__
+        raise InputError(
+            f"shape must be one of the scene's shapes, as wrt.Scene.add returns it, or its number, not {kind}"
+        )
     if not isinstance(shape, Shape):
         return integer(shape, "shape", minimum=0, maximum=len(scene.shapes) - 1)
     numbers = [i for i, each in enumerate(scene.shapes) if each is shape]
@@ -72,9 +77,13 @@ class WorldMeshes:
             raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
         first, count = self._first[number], len(shape.mesh.vertices)
         points = self._given(f"{shape.name}: vertices", vertices, count)
-        bad = first_not_finite(points, self._device)
+        bad = first_outside(points, LARGEST, self._device)
         if bad >= 0:
-            raise InputError(f"{shape.name}: vertex {bad} is not finite")
+            place = self._device.backend.fetch(points[bad : bad + 1])[0]
+            if not np.isfinite(place).all():
+                raise InputError(f"{shape.name}: vertex {bad} is not finite")
+            where = " ".join(f"{x:g}" for x in place)
+            raise InputError(f"{shape.name}: vertex {bad} is at {where}; rays reach to {LARGEST:g}; scale it down")
         if not self._own:  # the scene's meshes may share them
             clone = self._device.backend.clone
             self._data.points, self._data.normals = clone(self._data.points), clone(self._data.normals)

@@ -42,6 +42,10 @@ CLOSING_SECONDS = 2.0
 """Longest wait for a thread that may be compiling or reading a large file; it ends by itself afterwards."""
 
 
+_SHUTDOWN = "shutdown"
+"""What thread pools say when the interpreter has begun to end, in all versions of Python."""
+
+
 class Session:
     """One scene that several pages may look at; they share its camera and its settings.
 
@@ -231,6 +235,10 @@ class Session:
             except NotCompiled:
                 worked = True
                 self._leave_compiled()
+            except RuntimeError as error:
+                if _SHUTDOWN not in str(error):
+                    raise
+                return
             if not worked:
                 with self._changed:
                     self._changed.wait_for(lambda: self._has_work() or self._closed, timeout=60.0)

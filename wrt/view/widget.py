@@ -10,6 +10,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from wrt.errors import InputError
+from wrt.values import integer
 from wrt.view.controls import camera_toml
 from wrt.view.frames import Frame
 from wrt.view.picture import png
@@ -31,7 +32,7 @@ def view_widget(open: Callable[[], Renderer], *, name: str = "picture", spp: int
         spp: samples per pixel at which to rest.
 
     Raises:
-        InputError: when anywidget is not installed.
+        InputError: when anywidget is not installed, or on an unusable spp.
     """
     try:
         import anywidget
@@ -39,6 +40,8 @@ def view_widget(open: Callable[[], Renderer], *, name: str = "picture", spp: int
     except ImportError:
         raise InputError("a view in a notebook needs anywidget: pip install 'wrt[notebook]'") from None
 
+    if spp is not None:
+        spp = integer(spp, "spp", minimum=1, maximum=2**31 - 1)
     page = resources.files("wrt.view") / "page"
 
     class View(anywidget.AnyWidget):

@@ -49,9 +49,9 @@ def refit_level(first: int, first_node: int, bvh: Bvh, children: wp.array(dtype=
 
 
 @wp.kernel(enable_backward=False)
-def find_not_finite(first: int, points: wp.array(dtype=wp.vec3), found_out: wp.array(dtype=int)):
-    """Store the number of some point that is not finite, if there is one."""
+def find_outside(first: int, points: wp.array(dtype=wp.vec3), limit: float, found_out: wp.array(dtype=int)):
+    """Store the number of the first point with a coordinate that is NaN or beyond the limit, if there is one."""
     i = first + wp.tid()
     p = points[i]
-    if not (wp.isfinite(p[0]) and wp.isfinite(p[1]) and wp.isfinite(p[2])):
-        found_out[0] = i
+    if not (wp.abs(p[0]) <= limit and wp.abs(p[1]) <= limit and wp.abs(p[2]) <= limit):
+        wp.atomic_min(found_out, 0, i)

@@ -12,13 +12,10 @@ from wrt.errors import InputError, warn
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, positions_of, rows_of
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse
-from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, box_around, merge
+from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, Mesh, box_around, far_away, merge
 from wrt.scene.normals import CHUNK, with_normals
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ImageTexture, VertexColor
-
-FARTHEST = 20_000.0
-"""Distance from the origin, in sizes of the mesh, beyond which single precision visibly snaps vertices to a grid."""
 
 
 def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> list[Shape]:
@@ -90,12 +87,8 @@ def _check_size(path: str, parts: list[Part]) -> None:
     if size < SMALLEST:
         what = f"it is {size:g} across" if size else "all vertices are in one place"
         raise InputError(f"{path}: {what}; rays need a size of {SMALLEST:g} at least; scale it up")
-    if reach > FARTHEST * size:
-        step = reach * 2.0**-24 / size
-        warn(
-            f"{path}: it is {size:g} across and up to {reach:g} from the origin, where numbers in single precision are "
-            f"{100.0 * step:.2g} % of its size apart; move it to the origin"
-        )
+    if far := far_away(path, size, reach):
+        warn(far)
 
 
 def _extent(parts: list[Part]) -> tuple[FloatArray, FloatArray, float, float]:

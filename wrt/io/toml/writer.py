@@ -24,7 +24,7 @@ from wrt.io.arrays import arrays_of_exact
 from wrt.io.codes import codes_of, save_codes
 from wrt.io.measured.measurement import save_measurement
 from wrt.io.safe_read import PathLike, is_input
-from wrt.io.safe_write import Kind, new_folder, require_writable, write_atomically
+from wrt.io.safe_write import Kind, new_folder, output_path, require_writable, write_atomically
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact.analytic import Analytic
@@ -66,7 +66,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     Raises:
         InputError: where it cannot be written, or has user-defined materials, which scene files cannot hold.
     """
-    file = Path(path)
+    file = output_path(path, "a scene file")
     require_scene(scene, str(file))
     if file.suffix.lower() == ".glb":
         from wrt.io.gltf.writer import save_glb

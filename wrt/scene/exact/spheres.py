@@ -12,7 +12,7 @@ from wrt.errors import InputError
 from wrt.linalg import determinant, product
 from wrt.scene.exact.analytic import MOST_TRIANGLES, Analytic, FloatArray, keeps_spheres, stored
 from wrt.scene.mesh import Mesh
-from wrt.values import array
+from wrt.values import array, refuse_codes
 
 _ORTHONORMAL = 1e-3
 """The error of products of axes that a file may have; each transform adds up to 1e-5."""
@@ -112,7 +112,9 @@ def spheres(centers: ArrayLike, radii: ArrayLike, *, colors: ArrayLike | None = 
             for float32 at their centres.
     """
     middle = np.asarray(array(centers, f"{name}: centers", np.float64))
-    if middle.ndim != 2 or middle.shape[1] != 3 or not len(middle):
+    if len(middle.shape) == 2 and not len(middle):
+        raise InputError(f"{name}: there are no centers")
+    if middle.ndim != 2 or middle.shape[1] != 3:
         raise InputError(f"{name}: centers must be (N, 3), not {middle.shape}")
     given = np.asarray(array(radii, f"{name}: radii", np.float64))
     if given.shape not in ((), (len(middle),)):
@@ -128,6 +130,7 @@ def spheres(centers: ArrayLike, radii: ArrayLike, *, colors: ArrayLike | None = 
         rows = np.asarray(array(colors, f"{name}: colors", np.float32))
         if rows.ndim != 2 or rows.shape[1] not in (3, 4) or len(rows) != len(middle):
             raise InputError(f"{name}: colors must be ({len(middle)}, 3) or ({len(middle)}, 4), not {rows.shape}")
+        refuse_codes(colors, f"{name}: colors")
         of_corners = np.repeat(rows, 3, axis=0)
     axes = np.broadcast_to(np.eye(3), (len(middle), 3, 3))
     return _made(middle, size, np.zeros(len(middle), bool), axes, of_corners, name)

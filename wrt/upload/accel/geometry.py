@@ -112,11 +112,12 @@ def device_vectors(name: str, value: Any, device: str) -> Any:
     return upload(rows, "vec3", device)
 
 
-def first_not_finite(points: Any, device: Device) -> int:
-    """Return the index of the first non-finite vector of a device array, or −1."""
+def first_outside(points: Any, limit: float, device: Device) -> int:
+    """Return the index of the first vector of a device array with a NaN or a value beyond the limit, or −1."""
     backend = current_backend()
     refit = backend.kernels("wrt.kernels.accel.build.refit")
 
-    found = backend.array([-1], int, device.name)
-    device.launch(refit.find_not_finite, len(points), [points, found])
-    return int(backend.fetch(found)[0])
+    found = backend.array([len(points)], int, device.name)
+    device.launch(refit.find_outside, len(points), [points, limit, found])
+    first = int(backend.fetch(found)[0])
+    return -1 if first == len(points) else first
