@@ -89,6 +89,20 @@ def test_obj_with_missing_material_or_image_still_loads_with_a_warning(tmp_path)
         assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
 
 
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ("mtllib old name.mtl\n", r"'old name\.mtl', which it refers to, is not there; '.*renamed\.MTL' is taken"),
+        ("", r"it names no file \(mtllib\) that describes its materials, 'x'; '.*renamed\.MTL' is taken"),
+    ],
+)
+def test_obj_takes_the_material_file_of_its_own_name_where_there_is_no_other(tmp_path, named, told):
+    write(tmp_path, "renamed.MTL", "newmtl x\nKd 0.1 0.2 0.3\n")
+    path = write(tmp_path, "renamed.obj", named + SQUARE + "usemtl x\nf 1 2 3 4\n")
+    with pytest.warns(InputWarning, match=told):
+        assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
+
+
 def test_obj_vertex_colors_are_decoded(tmp_path):
     path = write(tmp_path, "mesh.obj", "v 0 0 0 1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0 0 0 1\nf 1 2 3\n")
     shape = load_shapes(path)[0]

@@ -53,8 +53,7 @@ def read_by_trimesh(path: Path, data: bytes) -> Contents:
         except Exception as error:  # noqa: BLE001 - loaders raise undocumented exceptions on damaged files
             reason = first_line(error)
             raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {reason}") from None
-    for line in dict.fromkeys(beside.missing):
-        warn(f"{line}; it is left out")
+    beside.tell()
     if controllers:
         warn(f"{path}: skins and morph targets are shown in their bind pose")
     if lost := [what for what in ("camera", "light") if f"instance_{what}".encode() in data]:
