@@ -119,6 +119,11 @@ def test_collada_without_a_scene_shows_its_first_and_names_missing_images(tmp_pa
         ("<source>f</source>", "<source>g</source>", r"textures that lead to no image are grey \(1\)"),
         ('url="#e"', 'url="#f"', r"uses of materials that are not there are left out \(1\)"),
         ("target='#m'", "target='#n'", r"uses of materials that are not there are left out \(1\)"),
+        (
+            "</newparam>\n<technique",
+            "</newparam><newparam sid='x'><sampler2D><source>y</source></sampler2D></newparam>\n<technique",
+            r"none\.png', which it refers to: no such file",
+        ),
         ("mesh>", "convex_mesh>", r"none\.png', which it refers to: no such file"),
     ],
 )

@@ -208,6 +208,13 @@ def test_ply_polygons_of_different_sizes_keep_colors_and_coordinates_of_faces(tm
     np.testing.assert_array_equal(mesh.colors[mesh.faces][~red], [[[0, 0, 1]] * 3])
 
 
+def test_a_header_that_stops_trimesh_is_told_in_words(tmp_path):
+    path = write(tmp_path, "blank.ply", "ply\nformat ascii 1.0\n\nend_header\n")
+    message = r"not a whole PLY file that can be read: something in it is missing or not as specified \(list index"
+    with pytest.raises(wrt.InputError, match=message):
+        load_shapes(path)
+
+
 def test_ply_face_colors_become_flat_patches(tmp_path):
     head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
     head += "element face 2\nproperty list uchar int vertex_indices\n"

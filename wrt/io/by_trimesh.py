@@ -14,7 +14,7 @@ from wrt.errors import InputError, warn
 from wrt.io.encodings import as_text
 from wrt.io.mesh.collada import in_plain_words
 from wrt.io.mesh.parts import Contents
-from wrt.io.mesh.trimesh_loaders import Beside, quiet
+from wrt.io.mesh.trimesh_loaders import Beside, in_words, quiet
 from wrt.io.safe_read import first_line, read_file
 
 _BEGINNING = 1 << 16
@@ -46,8 +46,7 @@ def read_by_trimesh(path: Path, data: bytes) -> Contents:
             reason = f"{path}: .{kind} files need further libraries: pip install 'wrt[formats]' ({first_line(error)})"
             raise InputError(reason) from None
         except Exception as error:  # noqa: BLE001 - loaders raise undocumented exceptions on damaged files
-            reason = first_line(error)
-            raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {reason}") from None
+            raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {in_words(error)}") from None
     beside.tell()
     for note in notes:
         warn(f"{path}: {note}")

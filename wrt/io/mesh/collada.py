@@ -22,21 +22,19 @@ def in_plain_words(data: bytes) -> tuple[bytes, list[str]]:
 
     root: Any = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
     space = root.tag.rpartition("}")[0] + "}" if "}" in root.tag else ""
-    convex = list(root.iter(f"{space}convex_mesh"))
-    for mesh in convex:
+    for mesh in list(root.iter(f"{space}convex_mesh")):
         mesh.tag = f"{space}mesh"
     controllers = {each.get("id"): each for each in root.iter(f"{space}controller")}
     instances = list(root.iter(f"{space}instance_controller"))
     for instance in instances:
         _replace(instance, controllers, space, etree)
     shown: Any = root.find(f".//{space}visual_scene[@id]")
-    lacks_scene = root.find(f"{space}scene") is None and shown is not None
-    if lacks_scene:
+    if root.find(f"{space}scene") is None and shown is not None:
         scene = etree.SubElement(root, f"{space}scene")
         etree.SubElement(scene, f"{space}instance_visual_scene", url=f"#{shown.get('id')}")
     notes = ["skins and morph targets are shown in their bind pose"] if instances else []
     notes += _without_lost_images(root, space, etree) + _without_lost_materials(root, space)
-    return bytes(etree.tostring(root)) if convex or lacks_scene or notes else data, notes
+    return bytes(etree.tostring(root)), notes
 
 
 def _replace(instance: Any, controllers: dict[str, Any], space: str, etree: Any) -> None:

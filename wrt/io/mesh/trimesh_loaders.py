@@ -177,6 +177,13 @@ class _Views(io.BytesIO):
         return self._view[start:stop]
 
 
+def in_words(error: Exception) -> str:
+    """Return the reason of a loader's failure; its own words if it noticed, and what Python noticed in brackets."""
+    noticed = (IndexError, KeyError, AttributeError, TypeError, AssertionError, UnboundLocalError)
+    reason = first_line(error)
+    return f"something in it is missing or not as specified ({reason})" if isinstance(error, noticed) else reason
+
+
 def load(
     path: Path, data: bytes | str, kind: str, *, views: bool = False, beside: Beside | None = None, **options: Any
 ) -> Fields:
@@ -208,6 +215,8 @@ def load(
                 reason = "there is something else where a number should be"
             elif isinstance(error, IndexError) and "out of bounds" in reason:
                 reason = f"a face names something that is not there ({reason})"
+            else:
+                reason = in_words(error)
             raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {reason}") from None
     beside.tell()
     return loaded
