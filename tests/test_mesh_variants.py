@@ -93,6 +93,8 @@ def test_stl_solids_and_normals(tmp_path):
     assert [area(shape.mesh) for shape in shapes] == pytest.approx([0.5, 0.5])
     for shape in shapes:
         np.testing.assert_allclose(shape.mesh.normals, [[0, 0, 1]] * 3)
+    old = load_shapes(write(tmp_path, "old.stl", text.replace("\n", "\r")))  # lines as on a Mac before 2001
+    assert [area(shape.mesh) for shape in old] == pytest.approx([0.5, 0.5])
     # Capital letters and tabs, and no normals in the file.
     text = f"solid c\n{facets(first, '0 0 0')}endsolid c\n".upper().replace("VERTEX ", "\t VERTEX\t")
     with pytest.warns(InputWarning, match=r"three\.stl: the STL file has no normals; .* the order of corners"):

@@ -54,6 +54,7 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         instead = "they are left out" if own is None else f"{str(own)!r} is taken"
         warn(f"{path}: it names no file (mtllib) that describes its materials, {named}; {instead}")
         text = text if own is None else f"mtllib {own.name}\n{text}"
+    beside.name_materials(re.findall(r"^mtllib (.+)$", text, re.MULTILINE))
     loaded = load(path, text, "obj", beside=beside, split_groups=True)
     materials = MtlMaterials(path, beside.find)
     parts = []

@@ -11,7 +11,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,11 @@ COLOR_MAP = "map_color"
 _COLOR_MAP = re.compile(r"^(\s*)map_kd(?=\s)", re.IGNORECASE | re.MULTILINE)
 
 
+_AFTER_NAME = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
+_TEXTURE_FOLDERS = ("textures", "../textures", "../materials/textures")
+"""Where programs keep the images of meshes that name no folder; the last is Gazebo's."""
+
+
 class Beside:
     """Gives trimesh the files that a file refers to, and remembers the missing ones."""
 
@@ -49,6 +54,8 @@ class Beside:
         self.path = path
         self.file_name = path.name
         self.missing: list[str] = []
+        self._materials: list[str] = []
+        self._statement: str | None = None  # of the first material files, by which trimesh asks
         self.replaced: list[str] = []  # notes on other files that trimesh was given, which cannot warn itself
         self._images = images
         self._folders = [path.parent]
@@ -77,7 +84,9 @@ class Beside:
         found = None
         for folder, names in product(self._folders, (plain.split("/"), plain.split("/")[-1:])):
             found = found or _in_any_case(folder, names)
-        if plain.lower().endswith(".mtl"):
+        for folder, below in product(self._folders, _TEXTURE_FOLDERS):
+            found = found or _in_any_case(folder / below, plain.split("/")[-1:])
+        if plain.lower().endswith(".mtl") and len(self._materials) < 2:
             found = found or self.own_materials()
         if found is not None:
             return found, f"{self.path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken"
@@ -93,12 +102,28 @@ class Beside:
         """Return the material file of the mesh's own name, which people forget to name when they rename both."""
         return _in_any_case(self.path.parent, [f"{self.path.stem}.mtl"])
 
+    def name_materials(self, lines: Sequence[str]) -> None:
+        """Take what the statements for material files say, each one or several names; trimesh asks for the first."""
+        for line in dict.fromkeys(lines):
+            whole = _in_any_case(self.path.parent, line.replace("\\", "/").split("/"))  # a name may contain spaces
+            self._materials += [line] if whole else _AFTER_NAME.split(line)
+        self._statement = next(iter(lines), None)
+
     def get(self, name: str) -> bytes | str:
-        """Return a file's bytes, or the text of a material file.
+        """Return a file's bytes, or the text of a material file, or of all if they are several.
 
         Raises:
             InputError: where it cannot be read, or is an image that is too large.
         """
+        if len(self._materials) < 2 or name != self._statement:
+            return self._got(name)
+        texts = []
+        for each in self._materials:
+            with contextlib.suppress(InputError):  # `missing` has it
+                texts.append(str(self._got(each)))
+        return "\n".join(texts)
+
+    def _got(self, name: str) -> bytes | str:
         file, note = self._find(name)
         if note:
             self.replaced.append(note)
