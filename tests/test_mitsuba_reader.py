@@ -306,7 +306,8 @@ def test_instances_share_a_mesh(tmp_path: Path) -> None:
 
 
 def test_textures_may_be_called_spectra_as_in_mitsuba_2(tmp_path: Path) -> None:
-    text = '<bsdf type="diffuse"><{0} name="reflectance" type="checkerboard"><rgb name="color0" value="1 0 0"/></{0}></bsdf>'
+    inner = '<{0} name="reflectance" type="checkerboard"><rgb name="color0" value="1 0 0"/></{0}>'
+    text = f'<bsdf type="diffuse">{inner}</bsdf>'
     one, other = (material(tmp_path, text.format(word)).reflectance for word in ("texture", "spectrum"))
     np.testing.assert_array_equal(one.pixels, other.pixels)
 
