@@ -85,6 +85,12 @@ def facets(corners: np.ndarray, normal: str) -> str:
     return text
 
 
+def test_a_binary_stl_of_nothing_is_told(tmp_path):
+    header = bytes(range(128, 208))  # no text of any encoding
+    with pytest.raises(wrt.InputError, match=r"none\.stl: no triangles in it"):
+        load_mesh(write(tmp_path, "none.stl", header + bytes(4)))
+
+
 def test_stl_solids_and_normals(tmp_path):
     """Several solids are several shapes; the normals are those of the triangles, whatever the file says."""
     first = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], np.float64)

@@ -26,6 +26,8 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         raise InputError(f"{path}: the STL header says {count} triangles, which the file is too short for: truncated")
     if text and b"endsolid" not in data[-4096:].lower():
         raise InputError(f"{path}: the text of the STL file ends inside a solid; it is truncated")
+    if not text and not count and len(data) >= size:
+        return []
     # trimesh takes a binary file with something behind the triangles for text.
     if not text and count:
         data = data[:size]
