@@ -180,7 +180,7 @@ def test_ply_polygons_of_different_sizes_with_colors_and_coordinates(tmp_path, o
         sign = ">" if "big" in order else "<"
         body = b"".join(struct.pack(f"{sign}5f3B", *row) for row in rows)
         body += b"".join(struct.pack(f"{sign}B{p[0]}Ih", *p) for p in polygons)
-        with pytest.raises(wrt.InputError, match=r"not as long as the PLY header says: the data end too soon"):
+        with pytest.raises(wrt.InputError, match=r"not as long as the PLY header says: it is truncated"):
             load_shapes(write(tmp_path, "mixed.ply", head.encode() + body[:-1]))
     shape = load_shapes(write(tmp_path, "mixed.ply", head.encode() + body))[0]
     assert len(shape.mesh.faces) == 3

@@ -67,7 +67,7 @@ def triangulated(data: bytes) -> bytes:
             kind = np.dtype([(name, order + code) for name, code in element.scalars.items()])
             place += element.count * kind.itemsize
             if not 0 <= element.count <= len(data) or place > len(data):
-                raise ValueError("the data end too soon")
+                raise ValueError("it is truncated")
             made[element.name] = np.frombuffer(data, kind, element.count, place - element.count * kind.itemsize), {}
         else:
             place, numbers, lists = _rows(data, place, element, order)
@@ -111,7 +111,7 @@ def _header(text: str) -> tuple[list[str], list[_Element], bool]:
             case ["property", *_]:
                 raise ValueError(f"the header has {line.strip()!r}")
     if {"vertex", "face"} - {each.name for each in elements}:
-        raise ValueError("the header names no vertices, or no faces")
+        raise ValueError("it is truncated, or there is something behind them")
     return comments, elements, big
 
 
@@ -131,7 +131,7 @@ def _rows(
             steps.append((0, np.dtype(element.scalars[name]).itemsize))
     size = len(data)
     if not 0 <= element.count <= size - place:  # each row has a byte or more
-        raise ValueError("the data end too soon")
+        raise ValueError("it is truncated")
     starts, lengths = array("q"), array("q")
     for _ in range(element.count):
         for width, item in steps:
@@ -143,7 +143,7 @@ def _rows(
             lengths.append(length)
             place += length * item
         if place > size:
-            raise ValueError("the data end too soon")
+            raise ValueError("it is truncated")
     places = np.array(starts, np.int64).reshape(-1, len(steps))
     counts = np.array(lengths, np.int64).reshape(-1, len(steps))
     plain = np.frombuffer(data, np.uint8)
