@@ -116,3 +116,12 @@ def test_clipped_pixels_are_counted_and_a_warning_says_what_to_do():
     assert develop(image, exposure=0.0).warning is None  # the default keeps detail in them
     assert develop(picture((0.97, 0.4), (0.03, 300.0)), tone="none", exposure=0.0).warning is None  # a lamp
     assert develop(np.ones((8, 8, 3)), tone="none", exposure=0.0).warning is None  # white is not clipped
+
+
+def test_a_black_picture_is_told():
+    image = np.zeros((64, 64, 3))
+    image[:2, :2] = 0.5  # one pixel in a thousand
+    for black in (0.0 * image, image):
+        assert develop(black).warning == "the picture is black: no light reaches what its camera sees"
+    image[:3, :2] = 0.001
+    assert develop(image).warning is None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+import warnings
 import zipfile
 
 import numpy as np
@@ -106,6 +108,33 @@ def test_collada_without_a_scene_shows_its_first_and_names_missing_images(tmp_pa
     text = text.replace('<scene><instance_visual_scene url="#w"/></scene>', "")
     with pytest.warns(InputWarning, match=r"none\.png', which it refers to: no such file; it is left out"):
         (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
+    np.testing.assert_allclose(shape.mesh.bounds, [[0, 0, 7], [1, 2, 10]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("<init_from>none.png</init_from>", "", r"textures that lead to no image are grey \(1\)"),
+        ("<init_from>i</init_from>", "<init_from>j</init_from>", r"textures that lead to no image are grey \(1\)"),
+        ("<source>f</source>", "<source>g</source>", r"textures that lead to no image are grey \(1\)"),
+        ('url="#e"', 'url="#f"', r"uses of materials that are not there are left out \(1\)"),
+        ("target='#m'", "target='#n'", r"uses of materials that are not there are left out \(1\)"),
+        (
+            "</newparam>\n<technique",
+            "</newparam><newparam sid='x'><sampler2D><source>y</source></sampler2D></newparam>\n<technique",
+            r"none\.png', which it refers to: no such file",
+        ),
+        ("mesh>", "convex_mesh>", r"none\.png', which it refers to: no such file"),
+    ],
+)
+def test_collada_geometry_is_there_whatever_its_material_refers_to(tmp_path, old, new, told):
+    pytest.importorskip("collada")
+    text = COLLADA.replace("INSTANCE", f"<instance_geometry url='#g'>{BOUND}</instance_geometry>")
+    assert old in text
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (shape,) = load_file(write(tmp_path, "a.dae", text.replace(old, new))).shapes
+    assert any(re.search(told, str(each.message)) for each in caught)
     np.testing.assert_allclose(shape.mesh.bounds, [[0, 0, 7], [1, 2, 10]], atol=1e-6)
 
 

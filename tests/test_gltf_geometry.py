@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -263,6 +264,47 @@ def test_draco(tmp_path):
     tree["extensionsRequired"] = ["KHR_draco_mesh_compression"]
     found = corners(tmp_path, tree)
     assert sorted(map(tuple, found.reshape(-1, 3).round(3))) == sorted(map(tuple, POINTS[FACES].reshape(-1, 3)))
+
+
+def test_what_draco_compresses_may_be_colored_morphed_and_skinned(tmp_path):
+    draco = pytest.importorskip("DracoPy")
+    tree = square()
+    colors = np.array([[65535, 0, 0], [0, 65535, 0], [0, 0, 65535], [13107, 13107, 13107]], np.uint32)  # of 16 bits
+    joints = np.array([[0, 0, 0, 0]] * 2 + [[0, 1, 0, 0]] * 2, np.uint8)
+    shares = np.array([[1, 0, 0, 0]] * 2 + [[0.25, 0.75, 0, 0]] * 2, np.float32)
+    packed = draco.encode(
+        POINTS, FACES.astype(np.uint32), preserve_order=True, generic_attributes={1: colors, 2: joints, 3: shares}
+    )
+    view = add_view(tree, packed)
+    held = {"COLOR_0": (5123, "VEC3", 1), "JOINTS_0": (5121, "VEC4", 2), "WEIGHTS_0": (5126, "VEC4", 3)}
+    primitive = tree["meshes"][0]["primitives"][0]
+    for name, (kind, shape, _) in held.items():
+        primitive["attributes"][name] = len(tree["accessors"])
+        normalized = {"normalized": True} if name == "COLOR_0" else {}
+        tree["accessors"].append({"componentType": kind, "type": shape, "count": 4, **normalized})
+    names = {"POSITION": 0, **{name: number for name, (_, _, number) in held.items()}}
+    primitive["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": view, "attributes": names}}
+    raised = np.zeros((4, 3), "<f4")
+    raised[2] = (0, 0, 4)
+    primitive["targets"] = [{"POSITION": add(tree, raised)}]
+    tree["skins"] = [{"joints": [1, 2]}]
+    tree["nodes"] = [{"mesh": 0, "skin": 0, "weights": [0.5]}, {}, {"translation": [0, 0, 2]}]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mesh = load_mesh(write(tmp_path, "mesh.gltf", json.dumps(tree)))
+    expected = POINTS + 0.5 * raised + shares[:, 1:2] * [0, 0, 2]
+    np.testing.assert_allclose(mesh.vertices[mesh.faces], expected[FACES], atol=1e-3)
+    np.testing.assert_allclose(mesh.colors[mesh.faces], (colors / 65535.0)[FACES], atol=1e-6)
+
+
+def test_damaged_data_of_draco_are_told(tmp_path):
+    pytest.importorskip("DracoPy")
+    tree = square()
+    view = add_view(tree, b"DRACO\x02\x02 and no more")
+    extension = {"bufferView": view, "attributes": {"POSITION": 0}}
+    tree["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": extension}
+    with pytest.raises(wrt.InputError, match=r"mesh\.gltf: data of Draco cannot be decoded: "):
+        corners(tmp_path, tree)
 
 
 def test_gltf_1_is_told(tmp_path):

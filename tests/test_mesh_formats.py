@@ -89,6 +89,20 @@ def test_obj_with_missing_material_or_image_still_loads_with_a_warning(tmp_path)
         assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
 
 
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ("mtllib old name.mtl\n", r"'old name\.mtl', which it refers to, is not there; '.*renamed\.MTL' is taken"),
+        ("", r"it names no file \(mtllib\) that describes its materials, 'x'; '.*renamed\.MTL' is taken"),
+    ],
+)
+def test_obj_takes_the_material_file_of_its_own_name_where_there_is_no_other(tmp_path, named, told):
+    write(tmp_path, "renamed.MTL", "newmtl x\nKd 0.1 0.2 0.3\n")
+    path = write(tmp_path, "renamed.obj", named + SQUARE + "usemtl x\nf 1 2 3 4\n")
+    with pytest.warns(InputWarning, match=told):
+        assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
+
+
 def test_obj_vertex_colors_are_decoded(tmp_path):
     path = write(tmp_path, "mesh.obj", "v 0 0 0 1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0 0 0 1\nf 1 2 3\n")
     shape = load_shapes(path)[0]
@@ -152,7 +166,7 @@ def test_strips_alternate_and_restart():
     assert split_strips(np.array([0, 1, -1, -1, 2])).tolist() == []
 
 
-@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
 def test_ply_polygons_of_different_sizes_with_colors_and_coordinates(tmp_path, order):
     head = f"ply\nformat {order} 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
     head += "property float s\nproperty float t\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
@@ -163,17 +177,42 @@ def test_ply_polygons_of_different_sizes_with_colors_and_coordinates(tmp_path, o
     if order == "ascii":
         body = "\n".join(" ".join(map(str, row)) for row in [*rows, *polygons]).encode()
     else:
-        body = b"".join(struct.pack("<5f3B", *row) for row in rows)
-        body += b"".join(struct.pack(f"<B{p[0]}Ih", *p) for p in polygons)
-        with pytest.raises(wrt.InputError, match=r"polygons of different sizes, .* write it as triangles"):
-            load_shapes(write(tmp_path, "mixed.ply", head.encode() + body))
-        return
+        sign = ">" if "big" in order else "<"
+        body = b"".join(struct.pack(f"{sign}5f3B", *row) for row in rows)
+        body += b"".join(struct.pack(f"{sign}B{p[0]}Ih", *p) for p in polygons)
+        with pytest.raises(wrt.InputError, match=r"not as long as the PLY header says: it is truncated"):
+            load_shapes(write(tmp_path, "mixed.ply", head.encode() + body[:-1]))
     shape = load_shapes(write(tmp_path, "mixed.ply", head.encode() + body))[0]
     assert len(shape.mesh.faces) == 3
     assert area_vector(shape.mesh) == pytest.approx([0, 0, 1.5])
     np.testing.assert_allclose(shape.mesh.uvs, shape.mesh.vertices[:, :2] * (1.0, 0.5))
     assert shape.material.reflectance == wrt.VertexColor()
     np.testing.assert_allclose(shape.mesh.colors[:, 1], linear_from_srgb(128 / 255), rtol=1e-6)
+
+
+def test_ply_polygons_of_different_sizes_keep_colors_and_coordinates_of_faces(tmp_path):
+    head = "ply\nformat binary_little_endian 1.0\nelement edge 1\nproperty int vertex1\nelement vertex 5\n"
+    head += "property float x\nproperty float y\nproperty float z\nelement face 2\n"
+    head += "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    head += "property list uchar int vertex_indices\nproperty list ushort float texcoord\nend_header\n"
+    points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)], "<f4")
+    body = struct.pack("<i", 3) + points.tobytes()
+    for polygon, color in (((0, 1, 2, 3), (255, 0, 0)), ((3, 2, 4), (0, 0, 255))):
+        count, laid = len(polygon), points[list(polygon), :2] / 2.0
+        body += struct.pack(f"<3BB{count}iH", *color, count, *polygon, 2 * count) + laid.astype("<f4").tobytes()
+    mesh = load_shapes(write(tmp_path, "mixed.ply", head.encode() + body))[0].mesh
+    assert area_vector(mesh) == pytest.approx([0, 0, 1.5])
+    np.testing.assert_allclose(mesh.uvs, mesh.vertices[:, :2] / 2.0)
+    red = mesh.vertices[mesh.faces].max(axis=1)[:, 1] < 1.5
+    np.testing.assert_array_equal(mesh.colors[mesh.faces][red], [[[1, 0, 0]] * 3] * 2)
+    np.testing.assert_array_equal(mesh.colors[mesh.faces][~red], [[[0, 0, 1]] * 3])
+
+
+def test_a_header_that_stops_trimesh_is_told_in_words(tmp_path):
+    path = write(tmp_path, "blank.ply", "ply\nformat ascii 1.0\n\nend_header\n")
+    message = r"not a whole PLY file that can be read: something in it is missing or not as specified \(list index"
+    with pytest.raises(wrt.InputError, match=message):
+        load_shapes(path)
 
 
 def test_ply_face_colors_become_flat_patches(tmp_path):

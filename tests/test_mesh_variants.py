@@ -85,6 +85,12 @@ def facets(corners: np.ndarray, normal: str) -> str:
     return text
 
 
+def test_a_binary_stl_of_nothing_is_told(tmp_path):
+    header = bytes(range(128, 208))  # no text of any encoding
+    with pytest.raises(wrt.InputError, match=r"none\.stl: no triangles in it"):
+        load_mesh(write(tmp_path, "none.stl", header + bytes(4)))
+
+
 def test_stl_solids_and_normals(tmp_path):
     """Several solids are several shapes; the normals are those of the triangles, whatever the file says."""
     first = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], np.float64)
@@ -93,6 +99,8 @@ def test_stl_solids_and_normals(tmp_path):
     assert [area(shape.mesh) for shape in shapes] == pytest.approx([0.5, 0.5])
     for shape in shapes:
         np.testing.assert_allclose(shape.mesh.normals, [[0, 0, 1]] * 3)
+    old = load_shapes(write(tmp_path, "old.stl", text.replace("\n", "\r")))  # lines as on a Mac before 2001
+    assert [area(shape.mesh) for shape in old] == pytest.approx([0.5, 0.5])
     # Capital letters and tabs, and no normals in the file.
     text = f"solid c\n{facets(first, '0 0 0')}endsolid c\n".upper().replace("VERTEX ", "\t VERTEX\t")
     with pytest.warns(InputWarning, match=r"three\.stl: the STL file has no normals; .* the order of corners"):

@@ -305,6 +305,21 @@ def test_instances_share_a_mesh(tmp_path: Path) -> None:
     assert len({id(shape.mesh) for shape in shapes}) == 1
 
 
+def test_textures_may_be_called_spectra_as_in_mitsuba_2(tmp_path: Path) -> None:
+    inner = '<{0} name="reflectance" type="checkerboard"><rgb name="color0" value="1 0 0"/></{0}>'
+    text = f'<bsdf type="diffuse">{inner}</bsdf>'
+    one, other = (material(tmp_path, text.format(word)).reflectance for word in ("texture", "spectrum"))
+    np.testing.assert_array_equal(one.pixels, other.pixels)
+
+
+def test_comments_may_hold_hyphens_as_in_mitsuba(tmp_path: Path) -> None:
+    comment = "<!-- a -- b\n<shape> ---- -->"
+    (shape,) = loaded(tmp_path, f'{comment}<shape type="sphere"/>{comment}').shapes
+    assert shape.name == "sphere"
+    with pytest.raises(wrt.InputError, match="line 4: shape 'obj': names no file"):  # lines are still counted
+        loaded(tmp_path, f'{comment}\n<shape type="obj"/>')
+
+
 def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
     """All that Mitsuba comes with, to the four digits that are kept; and a name that only `materials.presets` has."""
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")

@@ -15,6 +15,7 @@ from support.meshes import write
 import wrt
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_shapes
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
 
 CODES = np.random.default_rng(8).integers(0, 256, (4, 4, 4), dtype=np.uint8)
@@ -159,6 +160,37 @@ def test_images_are_found_beside_their_material_file(tmp_path):
     Image.fromarray(CODES[::-1, :, :3]).save(tmp_path / "maps/rgb.png")  # first comes what lies beside the mesh
     (shape,) = load_shapes(path)
     np.testing.assert_allclose(shape.material.reflectance.pixels, expected[::-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("folder", ["meshes/textures", "textures", "materials/textures"])
+def test_images_are_found_where_programs_keep_them(tmp_path, folder):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / folder).mkdir(parents=True)
+    Image.fromarray(CODES[:, :, :3]).save(tmp_path / folder / "RGB.png")
+    write(tmp_path / "meshes", "m.mtl", "newmtl m\nKd 1 1 1\nmap_Kd rgb.png\n")
+    path = write(tmp_path / "meshes", "mesh.obj", OBJ)
+    with pytest.warns(InputWarning, match=r"'rgb\.png', which it refers to, is not there; '.*RGB\.png' is taken"):
+        (shape,) = load_shapes(path)
+    assert isinstance(shape.material.reflectance, wrt.ImageTexture)
+
+
+@pytest.mark.parametrize("named", ["mtllib a.mtl\nmtllib b.mtl\n", "mtllib a.mtl none.MTL b.mtl\n"])
+def test_materials_may_be_in_several_files(tmp_path, named):
+    write(tmp_path, "a.mtl", "newmtl one\nKd 0.1 0.2 0.3\n")
+    write(tmp_path, "b.mtl", "newmtl two\nKd 0.3 0.2 0.1\n")
+    points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n"
+    path = write(tmp_path, "mesh.obj", f"{named}{points}usemtl one\nf 1 2 3\nusemtl two\nf 2 4 3\n")
+    write(tmp_path, "mesh.mtl", "newmtl one\nKd 0.9 0.9 0.9\n")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        materials = [shape.material for shape in load_shapes(path)]
+    assert materials == [wrt.Diffuse((0.1, 0.2, 0.3)), wrt.Diffuse((0.3, 0.2, 0.1))]
+    assert [str(each.message).partition(", which")[0][-9:] for each in caught] == ["none.MTL'"] * ("none" in named)
+
+
+def test_black_beside_an_image_that_is_not_there_is_grey(tmp_path):
+    with pytest.warns(InputWarning, match=r"none\.png', which it refers to: no such file"):
+        assert material_of(tmp_path, "Kd 0 0 0\nmap_Kd none.png") == wrt.Diffuse(DEFAULT_REFLECTANCE)
 
 
 def test_images_that_are_not_there_are_told(tmp_path):

@@ -15,6 +15,7 @@ import wrt
 from wrt.cli import main
 from wrt.scene.materials import MATERIALS
 from wrt.scene.materials.named import LOOKS, named_material
+from wrt.studio.presentation import present
 from wrt.studio.subjects import share_of_picture, subjects
 from wrt.studio.views import VIEWS, view_angles, view_direction
 
@@ -284,3 +285,36 @@ def test_mistakes_are_told_in_one_line(
     assert said in error
     assert "Traceback" not in error
     assert not list(tmp_path.glob("*.png"))
+
+
+# --- The ground -----------------------------------------------------------------------------------
+
+
+def lid(height: float, *, up: bool = True) -> wrt.Mesh:
+    """A square at a height that faces up or down."""
+    return wrt.quad((-1, height, 1), (2, 0, 0), (0, 0, -2)) if up else wrt.quad((-1, height, -1), (2, 0, 0), (0, 0, 2))
+
+
+@pytest.mark.parametrize(
+    ("parts", "below"),
+    [
+        pytest.param([BLOCK], False, id="a closed block hides its bottom"),
+        pytest.param([BLOCK, lid(0.0)], True, id="a road at the height of a kerb's bottom"),
+        pytest.param([BLOCK, lid(0.1)], False, id="a table"),
+        pytest.param([lid(0.0, up=False)], True, id="a sheet that faces down, seen from its back"),
+        pytest.param([lid(0.0, up=False), lid(0.5)], False, id="a bottom under a lid"),
+    ],
+)
+def test_the_ground_is_below_what_lies_flat_and_is_seen(parts: list[wrt.Mesh], below: bool) -> None:
+    shapes = [wrt.Shape(part) for part in parts]
+    quarter = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # +y, up, comes to +z
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    for scene in (
+        present(shapes),
+        present([shape.moved(quarter) for shape in shapes], up="z"),
+        present([wrt.Shape(part, transform=mirror) for part in parts]),
+        present(shapes, environment=wrt.ConstantEnvironment(1.0)),
+    ):
+        ground = next(shape for shape in scene.shapes if shape.name == "ground").bounds[0][1]
+        size = np.linalg.norm(np.ptp(np.concatenate([part.vertices for part in parts]), axis=0))
+        assert -2e-4 * size < ground < -5e-5 * size if below else abs(ground) < 1e-7

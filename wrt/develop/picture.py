@@ -35,16 +35,20 @@ class Developed:
         stops: the exposure.
         tone: the tone curve.
         clipped: share of pixels brighter than white of which a channel ends at the brightest code, 0 to 1.
+        black: whether all but a thousandth of the pixels have no radiance.
     """
 
     codes: NDArray[np.uint8] = field(repr=False)  # notebooks show what a cell returns
     stops: float
     tone: str
     clipped: float
+    black: bool = False
 
     @property
     def warning(self) -> str | None:
-        """What to tell people of lost highlights, or None if they are hardly noticeable."""
+        """What to tell people of a black picture or of lost highlights, or None if they are hardly noticeable."""
+        if self.black:
+            return "the picture is black: no light reaches what its camera sees"
         if self.clipped <= NOTICEABLE:
             return None
         what = f"{100.0 * self.clipped:.0f} % of the pixels are too bright and clipped"
@@ -90,9 +94,10 @@ def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = 
     gain = np.float32(2.0**chosen)
     with np.errstate(over="ignore", invalid="ignore"):
         bright = (pixels > 1.0 / gain).any(axis=2)
+    brightest = peak(pixels)
     if tone in CURVES:
         curve = CURVES[tone]
-        highest = peak(pixels) * float(gain)
+        highest = brightest * float(gain)
 
         def encoded(rows: slice) -> NDArray[Any]:
             return srgb_from_linear(curve.apply(_usable(pixels[rows], gain), highest))
@@ -104,7 +109,7 @@ def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = 
             return shown[rows].astype(np.float64)
 
     codes, white = quantize(pixels.shape[:2], encoded, _WHITE)
-    return Developed(codes, chosen, tone, float((white & bright).mean()))
+    return Developed(codes, chosen, tone, float((white & bright).mean()), brightest == 0.0)
 
 
 def _usable(pixels: NDArray[np.float32], gain: np.float32) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from wrt.scene.motion import rotation_matrix
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.scene.shapes import quad
 from wrt.studio.framing import frame_camera
+from wrt.studio.ground import ground_height
 from wrt.studio.reach import Reach
 from wrt.studio.views import VIEWS, azimuth_of, view_angles, view_direction
 
@@ -102,7 +103,6 @@ def present(
         reach = reach and reach.moved(scaling)
         low, high = scene.bounds if reach is None else reach.bounds
         size = norm(high - low)
-    floor = np.array([0.5 * (low[0] + high[0]), low[1], 0.5 * (low[2] + high[2])])
     center = 0.5 * (low + high)
 
     if camera is None:
@@ -114,6 +114,7 @@ def present(
         at_first = camera if reach is None or reach.camera is None else reach.camera
         azimuth, elevation = azimuth_of(at_first, center), 0.0
     scene.camera = camera
+    floor = np.array([center[0], ground_height(scene.shapes, float(low[1]), float(size)), center[2]])
     turn = _turn((0.0, 1.0, 0.0), azimuth - VIEWS["three-quarter"][0])
     if environment is not None:
         scene.environment = environment

@@ -74,11 +74,12 @@ class Buffers:
         return self._views[number]
 
     def _part(self, place: Tree) -> bytes:
-        number = place["buffer"]
+        number, start = place["buffer"], place.get("byteOffset", 0)
+        if self._added and number == len(self._tree["buffers"]):  # by `add`
+            return bytes(self._added[start : start + place["byteLength"]])
         if number not in self._read:
             buffer = self._tree["buffers"][number]
             self._read[number] = self.located(buffer["uri"]) if "uri" in buffer else self._binary
-        start = place.get("byteOffset", 0)
         return self._read[number][start : start + place["byteLength"]]
 
     def numbers(self, index: int) -> NDArray[Any]:

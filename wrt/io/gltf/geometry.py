@@ -9,7 +9,6 @@ KHR_node_visibility.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,12 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.gltf.buffers import Buffers, Tree
+from wrt.io.gltf.draco import decompress
 from wrt.io.gltf.scene import nodes_of
 from wrt.linalg import product
 
 _FLOAT = 5126
 _FAN = 6
-_DRACO = "KHR_draco_mesh_compression"
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _MOST_SETS = 8
 """Sets of four joints that are looked for; files have one or two."""
@@ -32,10 +31,11 @@ _BYTES_PER_ROW = 12
 
 
 def prepare_nodes(tree: Tree, buffers: Buffers) -> None:
-    """Hide what is not visible, and place instances and moved meshes as nodes of their own."""
+    """Hide what is not visible, decompress meshes, and place instances and moved meshes as nodes of their own."""
     nodes, meshes = tree.get("nodes", []), tree.get("meshes", [])
     _hide(nodes)
     _leave_out_without_positions(nodes, meshes, buffers)
+    decompress(tree, buffers)
     if any("skin" in node or "weights" in node for node in nodes) or any("weights" in mesh for mesh in meshes):
         _deform(tree, buffers)
     for node in list(nodes):
@@ -44,15 +44,12 @@ def prepare_nodes(tree: Tree, buffers: Buffers) -> None:
             _add_instances(nodes, node, placed["attributes"], buffers)
 
 
-def prepare_primitive(path: Path, tree: Tree, primitive: Tree, names: tuple[str, ...], buffers: Buffers) -> None:
+def prepare_primitive(tree: Tree, primitive: Tree, names: tuple[str, ...], buffers: Buffers) -> None:
     """Replace what trimesh misreads of a primitive's accessors, the named attributes and the indices.
 
     Raises:
         InputError: on data that are compressed in a way that cannot be read.
     """
-    if _DRACO in primitive.get("extensions", {}):
-        _require_draco(path)
-        return
     attributes = primitive["attributes"]
     for name in names:
         if name in attributes and _needs_decoding(tree, attributes[name], name):
@@ -77,16 +74,6 @@ def _needs_decoding(tree: Tree, number: int, name: str | None) -> bool:
     if name is None or name in ("NORMAL", "COLOR_0") or accessor["componentType"] == _FLOAT:
         return False
     return name != "POSITION" or bool(accessor.get("normalized"))
-
-
-def _require_draco(path: Path) -> None:
-    """Raise InputError if Draco's decoder is not installed."""
-    try:
-        import DracoPy  # noqa: F401 - trimesh takes it
-    except ImportError:
-        raise InputError(
-            f"{path}: its meshes are compressed by Draco, which needs a decoder: pip install 'wrt[draco]'"
-        ) from None
 
 
 def _hide(nodes: list[Tree]) -> None:
@@ -156,9 +143,6 @@ def _deformed(
     tree: Tree, primitive: Tree, weights: NDArray[np.float64], joints: NDArray[np.float64] | None, buffers: Buffers
 ) -> Tree:
     """Return a primitive with other positions and normals."""
-    if _DRACO in primitive.get("extensions", {}):
-        warn(f"{buffers.path}: skins and morph targets of meshes compressed by Draco are left out")
-        return primitive
     attributes = dict(primitive["attributes"])
     values = {
         name: buffers.numbers(attributes[name]).astype(np.float64)

@@ -198,7 +198,7 @@ def _prepare(path: Path, tree: Tree, buffers: Buffers) -> list[Tree]:
     primitives = [primitive for mesh in meshes for primitive in mesh["primitives"]]
     for primitive in primitives:
         _lay(path, primitive, described)
-        prepare_primitive(path, tree, primitive, _ATTRIBUTES, buffers)
+        prepare_primitive(tree, primitive, _ATTRIBUTES, buffers)
     share_out(tree, primitives, _ATTRIBUTES)
     return described
 

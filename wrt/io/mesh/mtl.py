@@ -113,6 +113,7 @@ class MtlMaterials:
                 # Without coordinates the image's average is the best constant.
                 mean = np.clip(pixels.mean(axis=(0, 1), dtype=np.float64) * factor, 0.0, 1.0)
                 return tuple(float(x) for x in mean)
+            color = color if color is not None and any(color) else None
         if colored:
             return VertexColor()
         return DEFAULT_REFLECTANCE if color is None else color

@@ -46,11 +46,15 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         InputError: on what trimesh cannot read and on indices that name nothing.
     """
     text = _plain(path, as_text(data))
+    beside = Beside(path)
     if "usemtl" in text and "mtllib" not in text:
         names = dict.fromkeys(re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
         named = f"{next(iter(names), '')!r}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-        warn(f"{path}: it names no file (mtllib) that describes its materials, {named}; they are left out")
-    beside = Beside(path)
+        own = beside.own_materials()
+        instead = "they are left out" if own is None else f"{str(own)!r} is taken"
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {named}; {instead}")
+        text = text if own is None else f"mtllib {own.name}\n{text}"
+    beside.name_materials(re.findall(r"^mtllib (.+)$", text, re.MULTILINE))
     loaded = load(path, text, "obj", beside=beside, split_groups=True)
     materials = MtlMaterials(path, beside.find)
     parts = []

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io.encodings import as_utf8
 from wrt.io.mesh.parts import Part, only_points
+from wrt.io.mesh.ply_lists import triangulated
 from wrt.io.mesh.polygons import split_strips
 from wrt.io.mesh.trimesh_loaders import is_stand_in, load, part_of, reflectance
 
@@ -37,10 +38,11 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     except InputError as error:
         if "unexpected length" not in str(error):
             raise
-        raise InputError(
-            f"{path}: the data are not as long as the PLY header says: the file is truncated, or a binary one "
-            "with polygons of different sizes, which trimesh cannot read; write it as triangles"
-        ) from None
+        try:
+            data = triangulated(data)
+        except ValueError as reason:
+            raise InputError(f"{path}: the data are not as long as the PLY header says: {reason}") from None
+        fields = load(path, data, "ply", views=True, fix_texture=b"texcoord" in header)
     elements = fields["metadata"]["_ply_raw"]
     for name, element in elements.items():
         # trimesh takes as many lines of text as there are.

@@ -26,10 +26,14 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         raise InputError(f"{path}: the STL header says {count} triangles, which the file is too short for: truncated")
     if text and b"endsolid" not in data[-4096:].lower():
         raise InputError(f"{path}: the text of the STL file ends inside a solid; it is truncated")
+    if not text and not count and len(data) >= size:
+        return []
     # trimesh takes a binary file with something behind the triangles for text.
     if not text and count:
         data = data[:size]
-    loaded = load(path, as_text(data).encode("utf-8", "replace") if text else data, "stl")
+    if text:
+        data = as_text(data).replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")
+    loaded = load(path, data, "stl")
     parts, solids = [], loaded.get("geometry", {path.stem: loaded}).values()
     if not any(np.any(fields.get("face_normals", 1.0)) for fields in solids):
         warn(f"{path}: the STL file has no normals; which side is the front is taken from the order of corners")

@@ -11,7 +11,7 @@ import io
 import os
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,11 @@ COLOR_MAP = "map_color"
 _COLOR_MAP = re.compile(r"^(\s*)map_kd(?=\s)", re.IGNORECASE | re.MULTILINE)
 
 
+_AFTER_NAME = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
+_TEXTURE_FOLDERS = ("textures", "../textures", "../materials/textures")
+"""Where programs keep the images of meshes that name no folder; the last is Gazebo's."""
+
+
 class Beside:
     """Gives trimesh the files that a file refers to, and remembers the missing ones."""
 
@@ -49,43 +54,79 @@ class Beside:
         self.path = path
         self.file_name = path.name
         self.missing: list[str] = []
+        self._materials: list[str] = []
+        self._statement: str | None = None  # of the first material files, by which trimesh asks
+        self.replaced: list[str] = []  # notes on other files that trimesh was given, which cannot warn itself
         self._images = images
         self._folders = [path.parent]
 
     def find(self, name: str) -> Path:
-        """Return the path of a file that may be read.
+        """Return the path of a file that may be read, with a warning if its name differs.
 
         Raises:
             InputError: where there is none.
         """
+        file, note = self._find(name)
+        if note:
+            warn(note)
+        return file
+
+    def _find(self, name: str) -> tuple[Path, str]:
+        """Return the path of a file that may be read, and a note if its name differs, or else ""."""
         # Exporters on Windows write backslashes and quotes; glTF writes spaces as %20.
         plain = name.strip().strip('"').replace("\\", "/")
         files = [folder / each for folder in self._folders for each in (name.strip(), plain, unquote(plain))]
         for file in files:
             with contextlib.suppress(InputError):
                 require_file(file)
-                return file
+                return file, ""
         # Windows takes names in any case, and paths of another machine lead nowhere.
+        found = None
         for folder, names in product(self._folders, (plain.split("/"), plain.split("/")[-1:])):
-            found = _in_any_case(folder, names)
-            if found is not None:
-                warn(f"{self.path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken")
-                return found
+            found = found or _in_any_case(folder, names)
+        for folder, below in product(self._folders, _TEXTURE_FOLDERS):
+            found = found or _in_any_case(folder / below, plain.split("/")[-1:])
+        if plain.lower().endswith(".mtl") and len(self._materials) < 2:
+            found = found or self.own_materials()
+        if found is not None:
+            return found, f"{self.path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken"
         beside = self.path.parent / unquote(plain)
         try:
             require_file(beside)
         except InputError as error:
             self.missing.append(f"{self.path}: {str(beside)!r}, which it refers to: {reason_alone(beside, error)}")
             raise InputError(self.missing[-1]) from None
-        return beside
+        return beside, ""
+
+    def own_materials(self) -> Path | None:
+        """Return the material file of the mesh's own name, which people forget to name when they rename both."""
+        return _in_any_case(self.path.parent, [f"{self.path.stem}.mtl"])
+
+    def name_materials(self, lines: Sequence[str]) -> None:
+        """Take what the statements for material files say, each one or several names; trimesh asks for the first."""
+        for line in dict.fromkeys(lines):
+            whole = _in_any_case(self.path.parent, line.replace("\\", "/").split("/"))  # a name may contain spaces
+            self._materials += [line] if whole else _AFTER_NAME.split(line)
+        self._statement = next(iter(lines), None)
 
     def get(self, name: str) -> bytes | str:
-        """Return a file's bytes, or the text of a material file.
+        """Return a file's bytes, or the text of a material file, or of all if they are several.
 
         Raises:
             InputError: where it cannot be read, or is an image that is too large.
         """
-        file = self.find(name)
+        if len(self._materials) < 2 or name != self._statement:
+            return self._got(name)
+        texts = []
+        for each in self._materials:
+            with contextlib.suppress(InputError):  # `missing` has it
+                texts.append(str(self._got(each)))
+        return "\n".join(texts)
+
+    def _got(self, name: str) -> bytes | str:
+        file, note = self._find(name)
+        if note:
+            self.replaced.append(note)
         data = read_file(file)
         if file.suffix.lower() == ".mtl":
             self._folders.append(file.parent)  # images of materials lie beside the mesh or beside their own file
@@ -96,6 +137,11 @@ class Beside:
                 raise
             return _COLOR_MAP.sub(rf"\1{COLOR_MAP}", text)
         return self._not_too_large(file, data)
+
+    def tell(self) -> None:
+        """Warn of the files that trimesh was not given, or others instead, once each."""
+        for line in dict.fromkeys([*self.replaced, *(f"{line}; it is left out" for line in self.missing)]):
+            warn(line)
 
     def _not_too_large(self, file: Path, data: bytes) -> bytes:
         """Return the data unless it is an image that is too large; trimesh decodes images of any size."""
@@ -156,6 +202,13 @@ class _Views(io.BytesIO):
         return self._view[start:stop]
 
 
+def in_words(error: Exception) -> str:
+    """Return the reason of a loader's failure; its own words if it noticed, and what Python noticed in brackets."""
+    noticed = (IndexError, KeyError, AttributeError, TypeError, AssertionError, UnboundLocalError)
+    reason = first_line(error)
+    return f"something in it is missing or not as specified ({reason})" if isinstance(error, noticed) else reason
+
+
 def load(
     path: Path, data: bytes | str, kind: str, *, views: bool = False, beside: Beside | None = None, **options: Any
 ) -> Fields:
@@ -187,9 +240,10 @@ def load(
                 reason = "there is something else where a number should be"
             elif isinstance(error, IndexError) and "out of bounds" in reason:
                 reason = f"a face names something that is not there ({reason})"
+            else:
+                reason = in_words(error)
             raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {reason}") from None
-    for line in beside.missing:
-        warn(f"{line}; it is left out")
+    beside.tell()
     return loaded
 
 

@@ -72,6 +72,10 @@ class Element:
         return self.attributes[key]
 
 
+_TEXTURES = ("bitmap", "checkerboard", "mesh_attribute")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+
+
 class Document:
     """A scene file and the files that it includes, with parameters substituted.
 
@@ -235,13 +239,16 @@ def parse(path: Path) -> Element:
     Raises:
         InputError: when it is not well-formed XML, or has a document type.
     """
-    data = read_file(path)
+    # Mitsuba's parser takes two hyphens within a comment, which expat does not.
+    data = _COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), read_file(path))
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
     made = [0]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        if tag == "spectrum" and attributes.get("type") in _TEXTURES:
+            tag = "texture"  # files of Mitsuba 2 have both words
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
         made[0] += 1
         if made[0] % _COUNTED == 0:
