@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from corpus_files import meshes, nodes, scenes
 from corpus_files.images import write_images
+from corpus_files.volumes import write_volumes
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -28,6 +29,7 @@ def main() -> None:
     image = (SEEDS / "colors.png").read_bytes()
     for name, content in {**meshes.files(image), **nodes.files(image), **scenes.FILES}.items():
         (SEEDS / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    write_volumes(SEEDS)
     np.savez(SEEDS / "box.npz", vertices=meshes.VERTICES, faces=meshes.FACES)
     np.savez_compressed(SEEDS / "packed.npz", vertices=meshes.VERTICES, faces=meshes.FACES, colors=meshes.VERTICES)
     with (SEEDS / "grey.bsdf").open("wb") as file:

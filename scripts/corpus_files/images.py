@@ -23,8 +23,8 @@ def write_images(folder: Path, rng: np.random.Generator) -> None:
     Image.fromarray(rgba[..., :3]).save(folder / "photo.jpg", quality=50)
     Image.fromarray(rgba[..., :3]).save(folder / "raw.bmp")
     radiance = rng.random((8, 16, 3), np.float32) * 3
-    wrt.save_image(folder / "light.exr", radiance)
-    wrt.save_image(folder / "light.npy", radiance[:4, :4])
+    wrt.save_image(folder / "light.exr", radiance, force=True)
+    wrt.save_image(folder / "light.npy", radiance[:4, :4], force=True)
     mantissas = np.minimum(radiance * 64, 255).astype(np.uint8)
     pixels = np.concatenate([mantissas, np.full((8, 16, 1), 130, np.uint8)], axis=2)
     flat = b"".join(row.tobytes() for row in pixels)
