@@ -26,6 +26,9 @@ CODES = np.random.default_rng(5).integers(0, 256, (3, 4, 4), dtype=np.uint8)
 PIXELS = CODES.astype(np.float64) / 255.0
 
 
+LEFT_OUT = "the textures of material 0 are left out: its mesh has no texture coordinates"
+
+
 def data_uri(data: bytes, kind: str = "application/octet-stream") -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
@@ -125,7 +128,8 @@ def test_alpha(tmp_path, mode, cutoff):
     opacity = made(tmp_path, described).opacity
     np.testing.assert_allclose(opacity.pixels[:, :, 0], PIXELS[:, :, 3], atol=1e-6)
     assert (opacity.channel, opacity.factor, opacity.cutoff) == ("r", (0.75,) * 3, cutoff)
-    bare = made(tmp_path, described, uvs=False).opacity
+    with pytest.warns(InputWarning, match=LEFT_OUT):
+        bare = made(tmp_path, described, uvs=False).opacity
     assert bare == (0.75 if cutoff is None else 1.0)
 
 
@@ -253,9 +257,9 @@ def test_specular_glossiness_is_a_dielectric_with_a_tint(tmp_path):
         "glossinessFactor": 0.75,
         "specularGlossinessTexture": {"index": 0},
     }
-    material = made(
-        tmp_path, {"alphaMode": "BLEND", "extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}}, uvs=False
-    )
+    described = {"alphaMode": "BLEND", "extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}}
+    with pytest.warns(InputWarning, match=LEFT_OUT):
+        material = made(tmp_path, described, uvs=False)
     assert (material.base_color, material.metallic, material.opacity) == ((0.2, 0.4, 0.6), 0.0, 0.5)
     assert material.roughness == 0.25
     assert material.specular_color == pytest.approx((1.0, 10.0, 25.0))

@@ -354,3 +354,8 @@ def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
         wrt.Mesh(corners + away, faces, name="map")
     for harmless in (corners + 1e4, (corners + away).astype(np.float32), 1e4 * corners + away, corners * 0.0 + away):
         wrt.Mesh(harmless, faces)
+    # What wrt makes itself stands where it was put; the mesh in the studio is the one to move.
+    wrt.quad(tuple(away), (1, 0, 0), (0, 1, 0)), wrt.box(tuple(away), tuple(away + 1.0)), wrt.sphere(tuple(away))
+    with pytest.warns(InputWarning, match="^map: ") as caught:
+        wrt.load(wrt.Mesh(corners + away, faces, name="map"))
+    assert len(caught) == 1

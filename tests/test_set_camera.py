@@ -55,3 +55,11 @@ def test_what_needs_a_new_renderer_is_refused() -> None:
         renderer.set_camera(dataclasses.replace(NEAR, shutter_close=1.0))
     with pytest.raises(wrt.InputError, match="must be one of wrt's cameras, not str"):
         renderer.set_camera("a camera")  # type: ignore[arg-type]
+
+
+def test_a_camera_that_is_assigned_is_no_camera_that_is_left_out() -> None:
+    renderer = small(wrt.load("cornell-box"))
+    with pytest.raises(AttributeError):
+        renderer.camera = NEAR  # type: ignore[misc]
+    renderer.set_camera(NEAR)
+    assert renderer.camera is NEAR

@@ -214,6 +214,11 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
     ):
         with pytest.raises(wrt.InputError, match=message):
             renderer.update_vertices(shape, vertices)
+    before = renderer._built.data.points.numpy()
+    for normals, message in ((nan, "sheet: normal 7 is not finite"), (nan[:-1], "sheet: normals are 399")):
+        with pytest.raises(wrt.InputError, match=message):
+            renderer.update_vertices(1, 2.0 * mesh.vertices, normals=normals)
+    np.testing.assert_array_equal(renderer._built.data.points.numpy(), before)
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     renderer.update_vertices(1, mesh.vertices)
     with pytest.raises(wrt.InputError, match="no checkpoint of a picture whose vertices were updated"):

@@ -359,6 +359,17 @@ def test_lights_that_trimesh_carries_on_from_gltf(tmp_path):
 # What is left out, and what is refused -------------------------------------------------------------
 
 
+def test_textures_of_a_mesh_without_texture_coordinates_are_named():
+    box, visual = trimesh.creation.box(), trimesh.visual
+    red = visual.material.PBRMaterial(
+        baseColorFactor=[255, 0, 0, 255], baseColorTexture=Image.new("RGB", (2, 2), "white")
+    )
+    box.visual = visual.TextureVisuals(material=red)
+    with pytest.warns(InputWarning, match="^trimesh: the textures of material 0 are left out: its mesh has no texture"):
+        (shape,) = from_trimesh(box)
+    assert shape.material.base_color == (1.0, 0.0, 0.0)
+
+
 def test_points_and_paths_are_left_out_with_a_warning():
     scene = trimesh.Scene(trimesh.creation.box())
     scene.add_geometry(trimesh.PointCloud(np.zeros((3, 3))), geom_name="dust")

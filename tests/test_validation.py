@@ -12,6 +12,7 @@ import trimesh
 
 import wrt
 from wrt.errors import InputWarning
+from wrt.upload.accel.geometry import device_vectors
 from wrt.upload.attributes import check_attributes
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -80,6 +81,18 @@ def test_arrays_that_are_no_numbers_are_refused_in_one_line() -> None:
         wrt.Mesh(CORNERS.astype(complex), FACE)
     with pytest.raises(wrt.InputError, match=r"texture image: pixels must be an array of numbers"):
         wrt.ImageTexture([["a"]])  # type: ignore[arg-type]
+
+
+def test_masked_values_are_not_taken_for_numbers() -> None:
+    """What files of simulations hold where there is nothing, such as 9.97e36, is masked when they are read."""
+    masked = np.ma.masked_equal(CORNERS, 1.0)
+    with pytest.raises(wrt.InputError, match=r"^mesh: vertices must not have masked values; the first is number 1$"):
+        wrt.Mesh(masked, FACE)
+    with pytest.raises(wrt.InputError, match=r"^spheres: radii must not have masked values; the first is number 2$"):
+        wrt.spheres(CORNERS, np.ma.masked_equal([1.0, 1.0, 0.0], 0.0))
+    with pytest.raises(wrt.InputError, match=r"^x: vertices must not have masked values; the first is number 1$"):
+        device_vectors("x: vertices", masked, "cpu")
+    assert wrt.Mesh(np.ma.array(CORNERS), FACE).bounds[1, 0] == 1.0
 
 
 def test_a_saved_picture_says_how_it_was_made(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -118,18 +119,26 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
 
 
 def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:
-    """Return `value` as an array, or raise InputError naming `name` if it is ragged or not numeric.
+    """Return `value` as an array, or raise InputError naming `name` if it is ragged, masked or no numbers.
 
     Warp and torch arrays on a GPU are copied to the CPU.
     """
     if not isinstance(value, np.ndarray) and callable(to_numpy := getattr(value, "numpy", None)):
         value = to_numpy()
+    refuse_masked(value, name)
     try:
         if isinstance(value, np.ndarray) and value.dtype.kind == "c":
             raise TypeError
         return np.asarray(value, dtype=dtype)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be an array of numbers with rows of equal length") from None
+
+
+def refuse_masked(value: object, name: str) -> None:
+    """Raise InputError naming `name` if an array has masked values: under the mask there may be anything."""
+    made_by = sys.modules.get("numpy.ma")  # NumPy imports it when it is first used, which takes 50 ms
+    if made_by and isinstance(value, made_by.MaskedArray) and (bad := np.argwhere(value.mask)).size:
+        raise InputError(f"{name} must not have masked values; the first is number {bad[0][0]}")
 
 
 def owned(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:

@@ -172,8 +172,7 @@ class Renderer(Picture, Resumable, OnDevice):
         return arguments
 
     def _device_camera(self) -> Any:
-        assert self.scene.camera is not None
-        return build_camera(self.scene.camera, self.width, self.height, self.crop, device=self.device.name)
+        return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
 
     def arguments_for(self, film: Film, kernel: RenderKernel) -> list[Any]:
         """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
@@ -189,6 +188,12 @@ class Renderer(Picture, Resumable, OnDevice):
     def uploaded_features(self) -> Any:
         """The features for which the scene was uploaded: those of its kernel, which may have more."""
         return self._built.read
+
+    @property
+    def camera(self) -> Camera:
+        """The camera in use; `set_camera` changes it."""
+        assert self.scene.camera is not None
+        return self.scene.camera
 
     @property
     def width(self) -> int:
@@ -359,8 +364,7 @@ class Renderer(Picture, Resumable, OnDevice):
         self._clear()
 
     def _set_camera(self, camera: Camera) -> None:
-        old = self.scene.camera
-        assert old is not None
+        old = self.camera
         if outside_cameras(camera) != outside_cameras(old):
             names = f"from {type(old).__name__} to {type(camera).__name__}"
             raise InputError(f"the camera cannot change {names}, which need different kernels; make a new Renderer")

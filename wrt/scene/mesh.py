@@ -21,6 +21,12 @@ def box_around(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     return np.array([[function(column) for column in points.T] for function in (np.min, np.max)], np.float64)
 
 
+def single(points: NDArray[Any]) -> NDArray[np.float32]:
+    """Return positions in single precision, so that Mesh does not warn of rounding: few were put there on purpose."""
+    with np.errstate(over="ignore"):  # Mesh refuses values that are not finite
+        return points.astype(np.float32)
+
+
 SMALLEST, LARGEST = 1e-11, 1e12
 """Limits of a mesh's extent and distance from the origin, metres; beyond, products of coordinates exceed float32."""
 

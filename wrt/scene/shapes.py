@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from wrt.errors import InputError
 from wrt.scene.exact.spheres import spheres
-from wrt.scene.mesh import Mesh
+from wrt.scene.mesh import Mesh, single
 from wrt.values import Vec3, boolean, integer, number, vector
 
 MAX_SUBDIVISIONS = 9
@@ -26,7 +26,7 @@ def quad(origin: Vec3, edge_u: Vec3, edge_v: Vec3) -> Mesh:
     """
     o, u, v = (np.array(vector(x, n)) for x, n in ((origin, "origin"), (edge_u, "edge_u"), (edge_v, "edge_v")))
     return Mesh(
-        np.stack([o, o + u, o + u + v, o + v]),
+        single(np.stack([o, o + u, o + u + v, o + v])),
         np.array([[0, 1, 2], [0, 2, 3]]),
         uvs=np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32),
         name="quad",
@@ -43,7 +43,7 @@ def polygon(corners: ArrayLike) -> Mesh:
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
         raise InputError(f"a polygon needs at least three corners of three numbers, not {points.shape}")
     fan = np.arange(1, len(points) - 1)
-    return Mesh(points, np.stack([np.zeros_like(fan), fan, fan + 1], axis=1), name="polygon")
+    return Mesh(single(points), np.stack([np.zeros_like(fan), fan, fan + 1], axis=1), name="polygon")
 
 
 def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
@@ -61,7 +61,7 @@ def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
         [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]]
         + [[2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]]
     )
-    return Mesh(a + corners * (b - a), faces, name="box")
+    return Mesh(single(a + corners * (b - a)), faces, name="box")
 
 
 def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions: int = 5, exact: bool = False) -> Mesh:
@@ -84,7 +84,7 @@ def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions:
     points, faces = _icosahedron()
     for _ in range(count):
         points, faces = _split_in_four(points, faces)
-    return Mesh(c + radius * points, faces, normals=points.astype(np.float32), name="sphere")
+    return Mesh(single(c + radius * points), faces, normals=points.astype(np.float32), name="sphere")
 
 
 def _icosahedron() -> tuple[np.ndarray, np.ndarray]:

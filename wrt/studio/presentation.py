@@ -13,7 +13,7 @@ from wrt.linalg import norm, product
 from wrt.scene.camera import Camera
 from wrt.scene.environment import ConstantEnvironment, Environment
 from wrt.scene.materials import Diffuse
-from wrt.scene.mesh import Mesh
+from wrt.scene.mesh import Mesh, single
 from wrt.scene.motion import rotation_matrix
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.scene.shapes import quad
@@ -173,4 +173,5 @@ def _sweep(floor: np.ndarray, size: float, turn: NDArray[np.float64]) -> Mesh:
     i = np.arange(n - 1)
     faces = np.concatenate([np.stack([i, i + n, i + n + 1], 1), np.stack([i, i + n + 1, i + 1], 1)])
     rotation = turn[:3, :3].T
-    return Mesh(product(vertices, rotation) + floor, faces, product(normals, rotation).astype(np.float32), name="sweep")
+    vertices, normals = product(vertices, rotation) + floor, product(normals, rotation)
+    return Mesh(single(vertices), faces, normals.astype(np.float32), name="sweep")

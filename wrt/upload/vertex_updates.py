@@ -14,7 +14,7 @@ from wrt.scene.normals import same_positions
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.bvh import BuiltBvh, refit_bvh
 from wrt.upload.accel.geometry import device_vectors, first_outside
-from wrt.values import integer
+from wrt.values import FLOAT32_MAX, integer
 
 
 def shape_number(scene: Scene, shape: Shape | int) -> int:
@@ -76,21 +76,16 @@ class WorldMeshes:
         if shape.emits:
             raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
         first, count = self._first[number], len(shape.mesh.vertices)
-        points = self._given(f"{shape.name}: vertices", vertices, count)
-        bad = first_outside(points, LARGEST, self._device)
-        if bad >= 0:
-            place = self._device.backend.fetch(points[bad : bad + 1])[0]
-            if not np.isfinite(place).all():
-                raise InputError(f"{shape.name}: vertex {bad} is not finite")
-            where = " ".join(f"{x:g}" for x in place)
-            raise InputError(f"{shape.name}: vertex {bad} is at {where}; rays reach to {LARGEST:g}; scale it down")
+        points = self._given(shape.name, "vertices", "vertex", vertices, count, limit=LARGEST)
+        given = None
+        if normals is not None:
+            given = self._given(shape.name, "normals", "normal", normals, count, limit=FLOAT32_MAX)
         if not self._own:  # the scene's meshes may share them
             clone = self._device.backend.clone
             self._data.points, self._data.normals = clone(self._data.points), clone(self._data.normals)
             self._own = True
         wp.copy(self._data.points, points, dest_offset=first, count=count)
-        if normals is not None:
-            given = self._given(f"{shape.name}: normals", normals, count)
+        if given is not None:
             wp.copy(self._data.normals, given, dest_offset=first, count=count)
             if shape.mesh.normals is None:
                 shapes = self._device.backend.fetch(self._data.shapes)
@@ -100,10 +95,18 @@ class WorldMeshes:
             self._smooth(number, shape.mesh, first, count)
         refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
 
-    def _given(self, name: str, values: Any, count: int) -> Any:
-        array = device_vectors(name, values, self._device.name)
+    def _given(self, name: str, several: str, one: str, values: Any, count: int, *, limit: float) -> Any:
+        """Return vectors on the device, or raise InputError unless there are `count`, all within a limit."""
+        array = device_vectors(f"{name}: {several}", values, self._device.name)
         if len(array) != count:
-            raise InputError(f"{name} are {len(array)}, but the mesh has {count}")
+            raise InputError(f"{name}: {several} are {len(array)}, but the mesh has {count}")
+        bad = first_outside(array, limit, self._device)
+        if bad >= 0:
+            value = self._device.backend.fetch(array[bad : bad + 1])[0]
+            if not np.isfinite(value).all():
+                raise InputError(f"{name}: {one} {bad} is not finite")
+            where = " ".join(f"{x:g}" for x in value)
+            raise InputError(f"{name}: {one} {bad} is at {where}; rays reach to {limit:g}; scale it down")
         return array
 
     def _smooth(self, number: int, mesh: Mesh, first: int, count: int) -> None:

@@ -133,6 +133,8 @@ class GltfMaterials:
         for key, words in _NOT_SUPPORTED.items():
             if key in extensions:
                 warn(f"{self._path}: {words} of {name} is left out")
+        if not (attributes.laid or attributes.second) and texture_references(described):
+            warn(f"{self._path}: the textures of {name} are left out: its mesh has no texture coordinates")
         read = _Reader(self._images, attributes, coordinate_sets(described), placed)
         values: dict[str, Any] = {"opacity": self._opacity(number, read)}
         colored = attributes.colored

@@ -14,6 +14,7 @@ from wrt.backend.memory import zeros
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
 from wrt.upload.limits import require_countable
+from wrt.values import refuse_masked
 
 
 def upload_meshes(meshes: Sequence[Mesh], device: str) -> tuple[Any, Any]:
@@ -103,6 +104,7 @@ def device_vectors(name: str, value: Any, device: str) -> Any:
         if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != device:
             raise InputError(f"{name} must be a Warp array of vec3 on {device}, of one dimension")
         return value.contiguous()
+    refuse_masked(value, name)
     try:
         rows = np.ascontiguousarray(value, dtype=np.float32)
     except (TypeError, ValueError):
