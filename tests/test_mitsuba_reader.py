@@ -312,6 +312,12 @@ def test_textures_may_be_called_spectra_as_in_mitsuba_2(tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.pixels, other.pixels)
 
 
+def test_a_mesh_that_was_not_fetched_is_called_so(tmp_path: Path) -> None:
+    (tmp_path / "ball.obj").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:f7\nsize 184302\n")
+    with pytest.raises(wrt.InputError, match=r"line 2: shape 'obj': \S*ball\.obj: it looks to be a Git LFS pointer"):
+        loaded(tmp_path, '<shape type="obj"><string name="filename" value="ball.obj"/></shape>')
+
+
 def test_comments_may_hold_hyphens_as_in_mitsuba(tmp_path: Path) -> None:
     comment = "<!-- a -- b\n<shape> ---- -->"
     (shape,) = loaded(tmp_path, f'{comment}<shape type="sphere"/>{comment}').shapes
