@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, Report
+from PIL import Image
 from support.mitsuba_files import SCENES, write_files
 
 import wrt
@@ -310,6 +311,28 @@ def test_textures_may_be_called_spectra_as_in_mitsuba_2(tmp_path: Path) -> None:
     text = f'<bsdf type="diffuse">{inner}</bsdf>'
     one, other = (material(tmp_path, text.format(word)).reflectance for word in ("texture", "spectrum"))
     np.testing.assert_array_equal(one.pixels, other.pixels)
+
+
+def test_a_mesh_that_was_not_fetched_is_called_so(tmp_path: Path) -> None:
+    (tmp_path / "ball.obj").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:f7\nsize 184302\n")
+    with pytest.raises(wrt.InputError, match=r"line 2: shape 'obj': \S*ball\.obj: it looks to be a Git LFS pointer"):
+        loaded(tmp_path, '<shape type="obj"><string name="filename" value="ball.obj"/></shape>')
+
+
+def test_scenes_of_versions_before_2_mean_what_they_meant(tmp_path: Path) -> None:
+    Image.fromarray(np.full((2, 2, 3), 90, np.uint8)).save(tmp_path / "a.png")
+    body = """<shape type="sphere"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+        <string name="filename" value="a.png"/><string name="filterType" value="ewa"/></texture></bsdf></shape>
+        <shape type="sphere"><bsdf type="diffuse"><spectrum name="reflectance" value="0.1, 0.2 0.3"/></bsdf></shape>
+        <emitter type="sunsky"><vector name="sunDirection" x="0.6" y="0.8"/></emitter>"""
+    with pytest.warns(InputWarning, match="taken as a 'sunsky' of Mitsuba 3"):
+        scene = wrt.load(written(tmp_path, body, version="0.5.0"))
+    image, plain = (shape.material for shape in scene.shapes)
+    assert image.front.reflectance.filter == "trilinear"
+    assert plain.front.reflectance == pytest.approx((0.1, 0.2, 0.3))
+    (sun,) = scene.lights
+    np.testing.assert_allclose(sun.direction, (-0.6, -0.8, 0.0), atol=1e-6)
+    assert np.asarray(sun.irradiance).min() > 0.0
 
 
 def test_comments_may_hold_hyphens_as_in_mitsuba(tmp_path: Path) -> None:

@@ -172,6 +172,8 @@ def test_images_are_found_where_programs_keep_them(tmp_path, folder):
     with pytest.warns(InputWarning, match=r"'rgb\.png', which it refers to, is not there; '.*RGB\.png' is taken"):
         (shape,) = load_shapes(path)
     assert isinstance(shape.material.reflectance, wrt.ImageTexture)
+    with pytest.warns(InputWarning, match="no such file" if folder != "meshes/textures" else "is taken"):
+        wrt.load(path, confined=True)  # looks into no other folder
 
 
 @pytest.mark.parametrize("named", ["mtllib a.mtl\nmtllib b.mtl\n", "mtllib a.mtl none.MTL b.mtl\n"])

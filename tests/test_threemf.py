@@ -60,6 +60,14 @@ def test_colors_of_triangles_and_corners(tmp_path):
     np.testing.assert_allclose(second[:, :3], linear_from_srgb(np.full((3, 3), 0.25)), atol=1e-6)
 
 
+def test_colors_that_are_all_invisible_are_opaque(tmp_path):
+    """OpenSCAD has written such files."""
+    colors = '<basematerials id="3"><base name="a" displaycolor="#FF000000"/></basematerials>'
+    text = '<triangle v1="0" v2="1" v3="2"/><triangle v1="0" v2="2" v3="3"/>'
+    (shape,) = loaded(tmp_path, model_of(text, colors, 'pid="3" pindex="0"'))
+    np.testing.assert_array_equal(corner_colors(shape), np.broadcast_to((1.0, 0.0, 0.0), (2, 3, 3)))
+
+
 def test_the_property_of_the_object_is_that_of_its_triangles(tmp_path):
     text = '<triangle v1="0" v2="1" v3="2"/><triangle v1="0" v2="2" v3="3" p1="1"/>'
     (shape,) = loaded(tmp_path, model_of(text, COLORS, 'pid="3" pindex="0"'))

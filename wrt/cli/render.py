@@ -112,6 +112,13 @@ def _render_job(job: argparse.Namespace, said: set[str], clock: Clock) -> tuple[
         return status, interrupts.exit_status if interrupts.exit_status > 128 else 0
 
 
+def _told_black(renderer: Renderer) -> bool:
+    """Return whether the renderer has warned that the picture would be black."""
+    from wrt.upload.lights.table import has_light
+
+    return not has_light(renderer.scene)
+
+
 def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupts, said: set[str], clock: Clock) -> int:
     from wrt.progress.bar import ProgressBar
 
@@ -149,7 +156,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
             raise
         output, developed = save_at_last(renderer, options, output, checkpoint)
         options.taken.add(output)
-        if developed is not None and developed.warning:
+        if developed is not None and developed.warning and not (developed.black and _told_black(renderer)):
             say(f"wrt: warning: {developed.warning}")
     if stopped:
         saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"

@@ -90,6 +90,12 @@ def confined_to(folder: Path | None) -> Iterator[None]:
         raise InputError(f"{confinement.refused}: is outside the scene's folder, and reading is confined to that")
 
 
+def is_inside(path: Path) -> bool:
+    """Return whether `path` is inside the folder of `confined_to`, for files that are guessed and not named."""
+    confinement = _confinement.get()
+    return confinement is None or Path(os.path.realpath(path)).is_relative_to(confinement.folder)
+
+
 def require_inside(path: Path) -> None:
     """Raise unless `path` is inside the folder of `confined_to`, whether or not the file exists."""
     _require_inside(path, os.path.realpath(path))

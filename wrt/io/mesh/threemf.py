@@ -273,7 +273,8 @@ class _Reader:
                 ]
                 rgba = np.array(colors, np.float64)
                 rgba[:, :3] = linear_from_srgb(rgba[:, :3])
-                _split(part, "colors", rgba if (rgba[:, 3] < 1.0).any() else rgba[:, :3])
+                alpha = rgba[:, 3]  # 0 everywhere counts as none: OpenSCAD has written that for what is opaque
+                _split(part, "colors", rgba if (alpha < 1.0).any() and alpha.any() else rgba[:, :3])
             yield part
 
     def _resolved(self, model: _Model, given: _Property | None) -> tuple[_Group, int, int, int] | None:

@@ -26,7 +26,7 @@ from wrt.io.encodings import as_text
 from wrt.io.images import open_image
 from wrt.io.mesh.parts import FloatArray, Part, checked_faces, rows_of
 from wrt.io.mesh.polygons import triangulate
-from wrt.io.safe_read import first_line, read_file, reason_alone, require_file
+from wrt.io.safe_read import first_line, is_inside, read_file, reason_alone, require_file
 from wrt.io.texture_images import TextureImages
 from wrt.scene.srgb import linear_from_srgb
 from wrt.scene.textures import ColorSource, ImageTexture
@@ -84,8 +84,8 @@ class Beside:
         found = None
         for folder, names in product(self._folders, (plain.split("/"), plain.split("/")[-1:])):
             found = found or _in_any_case(folder, names)
-        for folder, below in product(self._folders, _TEXTURE_FOLDERS):
-            found = found or _in_any_case(folder / below, plain.split("/")[-1:])
+        for usual in (folder / below for folder in self._folders for below in _TEXTURE_FOLDERS):
+            found = found or (_in_any_case(usual, plain.split("/")[-1:]) if is_inside(usual) else None)
         if plain.lower().endswith(".mtl") and len(self._materials) < 2:
             found = found or self.own_materials()
         if found is not None:

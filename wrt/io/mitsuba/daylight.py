@@ -33,7 +33,7 @@ _SUM = 467.069280386 / 11.0 * 0.9989
 The last factor is the ratio of its irradiance table to the model, the same at all elevations and turbidities."""
 
 _Y_UP = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)])
-"""Rotates the axes of `sunsky`, with z up, to those of the older `sky` and `sun`."""
+"""Rotates the axes of `sunsky`, with z up, to those of the older `sky` and `sun`, and of all three before version 2."""
 
 _PLACE = {"latitude": 35.6894, "longitude": 139.6917, "timezone": 9.0}
 _DATE = {"year": 2010, "month": 7, "day": 10}
@@ -49,7 +49,7 @@ def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, Direction
     axes, _, plain = rotation_part(plugin.transform())
     if not plain:
         plugin.warn("'to_world' has shear, which is left out")
-    if plugin.type != "sunsky":
+    if plugin.type != "sunsky" or plugin.document.old:
         plugin.warn("taken as a 'sunsky' of Mitsuba 3")
         plugin.ignore("sun_radius_scale", "resolution", "stretch", "extend")
         axes = product(axes, _Y_UP)

@@ -84,6 +84,7 @@ class Document:
         root: its `scene` element, with each `include` replaced by the content of the file.
         ids: elements by id or alias.
         referenced: elements that a `ref` refers to.
+        old: whether the scene was written for a version before 2.
         plugins: elements already parsed (wrt.io.mitsuba.plugin), by the elements' identity.
     """
 
@@ -108,6 +109,7 @@ class Document:
         self._included = 0
         self._warned: set[str] = set()
         self.root = self._read(path, ())
+        self.old = _major_version(self.root) < 2
         if self.root.tag != "scene":
             raise self.root.error(f"not a Mitsuba scene: its outermost element is {self.root.tag!r}, not 'scene'")
         for name in sorted(self._given - self._used):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
 from wrt.io.encodings import as_utf8
+from wrt.io.file_type import hinting
 from wrt.io.mesh.obj import read_obj
 from wrt.io.mesh.parts import Part
 from wrt.io.mesh.ply import read_ply
@@ -47,8 +48,9 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     upside_down = plugin.boolean("flip_tex_coords", plugin.type == "obj")
     index = plugin.whole("shape_index", 0) if plugin.type == "serialized" else 0
     try:
-        parts, flat = _parts(plugin, path, index, attribute)
-        shapes = to_shapes(str(path), parts, None)
+        with hinting(path):
+            parts, flat = _parts(plugin, path, index, attribute)
+            shapes = to_shapes(str(path), parts, None)
     except InputError as error:
         raise plugin.error(str(error)) from None
     except (OSError, MemoryError) as error:

@@ -78,7 +78,10 @@ def color_of(element: Element, document: Document, *, shines: bool) -> Vec3:
         return _typed(Plugin(element, document), shines)
     if "filename" in element.attributes:
         return _seen(_from_file(element, document), shines)
-    return _listed(element, element.get("value"), shines)
+    text = element.get("value")
+    if document.old and len(text.replace(",", " ").split()) == 3 and ":" not in text:
+        return vec3(np.array(numbers_of(element, text, 3)))  # what the usual build of version 0.6 took for a colour
+    return _listed(element, text, shines)
 
 
 def _rgb(element: Element) -> Vec3:

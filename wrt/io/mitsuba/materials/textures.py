@@ -140,7 +140,10 @@ class Textures:
                 pixels = np.maximum(np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
             self._pixels[file, raw] = sealed(np.ascontiguousarray(pixels[::-1]))
         wrap = texture.choice("wrap_mode", "repeat", "repeat", "mirror", "clamp")
-        kind = texture.choice("filter_type", "bilinear", "bilinear", "nearest")
+        kind = texture.choice(
+            "filter_type", "bilinear", "bilinear", "nearest", "trilinear", "ewa"
+        )  # two of version 0.6
+        kind = "trilinear" if kind == "ewa" else kind
         return _placed(texture, ImageTexture(self._pixels[file, raw], file.name, wrap=wrap, filter=kind))
 
     def _checkerboard(self, texture: Plugin, use: str) -> ImageTexture:
