@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import wrt
 from support.digests import Case, cases
-from support.wide_scenes import CAMERAS, noise
+from support.wide_scenes import CAMERAS, noise, with_uvs
 from wrt.scene.layers import LAYERS
 
 FILMS = (
@@ -67,7 +67,7 @@ def lamps_with_holes() -> wrt.Scene:
     for mesh, material, motion in lamps:
         scene.add(mesh, material=material, emission=(7.0, 6.0, 4.0), two_sided_emission=True, transform=motion)
     scene.add(wrt.sphere((-0.5, 0.6, 0.5), 0.35, exact=True), material=mask, transform=rise)
-    scene.add(wrt.sphere((0.4, 0.5, 0.6), 0.35, subdivisions=2), material=veil, transform=rise)
+    scene.add(with_uvs(wrt.sphere((0.4, 0.5, 0.6), 0.35, subdivisions=2)), material=veil, transform=rise)
     scene.add(wrt.cylinder((1.0, 0.1, 0.8), (1.3, 0.8, 0.6), 0.2), material=wrt.Diffuse(0.5), transform=turn)
     return scene
 

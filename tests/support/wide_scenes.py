@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -53,6 +54,12 @@ def room(*materials: wrt.Material) -> wrt.Scene:
         place[:3, 3] = across, 0.5 + 0.5 * (i % 2), 0.4 * np.sin(5.0 * i)
         scene.add((ball if i % 3 else box).transformed(place), material=material)
     return scene
+
+
+def with_uvs(mesh: wrt.Mesh) -> wrt.Mesh:
+    """Return a mesh that shows one texel of an image if it has no texture coordinates."""
+    blank = np.zeros((len(mesh.vertices), 2), np.float32)
+    return mesh if mesh.uvs is not None else dataclasses.replace(mesh, uvs=blank)
 
 
 def add_balls(scene: wrt.Scene, *materials: wrt.Material) -> None:
@@ -159,6 +166,7 @@ def textures() -> wrt.Scene:
     )
     scene.environment = wrt.ImageEnvironment(noise(5, 16) ** 4 * 8, rotation_degrees=30.0)
     scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, emission=wrt.ImageTexture(noise(6), factor=9.0))
+    scene.shapes = [dataclasses.replace(shape, mesh=with_uvs(shape.mesh)) for shape in scene.shapes]
     return scene
 
 
