@@ -7,6 +7,7 @@ from wrt.api import load as load
 from wrt.api import render as render
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
+from wrt.errors import InputWarning as InputWarning
 from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh

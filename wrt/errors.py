@@ -36,7 +36,10 @@ class NotEnoughMemory(InputError):
 
 
 class InputWarning(UserWarning):
-    """A part of a file was left out; the message is one line."""
+    """Something of the input was left out or will look wrong; the message is one line that says what.
+
+    `warnings.simplefilter("error", wrt.InputWarning)` makes these errors, and "ignore" hides them.
+    """
 
 
 def warn(message: str, category: type[Warning] = InputWarning) -> None:
