@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import warp as wp
 from conftest import ROOT
+from support.wide_scenes import with_uvs
 
 import wrt
 from wrt.backend import current_backend, lanes
@@ -278,7 +279,8 @@ def test_no_python_to_start_is_no_error(notes: Noted, renderer: wrt.Renderer, mo
 def test_the_largest_array_is_found_wherever_it_is() -> None:
     scene = wrt.load("cornell-box")
     pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)
-    scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(wrt.ImageTexture(pixels)))
+    shape, material = scene.shapes[0], wrt.Diffuse(wrt.ImageTexture(pixels))
+    scene.shapes[0] = dataclasses.replace(shape, mesh=with_uvs(shape.mesh), material=material)
     found = largest_array(current_backend(), wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
 
