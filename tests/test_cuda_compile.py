@@ -13,7 +13,7 @@ from types import ModuleType
 
 import pytest
 import warp as wp
-from support.feature_sets import MODELS
+from support.feature_sets import MODELS, SHADING, other_models
 from support.films_of_devices import FILMS, OPTIONS, film_cases
 
 import wrt
@@ -30,7 +30,6 @@ from wrt.kernels.integrators.path import has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
-from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of
 from wrt.kernels.regeneration import can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
 from wrt.scene.scene import SAMPLERS
@@ -72,36 +71,17 @@ COMPILED = [
     Features(("diffuse",), False, "none", composite="mixed", aovs=True),
     Features(("diffuse",), False, "none", instances="moving", exact="spheres"),
     Features(("diffuse",), False, "none", exact="quadrics", clamped=True, composite="mixed"),
-    # Under filtered normal maps.
-    Features(
-        ("principled:anisotropic:transmission:coat:bumpy", "rough_plastic:bumpy-ggx:smith"),
-        False,
-        "none",
-        tangents=True,
-    ),
-    # Each channel in its own way: dispersion, among bodies within bodies too, and thin films.
-    Features(("conductor:film", "dielectric:dispersive", "rough_conductor:ggx:smith:conductor:film"), False, "none"),
-    Features(("principled:transmission:dispersion:film:coat",), False, "none", media="absorbing", nested=True),
-    Features(("burley", "burley:thin", "burley:transmission"), False, "none", composite="sides"),
+    *SHADING,
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
         for name in INTEGRATORS
         if name not in ("path", "aov")
     ),
     Features(("diffuse",), False, "none", integrator="aov", aovs=True, guides=True),
-    # Each distribution of normals, and each masking with one of them.
-    Features(
-        tuple(sorted(f"rough_conductor:{name}:{maskings_of(name)[-1]}:schlick" for name in DISTRIBUTIONS)),
-        False,
-        "none",
-    ),
 ]
 """What no kernel has that test_emulated_cuda.py compiles for its films; see test_every_feature_is_compiled."""
 
-# Then each material's model as it comes, where none of those has it.
-COMPILED.append(
-    Features(tuple(name for name in MODELS if not any(name in features.models for features in COMPILED)), False, "none")
-)
+COMPILED.append(other_models(COMPILED))
 
 
 def kernel_modules() -> Iterator[ModuleType]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from wrt.kernels.features import Features
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
@@ -11,6 +13,34 @@ from wrt.scene.scene import SAMPLERS
 
 MODELS = sorted({material.model for material in (cls.example() for cls in MATERIALS.values()) if not material.parts})
 """The reflection model of each material as it comes."""
+
+
+def other_models(sets: Sequence[Features]) -> Features:
+    """Return a set of each material's model as it comes, where none of `sets` has it."""
+    known = {name for features in sets for name in features.models}
+    return Features(tuple(name for name in MODELS if name not in known), False, "none")
+
+
+SHADING = [
+    # Under filtered normal maps.
+    Features(
+        ("principled:anisotropic:transmission:coat:bumpy", "rough_plastic:bumpy-ggx:smith"),
+        False,
+        "none",
+        tangents=True,
+    ),
+    # Each channel in its own way: dispersion, among bodies within bodies too, and thin films.
+    Features(("conductor:film", "dielectric:dispersive", "rough_conductor:ggx:smith:conductor:film"), False, "none"),
+    Features(("principled:transmission:dispersion:film:coat",), False, "none", media="absorbing", nested=True),
+    Features(("burley", "burley:thin", "burley:transmission"), False, "none", composite="sides"),
+    # Each distribution of normals, and each masking with one of them.
+    Features(
+        tuple(sorted(f"rough_conductor:{name}:{maskings_of(name)[-1]}:schlick" for name in DISTRIBUTIONS)),
+        False,
+        "none",
+    ),
+]
+"""Reflection models that no film of films_of_devices.py has."""
 
 FEATURES = [
     Features(("diffuse",), False, "none"),
@@ -35,17 +65,7 @@ FEATURES = [
         light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
-    # Under filtered normal maps.
-    Features(
-        ("principled:anisotropic:transmission:coat:bumpy", "rough_plastic:bumpy-ggx:smith"),
-        False,
-        "none",
-        tangents=True,
-    ),
-    # Each channel in its own way: dispersion, among bodies within bodies too, and thin films.
-    Features(("conductor:film", "dielectric:dispersive", "rough_conductor:ggx:smith:conductor:film"), False, "none"),
-    Features(("principled:transmission:dispersion:film:coat",), False, "none", media="absorbing", nested=True),
-    Features(("burley", "burley:thin", "burley:transmission"), False, "none", composite="sides"),
+    *SHADING,
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
         for name in INTEGRATORS
@@ -72,14 +92,5 @@ FEATURES = [
         instances="still",
     ),
     Features(("diffuse", "null"), False, "constant", media="scattering", grid_media=True),
-    # Each distribution of normals, and each masking with one of them.
-    Features(
-        tuple(sorted(f"rough_conductor:{name}:{maskings_of(name)[-1]}:schlick" for name in DISTRIBUTIONS)),
-        False,
-        "none",
-    ),
 ]
-# Then each material's model as it comes, where none of those has it.
-FEATURES.append(
-    Features(tuple(name for name in MODELS if not any(name in features.models for features in FEATURES)), False, "none")
-)
+FEATURES.append(other_models(FEATURES))
