@@ -47,9 +47,9 @@ class Runner:
 
     def outcome(self, mutant: Mutant) -> str:
         """Return NOTICED, SURVIVED, NO_TESTS, BROKEN or TIMED_OUT."""
-        found = self._outcome(mutant, ("-m", "not slow"))
-        # Only what the first parameters of each test did not notice is worth the time of all of them.
-        return self._outcome(mutant, ()) if found in (SURVIVED, NO_TESTS) else found
+        found = self._outcome(mutant, ())
+        # Only what the quick tests did not notice is worth the time of all of them.
+        return self._outcome(mutant, ("--all",)) if found in (SURVIVED, NO_TESTS) else found
 
     def _outcome(self, mutant: Mutant, marks: tuple[str, ...]) -> str:
         tests = shlex.join((*shlex.split(mutant.tests), *marks))
