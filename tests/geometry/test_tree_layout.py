@@ -1,4 +1,4 @@
-"""How the tree lies in memory, and how rays go through it: places by octant, the stack, sums that overflow."""
+"""How rays go through the tree: one answer where many are right, children in any order, the stack, what overflows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import warp as wp
 from conftest import ROOT, Report
 from support.exact_rays import Reason, explain, woop
 from support.kernels import upload
-from test_bvh import HARD, Tree, build, build_indexed, cast_rays, check, make_cast, rays, soup
+from support.ray_trees import HARD, OCTANTS, build, cast_rays, rays, soup
 
 import wrt
 from wrt.backend.device import Device
@@ -32,45 +32,94 @@ from wrt.kernels.native.constants import (
     STACK_SIZE,
     WIDTH,
 )
-from wrt.upload.accel.binary_tree import CHUNK, SUBTREE
-from wrt.upload.accel.bvh import build_bvh
 
-OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k in range(8)])
-"""Row k points towards the corner with the bits of 7 − k: bit `axis` of k is set where it is negative."""
+# --- One answer --------------------------------------------------------------------------------------
 
 
-def assert_greedy(tree: Tree) -> int:
-    """Assert that children lie where the greedy assignment puts them; return how many nodes have a choice.
-
-    Best first: no child that is placed later would fit a place still free better than the one placed now.
-    """
-    used = (tree.lower <= tree.upper).all(axis=2)
-    chosen = 0
-    for node in range(tree.built.nodes):
-        places = np.flatnonzero(used[node])
-        low, high = (box[node, places].astype(np.float64) for box in (tree.lower, tree.upper))
-        off = low + high - (low.min(axis=0) + high.max(axis=0))
-        # Place p is towards the corner that the bits of p name.
-        fit = -off @ OCTANTS.T
-        rounding = 16.0 * 2.0**-24 * (np.abs(low) + np.abs(high)).sum(axis=1).max()
-        own = fit[np.arange(len(places)), places]
-        free = np.arange(WIDTH)
-        waiting = np.arange(len(places))
-        while len(waiting):
-            best = waiting[np.argmax(own[waiting])]
-            assert own[best] >= fit[np.ix_(waiting, free)].max() - rounding
-            waiting = waiting[waiting != best]
-            free = free[free != places[best]]
-        chosen += len(places) > 1
-    return chosen
+@pytest.mark.parametrize("copies", [2, 40])
+def test_of_coincident_triangles_the_lowest_number_is_hit(copies: int, device: str) -> None:
+    """However the copies are strewn among the others, and so over the leaves."""
+    single = soup(1_500, seed=5, size=0.2)
+    origins, directions = rays(20_000, seed=6)
+    order = np.random.default_rng(7).permutation(copies * len(single))
+    corners, which = np.tile(single, (copies, 1, 1))[order], np.tile(np.arange(len(single)), copies)[order]
+    lowest = np.full(len(single), len(corners))
+    np.minimum.at(lowest, which, np.arange(len(corners)))
+    triangle, tuv = cast_rays(build(corners, device), origins, directions, device)
+    hit = triangle >= 0
+    assert 0.2 < hit.mean() < 1.0
+    np.testing.assert_array_equal(triangle[hit], lowest[which[triangle[hit]]])
+    # And it is the triangle and the distance that the mesh without copies gives.
+    expected, expected_tuv = cast_rays(build(single, device), origins, directions, device)
+    np.testing.assert_array_equal(hit, expected >= 0)
+    np.testing.assert_array_equal(tuv[hit], expected_tuv[hit])
+    # Where two different triangles are equally far, the lowest number may be another in another order.
+    assert (which[triangle[hit]] == expected[hit]).mean() > 0.999
 
 
-@pytest.mark.parametrize("name", ["soup", "large triangles", "needles", "coplanar x", "tiny", "exponential"])
-def test_children_lie_towards_their_octants(name: str, device: str, report: Report) -> None:
-    corners = HARD[name]()
-    tree = build(corners, device)
-    report(f"{name}: nodes with a choice", assert_greedy(tree))
-    check(tree, corners)
+def test_order_and_winding_of_triangles_do_not_move_a_hit(device: str, report: Report) -> None:
+    corners = soup(5_000, seed=9, size=0.1)
+    origins, directions = rays(20_000, seed=10)
+    triangle, tuv = cast_rays(build(corners, device), origins, directions, device)
+    hit = triangle >= 0
+    order = np.random.default_rng(11).permutation(len(corners))
+    permuted, permuted_tuv = cast_rays(build(corners[order], device), origins, directions, device)
+    np.testing.assert_array_equal(permuted_tuv[:, 0], tuv[:, 0])
+    assert (order[permuted[hit]] == triangle[hit]).mean() > 0.9999
+    flipped, flipped_tuv = cast_rays(build(corners[:, ::-1], device), origins, directions, device)
+    np.testing.assert_array_equal(flipped >= 0, hit)
+    same = flipped[hit] == triangle[hit]
+    # Two crossing triangles may be equally far to rounding.
+    assert same.mean() > 0.999
+    difference = np.abs(flipped_tuv[hit, 0] / tuv[hit, 0] - 1.0)
+    report("largest relative change of distance", float(difference.max()), 0.0)
+    # Sums of three products in another order: rounding, as large as the triangle is seen edge on.
+    assert np.quantile(difference, 0.99) < 1e-6
+    assert difference.max() < 1e-4
+    # (u, v) belong to the second and third corner: the first and the third one swapped.
+    u, v = tuv[hit][same, 1], tuv[hit][same, 2]
+    np.testing.assert_allclose(flipped_tuv[hit][same, 1], u, atol=1e-3)
+    np.testing.assert_allclose(flipped_tuv[hit][same, 2], 1.0 - u - v, atol=1e-3)
+
+
+# --- Other forms of the traversal --------------------------------------------------------------------
+
+# What CUDA has built in and clang has not, with the same rounding.
+_INTRINSICS = """
+static inline float __fmul_rn(float a, float b) { volatile float r = a * b; return (float)r; }
+static inline float fminf(float a, float b) { return a != a ? b : b != b ? a : a < b ? a : b; }
+static inline float fmaxf(float a, float b) { return a != a ? b : b != b ? a : a > b ? a : b; }
+static inline int __ffs(unsigned m) { return __builtin_ffs((int)m); }
+struct alignas(8) int2 { int x, y; };
+static inline int2 make_int2(int x, int y) { return {x, y}; }
+"""
+
+
+def make_cast(traversal: str, name: str) -> wp.Kernel:
+    """Return a kernel that casts rays by another form of the header `traversal.h`."""
+    header = at_file_level(traversal, f"{name}_traversal")
+
+    @wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
+    def traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4:
+        header()
+
+    @wp.kernel(enable_backward=False, module=f"test_tree_layout.{name}")
+    def cast_otherwise(
+        tree: Bvh,
+        origins: wp.array(dtype=wp.vec3),
+        directions: wp.array(dtype=wp.vec3),
+        triangle_out: wp.array(dtype=int),
+        tuv_out: wp.array(dtype=wp.vec3),
+        any_out: wp.array(dtype=int),
+    ):
+        i = wp.tid()
+        found = traverse(tree, origins[i], directions[i], 0.0, 1.0e30, False)
+        triangle_out[i] = wp.cast(found[0], wp.int32)
+        tuv_out[i] = wp.vec3(found[1], found[2], found[3])
+        found = traverse(tree, origins[i], directions[i], 0.0, 1.0e30, True)
+        any_out[i] = int(wp.cast(found[0], wp.int32) >= 0)
+
+    return cast_otherwise
 
 
 def sorted_text() -> str:
@@ -81,7 +130,25 @@ def sorted_text() -> str:
     return text.replace(branch, "#if 0\n    const i8 order")
 
 
-cast_sorted = make_cast(sorted_text(), "sorted")
+OTHER_FORMS = {
+    "the loops that CUDA gets": make_cast(f"#define WRT_VECTORS 0\n{_INTRINSICS}{text_of('traversal.h')}", "scalar"),
+    "children sorted by distance": make_cast(sorted_text(), "sorted"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", OTHER_FORMS)
+@pytest.mark.parametrize("name", ["soup", "large triangles", "coincident pairs", "coplanar y", "needles"])
+def test_other_forms_find_what_vectors_find(name: str, form: str) -> None:
+    """Bit for bit the same hits: the order in which a ray comes to boxes decides how fast it is, not what it hits."""
+    tree = build(HARD[name](), "cpu")
+    origins, directions = rays(50_000, seed=14)
+    triangle, tuv = cast_rays(tree, origins, directions, "cpu")
+    other_triangle, other_tuv = cast_rays(tree, origins, directions, "cpu", OTHER_FORMS[form])
+    assert (triangle >= 0).any()
+    np.testing.assert_array_equal(other_triangle, triangle)
+    np.testing.assert_array_equal(other_tuv[:, 0], tuv[:, 0])
+    np.testing.assert_allclose(other_tuv[:, 1:], tuv[:, 1:], atol=1e-6)
 
 
 @pytest.mark.parametrize("octant", range(8))
@@ -89,8 +156,8 @@ def test_rays_of_every_octant_find_what_they_meet(octant: int, device: str) -> N
     """Each octant has an order of its own in which it comes to a node's places."""
     corners = soup(800, seed=1, size=0.3)
     rng = np.random.default_rng(2)
-    directions = (OCTANTS[octant] * rng.uniform(0.02, 1.0, (700, 3))).astype(np.float32)
-    origins = (rng.uniform(-0.8, 0.8, (700, 3)) - 2.0 * directions).astype(np.float32)
+    directions = (OCTANTS[octant] * rng.uniform(0.02, 1.0, (300, 3))).astype(np.float32)
+    origins = (rng.uniform(-0.8, 0.8, (300, 3)) - 2.0 * directions).astype(np.float32)
     triangle, _ = cast_rays(build(corners, device), origins, directions, device)
     found = explain(corners, origins, directions, triangle, woop)
     assert not (found.reason == Reason.NONE).any()
@@ -98,45 +165,7 @@ def test_rays_of_every_octant_find_what_they_meet(octant: int, device: str) -> N
     assert (triangle >= 0).mean() > 0.5
 
 
-@pytest.mark.parametrize("name", ["soup", "large triangles", "coplanar y", "needles"])
-def test_children_by_octant_or_sorted_give_the_same_hits(name: str, report: Report) -> None:
-    """The order in which a ray comes to boxes decides how fast it is, not what it hits."""
-    tree = build(HARD[name](), "cpu")
-    origins, directions = rays(50_000, seed=3)
-    triangle, tuv = cast_rays(tree, origins, directions, "cpu")
-    sorted_triangle, sorted_tuv = cast_rays(tree, origins, directions, "cpu", cast_sorted)
-    report(f"{name}: rays that hit, of {len(origins)}", int((triangle >= 0).sum()))
-    np.testing.assert_array_equal(sorted_triangle, triangle)
-    np.testing.assert_array_equal(sorted_tuv, tuv)
-
-
-SIZES = sorted({size + more for size in (SUBTREE, CHUNK) for more in (-1, 0, 1)} | {2 * CHUNK + 1})
-
-
-@pytest.mark.parametrize("count", SIZES)
-def test_trees_over_as_many_triangles_as_a_thread_has(count: int, device: str) -> None:
-    """One more and one less than a chunk or a subtree: whole, and the same for any number of threads."""
-    corners = soup(count, seed=4)
-    tree = build(corners, device)
-    check(tree, corners)
-    if device == "cpu":
-        points, indices = upload(corners.reshape(-1, 3), wp.vec3, "cpu"), upload(np.arange(3 * count), int, "cpu")
-        for threads in (1, 3):
-            other = build_bvh(points, indices, Device("cpu", threads=threads)).data
-            for a, b in ((other.nodes, tree.built.data.nodes), (other.leaves, tree.built.data.leaves)):
-                np.testing.assert_array_equal(a.numpy().view(np.int32), b.numpy().view(np.int32))
-
-
-def test_trees_over_equal_boxes_larger_than_a_chunk(device: str) -> None:
-    """No plane parts them: the chunks of a node are halved by number."""
-    count = 2 * CHUNK + 3
-    indices = np.tile(np.arange(3), count)
-    points = soup(1)[0]
-    tree = build_indexed(points, indices, device)
-    check(tree, points[indices.reshape(-1, 3)])
-
-
-# The stack -------------------------------------------------------------------------------------------
+# --- The stack ---------------------------------------------------------------------------------------
 
 
 @functools.cache
@@ -248,7 +277,7 @@ KERNELS = {
 }
 
 
-@pytest.mark.parametrize("octant", [0, 3, 7])
+@pytest.mark.parametrize("octant", [0, 3])
 @pytest.mark.parametrize("kind", KERNELS)
 def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str) -> None:
     tree, count = deepest_tree(octant, device)
@@ -267,13 +296,13 @@ def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str
         assert (triangle >= 0).all() if any_hit else (triangle == count - 1).all()
 
 
-# Sides of boxes --------------------------------------------------------------------------------------
+# --- Sides of boxes ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("count", [32, 5000])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("place", [0.0, -0.0, 0.75, -3.0])
+@pytest.mark.parametrize("place", [0.0, -0.0, 0.75])
 def test_rays_along_the_side_of_a_box_meet_what_it_holds(
     place: float, side: float, axis: int, count: int, device: str
 ) -> None:
@@ -309,7 +338,7 @@ _OVERFLOWING = """
 import numpy as np, wrt
 from wrt.backend.device import Device
 rng = np.random.default_rng(0)
-for attempt in range(40):
+for attempt in range(30):
     count = int(rng.integers(9, 200))
     corners = np.zeros((count, 3, 3))
     corners[:, :, 0] = 1e37 + 3.2e38 * rng.random((count, 1)) ** rng.uniform(0.2, 4.0)
@@ -327,16 +356,13 @@ def test_a_tree_is_built_where_sums_of_coordinates_overflow(device: str) -> None
 
 
 _NOT_FINITE = """
-import itertools
 import numpy as np, wrt
 ball = wrt.sphere(subdivisions=3)
-values = [np.nan, np.inf, -np.inf, 3e38, -1e25, 0.0, -0.0, 1e-30, 1.0]
-rays = np.array([(a, b) for a in itertools.product(values, repeat=3) for b in itertools.product(values, repeat=3)
-                 if np.isnan([*a, *b]).any() or np.isinf([*a, *b]).any() or max(np.abs(a)) > 1.0], np.float32)
-rays = rays[np.random.default_rng(0).permutation(len(rays))]
+values = np.float32([np.nan, np.inf, -np.inf, 3e38, -1e25, 0.0, -0.0, 1e-30, 1.0])
+rays = np.random.default_rng(0).choice(values, (10_000, 2, 3))
 tracers = [wrt.Intersector(ball, device=DEVICE), wrt.Intersector.of_instances([ball], [0], [np.eye(4)], device=DEVICE)]
 for tracer in tracers:
-    for some in (rays[:4000], rays[:20000], np.sort(rays[:20000], axis=0)):
+    for some in (rays[:1000], rays, np.sort(rays, axis=0)):
         hits = tracer.closest_hit(some[:, 0], some[:, 1])
         wrong = ~np.isfinite(some).all(axis=(1, 2))
         assert (hits.triangle[wrong] == -1).all() and np.isinf(hits.t[wrong]).all()

@@ -1,21 +1,24 @@
-"""The ray tree: whole, tight and shallow for any triangles, and one answer where many are right."""
+"""Triangles that are hard to build trees over, rays to trace through them, and what must hold of every tree."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import numpy as np
-import pytest
 import warp as wp
-from conftest import Report
 from numpy.typing import ArrayLike, NDArray
-from support.kernels import upload
 
+import wrt
+from support.exact_rays import Explained, Reason, explain, woop
+from support.kernels import upload
 from wrt.backend.device import Device
 from wrt.kernels.accel.bvh import Bvh, bvh_any_hit, bvh_closest_hit
-from wrt.kernels.native import at_file_level, text_of
-from wrt.kernels.native.constants import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, STACK_SIZE, WIDTH
+from wrt.kernels.native.constants import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, WIDTH
 from wrt.upload.accel.bvh import BuiltBvh, build_bvh
+
+Rays = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+# --- Trees -------------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass
@@ -143,6 +146,39 @@ def check_pieces(tree: Tree, corners: NDArray, first: NDArray) -> None:
     assert covered.all()
 
 
+OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k in range(8)])
+"""Row k points towards the corner with the bits of 7 − k: bit `axis` of k is set where it is negative."""
+
+
+def assert_greedy(tree: Tree) -> int:
+    """Assert that children lie where the greedy assignment puts them; return how many nodes have a choice.
+
+    Best first: no child that is placed later would fit a place still free better than the one placed now.
+    """
+    used = (tree.lower <= tree.upper).all(axis=2)
+    chosen = 0
+    for node in range(tree.built.nodes):
+        places = np.flatnonzero(used[node])
+        low, high = (box[node, places].astype(np.float64) for box in (tree.lower, tree.upper))
+        off = low + high - (low.min(axis=0) + high.max(axis=0))
+        # Place p is towards the corner that the bits of p name.
+        fit = -off @ OCTANTS.T
+        rounding = 16.0 * 2.0**-24 * (np.abs(low) + np.abs(high)).sum(axis=1).max()
+        own = fit[np.arange(len(places)), places]
+        free = np.arange(WIDTH)
+        waiting = np.arange(len(places))
+        while len(waiting):
+            best = waiting[np.argmax(own[waiting])]
+            assert own[best] >= fit[np.ix_(waiting, free)].max() - rounding
+            waiting = waiting[waiting != best]
+            free = free[free != places[best]]
+        chosen += len(places) > 1
+    return chosen
+
+
+# --- Triangles ---------------------------------------------------------------------------------------
+
+
 def soup(n: int, seed: int = 0, size: float = 0.05) -> NDArray[np.float32]:
     rng = np.random.default_rng(seed)
     return (rng.uniform(-1.0, 1.0, (n, 1, 3)) + size * rng.normal(size=(n, 3, 3))).astype(np.float32)
@@ -206,33 +242,97 @@ HARD = {
 }
 
 
-@pytest.mark.parametrize("name", HARD)
-def test_trees_are_whole_tight_and_shallow(name: str, device: str, report: Report) -> None:
-    corners = HARD[name]()
-    tree = build(corners, device)
-    report(f"{name}: {len(corners)} triangles, levels", tree.built.depth, f"<= {MAX_DEPTH}")
-    check(tree, corners)
+def slivers(count: int, length: float, width: float) -> NDArray[np.float32]:
+    """Return long thin triangles askew."""
+    rng = np.random.default_rng(1)
+    start, along, aside = rng.uniform(-1.0, 1.0, (count, 3)), *rng.normal(size=(2, count, 3))
+    along *= length / np.linalg.norm(along, axis=1, keepdims=True)
+    aside = np.cross(along, aside)
+    aside *= width / np.linalg.norm(aside, axis=1, keepdims=True)
+    return np.stack([start, start + along, start + aside], axis=1).astype(np.float32)
 
 
-def test_shared_vertices(device: str) -> None:
-    corners = grid(20, 1)
-    points, inverse = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    check(build_indexed(points, inverse.reshape(-1), device), corners)
+def scattered(count: int, seed: int = 1) -> NDArray[np.float32]:
+    """Return small triangles above two as large as all: no plane parts the large ones from those below the others."""
+    corners = soup(count, seed=seed, size=0.03)
+    corners[:, :, 1] *= 0.05
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    a, b, c, d = ((x, low[1], z) for x in (low[0], high[0]) for z in (low[2], high[2]))
+    return np.concatenate([corners, np.array([[a, b, c], [b, c, d]], np.float32)])
 
 
-def test_a_tree_is_the_same_for_any_number_of_threads() -> None:
-    corners = soup(40_000)
-    points = upload(corners.reshape(-1, 3), wp.vec3, "cpu")
-    indices = upload(np.arange(3 * len(corners)), int, "cpu")
-    trees = [build_bvh(points, indices, Device("cpu", threads=threads)).data for threads in (1, 2, 5)]
-    for tree in trees[1:]:
-        np.testing.assert_array_equal(tree.nodes.numpy().view(np.int32), trees[0].nodes.numpy().view(np.int32))
-        np.testing.assert_array_equal(tree.leaves.numpy().view(np.int32), trees[0].leaves.numpy().view(np.int32))
+def mesh_of(corners: NDArray) -> wrt.Mesh:
+    """Return a mesh of (N, 3, 3) corners."""
+    return wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
-def test_the_stack_holds_the_deepest_tree() -> None:
-    """Of a node's children all but the one entered wait, on every level."""
-    assert STACK_SIZE >= (WIDTH - 1) * MAX_DEPTH + 1
+def soup_mesh(seed: int, n: int) -> wrt.Mesh:
+    return mesh_of(soup(n, seed, 0.3).astype(np.float64))
+
+
+# --- Rays --------------------------------------------------------------------------------------------
+
+FEW, MANY = 1000, 4400
+"""Rays: a small batch, and one that is traced several at a time."""
+
+
+def unit(vectors: NDArray) -> NDArray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def rays(n: int, seed: int) -> tuple[NDArray, NDArray]:
+    rng = np.random.default_rng(seed)
+    origins = rng.normal(size=(n, 3))
+    origins *= 3.0 / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = rng.uniform(-0.8, 0.8, (n, 3)) - origins
+    # Also along axes, and in the planes of boxes' sides.
+    directions[: n // 10, 0] = 0.0
+    directions[: n // 20, 1] = 0.0
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return origins.astype(np.float32), directions.astype(np.float32)
+
+
+def random_rays(bounds: NDArray, n: int, seed: int) -> Rays:
+    """Return rays from all around towards points of the ball around some bounds."""
+    rng = np.random.default_rng(seed)
+    center, radius = bounds.mean(axis=0), 0.5 * np.linalg.norm(bounds[1] - bounds[0])
+    a, b = rng.normal(size=(2, n, 3))
+    origins = center + 2.0 * radius * unit(a)
+    targets = center + radius * rng.random((n, 1)) * unit(b)
+    return origins.astype(np.float32), unit(targets - origins).astype(np.float32)
+
+
+def camera_rays(count: int, height: float = 3.0) -> Rays:
+    """Return rays of one origin, row by row."""
+    side = int(count**0.5)
+    y, x = np.mgrid[0:side, 0:side] / side - 0.5
+    directions = np.stack([x, y, np.full_like(x, -1.0)], axis=2).reshape(-1, 3).astype(np.float32)
+    return np.tile(np.float32([0.0, 0.0, height]), (len(directions), 1)), directions
+
+
+def batches(mesh: wrt.Mesh) -> dict[str, Rays]:
+    """Return rays that are traced one by one, in turn and in packets."""
+    return {
+        "single": random_rays(mesh.bounds, FEW, seed=1),
+        "in turn": random_rays(mesh.bounds, MANY, seed=2),
+        "packets": camera_rays(MANY),
+    }
+
+
+def inner_rays(mesh: wrt.Mesh, origins: NDArray, seed: int) -> Rays:
+    """Return rays from points towards faces, edges and corners of a mesh, a third each."""
+    rng = np.random.default_rng(seed)
+    count = len(origins)
+    weights, kind = rng.random((count, 3)), rng.integers(0, 3, count)
+    weights[kind == 1, 2] = 0.0
+    weights[kind == 2, 1:] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    corners = mesh.vertices.astype(np.float64)[mesh.faces[rng.integers(0, len(mesh.faces), count)]]
+    origins = origins.astype(np.float32)
+    return origins, unit(np.einsum("ij,ijk->ik", weights, corners) - origins).astype(np.float32)
+
+
+# --- Hits --------------------------------------------------------------------------------------------
 
 
 @wp.kernel(enable_backward=False)
@@ -260,126 +360,24 @@ def cast_rays(tree: Tree, o: NDArray, d: NDArray, device: str, kernel: wp.Kernel
     return triangle, tuv
 
 
-def rays(n: int, seed: int) -> tuple[NDArray, NDArray]:
-    rng = np.random.default_rng(seed)
-    origins = rng.normal(size=(n, 3))
-    origins *= 3.0 / np.linalg.norm(origins, axis=1, keepdims=True)
-    directions = rng.uniform(-0.8, 0.8, (n, 3)) - origins
-    # Also along axes, and in the planes of boxes' sides.
-    directions[: n // 10, 0] = 0.0
-    directions[: n // 20, 1] = 0.0
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return origins.astype(np.float32), directions.astype(np.float32)
+def assert_same(a: wrt.Hits, b: wrt.Hits) -> None:
+    for name, left, right in zip(a._fields, a, b, strict=True):
+        np.testing.assert_array_equal(left, right, err_msg=name)
 
 
-@pytest.mark.parametrize("copies", [2, 7, 40])
-def test_of_coincident_triangles_the_lowest_number_is_hit(copies: int, device: str, report: Report) -> None:
-    """However the copies are strewn among the others, and so over the leaves."""
-    single = soup(1_500, seed=5, size=0.2)
-    origins, directions = rays(20_000, seed=6)
-    for seed in (7, 8):
-        order = np.random.default_rng(seed).permutation(copies * len(single))
-        corners = np.tile(single, (copies, 1, 1))[order]
-        which = np.tile(np.arange(len(single)), copies)[order]
-        lowest = np.full(len(single), len(corners))
-        np.minimum.at(lowest, which, np.arange(len(corners)))
-        triangle, tuv = cast_rays(build(corners, device), origins, directions, device)
-        hit = triangle >= 0
-        assert 0.2 < hit.mean() < 1.0
-        np.testing.assert_array_equal(triangle[hit], lowest[which[triangle[hit]]])
-        # And it is the triangle and the distance that the mesh without copies gives.
-        expected, expected_tuv = cast_rays(build(single, device), origins, directions, device)
-        np.testing.assert_array_equal(hit, expected >= 0)
-        np.testing.assert_array_equal(tuv[hit], expected_tuv[hit])
-        same = which[triangle[hit]] == expected[hit]
-        report(f"{copies} copies: rays that hit the same triangle", float(same.mean()), 1.0)
-        # Where two different triangles are equally far, the lowest number may be another in another order.
-        assert same.mean() > 0.999
+def assert_sane(hits: wrt.Hits) -> None:
+    """Assert that a hit is a point at a distance, and what is no hit is none."""
+    hit = hits.triangle >= 0
+    assert np.isfinite(hits.t[hit]).all()
+    assert (hits.t[hit] > 0.0).all()
+    assert np.isinf(hits.t[~hit]).all()
+    assert np.isfinite(hits.u).all()
+    assert np.isfinite(hits.v).all()
 
 
-def test_hits_do_not_depend_on_the_order_of_triangles(device: str) -> None:
-    corners = soup(5_000, seed=9, size=0.1)
-    origins, directions = rays(20_000, seed=10)
-    triangle, tuv = cast_rays(build(corners, device), origins, directions, device)
-    order = np.random.default_rng(11).permutation(len(corners))
-    permuted, permuted_tuv = cast_rays(build(corners[order], device), origins, directions, device)
-    np.testing.assert_array_equal(permuted_tuv[:, 0], tuv[:, 0])
-    hit = triangle >= 0
-    assert (order[permuted[hit]] == triangle[hit]).mean() > 0.9999
-
-
-def test_winding_does_not_move_a_hit(device: str, report: Report) -> None:
-    corners = soup(5_000, seed=12, size=0.1)
-    origins, directions = rays(20_000, seed=13)
-    triangle, tuv = cast_rays(build(corners, device), origins, directions, device)
-    flipped, flipped_tuv = cast_rays(build(corners[:, ::-1], device), origins, directions, device)
-    np.testing.assert_array_equal(flipped >= 0, triangle >= 0)
-    hit = triangle >= 0
-    same = flipped[hit] == triangle[hit]
-    # Two crossing triangles may be equally far to rounding.
-    assert same.mean() > 0.999
-    difference = np.abs(flipped_tuv[hit, 0] / tuv[hit, 0] - 1.0)
-    report("largest relative change of distance", float(difference.max()), 0.0)
-    # Sums of three products in another order: rounding, as large as the triangle is seen edge on.
-    assert np.quantile(difference, 0.99) < 1e-6
-    assert difference.max() < 1e-4
-    # (u, v) belong to the second and third corner: the first and the second one swapped ends.
-    u, v = tuv[hit][same, 1], tuv[hit][same, 2]
-    np.testing.assert_allclose(flipped_tuv[hit][same, 1], u, atol=1e-3)
-    np.testing.assert_allclose(flipped_tuv[hit][same, 2], 1.0 - u - v, atol=1e-3)
-
-
-# What CUDA has built in and clang has not, with the same rounding.
-_INTRINSICS = """
-static inline float __fmul_rn(float a, float b) { volatile float r = a * b; return (float)r; }
-static inline float fminf(float a, float b) { return a != a ? b : b != b ? a : a < b ? a : b; }
-static inline float fmaxf(float a, float b) { return a != a ? b : b != b ? a : a > b ? a : b; }
-static inline int __ffs(unsigned m) { return __builtin_ffs((int)m); }
-struct alignas(8) int2 { int x, y; };
-static inline int2 make_int2(int x, int y) { return {x, y}; }
-"""
-
-
-def make_cast(traversal: str, name: str) -> wp.Kernel:
-    """Return a kernel that does what `cast` does, by another form of the header `traversal.h`."""
-    header = at_file_level(traversal, f"{name}_traversal")
-
-    @wp.func_native("return wrt::closest_hit(bvh, origin, direction, t_min, t_max, any_hit);")
-    def traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_min: float, t_max: float, any_hit: bool) -> wp.vec4:
-        header()
-
-    @wp.kernel(enable_backward=False, module=f"test_bvh.{name}")
-    def cast_otherwise(
-        tree: Bvh,
-        origins: wp.array(dtype=wp.vec3),
-        directions: wp.array(dtype=wp.vec3),
-        triangle_out: wp.array(dtype=int),
-        tuv_out: wp.array(dtype=wp.vec3),
-        any_out: wp.array(dtype=int),
-    ):
-        i = wp.tid()
-        found = traverse(tree, origins[i], directions[i], 0.0, 1.0e30, False)
-        triangle_out[i] = wp.cast(found[0], wp.int32)
-        tuv_out[i] = wp.vec3(found[1], found[2], found[3])
-        found = traverse(tree, origins[i], directions[i], 0.0, 1.0e30, True)
-        any_out[i] = int(wp.cast(found[0], wp.int32) >= 0)
-
-    return cast_otherwise
-
-
-# The traversal with the loops that CUDA gets in place of vectors.
-cast_scalar = make_cast(f"#define WRT_VECTORS 0\n{_INTRINSICS}{text_of('traversal.h')}", "scalar")
-
-
-@pytest.mark.parametrize("name", ["soup", "large triangles", "coincident pairs", "coplanar y", "one far away"])
-def test_loops_find_what_vectors_find(name: str, report: Report) -> None:
-    """The branch for CUDA, compiled for the CPU: bit for bit the same hits."""
-    tree = build(HARD[name](), "cpu")
-    origins, directions = rays(50_000, seed=14)
-    triangle, tuv = cast_rays(tree, origins, directions, "cpu")
-    scalar_triangle, scalar_tuv = cast_rays(tree, origins, directions, "cpu", cast_scalar)
-    report(f"{name}: rays that hit, of {len(origins)}", int((triangle >= 0).sum()))
-    assert (triangle >= 0).any()
-    np.testing.assert_array_equal(scalar_triangle, triangle)
-    np.testing.assert_array_equal(scalar_tuv[:, 0], tuv[:, 0])
-    np.testing.assert_allclose(scalar_tuv[:, 1:], tuv[:, 1:], atol=1e-6)
+def explained(mesh: wrt.Mesh, rays: Rays, hits: wrt.Hits, step: int = 1) -> Explained:
+    """Return the reasons for every step-th answer, none of which is missing."""
+    some = slice(None, None, step)
+    found = explain(mesh.vertices[mesh.faces], rays[0][some], rays[1][some], hits.triangle[some], woop)
+    assert not (found.reason == Reason.NONE).any()
+    return found
