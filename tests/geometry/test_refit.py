@@ -1,0 +1,217 @@
+"""A tree whose triangles have moved answers as one that was built where they are now."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import NDArray
+from support.kernels import upload
+from support.ray_trees import (
+    HARD,
+    Rays,
+    assert_same,
+    build,
+    camera_rays,
+    check,
+    mesh_of,
+    random_rays,
+    read_back,
+    soup,
+    unit,
+)
+
+import wrt
+from wrt.backend.device import Device
+from wrt.upload.accel.bvh import refit_bvh
+
+Array = NDArray[np.float32]
+BALL = wrt.sphere(subdivisions=4)
+
+
+def twisted(p: NDArray) -> Array:
+    angle = 2.0 * p[:, 1]
+    x, z = p[:, 0] * np.cos(angle) - p[:, 2] * np.sin(angle), p[:, 0] * np.sin(angle) + p[:, 2] * np.cos(angle)
+    return np.stack([x, p[:, 1], z], axis=1).astype(np.float32)
+
+
+MOVES = {
+    "not at all": lambda p: p.copy(),
+    "twisted": twisted,
+    "mirrored": lambda p: p * np.float32([-1.0, 1.0, 1.0]),
+    "flattened": lambda p: p * np.float32([1.0, 1.0, 0.0]),
+    "far away": lambda p: p + np.float32([1e3, -2e3, 5e2]),
+    "tiny": lambda p: p * np.float32(1e-6),
+    "anywhere": lambda p: np.random.default_rng(2).uniform(-1.0, 1.0, p.shape).astype(np.float32),
+    "to one point": lambda p: np.full_like(p, 0.5),
+    "one vertex out": lambda p: np.concatenate([p[:1] + np.float32([5.0, 3.0, 2.0]), p[1:]]),
+}
+
+
+def batches(mesh: wrt.Mesh) -> list[Rays]:
+    """Return rays that are traced one by one, in turn, and in packets."""
+    low, high = mesh.bounds
+    middle, size = 0.5 * (low + high), float((high - low).max()) or 1.0
+    origins, directions = camera_rays(66**2)
+    camera = (0.5 * size * origins + middle).astype(np.float32), directions
+    bounds = np.stack([middle - 0.5 * size, middle + 0.5 * size])
+    return [random_rays(bounds, 1500, seed=3), random_rays(bounds, 6000, seed=4), camera]
+
+
+def assert_answers(tracer: wrt.Intersector, fresh: wrt.Intersector, mesh: wrt.Mesh) -> int:
+    """Assert that two intersectors give the same answers; return how many rays hit."""
+    hits = 0
+    for rays in batches(mesh):
+        expected = fresh.closest_hit(*rays)
+        assert_same(tracer.closest_hit(*rays), expected)
+        np.testing.assert_array_equal(tracer.any_hit(*rays), fresh.any_hit(*rays))
+        hits += int((expected.triangle >= 0).sum())
+    return hits
+
+
+def test_answers_are_those_of_a_fresh_tree(device: str, report: Report) -> None:
+    """Bit for bit, however far the vertices went, after any number of refits; arrays of NumPy are copied."""
+    tracer = wrt.Intersector(BALL, device=device)
+    for number, (name, move) in enumerate(MOVES.items()):
+        moved = wrt.Mesh(move(BALL.vertices), BALL.faces)
+        given = moved.vertices.copy()
+        tracer.refit(given.astype(np.float64).tolist() if number % 2 else given)
+        given[:] = 0.0
+        hits = assert_answers(tracer, wrt.Intersector(moved, device=device), moved)
+        report(f"{name}: rays that hit", hits)
+        assert hits == 0 if name == "to one point" else hits > 500
+
+
+def test_vertices_as_a_warp_array_are_not_copied(device: str) -> None:
+    """A simulation may write them where they are, and call again."""
+    tracer, points = wrt.Intersector(BALL, device=device), upload(BALL.vertices, wp.vec3, device)
+    for move in (twisted, MOVES["far away"]):
+        moved = wrt.Mesh(move(BALL.vertices), BALL.faces)
+        points.assign(moved.vertices)
+        tracer.refit(points)
+        assert tracer._points.ptr == points.ptr
+        assert_answers(tracer, wrt.Intersector(moved, device=device), moved)
+
+
+REFITTED = ["one triangle", "one more than a leaf", "soup", "large triangles", "coincident pairs", "needles", "tiny"]
+
+
+@pytest.mark.parametrize("name", REFITTED)
+def test_refitted_trees_are_whole_and_tight(name: str, device: str) -> None:
+    """What must hold of any tree, of one whose triangles went anywhere: boxes exact, unused places never hit."""
+    corners = HARD[name]()
+    tree = build(corners, device)
+    moved = soup(len(corners), seed=5, size=0.2)
+    indices = upload(np.arange(3 * len(corners)), int, device)
+
+    def refit(to: Array) -> None:
+        refit_bvh(tree.built, upload(to.reshape(-1, 3), wp.vec3, device), indices, Device(device))
+
+    if tree.built.references > len(corners):
+        # Boxes of pieces become boxes of whole triangles, for good.
+        refit(corners)
+        tree = read_back(tree.built)
+    refit(moved)
+    check(read_back(tree.built), moved, pieces=False)
+    # And back: not a bit is left of where they were.
+    refit(corners)
+    again = read_back(tree.built)
+    for field in ("lower", "upper", "corners", "children", "numbers"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(tree, field))
+
+
+@pytest.mark.parametrize("count", [1, 7, 9])
+def test_unused_places_stay_unhit(count: int, device: str) -> None:
+    """Rays at all places where they were, and where they are."""
+    before = soup(count, seed=6, size=0.3)
+    after = before[:, :, [1, 2, 0]] + np.float32(4.0)
+    tracer = wrt.Intersector(mesh_of(before), device=device)
+    tracer.refit(after.reshape(-1, 3))
+    rng = np.random.default_rng(7)
+    weights, which = rng.dirichlet(np.ones(3), 5000), rng.integers(0, count, 5000)
+    for corners, expected in ((before, False), (after, True)):
+        targets = np.einsum("ij,ijk->ik", weights, corners[which].astype(np.float64))
+        directions = unit(rng.normal(size=(5000, 3)))
+        short = tracer.any_hit(targets - 0.01 * directions, directions, t_max=0.02)
+        assert (short == expected).mean() > 0.99 if expected else not short.any()
+
+
+def test_refits_do_not_depend_on_threads() -> None:
+    mesh = wrt.sphere(subdivisions=5)
+    trees = []
+    for threads in (1, 3):
+        tracer = wrt.Intersector(mesh, threads=threads)
+        tracer.refit(twisted(mesh.vertices))
+        trees.append(tracer._built.data)
+    for name in ("nodes", "leaves"):
+        one, other = (getattr(tree, name).numpy().view(np.int32) for tree in trees)
+        np.testing.assert_array_equal(one, other)
+
+
+def test_meshes_of_a_scene_one_after_the_other(device: str) -> None:
+    scene = wrt.Scene()
+    for offset in ((0.0, 0.0, 0.0), (1.5, 0.0, 0.0)):
+        scene.add(BALL.translated(offset))
+    vertices = twisted(np.concatenate([shape.mesh.vertices for shape in scene.shapes]))
+    tracer = wrt.Intersector(scene, device=device)
+    tracer.refit(vertices)
+    moved = wrt.Mesh(vertices, np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)]))
+    assert assert_answers(tracer, wrt.Intersector(moved, device=device), moved) > 100
+
+
+def with_one(value: float) -> Array:
+    vertices = BALL.vertices.copy()
+    vertices[17, 1] = value
+    return vertices
+
+
+REFUSED = {
+    "NaN": (with_one(np.nan), "vertex 17 is not finite"),
+    "infinite": (with_one(-np.inf), "vertex 17 is not finite"),
+    "too few": (BALL.vertices[:-1], "there are 2561 vertices, but the tree was built over 2562"),
+    "flat": (BALL.vertices.ravel(), "vertices must be"),
+}
+
+
+@pytest.mark.parametrize("kind", ["NumPy", "Warp"])
+@pytest.mark.parametrize("placed", [False, True], ids=["one tree", "instances"])
+def test_what_is_refused_changes_nothing(placed: bool, kind: str, device: str) -> None:
+    if placed:
+        tracer = wrt.Intersector.of_instances([BALL], [0], np.eye(4)[None], device=device)
+        for mesh in (1, -1, 0.5):
+            with pytest.raises(wrt.InputError, match="mesh"):
+                tracer.refit(BALL.vertices, mesh=mesh)
+    else:
+        tracer = wrt.Intersector(BALL, device=device)
+    rays = batches(BALL)[1]
+    before = tracer.closest_hit(*rays)
+    for vertices, message in REFUSED.values():
+        if kind == "Warp":
+            vertices = upload(vertices.astype(np.float32), float if vertices.ndim == 1 else wp.vec3, device)
+        with pytest.raises(wrt.InputError, match=message) as error:
+            tracer.refit(vertices)
+        assert "\n" not in str(error.value)
+        assert_same(tracer.closest_hit(*rays), before)
+    tracer.refit(BALL.vertices)
+    assert_same(tracer.closest_hit(*rays), before)
+
+
+def test_instances_follow_their_mesh(device: str) -> None:
+    """Each of the meshes by itself, before instances move and after."""
+    meshes = [BALL, wrt.box()]
+    rng = np.random.default_rng(8)
+    numbers = np.array([0, 1, 0, 1, 1, 0])
+    places = np.tile(np.eye(4), (6, 1, 1))
+    places[:, :3, :3] += rng.normal(scale=0.3, size=(6, 3, 3))
+    places[:, :3, 3] = rng.uniform(-2.0, 2.0, (6, 3))
+    tracer = wrt.Intersector.of_instances(meshes, numbers, places, device=device)
+    for step, (number, move) in enumerate([(0, twisted), (1, MOVES["far away"]), (0, MOVES["mirrored"])]):
+        moved = move(meshes[number].vertices) * np.float32(1.5 if step != 1 else 1e-3)
+        meshes[number] = wrt.Mesh(moved, meshes[number].faces)
+        tracer.refit(moved if step else upload(moved, wp.vec3, device), mesh=number)
+        for _ in range(2):
+            fresh = wrt.Intersector.of_instances(meshes, numbers, places, device=device)
+            assert assert_answers(tracer, fresh, wrt.box((-3.0,) * 3, (3.0,) * 3)) > 100
+            places = places[::-1].copy()
+            tracer.move(places)
