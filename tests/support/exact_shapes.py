@@ -1,9 +1,10 @@
-"""Rays to exact shapes: what they meet, the surface there, and what they meet that leave it."""
+"""Exact shapes of many sizes; what rays to them meet, the surface there, and what rays meet that leave it."""
 
 from __future__ import annotations
 
 import functools
 
+import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
@@ -13,7 +14,38 @@ from wrt.kernels.accel.intersect import make_intersect
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.geometry.surface import leave, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.scene.scene_data import SceneData
+from wrt.scene.exact.quadrics import Quadrics
 from wrt.upload.scene_data import build_scene
+
+
+def local(mesh: Quadrics, v: NDArray) -> NDArray:
+    """Return vectors, as the shape's own vectors map to them, in float64."""
+    return v.astype(np.float64) @ np.linalg.inv(mesh.axes[0])
+
+
+def ellipse() -> Quadrics:
+    made = wrt.disk((0.4, 0.1, -0.2), (1, 2, 3), 0.7).transformed(
+        [[1.5, 0.3, 0, 1], [-0.2, 0.4, 0.5, 2], [0.1, 0.6, -0.9, -1], [0, 0, 0, 1]]
+    )
+    assert isinstance(made, Quadrics)
+    return made
+
+
+QUADRICS: dict[str, Quadrics] = {
+    "disk": wrt.disk((3, -2, 5), (1, -2, 0.5), 0.3),
+    "ellipse": ellipse(),
+    "small disk far away": wrt.disk((40, 30, -20), (0.3, 1, 0.2), 0.02),
+    "large disk": wrt.disk((10, 20, -7), (0.1, 3, 0.2), 1e5),
+    "cylinder": wrt.cylinder((3, -2, 5), (4, -1.5, 7), 0.4),
+    "thin cylinder": wrt.cylinder((1, 2, 3), (2, 5, -1), 0.01),
+    "flat cylinder": wrt.cylinder((1, 2, 3), (1.01, 2.02, 3.02), 2.0),
+    "large cylinder": wrt.cylinder((-5e4, 3e4, 1e4), (5e4, -2e4, 1e4), 2e4),
+    "least disk": wrt.disk((0, 0, 0), (1, -2, 0.5), 5e-12),
+    "greatest disk": wrt.disk((1e11, 0, 0), (1, -2, 0.5), 8e11),
+    "least cylinder": wrt.cylinder((0, 0, 0), (2e-12, 1e-12, 8e-12), 4e-12),
+    "greatest cylinder": wrt.cylinder((0, 0, 0), (3e11, 1e11, 5e11), 3e11),
+}
+"""The last four as small and as large as scenes may be, in metres."""
 
 
 @functools.cache

@@ -1,0 +1,294 @@
+"""Pictures of exact shapes: light from them in closed form, a furnace, motion, media, and both kernels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from support.exact_pictures import (
+    ROLL,
+    check_furnace,
+    check_irradiance,
+    check_like_triangles,
+    differences,
+    motion,
+)
+
+import wrt
+from wrt.backend.lanes import lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres
+from wrt.upload.accel import instancing
+
+LANES = lanes_of(processor_flags())
+needs_lanes = pytest.mark.skipif(not LANES, reason="the processor has neither AVX-512 nor AVX2")
+
+SPP = {"mis": 1024, "light": 512, "bsdf": 4096}
+HEIGHT = 1.2
+ABOVE = (0.4, -0.3)
+"""Place of lamps above the floor."""
+
+
+@pytest.mark.parametrize(("strategy", "radius"), [("mis", 0.3), ("light", 1e-3), ("bsdf", 0.9)])
+def test_irradiance_of_a_sphere(strategy: str, radius: float, device: str, report: Report) -> None:
+    """E = π L (r / d)² cosθ where the whole sphere is above the horizon (Howell, C-137)."""
+
+    def expected(x: NDArray, z: NDArray) -> NDArray:
+        d2 = (x - ABOVE[0]) ** 2 + HEIGHT**2 + (z - ABOVE[1]) ** 2
+        return math.pi * 2.0 / d2 * (HEIGHT / np.sqrt(d2))
+
+    lamp = wrt.sphere((ABOVE[0], HEIGHT, ABOVE[1]), radius, exact=True)
+    shadow = ABOVE, HEIGHT, radius
+    check_irradiance(lamp, 2.0 / radius**2, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
+
+
+@pytest.mark.parametrize(("strategy", "radius"), [("mis", 0.3), ("light", 0.01), ("light", 0.9), ("bsdf", 0.9)])
+def test_irradiance_of_a_disk(strategy: str, radius: float, device: str, report: Report) -> None:
+    """A disk parallel to the floor: E = π L ½ (1 − (h² + s² − r²) / √((h² + s² + r²)² − 4 r² s²)) (Howell, B-13)."""
+    radiance = 2.0 / radius**2
+
+    def expected(x: NDArray, z: NDArray) -> NDArray:
+        s2, h2, r2 = (x - ABOVE[0]) ** 2 + (z - ABOVE[1]) ** 2, HEIGHT**2, radius**2
+        root = np.sqrt((h2 + s2 + r2) ** 2 - 4.0 * r2 * s2)
+        # 1 − a / root without the difference of nearly equal numbers
+        return 0.5 * math.pi * radiance * 4.0 * h2 * r2 / (root * (root + h2 + s2 - r2))
+
+    lamp = wrt.disk((ABOVE[0], HEIGHT, ABOVE[1]), (0, -1, 0), radius)
+    shadow = ABOVE, HEIGHT, radius
+    check_irradiance(lamp, radiance, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
+
+
+def from_cylinder(ends: NDArray, radius: float, radiance: float, x: NDArray, z: NDArray) -> NDArray:
+    """Return the irradiance of the floor by Gauss's rule over the part of a cylinder that faces a point.
+
+    With the whole cylinder above the floor, the integrand is smooth there.
+    """
+    middle, length = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0]))
+    axis = (ends[1] - ends[0]) / length
+    points = np.stack([x, np.zeros_like(x), z], axis=-1)
+    away = points - middle
+    away = away - (away @ axis)[..., None] * axis
+    far = np.linalg.norm(away, axis=-1)
+    first = away / far[..., None]
+    second, reach = np.cross(axis, first), np.arccos(radius / far)
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    total = np.zeros_like(x)
+    for turn, share in zip(nodes, weights, strict=True):
+        out = np.cos(turn * reach)[..., None] * first + np.sin(turn * reach)[..., None] * second
+        for along, part in zip(nodes, weights, strict=True):
+            way = middle + 0.5 * length * along * axis + radius * out - points
+            d2 = (way**2).sum(axis=-1)
+            total += share * part * np.maximum(way[..., 1] * -(way * out).sum(axis=-1), 0.0) / d2**2 * reach
+    return np.asarray(0.5 * length * radius * radiance * total)
+
+
+@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
+def test_irradiance_of_a_cylinder(strategy: str, device: str, report: Report) -> None:
+    radius, ends = 0.25, np.array([(-0.5, 0.9, 0.1), (0.6, 1.3, 0.4)])
+
+    def expected(x: NDArray, z: NDArray) -> NDArray:
+        return from_cylinder(ends, radius, 8.0, x, z)
+
+    lamp, shadow = wrt.cylinder(*map(tuple, ends), radius), ((0.05, 0.25), 1.2, 0.85)
+    check_irradiance(lamp, 8.0, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
+
+
+TEXELS = np.float32([[1.0, 9.0, 0.5, 3.0], [6.0, 0.2, 4.0, 12.0], [0.3, 5.0, 15.0, 1.0]])
+
+
+@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
+def test_irradiance_of_a_textured_sphere(strategy: str, device: str, report: Report) -> None:
+    """Whoever finds the lamp, its light is that of the texel there: summed over the sphere by the midpoint rule."""
+    center, radius = np.array([ABOVE[0], HEIGHT, ABOVE[1]]), 0.6
+    u, v = (a.ravel() for a in np.meshgrid((np.arange(72) + 0.5) / 72, (np.arange(72) + 0.5) / 72))
+    sine = np.sin(np.pi * v)
+    out = np.stack([sine * np.cos(2.0 * np.pi * u), sine * np.sin(2.0 * np.pi * u), np.cos(np.pi * v)], axis=1)
+    # Rows of an image are from the top, where v is 1.
+    radiance = TEXELS[((1.0 - v) * 3).astype(int), (u * 4).astype(int)]
+    flux = radiance * radius**2 * 2.0 * np.pi**2 * sine / len(sine)
+
+    def expected(x: NDArray, z: NDArray) -> NDArray:
+        way = center + radius * out - np.stack([x, np.zeros_like(x), z], axis=-1)[..., None, :]
+        cosines = way[..., 1] * np.maximum(-np.einsum("...sk,sk->...s", way, out), 0.0)
+        return cosines / (way**2).sum(axis=-1) ** 2 @ flux
+
+    image = wrt.ImageTexture(TEXELS[..., None].repeat(3, axis=2), filter="nearest")
+    lamp, shadow = wrt.sphere(tuple(center), radius, exact=True), (ABOVE, HEIGHT, radius)
+    check_irradiance(lamp, image, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
+
+
+@pytest.mark.parametrize("center", [(0.0, 0.0, 0.0), (300.0, -200.0, 100.0)])
+@pytest.mark.parametrize("kind", ["sphere", "can"])
+def test_no_light_leaks_out_of_closed_shapes(
+    kind: str, center: tuple[float, float, float], device: str, report: Report
+) -> None:
+    middle, axis = np.array(center), np.array([0.2, 0.9, -0.3])
+    if kind == "sphere":
+        shapes = [wrt.sphere(center, 1.0, exact=True).turned_inside_out()]
+    else:
+        low, high = tuple(middle - axis), tuple(middle + axis)
+        lids = [wrt.disk(low, tuple(axis), 0.8001), wrt.disk(high, tuple(-axis), 0.8001)]
+        shapes = [wrt.cylinder(low, high, 0.8).turned_inside_out(), *lids]
+    check_furnace(shapes, middle, device, report)
+
+
+# --- Against triangles -------------------------------------------------------------------------------
+
+
+def cut(mesh: wrt.Mesh, exact: bool, segments: int = 256) -> wrt.Mesh:
+    assert isinstance(mesh, Quadrics | Spheres)
+    return mesh if exact else mesh.tessellated(segments if len(mesh.faces) == 1 else 48)
+
+
+def some_tubes(rng: np.random.Generator, count: int) -> list[wrt.Mesh]:
+    ends = zip(rng.uniform(-0.4, 0.4, (count, 3)), 0.3 * rng.standard_normal((count, 3)), strict=True)
+    return [wrt.cylinder(tuple(a), tuple(a + b), 0.03) for a, b in ends]
+
+
+def some_plates(rng: np.random.Generator, count: int) -> list[wrt.Mesh]:
+    places = zip(rng.uniform(-0.4, 0.4, (count, 3)), rng.standard_normal((count, 3)), strict=True)
+    return [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in places]
+
+
+def moving(exact: bool, *, quadrics: bool = True) -> wrt.Scene:
+    """Shapes that roll, grow and become ellipses, shared meshes, one place mirrored, and lamps."""
+    rng = np.random.default_rng(4)
+    image = wrt.ImageTexture(rng.random((4, 8, 3)).astype(np.float32), filter="nearest")
+    camera = wrt.PerspectiveCamera((0.0, 1.2, 4.0), (0.0, 0.5, 0.0), shutter_open=0.0, shutter_close=1.0)
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment(0.5))
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.5))
+    roll = motion((-0.8, 0.4, 0.0), (0.2, 0.5, 0.5), 1.3 * ROLL)
+    ball, grains = (
+        wrt.spheres([(0, 0, 0)], 0.4),
+        wrt.spheres(rng.uniform(-0.4, 0.4, (40, 3)), rng.uniform(0.02, 0.1, 40)),
+    )
+    tube = wrt.cylinder((-0.1, -0.1, -0.3), (0.1, 0.1, 0.3), 0.35)
+    scene.add(cut(tube if quadrics else ball, exact), material=wrt.Diffuse(image), transform=roll)
+    many = [grains]
+    if quadrics:
+        many = [*some_tubes(rng, 9), *some_plates(rng, 9)]
+        grow = motion((0.9, 0.5, 0.6), (0.7, 0.6, 0.5), np.diag([1.0, 0.4, 1.5]))
+        plate = wrt.disk((0, 0, 0), (1, 1, 2), 0.3)
+        scene.add(cut(plate, exact), material=wrt.Diffuse(image), transform=grow, emission=image)
+    for x, mirror in ((1.2, 1.0), (-1.4, -1.0)):
+        place = np.diag([mirror, 1.0, 1.0, 1.0])
+        place[:3, 3] = x, 0.5, -0.3
+        for k, mesh in enumerate(cut(each, exact) for each in many):
+            shine = 4.0 if quadrics and k % 6 == 0 else 0.0
+            scene.add(mesh, material=wrt.Diffuse((0.7, 0.3, 0.2)), transform=place, emission=shine)
+    lamp = wrt.disk((0.0, 2.0, 0.3), (0.2, -1, 0), 0.3) if quadrics else wrt.spheres([(0.9, 1.4, 0.0)], 0.2)
+    scene.add(cut(lamp, exact), emission=6.0)
+    return scene
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quadrics", [False, True], ids=["spheres", "disks and cylinders"])
+def test_moving_shapes_look_as_fine_triangles_do(
+    quadrics: bool, device: str, report: Report, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
+    check_like_triangles(lambda exact: moving(exact, quadrics=quadrics), "moving shapes", device, report)
+
+
+def misty(exact: bool) -> wrt.Scene:
+    """A camera in a sphere of mist, with balls of coloured glass and of milk, one in the other's shadow."""
+    camera = wrt.PerspectiveCamera((0.2, 1.0, 3.0), (0.0, 0.5, 0.0), fov_degrees=35.0)
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment((0.5, 0.6, 0.8)))
+    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(0.5))
+    scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=(7.0, 6.0, 4.0))
+    mist = wrt.Medium(scattering=0.3, absorption=(0.05, 0.1, 0.2))
+    milk = wrt.Medium(scattering=(4.0, 3.0, 2.0), absorption=0.1)
+    wine = wrt.Medium(absorption=(0.5, 2.0, 3.0))
+    for center, radius, material in (
+        ((0.0, 0.5, 0.0), 6.0, wrt.Null(interior=mist)),
+        ((-0.35, 0.4, 0.0), 0.3, wrt.Null(interior=milk)),
+        ((0.35, 0.4, 0.3), 0.3, wrt.Dielectric(interior=wine)),
+    ):
+        scene.add(cut(wrt.spheres([center], radius), exact, 128), material=material)
+    return scene
+
+
+@pytest.mark.slow
+def test_spheres_bound_media_as_triangles_do(device: str, report: Report) -> None:
+    check_like_triangles(misty, "spheres of media", device, report, 128)
+
+
+def lamps(exact: bool) -> wrt.Scene:
+    """Tubes that shine outwards, inwards and to both sides, an ellipse with an image, and glass with absorption."""
+    rng = np.random.default_rng(9)
+    image = wrt.ImageTexture(rng.random((4, 4, 3)).astype(np.float32))
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.2, 1.5, 5.0), (0.0, 0.6, 0.0)))
+    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(0.6))
+    out = wrt.cylinder((-1.5, 0.4, 0.0), (-0.9, 1.2, 0.3), 0.15)
+    inward = wrt.cylinder((0.0, 0.3, 0.0), (0.1, 0.9, 0.6), 0.3).turned_inside_out()
+    both = wrt.cylinder((1.2, 0.2, 0.0), (1.0, 0.9, 0.5), 0.2)
+    for mesh, two_sided in ((out, False), (inward, False), (both, True)):
+        looks = {"material": wrt.Diffuse(0.4), "two_sided_emission": two_sided}
+        scene.add(cut(mesh, exact), emission=(3.0, 2.5, 2.0), **looks)
+    plate = wrt.disk((0, 0, 0), (0, -1, 0.3), 0.5).transformed(
+        [[1.2, 0.3, 0, 0.3], [0, 0.6, 0.2, 2.2], [0.2, 0, 0.8, -0.5], [0, 0, 0, 1]]
+    )
+    scene.add(cut(plate, exact), material=wrt.Diffuse(0.2), emission=image)
+    wine = wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 2.0, 3.0)))
+    ends = (0.4, 0.35, 1.4), (-0.4, 0.35, 1.5)
+    along = np.subtract(*ends)
+    for mesh in (wrt.cylinder(*ends, 0.3), wrt.disk(ends[0], tuple(along), 0.3), wrt.disk(ends[1], tuple(-along), 0.3)):
+        scene.add(cut(mesh, exact), material=wine)
+    return scene
+
+
+@pytest.mark.slow
+def test_lamps_shine_as_fine_triangles_do(device: str, report: Report) -> None:
+    check_like_triangles(lamps, "lamps", device, report, 1024)
+
+
+# --- Both kernels ------------------------------------------------------------------------------------
+
+
+def from_afar(distance: float) -> wrt.Scene:
+    """Small shapes, several to a leaf, seen so that float32 hardly resolves them: along an axis or beside it."""
+    rng = np.random.default_rng(12)
+    turned = (0.3, 0.2, 1.0) if distance == 1e5 else (0.0, 0.0, 1.0)
+    eye = distance * np.array(turned) / np.linalg.norm(turned)
+    camera = wrt.PerspectiveCamera(tuple(eye), (0.0, 0.0, 0.0), fov_degrees=math.degrees(2.4 / distance))
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment(1.0))
+    for a, b in zip(rng.uniform(-1.0, 1.0, (150, 3)), rng.standard_normal((150, 3)), strict=True):
+        look = {"material": wrt.Diffuse(tuple(rng.random(3)))}
+        scene.add(wrt.disk(tuple(a), tuple(b), 0.12), **look)
+        scene.add(wrt.cylinder(tuple(a[::-1]), tuple(a[::-1] + 0.2 * b), 0.04), **look)
+    return scene
+
+
+@needs_lanes
+@pytest.mark.slow
+@pytest.mark.parametrize("distance", [1e4, 1e5, 1e6])
+def test_both_kernels_see_the_same_from_afar(distance: float) -> None:
+    """A hit that is rounded out of the box around its shape counts in neither."""
+    assert differences(from_afar(distance), LANES) == []
+
+
+def still(quadrics: bool) -> wrt.Scene:
+    """Lamps, glass and textures among many small shapes in one tree."""
+    rng = np.random.default_rng(1)
+    image = wrt.ImageTexture(rng.random((8, 16, 3)).astype(np.float32))
+    scene = lamps(True) if quadrics else wrt.Scene(camera=wrt.PerspectiveCamera((0.2, 1.5, 5.0), (0.0, 0.6, 0.0)))
+    scene.add(wrt.sphere((1.2, 0.5, 1.0), 0.3, exact=True), material=wrt.Dielectric())
+    scene.add(wrt.sphere((0.0, 0.5, 0.0), 0.5, exact=True), material=wrt.Diffuse(image))
+    scene.add(wrt.sphere((-0.5, 1.5, 0.2), 0.2, exact=True), material=wrt.Diffuse(0.2), emission=image)
+    many = rng.uniform(-1.5, 1.5, (60, 3)) * (1.0, 0.3, 1.0) + (0.0, 0.6, 0.0)
+    small = wrt.spheres(many, rng.uniform(0.01, 0.05, 60), colors=rng.random((60, 3)))
+    scene.add(small, material=wrt.Diffuse(wrt.VertexColor()))
+    for mesh in (*some_plates(rng, 30), *some_tubes(rng, 30)) if quadrics else ():
+        scene.add(mesh, material=wrt.Diffuse((0.3, 0.3, 0.8)))
+    return scene
+
+
+@needs_lanes
+@pytest.mark.machinery
+@pytest.mark.parametrize("kind", ["spheres in one tree", "one tree", "instances"])
+def test_both_kernels_leave_the_same_bits(kind: str) -> None:
+    assert differences(moving(True) if kind == "instances" else still(kind == "one tree"), LANES) == []
