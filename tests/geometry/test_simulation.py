@@ -6,6 +6,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +18,8 @@ import wrt
 from wrt.backend import current_backend
 from wrt.scene.normals import vertex_normals, with_normals
 
-RNG = np.random.default_rng(2)
 
-
-def hilly(height: float, *, smooth: bool) -> wrt.Mesh:
+def hilly(height: float, *, smooth: bool = False) -> wrt.Mesh:
     """Return a sheet of 20 x 20 vertices with hills."""
     x, z = np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-1, 1, 20), indexing="ij")
     y = height * np.sin(4 * x) * np.cos(3 * z)
@@ -33,9 +32,13 @@ def hilly(height: float, *, smooth: bool) -> wrt.Mesh:
 def scene_of(mesh: wrt.Mesh) -> wrt.Scene:
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 3), (0, 0, 0)), environment=wrt.ConstantEnvironment(0.3))
     scene.add(wrt.box((-0.3, 0.3, -0.3), (0.3, 0.8, 0.3)), name="block")
-    scene.add(mesh, material=wrt.RoughConductor(0.2), name="sheet")
+    scene.add(mesh, material=wrt.Diffuse(0.8), name="sheet")
     scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=5.0, name="lamp")
     return scene
+
+
+def renderer_of(mesh: wrt.Mesh, device: str) -> wrt.Renderer:
+    return wrt.Renderer(scene_of(mesh), width=48, height=36, device=device, sampler="independent")
 
 
 def rendered(renderer: wrt.Renderer) -> np.ndarray:
@@ -44,8 +47,8 @@ def rendered(renderer: wrt.Renderer) -> np.ndarray:
     return renderer.image()
 
 
-def renderer_of(mesh: wrt.Mesh, device: str) -> wrt.Renderer:
-    return wrt.Renderer(scene_of(mesh), width=48, height=36, device=device)
+def fresh(mesh: wrt.Mesh, device: str) -> np.ndarray:
+    return rendered(renderer_of(mesh, device))
 
 
 @pytest.mark.parametrize("kind", ["numpy", "warp"])
@@ -54,63 +57,49 @@ def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: 
     before, after = hilly(0.1, smooth=smooth), hilly(0.25, smooth=smooth)
     renderer = renderer_of(before, device)
     first = rendered(renderer)
-    vertices = after.vertices if kind == "numpy" else upload(after.vertices, wp.vec3, device)
-    renderer.update_vertices(1, vertices)
+    renderer.update_vertices(1, after.vertices if kind == "numpy" else upload(after.vertices, wp.vec3, device))
     assert renderer.spp == 0
-    moved, expected = rendered(renderer), rendered(renderer_of(after, device))
+    moved = rendered(renderer)
     assert np.abs(moved - first).max() > 0.1
     # Normals are computed in float32 here, and in float64 there; a few paths go other ways.
-    same = np.isclose(moved, expected, rtol=1e-3, atol=1e-4).all(axis=2)
+    same = np.isclose(moved, fresh(after, device), rtol=1e-3, atol=1e-4).all(axis=2)
     assert same.mean() > (0.99 if smooth else 0.999)
     renderer.update_vertices(renderer.scene.shapes[1], before.vertices)
     np.testing.assert_allclose(rendered(renderer).mean(), first.mean(), rtol=1e-4)
 
 
-def test_a_flat_mesh_may_be_given_normals(device: str) -> None:
-    smooth = hilly(0.2, smooth=True)
-    renderer = renderer_of(hilly(0.2, smooth=False), device)
+def test_given_normals_are_taken(device: str) -> None:
+    """By a flat mesh, too."""
+    smooth, up = hilly(0.2, smooth=True), np.tile(np.float32([0, 1, 0]), (400, 1))
+    renderer = renderer_of(hilly(0.2), device)
     flat = rendered(renderer)
     renderer.update_vertices(1, smooth.vertices, smooth.normals)
-    expected = rendered(renderer_of(smooth, device))
+    expected = fresh(smooth, device)
     assert np.abs(flat - expected).max() > 0.1
     np.testing.assert_array_equal(rendered(renderer), expected)
+    renderer.update_vertices(1, smooth.vertices, normals=up)
+    np.testing.assert_array_equal(rendered(renderer), fresh(dataclasses.replace(smooth, normals=up), device))
 
 
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_normals_follow_with_the_creases_that_there_were(device: str) -> None:
     # A cube with creases: each corner is there three times, with a normal for each side.
     cube = with_normals(wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), 30.0)
     renderer = renderer_of(cube, device)
     turned = cube.rotated((1, 2, 3), 50.0)
     renderer.update_vertices(1, turned.vertices)
-    built = renderer._built
     first = len(renderer.scene.shapes[0].mesh.vertices)
-    normals = built.data.normals.numpy()[first : first + len(cube.vertices)]
+    normals = renderer._built.data.normals.numpy()[first : first + len(cube.vertices)]
     np.testing.assert_allclose(normals, turned.normals, atol=1e-5)
 
 
-def test_given_normals_are_taken(device: str) -> None:
-    mesh = hilly(0.1, smooth=True)
-    renderer = renderer_of(mesh, device)
-    renderer.update_vertices(1, mesh.vertices, normals=np.tile(np.float32([0, 1, 0]), (400, 1)))
-    flat = dataclasses.replace(mesh, normals=np.tile(np.float32([0, 1, 0]), (400, 1)))
-    np.testing.assert_array_equal(rendered(renderer), rendered(renderer_of(flat, device)))
-
-
-def test_the_picture_on_the_device_is_the_picture(device: str) -> None:
-    renderer = renderer_of(hilly(0.1, smooth=False), device)
+def test_the_film_on_the_device_is_the_film(device: str) -> None:
+    renderer = renderer_of(hilly(0.1), device)
+    film = renderer.device_film()
     image = rendered(renderer)
     on_device = renderer.device_image()
     assert on_device.device == wp.get_device(device)
     np.testing.assert_array_equal(on_device.numpy(), image)
-    if device == "cpu":
-        # What torch.from_dlpack and jax.dlpack.from_dlpack do too.
-        np.testing.assert_array_equal(np.from_dlpack(on_device), image)
-
-
-def test_the_film_on_the_device_is_the_film(device: str) -> None:
-    renderer = renderer_of(hilly(0.1, smooth=False), device)
-    film = renderer.device_film()
-    image = rendered(renderer)
     assert {name: (array.shape, array.dtype) for name, array in film.items()} == {
         "total": ((36, 48), wp.vec3d),
         "total_of_squares": ((36, 48), wp.vec3d),
@@ -119,19 +108,19 @@ def test_the_film_on_the_device_is_the_film(device: str) -> None:
         "rays": ((36, 48), wp.int64),
     }
     # The arrays were asked for before the pass: they are the film's own memory.
-    assert {array.ptr for array in film.values()} == {
-        getattr(renderer.film.data, name).ptr for name in ("total", "total_of_squares", "count", "rejected", "rays")
+    assert {name: array.ptr for name, array in film.items()} == {
+        name: getattr(renderer.film.data, name).ptr for name in film
     }
     mean = film["total"].numpy() / film["count"].numpy()[..., None]
     np.testing.assert_array_equal(mean.astype(np.float32), image)
     assert film["rays"].numpy().sum() == renderer.rays
-    renderer.update_vertices(1, hilly(0.2, smooth=False).vertices)
+    renderer.update_vertices(1, hilly(0.2).vertices)
     assert not film["count"].numpy().any()
 
 
 @pytest.mark.parametrize("way", ["numpy", "array interface", "jax", "torch"])
 def test_others_share_film_and_image_without_a_copy(way: str) -> None:
-    renderer = renderer_of(hilly(0.1, smooth=False), "cpu")
+    renderer = renderer_of(hilly(0.1), "cpu")
     image = rendered(renderer)
     on_device, total = renderer.device_image(), renderer.device_film()["total"]
     if way == "jax":
@@ -139,12 +128,10 @@ def test_others_share_film_and_image_without_a_copy(way: str) -> None:
         jax.config.update("jax_enable_x64", True)
         shared, sums = jax.dlpack.from_dlpack(on_device), jax.dlpack.from_dlpack(total)
         places = shared.unsafe_buffer_pointer(), sums.unsafe_buffer_pointer()
-        assert float(shared.mean()) == pytest.approx(float(image.mean()), rel=1e-5)
     elif way == "torch":
         torch = pytest.importorskip("torch")
         shared, sums = torch.from_dlpack(on_device), torch.from_dlpack(total)
         places = shared.data_ptr(), sums.data_ptr()
-        assert float(shared.mean()) == pytest.approx(float(image.mean()), rel=1e-5)
     else:
         take = np.from_dlpack if way == "numpy" else np.asarray
         shared, sums = take(on_device), take(total)
@@ -168,7 +155,7 @@ def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_snapshot_stays_as_it_is_while_passes_go_on(device: str) -> None:
-    renderer = renderer_of(hilly(0.1, smooth=False), device)
+    renderer = renderer_of(hilly(0.1), device)
     before = rendered(renderer)
     fetch = renderer.film.snapshot()
     for _ in renderer.passes(spp=8):
@@ -178,15 +165,15 @@ def test_a_snapshot_stays_as_it_is_while_passes_go_on(device: str) -> None:
 
 
 def test_meshes_are_made_of_warp_arrays(device: str) -> None:
-    mesh = hilly(0.1, smooth=False)
+    mesh = hilly(0.1)
     made = wrt.Mesh(upload(mesh.vertices, wp.vec3, device), upload(mesh.faces, wp.vec3i, device))
     np.testing.assert_array_equal(made.vertices, mesh.vertices)
     np.testing.assert_array_equal(made.faces, mesh.faces)
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_mistakes_are_told_in_one_line(tmp_path) -> None:
-    mesh = hilly(0.1, smooth=False)
+def test_mistakes_are_told_in_one_line(tmp_path: Path) -> None:
+    mesh = hilly(0.1)
     renderer = renderer_of(mesh, "cpu")
     nan = mesh.vertices.copy()
     nan[7, 1] = np.nan
@@ -194,16 +181,10 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
         (1, mesh.vertices[:-1], "sheet: vertices are 399, but the mesh has 400"),
         (1, mesh.vertices[:, :2], r"sheet: vertices must be \(N, 3\), not \(400, 2\)"),
         (1, nan, "sheet: vertex 7 is not finite"),
-        (1, mesh.vertices * np.nan, "sheet: vertex 0 is not finite"),
         (
             1,
             mesh.vertices + np.float32(2e12),
-            r"^sheet: vertex 0 is at 2e\+12 2e\+12 2e\+12; rays reach to 1e\+12; scale it down$",
-        ),
-        (
-            mesh,
-            mesh.vertices,
-            "shape must be one of the scene's shapes, as wrt.Scene.add returns it, or its number, not Mesh",
+            r"^sheet: vertex 0 is at 2e\+12 .*; rays reach to 1e\+12; scale it down$",
         ),
         ("sheet", mesh.vertices, "shape must be one of the scene's shapes, .* or its number, not str"),
         (1, "much", "sheet: vertices must be numbers"),
@@ -226,13 +207,12 @@ def test_mistakes_are_told_in_one_line(tmp_path) -> None:
     scene = scene_of(mesh)
     scene.add(mesh, transform=wrt.Motion.translation((0, 1, 0)), name="moving")
     scene.camera = dataclasses.replace(scene.camera, shutter_close=1.0)
-    moving = wrt.Renderer(scene, width=8, height=8)
     with pytest.raises(wrt.InputError, match="can be updated in scenes without instances"):
-        moving.update_vertices(1, mesh.vertices)
+        wrt.Renderer(scene, width=8, height=8).update_vertices(1, mesh.vertices)
 
 
 @pytest.mark.slow
-def test_the_example_renders_a_falling_cloth(tmp_path) -> None:
+def test_the_example_renders_a_falling_cloth(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "cloth.py"), str(tmp_path), "--frames", "12", "--spp", "2"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     subprocess.run([*command, "--size", "48x36"], check=True, env=environment, capture_output=True, timeout=300)

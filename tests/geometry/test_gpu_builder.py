@@ -1,0 +1,141 @@
+"""A GPU builds trees in many threads without waiting for the host, and the same ones in any order of its threads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from gpu_builder_model import bumpy_ball
+from numpy.typing import NDArray
+from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda, entry_of
+from support.emulated_cuda.libraries import BLOCK
+from support.kernels import upload
+from support.ray_trees import HARD, Tree, build, cast_rays, check, rays, scattered, soup
+
+from wrt.backend.device import Device
+from wrt.kernels.accel.build import moves
+from wrt.kernels.accel.build.levels import SUBTREE
+from wrt.kernels.accel.build.split import BinaryNode
+from wrt.upload.accel.gpu_tree import least_levels, most_levels
+from wrt.upload.accel.reinsertion import levels_of
+
+
+class ShuffledBackend(EmulatedBackend):
+    """Runs the blocks of each grid in a random order."""
+
+    def __init__(self) -> None:
+        super().__init__(optimization=0)
+        self._rng = np.random.default_rng(1)
+
+    def run_grid(self, kernel: Any, count: int, packed: list[Any]) -> None:
+        for block in self._rng.permutation(-(-count // BLOCK)).tolist():
+            threads = range(block * BLOCK, (block + 1) * BLOCK)
+            self.library(kernel).run(entry_of(kernel), count, packed, threads=threads)
+
+
+def bumpy(subdivisions: int) -> NDArray[np.float32]:
+    points, faces = bumpy_ball(subdivisions)
+    return points[faces]
+
+
+TREES = {
+    "bumpy ball": lambda: bumpy(4),
+    "soup": lambda: soup(9_000),
+    "large triangles": HARD["large triangles"],
+    "coincident pairs": lambda: np.repeat(soup(2_000), 2, axis=0),
+    "scattered": lambda: scattered(5_000),
+}
+
+
+def built_by(backend: EmulatedBackend, corners: NDArray[np.float32]) -> Tree:
+    with emulated_cuda(counting=backend):
+        return build(corners, GPU)
+
+
+def visits(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray) -> float:
+    """Return how many boxes a ray enters before its end, on average: what it cannot but visit."""
+    used = (tree.lower <= tree.upper).all(axis=2)
+    low, high = tree.lower[used].astype(np.float64), tree.upper[used].astype(np.float64)
+    total = 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for o, d, end in zip(origins.astype(np.float64), directions.astype(np.float64), ends, strict=True):
+            a, b = (low - o) / d, (high - o) / d
+            enters = np.fmax.reduce(np.fmin(a, b), axis=1)
+            leaves = np.fmin.reduce(np.fmax(a, b), axis=1)
+            total += int(((np.maximum(enters, 0.0) <= leaves) & (enters <= end)).sum())
+    return total / len(origins)
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("name", TREES)
+def test_trees_are_the_same_in_any_order_of_threads_and_as_good_as_the_cpus(name: str, report: Report) -> None:
+    """Splits are those of the CPU; moves differ a little, as they are chosen side by side."""
+    corners = TREES[name]()
+    tree, cpu = built_by(EmulatedBackend(optimization=0), corners), build(corners, "cpu")
+    check(tree, corners)
+    other = built_by(ShuffledBackend(), corners)
+    for field in ("lower", "upper", "children", "numbers", "corners"):
+        np.testing.assert_array_equal(getattr(other, field), getattr(tree, field))
+    origins, directions = rays(1_500, seed=3)
+    triangle, tuv = cast_rays(cpu, origins, directions, "cpu")
+    ends = np.where(triangle >= 0, tuv[:, 0], np.inf).astype(np.float64)
+    found, expected = (visits(each, origins, directions, ends) for each in (tree, cpu))
+    report(f"{name}: boxes that a ray visits", found, expected)
+    assert found <= 1.01 * expected
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize(("subdivisions", "most"), [(1, 60), (3, 160)])
+def test_small_meshes_take_few_launches(subdivisions: int, most: int, report: Report) -> None:
+    corners, backend = bumpy(subdivisions), EmulatedBackend(optimization=0)
+    check(built_by(backend, corners), corners)
+    launches = sum(backend.launches.values())
+    report(f"launches for a tree of {len(corners)} triangles", launches)
+    assert launches < most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gains", [(2.0, 1.0), (1.0, 2.0)])
+def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float, float]) -> None:
+    """Their neighbours are apart, so locks exclude neither, and both together would cut a ring off the tree."""
+    inner = {0: (1, 2), 1: (3, 4), 2: (5, 6), 3: (7, 8), 5: (9, 10), 7: (11, 12), 9: (13, 14)}
+    rows, parents = np.zeros(15, BinaryNode.numpy_dtype()), np.full(15, -1)
+    rows["count"] = 1
+    for parent, children in inner.items():
+        rows["left"][parent], rows["right"][parent] = children
+        parents[list(children)] = parent
+    with emulated_cuda(optimization=0):
+        device, state = Device(GPU), moves.Moves()
+        nodes, above = upload(rows, BinaryNode, GPU), upload(parents, int, GPU)
+        state.node, state.place = upload([3, 5], int, GPU), upload([13, 11], int, GPU)
+        state.gain, state.state = upload(gains, float, GPU), upload([0, 0], int, GPU)
+        state.locks, state.mover = (upload(np.zeros(15), wp.int64, GPU) for _ in range(2))
+        state.touched, state.found = upload(np.zeros(15), int, GPU), upload([0, 0], int, GPU)
+        device.launch(moves.lock_nodes, 2, [state, nodes, above, 1, 6, 1])
+        device.launch(moves.choose_moves, 2, [state, nodes, above, 1, 6])
+        assert (state.state.numpy() == moves.CHOSEN).all()
+        assert state.found.numpy().tolist() == [2, 0]
+        device.launch(moves.exclude_cycles, 2, [state, above, 1])
+        device.launch(moves.make_moves, 2, [state, nodes, above])
+        found = nodes.numpy()
+    first = gains[0] > gains[1]
+    assert state.state.numpy().tolist() == [moves.CHOSEN, moves.EXCLUDED][:: 1 if first else -1]
+    np.testing.assert_array_equal(np.sort(np.concatenate(levels_of(nodes))), np.arange(15))
+    parent, place, node = (1, 13, 3) if first else (2, 11, 5)
+    assert (found["left"][parent], found["right"][parent]) == (place, node)
+
+
+def test_levels_suffice() -> None:
+    """Where each split parts one box from the others, and where all are halved."""
+    assert most_levels(SUBTREE, SUBTREE, 48) == 0
+    assert most_levels(SUBTREE + 1, SUBTREE, 48) == 1
+    for count in (129, 256, 257, 1000, 10**7):
+        left, halvings = count, 0
+        while left > SUBTREE:
+            left, halvings = left - left // 2, halvings + 1
+        assert least_levels(count, SUBTREE) == halvings
+        assert most_levels(count, SUBTREE, 0) == min(halvings, count - SUBTREE)
+        assert most_levels(count, SUBTREE, 8) >= min(8 + halvings, count - SUBTREE)

@@ -1,0 +1,246 @@
+"""What moves while the shutter is open is smeared as closed forms say, and as many still pictures together."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from scipy import stats
+from support.exact_pictures import rendered
+from support.statistics import image_z_test
+
+import wrt
+from wrt.upload.accel import instancing
+
+FloatArray = NDArray[np.float64]
+
+WIDTH, HEIGHT, SPP = 64, 16, 4096
+"""Pixels of the streaks; the picture shows 8 x 2 metres."""
+
+QUAD = wrt.quad((-0.25, -0.5, 0.0), (0.5, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def streak(shape: dict[str, object], device: str, shutter: tuple[float, float] = (0.0, 1.0)) -> FloatArray:
+    """Return one channel of a picture of a shining shape before black."""
+    times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
+    camera = wrt.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), view_height=2.0, **times)
+    scene = wrt.Scene(camera=camera)
+    scene.add(emission=1.0, two_sided_emission=True, **shape)  # type: ignore[arg-type]
+    renderer = rendered(scene, SPP, width=WIDTH, height=HEIGHT, max_depth=1, filter="box", device=device, seed=3)
+    return renderer.image()[..., 0].astype(np.float64)
+
+
+def chance(found: FloatArray, expected: FloatArray) -> float:
+    """Return the probability of such a difference, were `expected` right (Pearson's χ²): a sample shines or not."""
+    certain = (expected < 1e-9) | (expected > 1.0 - 1e-9)
+    if not np.allclose(found[certain], expected[certain], atol=3.0 / SPP):
+        return 0.0
+    expected, found = expected[~certain], found[~certain]
+    variance = expected * (1.0 - expected) / SPP
+    return float(stats.chi2.sf(np.sum((found - expected) ** 2 / variance), len(found)))
+
+
+def centers() -> tuple[FloatArray, FloatArray]:
+    """Return x and y in metres at 8 x 8 points of each pixel: (H, W, 64) each."""
+    fine = (np.arange(8) + 0.5) / 8.0
+    x = (np.arange(WIDTH)[:, None] + fine) * 8.0 / WIDTH - 4.0
+    y = 1.0 - (np.arange(HEIGHT)[:, None] + fine) * 2.0 / HEIGHT
+    grid = np.broadcast_arrays(x[None, :, None, :], y[:, None, :, None])
+    return tuple(a.reshape(HEIGHT, WIDTH, 64) for a in grid)  # type: ignore[return-value]
+
+
+ROWS = (np.abs(np.arange(HEIGHT) - 7.5) < 4.0)[:, None]
+
+
+def crossing(offset: float, start: float = -2.0) -> FloatArray:
+    """Return the share of the time that the square, moving along x by `offset`, covers each pixel.
+
+    At x it is covered while |x − start − offset t| < 1/4; the mean over a pixel is by the antiderivative of that
+    trapezoid.
+    """
+
+    def integral(x: FloatArray) -> FloatArray:
+        """Return ∫ (x − s)₊ from s = 0 to offset, over offset: the antiderivative of a step that moves."""
+        a, b = np.maximum(x, 0.0), np.maximum(x - offset, 0.0)
+        return (a * a - b * b) / (2.0 * offset)
+
+    edges = np.linspace(-4.0, 4.0, WIDTH + 1) - start
+    return np.asarray(ROWS * (np.diff(integral(edges + 0.25) - integral(edges - 0.25)) * WIDTH / 8.0))
+
+
+def test_a_streak(device: str, report: Report) -> None:
+    """Its length, and the light along it."""
+    start = np.eye(4)
+    start[0, 3] = -2.0
+    moving = wrt.Motion((0.0, 1.0), [start, wrt.Motion.translation((3.0, 0.0, 0.0)).at(1.0) @ start])
+    found = streak({"mesh": QUAD, "transform": moving}, device)
+    p = chance(found, crossing(3.0))
+    report("the light along it", "", "", p=p)
+    assert p > 1e-3
+    # Wrong partners: a streak 5 % longer, one of 5 % too much time, one that is a step late.
+    for wrong in (crossing(3.15), 1.05 * crossing(3.0), crossing(3.0, start=-1.95)):
+        assert chance(found, wrong) < 1e-6
+    # Half the time, half the way; the times of keys are in seconds.
+    later = wrt.Motion((0.5, 2.5), moving.transforms)
+    found = streak({"mesh": QUAD, "transform": later}, device, shutter=(0.5, 1.5))
+    assert chance(found, crossing(1.5)) > 1e-3
+    # Outside of its keys a thing stands still: of four seconds it moves in one.
+    moving = wrt.Motion.translation((2.0, 0.0, 0.0), times=(1.0, 2.0))
+    found = streak({"mesh": QUAD, "transform": moving}, device, shutter=(0.0, 4.0))
+    there = [np.abs(np.linspace(-4, 4, 2 * WIDTH + 1)[1::2] - x) < 0.25 for x in (0.0, 2.0)]
+    expected = 0.25 * crossing(2.0, start=0.0) + ROWS * (0.25 * there[0] + 0.5 * there[1])
+    assert chance(found, expected) > 1e-3
+
+
+def arc(turn: float) -> FloatArray:
+    x, y = centers()
+    share = np.zeros(x.shape)
+    for angle in np.deg2rad((np.arange(2000) + 0.5) / 2000 * turn):
+        back_x, back_y = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+        share += (np.abs(back_x - 0.7) < 0.15) & (np.abs(back_y) < 0.2)
+    return np.asarray(share.mean(axis=2) / 2000)
+
+
+def stretched(by: float) -> FloatArray:
+    """The left edge stays, the right one moves: beyond x = 0 the light falls linearly."""
+    x, y = centers()
+    share = np.where(x < 0.25, 1.0, 1.0 - (x - 0.25) / by)
+    return np.asarray((np.clip(share, 0.0, 1.0) * (x > -0.25) * (np.abs(y) < 0.5)).mean(axis=2))
+
+
+ASIDE = wrt.quad((0.55, -0.2, 0.0), (0.3, 0.0, 0.0), (0.0, 0.4, 0.0))
+STRETCH = np.stack([QUAD.vertices, QUAD.vertices + np.where(QUAD.vertices[:, :1] > 0.0, [2.0, 0.0, 0.0], 0.0)])
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected", "right", "wrong"),
+    [
+        # A square that turns about the middle of the picture, a metre and a half beside which it is.
+        ({"mesh": ASIDE, "transform": wrt.Motion.rotation((0, 0, 1), 300.0)}, arc, 300.0, 330.0),
+        ({"mesh": QUAD, "deformation": wrt.Deformation((0.0, 1.0), STRETCH)}, stretched, 2.0, 2.1),
+    ],
+    ids=["arc", "stretch"],
+)
+def test_light_along_other_ways(
+    shape: dict[str, object],
+    expected: Callable[[float], FloatArray],
+    right: float,
+    wrong: float,
+    device: str,
+    report: Report,
+) -> None:
+    found = streak(shape, device)
+    p = chance(found, expected(right))
+    report("the light along it", "", "", p=p)
+    assert p > 1e-3
+    assert chance(found, expected(wrong)) < 1e-9
+
+
+def test_a_deformation_may_bring_normals_to_a_flat_mesh(device: str) -> None:
+    quad = wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    tilted = np.tile(np.float32([0.6, 0.0, 0.8]), (len(quad.vertices), 1))
+    deformation = wrt.Deformation((0.0, 1.0), np.stack([quad.vertices, 0.5 * quad.vertices]), np.stack([tilted] * 2))
+
+    def picture(mesh: wrt.Mesh, deformation: wrt.Deformation, shutter_close: float) -> NDArray:
+        scene = wrt.Scene(camera=wrt.OrthographicCamera((0, 0, 3), view_height=2.5, shutter_close=shutter_close))
+        scene.add(mesh, material=wrt.Diffuse(0.8), deformation=deformation)
+        scene.add_light(wrt.DirectionalLight((-0.7, 0.0, -0.7), irradiance=2.0))
+        return rendered(scene, 4, width=24, height=24, device=device).image()
+
+    for shutter_close in (0.0, 1.0):
+        found = picture(quad, deformation, shutter_close)
+        smooth = dataclasses.replace(quad, normals=tilted)
+        np.testing.assert_array_equal(found, picture(smooth, deformation, shutter_close))
+        flat = wrt.Deformation(deformation.times, deformation.vertices)
+        assert np.abs(found - picture(quad, flat, shutter_close)).max() > 0.02
+
+
+# --- Pictures ----------------------------------------------------------------------------------------
+
+
+def moving_scene(shutter: tuple[float, float]) -> wrt.Scene:
+    """A ball that tumbles, a smooth one that changes its shape, a light that moves, and things that stand."""
+    times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
+    camera = wrt.PerspectiveCamera((0.0, 2.0, 5.0), (0.0, 0.6, 0.0), fov_degrees=40.0, **times)
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment(0.1))
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.6))
+    keys = [np.eye(4), np.eye(4)]
+    keys[0][:3, 3] = -1.5, 0.5, 0.0
+    keys[1][:3, :3] = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) @ np.diag([1.2, 0.7, 1.0])
+    keys[1][:3, 3] = -0.5, 1.0, 0.0
+    box, red = wrt.box((-0.4, -0.4, -0.4), (0.4, 0.4, 0.4)), wrt.Diffuse((0.8, 0.3, 0.2))
+    scene.add(box, material=red, transform=wrt.Motion((0.0, 1.0), keys, center=(0.2, 0.0, 0.0)))
+    mirrored = np.diag([-0.5, 0.5, 0.5, 1.0])
+    mirrored[:3, 3] = 0.2, 0.3, 1.0
+    scene.add(box, material=wrt.Mirror(0.9), transform=mirrored)
+    ball = wrt.sphere(subdivisions=2)
+    shapes = np.stack([ball.vertices * [0.4, 0.4, 0.4], ball.vertices * [0.7, 0.2, 0.4]]) + [1.2, 0.5, 0.0]
+    scene.add(ball, material=wrt.Diffuse(0.7), deformation=wrt.Deformation((-0.5, 1.0), shapes))
+    lamp = wrt.quad((-0.5, 2.5, -0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    scene.add(lamp, emission=(8.0, 7.0, 5.0), transform=wrt.Motion.translation((1.5, 0.0, 0.3)))
+    return scene
+
+
+@pytest.mark.slow
+def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> None:
+    """Still ones have all triangles where they are in one tree, and know nothing of motion."""
+    options = {"width": 40, "height": 30, "max_depth": 4, "device": device}
+    blurred = rendered(moving_scene((0.0, 1.0)), 2048, seed=1, **options)
+    assert blurred._built.features.instances == "deforming"
+    # One time in each of 256 equal parts of the whole: so few pixels tell that there are not more of them.
+    count, rng = 256, np.random.default_rng(4)
+    mean, variance = np.zeros((30, 40, 3)), np.zeros((30, 40, 3))
+    for i, time in enumerate((np.arange(count) + rng.random(count)) / count):
+        still = rendered(moving_scene((time, time)), 8, seed=100 + i, **options)
+        assert still._built.features.instances == "none"
+        mean += still.image() / count
+        variance += still.variance() / count**2
+    test = image_z_test(blurred.image(), blurred.variance(), mean, variance, n_a=2048, n_b=7 * count)
+    report("against still pictures", test.message)
+    assert test.pass_fraction >= 0.995
+    assert min(test.p_min, test.block_p, test.spread_p, test.mean_p) > 1e-3
+    # A wrong partner: a single picture in the middle of the time.
+    middle = rendered(moving_scene((0.5, 0.5)), 256, seed=7, **options)
+    test = image_z_test(blurred.image(), blurred.variance(), middle.image(), middle.variance(), n_a=2048, n_b=256)
+    assert test.block_p < 1e-9
+
+
+def test_shapes_know_where_they_are() -> None:
+    for shape in moving_scene((0.0, 1.0)).shapes:
+        low, high = shape.bounds
+        for time in (0.0, 0.3, 0.7, 1.0):
+            box = shape.mesh_at(time).bounds
+            assert ((box[0] >= low - 0.01) & (box[1] <= high + 0.01)).all()
+
+
+def test_what_stands_still_while_the_shutter_is_open_is_in_one_tree() -> None:
+    for shutter, kind in (((0.0, 1.0), "deforming"), ((0.3, 0.3), "none"), ((2.0, 3.0), "none")):
+        assert instancing.lay_out(moving_scene(shutter)).kind == kind
+    scene = moving_scene((0.0, 1.0))
+    scene.shapes = [shape for shape in scene.shapes if shape.deformation is None]
+    assert instancing.lay_out(scene).kind == "moving"
+
+
+@pytest.mark.slow
+def test_resuming(tmp_path: object) -> None:
+    options = {"width": 12, "height": 9, "max_depth": 4, "seed": 5}
+    whole, half = (rendered(moving_scene((0.0, 1.0)), spp, **options) for spp in (8, 3))
+    path = f"{tmp_path}/half.ckpt"
+    half.save_checkpoint(path)
+    resumed = wrt.Renderer.resume(path, moving_scene((0.0, 1.0)), threads=1)
+    for _ in resumed.passes(spp=8):
+        pass
+    np.testing.assert_array_equal(resumed.image(), whole.image())
+    # Another motion is another scene.
+    shapes = moving_scene((0.0, 1.0)).shapes
+    assert shapes[3].deformation is not None
+    later = wrt.Deformation(shapes[3].deformation.times + 0.1, shapes[3].deformation.vertices)
+    for i, change in ((1, {"transform": wrt.Motion.translation((0.1, 0.0, 0.0))}), (3, {"deformation": later})):
+        other = moving_scene((0.0, 1.0))
+        other.shapes[i] = dataclasses.replace(other.shapes[i], **change)  # type: ignore[arg-type]
+        with pytest.raises(wrt.InputError, match="geometry"):
+            wrt.Renderer.resume(path, other)

@@ -1,0 +1,185 @@
+"""Meshes that stand in many places make the same picture as copies of them, for the memory of one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from support.exact_pictures import rendered
+from support.statistics import image_z_test
+
+import wrt
+from wrt.backend.device import Device
+from wrt.meshes.many_triangles import terrain
+from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.upload.accel import instancing
+from wrt.upload.scene_data import build_scene
+
+
+def turn(rng: np.random.Generator) -> NDArray[np.float64]:
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def affine(linear: NDArray, offset: NDArray | tuple[float, ...]) -> NDArray[np.float64]:
+    m = np.eye(4)
+    m[:3, :3], m[:3, 3] = linear, offset
+    return m
+
+
+def materials() -> list[wrt.Material]:
+    """Matt, brushed along the texture, with a normal map, transparent in part, and glass."""
+    pattern = wrt.ImageTexture(np.random.default_rng(1).random((4, 4, 3)).astype(np.float32))
+    bumps = np.full((8, 8, 3), (0.5, 0.5, 1.0), np.float32)
+    bumps[::2, ::3, :2] = 0.7, 0.4
+    return [
+        wrt.Diffuse(pattern),
+        wrt.RoughConductor((0.1, 0.4)),
+        wrt.Plastic(pattern, normal_map=wrt.NormalMap(bumps, filter=True)),
+        wrt.Diffuse(0.6, opacity=0.5),
+        wrt.Dielectric(),
+    ]
+
+
+def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
+    """Smooth balls with textures and shining boxes, turned, stretched, mirrored, by transform or as copies."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.6, 5.0), (0.0, 0.7, 0.0), fov_degrees=42.0))
+    scene.environment = wrt.ConstantEnvironment(0.3)
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.6))
+    rng = np.random.default_rng(2)
+    ball = wrt.sphere(subdivisions=2)
+    uvs = ball.vertices[:, :2] * np.float32(0.7) + ball.vertices[:, 2:] * np.float32([0.3, 0.1])
+    ball = wrt.Mesh(ball.vertices, ball.faces, ball.normals, uvs)
+    box = wrt.box((-0.5, -0.2, -0.3), (0.5, 0.2, 0.3))
+    places = []
+    for i, material in enumerate(materials() * 2):
+        linear = turn(rng) @ np.diag(rng.uniform(0.2, 0.6, 3)) @ turn(rng)
+        linear = linear @ np.diag([1.0, 1.0, -1.0 if mirrored and i % 2 else 1.0])
+        places.append((ball, {"material": material}, affine(linear, rng.uniform((-2, 0.3, -2), (2, 1.4, 1)))))
+    for i in range(3):
+        linear = turn(rng) @ np.diag(rng.uniform(0.4, 0.8, 3) * [1, 1, -1 if mirrored and i % 2 else 1])
+        glow = {"emission": tuple(rng.uniform(1, 6, 3))}
+        places.append((box, glow, affine(linear, rng.uniform((-2, 1.5, -2), (2, 2.5, 1)))))
+    for mesh, look, transform in places:
+        placed = {"transform": transform} if instanced else {}
+        scene.add(mesh if instanced else mesh.transformed(transform), **look, **placed)  # type: ignore[arg-type]
+    return scene
+
+
+@pytest.mark.slow
+def test_a_picture_of_instances_is_that_of_copies(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
+    copies, instances = many(False), many(True)
+    assert instancing.lay_out(copies).kind == "none"
+    assert instancing.lay_out(instances).kind == "still"
+    assert len(instancing.lay_out(instances).shared) == 2
+    # With the same random numbers all but a few paths find the same, but for rounding. (In copies of mirror images
+    # corners have another order, and so the points on lights.)
+    one, other = (rendered(many(instanced, False), 16, seed=1, device=device) for instanced in (False, True))
+    near = np.abs(one.image() - other.image()) <= 1e-3 * one.image()
+    report("channels that differ by less than 0.1 %, same random numbers", near.mean())
+    assert near.mean() > 0.9
+    # With others: the same expectation.
+    two, one = rendered(instances, 512, seed=2, device=device), rendered(copies, 512, seed=3, device=device)
+    test = image_z_test(two.image(), two.variance(), one.image(), one.variance(), n_a=512, n_b=512)
+    report("other random numbers", test.message)
+    assert test.pass_fraction >= 0.995
+    assert min(test.block_p, test.mean_p) > 1e-3
+    # A wrong partner: mirrored ones without the mirror.
+    for i in (2, 4, 6, 8, 10):
+        shape = instances.shapes[i]
+        straight = np.asarray(shape.transform) @ np.diag([1.0, 1.0, -1.0, 1.0])
+        copies.shapes[i] = wrt.Shape(shape.mesh.transformed(straight), shape.material)
+    wrong = rendered(copies, 256, seed=4, device=device)
+    test = image_z_test(two.image(), two.variance(), wrong.image(), wrong.variance(), n_a=512, n_b=256)
+    report("copies that are not mirrored: p of blocks", test.block_p)
+    assert test.block_p < 1e-6
+
+
+def test_a_mesh_takes_memory_once(device: str, report: Report) -> None:
+    """Ten thousand instances of 70 thousand triangles."""
+    mesh, places = terrain(70_000), np.tile(np.eye(4), (10_000, 1, 1))
+    places[:, :3, 3] = np.random.default_rng(8).uniform(-1000, 1000, (10_000, 3))
+    sizes = []
+    for count in (2, 10_000):
+        scene = wrt.Scene(camera=wrt.PerspectiveCamera())
+        scene.add_instances(mesh, places[:count], material=wrt.Diffuse(0.5))
+        data = build_scene(scene, Device(device)).data
+        placed = data.placed
+        arrays = [data.points, data.indices, data.normals, data.triangle_shape, data.shapes]
+        arrays += [placed.nodes, placed.instances, placed.meshes]
+        arrays += [a for tree in placed.meshes._ref for a in (tree.bvh.nodes, tree.bvh.leaves)]
+        sizes.append(sum(a.capacity or a.size * 4 for a in arrays))
+        assert (len(data.points), len(data.indices)) == (len(mesh.vertices), 3 * len(mesh.faces))
+    each = (sizes[1] - sizes[0]) / 9998
+    report("bytes of two instances, of each further one", f"{sizes[0]}, {each:.0f}")
+    assert each < 400
+    assert sizes[0] < 200 * len(mesh.faces)
+
+
+def test_what_lies_in_the_world_and_what_does_not() -> None:
+    ball, small = wrt.sphere(subdivisions=4), wrt.box()
+    there = affine(np.eye(3), (1.0, 2.0, 3.0))
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(shutter_close=1.0))
+    scene.add(ball)
+    scene.add(ball, transform=there)
+    found = instancing.lay_out(scene)
+    assert found.kind == "none"
+    np.testing.assert_array_equal(found.world_meshes[1].vertices, ball.transformed(there).vertices)
+    scene.add_instances(small, [np.eye(4), there])
+    assert instancing.lay_out(scene).kind == "none"
+    scene.add(ball, transform=np.eye(4))
+    found = instancing.lay_out(scene)
+    assert (found.kind, found.world_shapes, [i.shape for i in found.instances]) == ("still", [0, 2, 3], [1, 4])
+    scene.add(small, transform=wrt.Motion.translation((1.0, 0.0, 0.0)))
+    assert instancing.lay_out(scene).kind == "moving"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: wrt.Shape(wrt.box(), transform=np.eye(3)), r"a \(4, 4\) matrix or a wrt.Motion, not an array of"),
+        (lambda: wrt.Shape(wrt.box(), transform=np.diag([1.0, 0.0, 1.0, 1.0])), "not invertible"),
+        (lambda: wrt.Shape(wrt.box(), transform="turn"), "not str"),
+        (lambda: wrt.Shape(wrt.box(), transform=np.full((4, 4), np.nan)), "finite"),
+        (
+            lambda: wrt.Shape(wrt.box(), deformation=wrt.Deformation((0.0, 1.0), np.zeros((2, 9, 3)))),
+            "9 vertices, but the mesh",
+        ),
+        (lambda: wrt.Deformation((0.0, 1.0), np.zeros((3, 9, 3))), "a set per key"),
+    ],
+)
+def test_what_is_no_transform_or_deformation(make: object, message: str) -> None:
+    assert callable(make)
+    with pytest.raises(wrt.InputError, match=message):
+        make()
+
+
+def test_normals_follow_a_deformation(report: Report) -> None:
+    """A smooth ball that becomes an ellipsoid has its normals; a box keeps its edges."""
+    ball, stretch = wrt.sphere(subdivisions=4), np.array([2.0, 1.0, 0.5])
+    deformation = wrt.Deformation((0.0, 1.0), np.stack([ball.vertices, ball.vertices * stretch]))
+    there = deformation.at(1.0, ball)
+    exact = ball.vertices / stretch
+    exact /= np.linalg.norm(exact, axis=1, keepdims=True)
+    assert there.normals is not None
+    error = np.degrees(np.arccos(np.clip((there.normals * exact).sum(axis=1), -1, 1)))
+    report("largest error of a normal, degrees", error.max())
+    assert error.max() < 2.0
+    half = deformation.at(0.5, ball)
+    np.testing.assert_allclose(half.vertices, ball.vertices * (1.0 + stretch) / 2.0, rtol=1e-6)
+
+
+def test_fingerprints_see_transforms() -> None:
+    def of(transform: object) -> str:
+        scene = wrt.Scene()
+        scene.add(wrt.box(), transform=transform)  # type: ignore[arg-type]
+        return scene_fingerprint(scene)["geometry"]
+
+    there, motion = affine(np.eye(3), (1.0, 0.0, 0.0)), wrt.Motion.translation((1.0, 0.0, 0.0))
+    different = [None, np.eye(4), there, motion, wrt.Motion(motion.times, motion.transforms, (1.0, 0.0, 0.0))]
+    assert len({of(transform) for transform in different}) == len(different)
+    assert of(there) == of(there.copy())
+    assert of(motion) == of(wrt.Motion.translation((1.0, 0.0, 0.0)))
