@@ -28,7 +28,7 @@ from wrt.kernels.sampling.solid_angle import (
 
 Array = NDArray[np.float64]
 
-N = 2**19
+N = 2**18
 WRONG = 1.06
 """By how much the partner of each test is off that must be seen to fail."""
 
@@ -99,30 +99,31 @@ def ask_densities(
         pdf_out[i] = cone_pdf(size[0])
 
 
-def draw(kind: int, p: Any, size: tuple[float, float], u: NDArray, device: str) -> tuple[Array, Array, Array]:
+def launch(kernel: wp.Kernel, n: int, device: str, types: tuple, *inputs: Any) -> list[Array]:
     initialize_warp()
-    out = [wp.zeros(len(u), dtype=dtype, device=device) for dtype in (wp.vec3, float, float)]
-    wp.launch(draw_ways, len(u), [kind, wp.vec3(*p), wp.vec2(*size), upload(u, wp.vec2, device)], out, device=device)
-    wi, pdf, distance = (array.numpy().astype(np.float64) for array in out)
-    return wi, pdf, distance
+    out = [wp.zeros(n, dtype=dtype, device=device) for dtype in types]
+    wp.launch(kernel, n, list(inputs), out, device=device)
+    return [array.numpy().astype(np.float64) for array in out]
+
+
+def draw(kind: int, p: Any, size: tuple[float, float], u: NDArray, device: str) -> list[Array]:
+    numbers = upload(u, wp.vec2, device)
+    return launch(draw_ways, len(u), device, (wp.vec3, float, float), kind, wp.vec3(*p), wp.vec2(*size), numbers)
 
 
 def density(kind: int, p: Any, size: tuple[float, float], wi: Array, distance: Array, device: str) -> Array:
-    initialize_warp()
-    out = wp.zeros(len(wi), dtype=float, device=device)
-    inputs = [kind, wp.vec3(*p), wp.vec2(*size), upload(wi, wp.vec3, device), upload(distance, wp.float32, device)]
-    wp.launch(ask_densities, len(wi), inputs, [out], device=device)
-    return out.numpy().astype(np.float64)
+    ways = upload(wi, wp.vec3, device), upload(distance, wp.float32, device)
+    return launch(ask_densities, len(wi), device, (float,), kind, wp.vec3(*p), wp.vec2(*size), *ways)[0]
 
 
 def check(name: str, counts: Array, expected: Array, report: Report) -> None:
     """Hold counts against a density, and see that one which is a little larger on one side would not do."""
     assert expected.sum() == pytest.approx(N, rel=2e-4)
-    result = chi_square_test(counts.ravel(), expected.ravel(), tests=24)
+    result = chi_square_test(counts.ravel(), expected.ravel(), tests=20)
     report(name, result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
     tilted = expected * np.linspace(2.0 - WRONG, WRONG, len(expected))[:, None]
-    assert not chi_square_test(counts.ravel(), tilted.ravel() * (N / tilted.sum()), tests=24).passed
+    assert not chi_square_test(counts.ravel(), tilted.ravel() * (N / tilted.sum()), tests=20).passed
 
 
 # --- Rectangle -------------------------------------------------------------------------------------
@@ -135,7 +136,6 @@ def solid_angle(x: Array, y: Array, h: float) -> Array:
 
 RECTANGLES = {
     "above the middle": (0.6, 0.35, 0.8),
-    "aside": (3.0, 2.0, 1.0),
     "grazing": (4.0, 0.3, 0.15),
     "behind, below a corner": (-0.1, -0.1, -0.3),
     "very near": (0.5, 0.3, 1e-3),
@@ -179,13 +179,11 @@ def test_rectangle(name: str, device: str, report: Report) -> None:
 
 DISKS = {
     "above the middle": (0.0, 0.0, 0.8),
-    "above a point inside": (0.3, 0.4, 0.5),
     "aside": (2.0, 1.0, 1.5),
     "behind and aside": (-2.0, 1.0, -0.7),
     "grazing": (3.0, 0.0, 0.05),
     "near the rim, inside": (0.75, 0.0, 0.02),
     "near the rim, outside": (0.0, 0.85, 0.02),
-    "very near": (0.2, 0.1, 1e-3),
     "far": (60.0, 20.0, 300.0),
 }
 

@@ -1,0 +1,232 @@
+"""wrt's own linear algebra: as exact as NumPy's, for hard matrices too, and with the same bits on every processor."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from wrt.backend.processor import processor_flags
+from wrt.errors import InputError
+from wrt.linalg import determinant, dot, gauss_legendre, inverse, norm, polar, product, singular_values
+from wrt.scene.motion import check_affine, rotation_matrix
+from wrt.sums import weighted_sum
+
+EPS = float(np.finfo(np.float64).eps)
+RANDOM = np.random.default_rng(11)
+TURN = rotation_matrix((1.0, 2.0, 3.0), 50.0)
+OTHER = rotation_matrix((-2.0, 1.0, 0.4), 130.0)
+
+HARD = {
+    "rotation": TURN,
+    "half turn": np.diag([-1.0, -1.0, 1.0]),
+    "mirror": np.diag([1.0, 1.0, -1.0]) @ TURN,
+    "zero pivots": np.array([[0.0, 2.0, 0.0], [0.0, 0.0, 3.0], [4.0, 0.0, 0.0]]),
+    "one size": 1e-15 * TURN,
+    "flat": TURN @ np.diag([1.0, 1.0, 1e-9]) @ OTHER,
+    "needle": TURN @ np.diag([1e6, 1e-6, 1e-6]) @ OTHER,
+    "sheared": np.array([[1.0, 1e6, 0.0], [0.0, 1.0, 1e6], [0.0, 0.0, 1.0]]),
+    "huge": 1e30 * RANDOM.normal(size=(3, 3)),
+    "tiny": 1e-30 * RANDOM.normal(size=(3, 3)),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_inverses_are_as_near_as_numpys(name: str) -> None:
+    matrix = HARD[name]
+    found, theirs = inverse(matrix), np.linalg.inv(matrix)
+    condition = np.linalg.cond(matrix)
+    assert np.abs(found - theirs).max() <= 8.0 * EPS * condition * np.abs(theirs).max()
+    # NumPy's determinants are exponentials of sums of logarithms, which are less accurate.
+    assert determinant(matrix) == pytest.approx(exact_determinant(matrix), rel=8.0 * EPS * condition)
+    # The residual of one side is that of a backward stable method.
+    assert np.abs(found @ matrix - np.eye(3)).max() <= 8.0 * EPS * condition
+
+
+def exact_determinant(matrix: np.ndarray) -> float:
+    a, b, c = ([Fraction(x) for x in row] for row in matrix.tolist())
+    minors = (b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0])
+    return float(sum(x * y for x, y in zip(a, minors, strict=True)))
+
+
+def test_a_stack_has_the_bits_of_its_matrices() -> None:
+    stack = np.stack([*HARD.values(), *RANDOM.normal(size=(100, 3, 3))])
+    assert (inverse(stack) == [inverse(matrix) for matrix in stack]).all()
+    assert (determinant(stack) == [determinant(matrix) for matrix in stack]).all()
+    assert inverse(stack[:12].reshape(3, 4, 3, 3)).shape == (3, 4, 3, 3)
+    affine = np.tile(np.eye(4), (len(stack), 1, 1))
+    affine[:, :3, :3], affine[:, :3, 3] = stack, 1.0
+    assert (inverse(affine)[:, :3, :3] == inverse(stack)).all()
+
+
+def test_matrices_that_have_no_inverse_are_refused() -> None:
+    for matrix in (np.zeros((3, 3)), np.diag([1.0, 0.0, 2.0]), np.outer([1.0, 2.0, 4.0], [1.0, 0.5, 0.25])):
+        assert determinant(matrix) == 0.0
+        with pytest.raises(np.linalg.LinAlgError):
+            inverse(matrix)
+        with pytest.raises(np.linalg.LinAlgError):
+            inverse(np.stack([np.eye(3), matrix]))
+        affine = np.eye(4)
+        affine[:3, :3] = matrix
+        with pytest.raises(InputError, match="the place is not invertible"):
+            check_affine(affine, "the place")
+    affine[:3, :3] = np.diag([1.0, 1.0, 1e-39])
+    with pytest.raises(InputError, match="the place scales by over 1e38 or by under 1e-38"):
+        check_affine(affine, "the place")
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_polar_factors_are_a_rotation_and_a_stretch(name: str) -> None:
+    matrix = HARD[name]
+    rotation, stretch = polar(matrix)
+    size = np.linalg.norm(matrix, 2)
+    assert np.abs(rotation.T @ rotation - np.eye(3)).max() <= 16.0 * EPS
+    assert np.abs(stretch - stretch.T).max() <= 2.0 * EPS * size
+    assert np.abs(rotation @ stretch - matrix).max() <= 16.0 * EPS * size
+    u, sizes, vt = np.linalg.svd(matrix)
+    assert np.abs(stretch - vt.T @ np.diag(sizes) @ vt).max() <= 32.0 * EPS * size
+    # The rotation is as sure as the two smallest singular values are large.
+    assert np.abs(rotation - u @ vt).max() <= 64.0 * EPS * size / (sizes[1] + sizes[2])
+    assert np.abs(singular_values(matrix) - sizes).max() <= 8.0 * EPS * size
+
+
+def test_singular_values_of_a_stack_are_those_of_its_matrices() -> None:
+    stack = RANDOM.normal(size=(50, 3, 3)) * [1.0, 10.0, 1e-3]
+    assert np.allclose(singular_values(stack), np.linalg.svd(stack, compute_uv=False), rtol=1e-12)
+    flat = stack[:, :, :2]
+    assert np.allclose(singular_values(flat), np.linalg.svd(flat, compute_uv=False), rtol=1e-12)
+    rotations, stretches = polar(stack)
+    assert np.allclose(rotations @ stretches, stack, atol=1e-13)
+
+
+def test_products_are_those_of_the_operator() -> None:
+    a, b, stack = RANDOM.normal(size=(4, 4)), RANDOM.normal(size=(4, 4)), RANDOM.normal(size=(7, 5, 4))
+    vectors = (a[0], b), (a, b[0]), (a[0], b[0]), (stack, a[0])
+    for left, right in ((a, b), (stack, a), (stack[:, :4], stack[:, :4]), *vectors):
+        found = product(left, right)
+        assert found.shape == np.shape(left @ right)
+        assert np.allclose(found, left @ right, rtol=0.0, atol=32.0 * EPS)
+    assert product(a.astype(np.float32), b.astype(np.float32)).dtype == np.float32
+    assert product([1, 2], [3, 4]) == dot([1, 2], [3, 4]) == 11
+    assert norm([2.0, 3.0, 6.0]) == 7.0
+    with pytest.raises(ValueError, match="broadcast"):
+        product(a, b[:3])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 24, 64, 128])
+def test_quadrature_is_exact_for_polynomials(count: int) -> None:
+    nodes, weights = gauss_legendre(count)
+    assert np.abs(nodes - np.polynomial.legendre.leggauss(count)[0]).max() <= 2.0 * EPS
+    assert (np.diff(nodes) > 0.0).all()
+    for power in range(0, 2 * count, max(1, count // 8)):
+        exact = 2.0 / (power + 1) if power % 2 == 0 else 0.0
+        assert abs((weights * nodes**power).sum() - exact) <= 32.0 * EPS
+
+
+def test_a_weighted_sum_is_the_product() -> None:
+    colors = np.random.default_rng(2).random((7, 5, 3), dtype=np.float32)
+    found = weighted_sum(colors, (0.2, 0.7, 0.1))
+    assert found.dtype == np.float32
+    assert np.allclose(found, colors @ np.array([0.2, 0.7, 0.1]), rtol=1e-6)
+
+
+# --- The same on every processor ----------------------------------------------------------------------
+
+CORES = "Haswell", "SkylakeX" if "avx512f" in processor_flags() else "Sandybridge"
+"""Processors whose code in OpenBLAS differs and runs here: with AVX2, and with AVX-512 or without fused operations."""
+
+LEFT_TO_BLAS = {
+    *(f"np.{name}" for name in ("dot", "inner", "vdot", "matmul", "tensordot", "vecdot", "convolve", "correlate")),
+    *(f"np.polynomial.{kind}gauss" for kind in ("legendre.leg", "hermite.herm")),
+    "np.polyfit",
+    "np.roots",
+}
+
+TABLES = """
+import hashlib
+import numpy as np
+import wrt
+from wrt.linalg import gauss_legendre
+from wrt.scene.exact.quadrics import cylinder, disk
+from wrt.scene.motion import Motion, rotation_matrix
+from wrt.upload.accel.instances import instance_records
+from wrt.sums import weighted_sum
+from wrt.upload.accel.swept_boxes import swept_boxes
+from wrt.upload.lights.environment import LUMINANCE
+from wrt.upload.lights.environment_sampling import environment_tables
+
+random = np.random.default_rng(3)
+transforms = np.tile(np.eye(4), (200, 1, 1))
+transforms[:, :3] = random.normal(size=(200, 3, 4)) * [1.0, 1e-2, 30.0, 5.0]
+mesh = wrt.Mesh(random.random((300, 3)), np.arange(300).reshape(-1, 3), normals=random.normal(size=(300, 3)))
+mesh = mesh.transformed(transforms[0])
+turns = np.tile(np.eye(4), (9, 1, 1))
+for k, turn in enumerate(turns):
+    turn[:3, :3] = rotation_matrix((1.0, 2.0, 3.0), 40.0 * k) @ np.diag([1.0, 1.0 + k, 0.3])
+motion = Motion(np.arange(9.0), turns, (0.1, 0.2, 0.3)).after(transforms[1])
+box = np.array([[[-0.1, -0.2, -0.3], [0.4, 0.5, 0.6]]])
+camera = wrt.PerspectiveCamera(origin=(0.1, 0.7, 3.3), target=(0.31, -0.2, 0.17), up=(0.1, 1.0, 0.2))
+u, v = 0.7 * rotation_matrix((0.3, 0.1, 0.9), 33.0)[:2]
+light = wrt.RectangleLight((0.1, 0.2, 0.3), tuple(u), tuple(v), (1.0, 1.0, 1.0))
+turned = np.eye(4)
+turned[:3, :3] = 1.7 * rotation_matrix((3.0, 1.0, 2.0), 77.0)
+shapes = [shape.transformed(turned) for shape in (disk(), cylinder(), wrt.spheres([[0.1, 0.2, 0.3]], [0.7]))]
+pixels = random.random((64, 128, 3), dtype=np.float32)
+tables = environment_tables(weighted_sum(pixels, LUMINANCE), np.eye(3))
+sky, _ = wrt.SunSkyEnvironment().image_and_sun()
+arrays = {
+    "cells": tables.cells, "bins": tables.bins, "flux": np.float64(tables.flux), "sky": sky.pixels,
+    "instances": instance_records(transforms).view(np.uint8),
+    "vertices": mesh.vertices,
+    "normals": mesh.normals,
+    **motion.parts._asdict(),
+    "motion": motion.at(np.linspace(0.0, 8.0, 333)),
+    "swept": swept_boxes(motion, np.zeros(1), box, 1.0, (0.0, 8.0), 4),
+    "camera": camera.frame(),
+    **light.shape(),
+    "corners": light.extent().corners,
+    **{f"exact {k}": x for k, x in enumerate(x for shape in shapes for x in (shape.vertices, shape.normals))},
+    **{f"quadrature {k}": x for k, x in enumerate(gauss_legendre(64))},
+}
+for name, array in arrays.items():
+    print(name.replace(" ", "-"), hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest())
+"""
+
+
+def test_tables_are_the_same_by_the_code_of_another_processor() -> None:
+    """In processes whose OpenBLAS has the code of one processor and of another."""
+    printed = []
+    for core in CORES:
+        environment = {**os.environ, "OPENBLAS_CORETYPE": core, "PYTHONPATH": str(ROOT)}
+        command = [sys.executable, "-c", TABLES]
+        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        printed.append(run.stdout.splitlines())
+    assert len(printed[0]) > 24
+    assert printed[0] == printed[1]
+
+
+def test_nothing_calls_the_library_of_linear_algebra() -> None:
+    example = "a @ np.linalg.inv(a) + np.dot(a, a) * np.linalg.norm(a[0]) + np.linalg.norm(a, 2, axis=(0, 1))"
+    assert len(list(library_calls(example))) == 5
+    files = {path.relative_to(ROOT): path.read_text(encoding="utf-8") for path in (ROOT / "wrt").rglob("*.py")}
+    assert {path: calls for path, text in files.items() if (calls := list(library_calls(text)))} == {}
+
+
+def library_calls(source: str) -> Iterator[str]:
+    """Yield the lines where code calls what NumPy leaves to BLAS or LAPACK; lengths along an axis are NumPy's own."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult):
+            yield f"line {node.lineno}: @"
+        elif isinstance(node, ast.Call):
+            name = ast.unparse(node.func)
+            own = name == "np.linalg.norm" and len(node.args) == 1 and "axis" in {k.arg for k in node.keywords}
+            if name in LEFT_TO_BLAS or (re.fullmatch(r"np\.linalg\.[a-z]+", name) and not own):
+                yield f"line {node.lineno}: {name}"
