@@ -214,6 +214,7 @@ def test_an_image_counts_by_itself_and_as_an_environment(tmp_path: Path) -> None
             read(tmp_path / "black.png")
 
 
+@pytest.mark.slow
 def test_polygons_that_are_given_up_are_told(tmp_path: Path) -> None:
     points = np.random.default_rng(0).random((3000, 2))
     text = "".join(f"v {x} {y} 0\n" for x, y in points) + "f " + " ".join(map(str, range(1, 3001))) + "\n"

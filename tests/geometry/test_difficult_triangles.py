@@ -116,45 +116,6 @@ def test_a_million_coincident_triangles(device: str, report: Report) -> None:
     np.testing.assert_array_equal(tracer.any_hit(origins, directions), [True, True, True, False])
 
 
-SHEETS = 8
-
-
-def sheets(tilt: bool) -> wrt.Mesh:
-    """Return grids over one square of the plane z = 0, or of a tilted one, of 1 to SHEETS cells a side."""
-    corners = []
-    for n in range(1, SHEETS + 1):
-        x, y = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(n)))
-        a, b, c, d = (np.stack([x + i, y + j, 0 * x], axis=1) / n for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
-        corners += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
-    result = 2.0 * np.concatenate(corners) - np.array([1.0, 1.0, 0.0])
-    if tilt:
-        result[:, :, 2] = 0.3 * result[:, :, 0] - 0.7 * result[:, :, 1]
-    return mesh_of(result.astype(np.float32))
-
-
-@pytest.mark.parametrize("tilt", [False, True])
-def test_overlapping_sheets_in_one_plane_are_ties(tilt: bool, device: str, report: Report) -> None:
-    """Which sheet is hit is open, but that one is hit and how far away is not."""
-    mesh = sheets(tilt)
-    tracer = wrt.Intersector(mesh, device=device)
-    for name, rays in batches(mesh).items():
-        hits = tracer.closest_hit(*rays)
-        assert_sane(hits)
-        counts = explained(mesh, rays, hits, step=4).counts()
-        report(name, ", ".join(f"{n} {reason.value}" for reason, n in counts.items() if n))
-        np.testing.assert_array_equal(tracer.any_hit(*rays), hits.triangle >= 0)
-        o, d = (a.astype(np.float64) for a in rays)
-        plane = np.array([-0.3, 0.7, 1.0]) if tilt else np.array([0.0, 0.0, 1.0])
-        with np.errstate(divide="ignore"):
-            t = -(o @ plane) / (d @ plane)
-        within = (np.abs(o + t[:, None] * d)[:, :2] < 0.999).all(axis=1) & (t > 0.0)
-        assert within.any()
-        assert (hits.triangle[within] >= 0).all()
-        # What is near to the plane is rounded to float32 when tilted, and seen from the side it moves t.
-        steep = np.abs(d @ plane) > 0.1
-        np.testing.assert_allclose(hits.t[within & steep], t[within & steep], rtol=1e-5)
-
-
 # --- Needles -----------------------------------------------------------------------------------------
 
 
@@ -166,26 +127,6 @@ def needles(count: int, aspect: float) -> wrt.Mesh:
     along = unit(along)
     aside = unit(np.cross(along, aside)) / aspect
     return mesh_of(np.stack([a, a + along, a + aside], axis=1).astype(np.float32))
-
-
-@pytest.mark.parametrize("aspect", [1e3, 1e6])
-def test_needles_are_hit_where_they_are(aspect: float, device: str, report: Report) -> None:
-    """Of rays aimed at them, and at the others that happen to be in the way."""
-    mesh = needles(300, aspect)
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
-    rng = np.random.default_rng(13)
-    which = rng.integers(0, 300, MANY)
-    weights = rng.dirichlet(np.ones(3), MANY)
-    targets = np.einsum("ij,ijk->ik", weights, corners[which])
-    origins = (2.0 * unit(rng.normal(size=(MANY, 3)))).astype(np.float32)
-    rays = (origins, (targets - origins).astype(np.float32))
-    tracer = wrt.Intersector(mesh, device=device)
-    hits = tracer.closest_hit(*rays)
-    assert_sane(hits)
-    found = explained(mesh, rays, hits)
-    report(f"aspect {aspect:g}: hit", float((hits.triangle >= 0).mean()), float((found.nearest >= 0).mean()))
-    report(f"aspect {aspect:g}: answers", ", ".join(f"{n} {r.value}" for r, n in found.counts().items() if n))
-    assert (hits.triangle >= 0).any()
 
 
 @pytest.mark.parametrize("aspect", [10.0, 1e3, 1e5])
@@ -207,31 +148,6 @@ def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str, 
     exact, _ = exact_distances(mesh.vertices[mesh.faces[hits.triangle[hit]]], origins[hit], directions[hit], woop)
     report(f"aspect {aspect:g}: hits, those behind the origin", int(hit.sum()), int((exact <= 0.0).sum()))
     assert not (exact <= 0.0).any()
-
-
-@pytest.mark.parametrize("aspect", [1e3, 1e6])
-def test_nothing_slips_through_a_sheet_of_needles(aspect: float, device: str) -> None:
-    """A quarter of a million rays from all sides through a strip that consists of nothing else."""
-    count = 2000
-    x = np.arange(count + 1) / aspect
-    rng = np.random.default_rng(14)
-    bend = 1e-3 * np.sin(np.arange(count + 1))
-    low, high = (np.stack([x, np.full_like(x, y), sign * bend], axis=1) for y, sign in ((-0.5, 1.0), (0.5, -1.0)))
-    i = np.arange(count)
-    faces = np.concatenate(
-        [np.stack([i, i + 1, i + count + 1], axis=1), np.stack([i + 1, i + count + 2, i + count + 1], axis=1)]
-    )
-    mesh = wrt.Mesh(np.concatenate([low, high]), faces)
-    n = 1 << 18
-    targets = np.stack([rng.uniform(0.01, 0.99, n) * x[-1], rng.uniform(-0.45, 0.45, n), np.zeros(n)], axis=1)
-    origins = targets + rng.normal(size=(n, 3)) * np.array([0.1 * x[-1], 0.01, 0.0])
-    origins[:, 2] = rng.choice([-1.0, 1.0], n)
-    tracer = wrt.Intersector(mesh, device=device)
-    rays = origins.astype(np.float32), (targets - origins).astype(np.float32)
-    assert tracer.any_hit(*rays).all()
-    hits = tracer.closest_hit(*rays)
-    assert (hits.triangle >= 0).all()
-    assert_sane(hits)
 
 
 # --- One triangle ------------------------------------------------------------------------------------

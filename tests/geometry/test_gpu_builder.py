@@ -87,16 +87,6 @@ def test_trees_are_the_same_in_any_order_of_threads_and_as_good_as_the_cpus(name
     assert found <= 1.01 * expected
 
 
-@pytest.mark.machinery
-@pytest.mark.parametrize(("subdivisions", "most"), [(1, 60), (3, 160)])
-def test_small_meshes_take_few_launches(subdivisions: int, most: int, report: Report) -> None:
-    corners, backend = bumpy(subdivisions), EmulatedBackend(optimization=0)
-    check(built_by(backend, corners), corners)
-    launches = sum(backend.launches.values())
-    report(f"launches for a tree of {len(corners)} triangles", launches)
-    assert launches < most
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("gains", [(2.0, 1.0), (1.0, 2.0)])
 def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float, float]) -> None:

@@ -2,16 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
-from support.exact_instances import Placed, explain_instances, own_triangle
-from support.exact_rays import EPSILON, Reason
-from support.ray_trees import Rays, assert_same, inner_rays, random_rays, unit
+from support.ray_trees import assert_same, inner_rays, random_rays, unit
 
 import wrt
+
+
+class Placed(NamedTuple):
+    """Meshes, which of them each instance is, and its (4, 4) transform to the world."""
+
+    meshes: Sequence[wrt.Mesh]
+    numbers: NDArray[np.integer]
+    transforms: NDArray[np.float64]
+
+    def instance_of(self, triangle: NDArray) -> NDArray[np.int64]:
+        """Return which instance triangles numbered through belong to."""
+        counts = np.array([len(mesh.faces) for mesh in self.meshes], np.int64)[self.numbers]
+        return np.searchsorted(np.cumsum(counts) - counts, triangle, side="right") - 1
+
+    def flattened(self) -> wrt.Mesh:
+        """Return all instances as one mesh in the world, its vertices rounded to float32."""
+        vertices, faces, count = [], [], 0
+        for number, m in zip(self.numbers, self.transforms, strict=True):
+            mesh = self.meshes[number]
+            vertices.append(mesh.vertices.astype(np.float64) @ m[:3, :3].T + m[:3, 3])
+            faces.append(mesh.faces + count)
+            count += len(mesh.vertices)
+        return wrt.Mesh(np.concatenate(vertices).astype(np.float32), np.concatenate(faces))
+
 
 MESHES = (wrt.sphere(subdivisions=1), wrt.box(), wrt.sphere(subdivisions=0))
 KINDS = ("turned", "mirrored", "scaled", "sheared")
@@ -49,96 +74,34 @@ def tracer_of(scene: Placed, device: str = "cpu", threads: int | None = None) ->
     return wrt.Intersector.of_instances(scene.meshes, scene.numbers, scene.transforms, device=device, threads=threads)
 
 
-def judge(scene: Placed, rays: Rays, hits: wrt.Hits, report: Report) -> float:
-    """Assert that all answers can be right; return the share of rays that have more than one right answer.
-
-    And that t, u and v of the triangles that are hit are as near to the exact ones as rounding lets them be.
-    """
-    found = explain_instances(scene, *rays, hits.triangle)
-    report("answers", ", ".join(f"{n} {reason.value}" for reason, n in found.counts().items() if n))
-    assert not (found.reason == Reason.NONE).any()
-    judge_hits(scene, rays, hits)
-    return float(found.open.mean())
-
-
-def judge_hits(scene: Placed, rays: Rays, hits: wrt.Hits) -> None:
-    hit = hits.triangle >= 0
-    assert hit.mean() > 0.1
-    assert np.isinf(hits.t[~hit]).all()
-    own = own_triangle(scene, rays[0][hit], rays[1][hit], hits.triangle[hit])
-    assert (np.abs(hits.t[hit] - own.t[:, 0]) <= own.t_error[:, 0]).all()
-    det, det_error = own.det[:, 0], own.edge_error[:, 0].sum(axis=1)
-    # An edge function over their sum, both wrong; then the division, in two steps, and the product.
-    clear = det > det_error
-    for corner, weight in ((1, hits.u[hit]), (2, hits.v[hit])):
-        exact = own.edges[:, 0, corner] / det
-        bound = (own.edge_error[:, 0, corner] + np.abs(exact) * det_error) / (det - det_error) + 4.0 * EPSILON
-        assert (np.abs(weight - exact) <= bound)[clear].all()
-
-
-@pytest.mark.parametrize("count", [1, 9])
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_answer_is_right_within_rounding(kind: str, count: int, device: str, report: Report) -> None:
-    """Of float64 arithmetic over all triangles, with the rounding of the ray that is moved to the mesh."""
+@pytest.mark.parametrize(
+    ("count", "scale", "distance"), [(1, 1.0, 0.0), (9, 1e-12, 0.0), (9, 1e12, 1e2), (3000, 1.0, 0.0)]
+)
+def test_instances_answer_as_one_mesh(
+    count: int, scale: float, distance: float, kind: str, device: str, report: Report
+) -> None:
+    """But for a ray in a thousand, which passes an edge, and for the rounding of the ray that is moved to the mesh."""
     scene = scene_of(kind, count)
-    rays = random_rays(scene.flattened().bounds, 1000, seed=2)
-    tracer = tracer_of(scene, device)
-    hits = tracer.closest_hit(*rays)
-    # The bounds excuse few rays: they are bounds, not a blank cheque.
-    assert judge(scene, rays, hits, report) < 0.01
-    np.testing.assert_array_equal(tracer.any_hit(*rays), hits.triangle >= 0)
-
-
-@pytest.mark.parametrize(("kind", "distance"), [("turned", 1e2), ("mirrored", 1e3), ("scaled", 1e2), ("sheared", 1e3)])
-def test_from_far_away(kind: str, distance: float, device: str, report: Report) -> None:
-    """Where rounding the origin moves a ray by as much as triangles are large, answers are wrong by no more."""
-    scene = scene_of(kind, 8)
-    _, directions = random_rays(scene.flattened().bounds, 1000, seed=3)
-    targets = np.random.default_rng(4).uniform(-3.0, 3.0, directions.shape)
-    rays = (targets - distance * directions).astype(np.float32), directions
-    tracer = tracer_of(scene, device)
-    hits = tracer.closest_hit(*rays)
-    report("share with several right answers", judge(scene, rays, hits, report))
-    np.testing.assert_array_equal(tracer.any_hit(*rays), hits.triangle >= 0)
-
-
-@pytest.mark.parametrize("kind", ["mirrored", "sheared"])
-def test_thousands_of_instances_answer_as_one_mesh(kind: str, device: str, report: Report) -> None:
-    """Where the two differ, a ray in a thousand at most, they are ties or edges: the distances agree or one misses."""
-    scene = scene_of(kind, 3000)
     flattened = scene.flattened()
-    rays = random_rays(flattened.bounds, 30_000, seed=5)
-    tracer = tracer_of(scene, device)
+    origins, directions = random_rays(flattened.bounds, 30_000, seed=5)
+    rays = (origins - distance * directions).astype(np.float32), directions
+    scene = scene._replace(transforms=scene.transforms * np.array([[scale], [scale], [scale], [1.0]]))
+    tracer, far = tracer_of(scene, device), (scale * rays[0].astype(np.float64)).astype(np.float32)
     assert tracer.triangles == len(flattened.faces)
-    hits, expected = tracer.closest_hit(*rays), wrt.Intersector(flattened, device=device).closest_hit(*rays)
-    np.testing.assert_array_equal(tracer.any_hit(*rays), hits.triangle >= 0)
-    judge_hits(scene, rays, hits)
+    hits, expected = tracer.closest_hit(far, directions), wrt.Intersector(flattened, device=device).closest_hit(*rays)
+    np.testing.assert_array_equal(tracer.any_hit(far, directions), hits.triangle >= 0)
     differ = hits.triangle != expected.triangle
-    report("answers that differ", int(differ.sum()), f"of {len(rays[0])}")
-    assert differ.mean() < 1e-3
+    report("answers that differ", int(differ.sum()), f"of {len(differ)}")
+    assert differ.mean() < (1e-3 if distance == 0.0 else 1e-2)
     same = ~differ & (hits.triangle >= 0)
-    np.testing.assert_allclose(hits.t[same], expected.t[same], rtol=1e-3)
-
-
-def test_wrong_answers_are_not_explained(report: Report) -> None:
-    """A hit kept silent, one made up, or the same triangle of another instance: the tests above can fail."""
-    scene = scene_of("sheared", 8)
-    rays = random_rays(scene.flattened().bounds, 600, seed=6)
-    right = explain_instances(scene, *rays, np.full(600, -1)).nearest
-    hit, first = right >= 0, scene.first_triangles
-    instance = scene.instance_of(right)
-    twin = np.array([np.flatnonzero(scene.numbers == n)[-1] for n in scene.numbers])
-    wrong = {
-        "silent": np.where(hit, -1, right),
-        "made up": np.where(hit, right, 0),
-        "of another instance": np.where(hit, right - first[instance] + first[twin[instance]], right),
-    }
-    for name, answers in wrong.items():
-        changed = answers != right
-        assert changed.sum() > 20
-        found = explain_instances(scene, *rays, answers)
-        report(f"{name}: not explained", int((found.reason == Reason.NONE).sum()), int(changed.sum()))
-        np.testing.assert_array_equal(found.reason, np.where(changed, Reason.NONE, Reason.SAME))
+    assert same.mean() > 0.05
+    # As near as the ray's place is rounded, on a surface that it may graze.
+    t = hits.t[same] / np.float64(scale)
+    assert np.quantile(np.abs(t / expected.t[same] - 1.0), 0.99) < 1e-5
+    np.testing.assert_allclose(t, expected.t[same], rtol=1e-3)
+    for ours, theirs in ((hits.u[same], expected.u[same]), (hits.v[same], expected.v[same])):
+        assert np.quantile(np.abs(ours - theirs), 0.99) < (1e-4 if distance == 0.0 else 1e-3)
 
 
 @pytest.mark.parametrize(("kind", "distance"), [("turned", 0.0), ("mirrored", 1e2), ("scaled", 1e4), ("sheared", 1e2)])
@@ -215,15 +178,6 @@ def test_limits(device: str) -> None:
     exact = tracer.closest_hit(origins, directions, t_max=np.where(hit, near.t, 1.0).astype(np.float32))
     np.testing.assert_array_equal(exact.triangle[hit], near.triangle[hit])
     assert_same(tracer.closest_hit(origins, 4.0 * directions), near._replace(t=near.t / np.float32(4.0)))
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1e12])
-def test_sizes_of_instances(scale: float, device: str, report: Report) -> None:
-    scene = scene_of("sheared", 9)
-    large = Placed(scene.meshes, scene.numbers, scene.transforms * np.array([[scale], [scale], [scale], [1.0]]))
-    origins, directions = random_rays(scene.flattened().bounds, 1000, seed=20)
-    rays = (scale * origins.astype(np.float64)).astype(np.float32), directions
-    assert judge(large, rays, tracer_of(large, device).closest_hit(*rays), report) < 0.01
 
 
 def test_warp_arrays(device: str) -> None:

@@ -9,7 +9,7 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.exact_rays import Reason, exact_distances, explain, woop
 from support.kernels import upload
-from support.ray_trees import assert_same, camera_rays, inner_rays, random_rays, soup_mesh
+from support.ray_trees import assert_same, camera_rays, inner_rays, mesh_of, random_rays, slivers, soup_mesh
 
 import wrt
 from wrt.backend.device import Device
@@ -47,6 +47,7 @@ MESHES = {
     "box": wrt.box(),
     "soup": soup_mesh(0, 250),
     "one triangle": soup_mesh(1, 1),
+    "needles": mesh_of(slivers(250, 2.0, 0.01)),
     "megametres": wrt.sphere(subdivisions=2).scaled(1e6),
     "far away": wrt.sphere(subdivisions=2).translated((1e3, -2e3, 5e2)),
 }

@@ -201,6 +201,7 @@ for name, array in arrays.items():
 """
 
 
+@pytest.mark.slow
 def test_tables_are_the_same_by_the_code_of_another_processor() -> None:
     """In processes whose OpenBLAS has the code of one processor and of another."""
     printed = []
@@ -213,6 +214,7 @@ def test_tables_are_the_same_by_the_code_of_another_processor() -> None:
     assert printed[0] == printed[1]
 
 
+@pytest.mark.slow
 def test_nothing_calls_the_library_of_linear_algebra() -> None:
     example = "a @ np.linalg.inv(a) + np.dot(a, a) * np.linalg.norm(a[0]) + np.linalg.norm(a, 2, axis=(0, 1))"
     assert len(list(library_calls(example))) == 5

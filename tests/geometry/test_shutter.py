@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from support.cameras import camera_rays
 from support.exact_pictures import rendered
 from support.kernels import uniforms
-from support.statistics import image_z_test
 
 import wrt
 
@@ -120,39 +119,3 @@ def test_streak_of_a_camera_that_pans(device: str, report: Report) -> None:
     middle = float((profile * COLUMNS).sum() / profile.sum())
     report("middle, picture heights", middle, mean)
     assert middle == pytest.approx(mean, rel=0.01)
-
-
-@pytest.mark.slow
-def test_a_moving_cameras_picture_is_the_mean_of_still_ones(device: str, report: Report) -> None:
-    """At times drawn by the trapezoid, which a box is not."""
-    stills, ramp = 96, 0.8
-    motion = wrt.Motion.rotation(
-        (0, 1, 0.5), 30.0, center=(0.5, 0.0, 3.0), times=(OPEN, CLOSE), offset=(0.6, 0.2, -0.5)
-    )
-    camera = wrt.PerspectiveCamera((0, 0.2, 5), fov_degrees=40.0, motion=motion, shutter_ramp=ramp)
-
-    def picture(spp: int, seed: int, **changes: float) -> tuple[FloatArray, FloatArray]:
-        scene = wrt.Scene(
-            camera=dataclasses.replace(camera, **changes),  # type: ignore[arg-type]
-            environment=wrt.ConstantEnvironment(0.2),
-        )
-        for x, color in ((-1.0, (1, 0, 0)), (0.0, (0, 1, 0.2)), (1.0, (0.3, 0.3, 1))):
-            box = wrt.box((-0.3, -0.3, -0.3), (0.3, 0.3, 0.3)).rotated((0, 0, 1), 30.0 * x + 10.0)
-            scene.add(box.translated((x, 0.3 * x, -x)), material=wrt.Diffuse(0.0), emission=color)
-        renderer = rendered(scene, spp, seed=seed, width=40, height=30, device=device, filter="box", max_depth=1)
-        return renderer.image().astype(np.float64), renderer.variance()
-
-    times = OPEN + trapezoid_quantile((np.arange(stills) + 0.5) / stills, ramp) * (CLOSE - OPEN)
-    pairs = [picture(64, 100 + k, shutter_open=t, shutter_close=t) for k, t in enumerate(times)]
-    mean, variance = (np.mean(arrays, axis=0) for arrays in zip(*pairs, strict=True))
-
-    def agrees(**changes: float) -> bool:
-        moving, own = picture(1024, 1, **{"shutter_open": OPEN, "shutter_close": CLOSE, **changes})
-        # Stills are 1/96 of the way apart, at most 0.15 pixels, so that edges may be off by some thousandths.
-        result = image_z_test(moving, own + 0.002**2, mean, variance / stills, n_a=1024, n_b=64 * stills)
-        report("mean of stills", result.message, p=result.mean_p)
-        return result.agrees()
-
-    assert agrees()
-    assert not agrees(shutter_ramp=0.2)
-    assert not agrees(shutter_close=CLOSE - 0.1)

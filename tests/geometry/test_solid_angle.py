@@ -28,7 +28,7 @@ from wrt.kernels.sampling.solid_angle import (
 
 Array = NDArray[np.float64]
 
-N = 2**18
+N = 2**19
 WRONG = 1.06
 """By how much the partner of each test is off that must be seen to fail."""
 

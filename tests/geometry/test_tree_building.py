@@ -147,23 +147,6 @@ def test_hard_triangles_are_cut_without_harm(name: str, device: str, forced: Non
     check(build(corners, device), corners)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_nothing_escapes_where_pieces_meet(scale: float, device: str, forced: None) -> None:
-    """A hundred thousand rays from inside a coarse ball, of which every triangle is cut."""
-    mesh = wrt.sphere(subdivisions=1).rotated((1.0, 2.0, 3.0), 40.0).scaled(scale).translated((scale, 2.0 * scale, 0.0))
-    tracer = wrt.Intersector(mesh, device=device)
-    assert tracer._built.references > 3 * len(mesh.faces)
-    rng = np.random.default_rng(3)
-    origins = scale * (0.4 * rng.uniform(-1.0, 1.0, (100_000, 3)) + np.array([1.0, 2.0, 0.0]))
-    directions = rng.normal(size=origins.shape)
-    # Also towards the planes that the pieces share: halves of the scene, halves of those.
-    low, high = mesh.bounds
-    aims = low + (high - low) * rng.integers(0, 17, origins.shape) / 16.0
-    directions[::2] = (aims - origins)[::2]
-    assert (tracer.closest_hit(origins, directions).triangle >= 0).all()
-    assert tracer.any_hit(origins, directions).all()
-
-
 def test_triangles_are_cut_only_where_it_pays(device: str, report: Report) -> None:
     """Walls around a mesh lie at the root as they are; slivers across it are in the way of every ray."""
     for corners in (ball_in(), soup(5_000), grid(50, 0), slivers(5_000, 1.0, 0.01)):

@@ -10,10 +10,9 @@ import sys
 import numpy as np
 import pytest
 import warp as wp
-from conftest import ROOT, Report
-from support.exact_rays import Reason, explain, woop
+from conftest import ROOT
 from support.kernels import upload
-from support.ray_trees import HARD, OCTANTS, build, cast_rays, rays, soup, unit
+from support.ray_trees import HARD, OCTANTS, build, cast_rays, rays, unit
 
 import wrt
 from wrt.backend.device import Device
@@ -32,34 +31,6 @@ from wrt.kernels.native.constants import (
     STACK_SIZE,
     WIDTH,
 )
-
-# --- One answer --------------------------------------------------------------------------------------
-
-
-def test_order_and_winding_of_triangles_do_not_move_a_hit(device: str, report: Report) -> None:
-    corners = soup(5_000, seed=9, size=0.1)
-    origins, directions = rays(20_000, seed=10)
-    triangle, tuv = cast_rays(build(corners, device), origins, directions, device)
-    hit = triangle >= 0
-    order = np.random.default_rng(11).permutation(len(corners))
-    permuted, permuted_tuv = cast_rays(build(corners[order], device), origins, directions, device)
-    np.testing.assert_array_equal(permuted_tuv[:, 0], tuv[:, 0])
-    assert (order[permuted[hit]] == triangle[hit]).mean() > 0.9999
-    flipped, flipped_tuv = cast_rays(build(corners[:, ::-1], device), origins, directions, device)
-    np.testing.assert_array_equal(flipped >= 0, hit)
-    same = flipped[hit] == triangle[hit]
-    # Two crossing triangles may be equally far to rounding.
-    assert same.mean() > 0.999
-    difference = np.abs(flipped_tuv[hit, 0] / tuv[hit, 0] - 1.0)
-    report("largest relative change of distance", float(difference.max()), 0.0)
-    # Sums of three products in another order: rounding, as large as the triangle is seen edge on.
-    assert np.quantile(difference, 0.99) < 1e-6
-    assert difference.max() < 1e-4
-    # (u, v) belong to the second and third corner: the first and the third one swapped.
-    u, v = tuv[hit][same, 1], tuv[hit][same, 2]
-    np.testing.assert_allclose(flipped_tuv[hit][same, 1], u, atol=1e-3)
-    np.testing.assert_allclose(flipped_tuv[hit][same, 2], 1.0 - u - v, atol=1e-3)
-
 
 # --- Other forms of the traversal --------------------------------------------------------------------
 
@@ -128,20 +99,6 @@ def test_other_forms_find_what_vectors_find(name: str, form: str) -> None:
     np.testing.assert_array_equal(other_triangle, triangle)
     np.testing.assert_array_equal(other_tuv[:, 0], tuv[:, 0])
     np.testing.assert_allclose(other_tuv[:, 1:], tuv[:, 1:], atol=1e-6)
-
-
-@pytest.mark.parametrize("octant", range(8))
-def test_rays_of_every_octant_find_what_they_meet(octant: int, device: str) -> None:
-    """Each octant has an order of its own in which it comes to a node's places."""
-    corners = soup(800, seed=1, size=0.3)
-    rng = np.random.default_rng(2)
-    directions = (OCTANTS[octant] * rng.uniform(0.02, 1.0, (300, 3))).astype(np.float32)
-    origins = (rng.uniform(-0.8, 0.8, (300, 3)) - 2.0 * directions).astype(np.float32)
-    triangle, _ = cast_rays(build(corners, device), origins, directions, device)
-    found = explain(corners, origins, directions, triangle, woop)
-    assert not (found.reason == Reason.NONE).any()
-    assert (found.reason == Reason.SAME).mean() > 0.99
-    assert (triangle >= 0).mean() > 0.5
 
 
 # --- The stack ---------------------------------------------------------------------------------------
