@@ -115,7 +115,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/accel/build/moves.py",
         "or (at == node and least == key)",
         "",
-        "tests/test_gpu_builder.py -k below_each_other",
+        "tests/geometry/test_gpu_builder.py -k below_each_other",
     ),
     Mutant(
         "cuda-half-wait",

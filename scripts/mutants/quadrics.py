@@ -11,7 +11,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/quadrics.h",
         "middle + ((middle < 0.0f) ? (V)-half_chord : half_chord)",
         "middle + ((middle < 0.0f) ? half_chord : (V)-half_chord)",
-        "tests/test_quadrics.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'quadrics and closed_form'",
     ),
     Mutant(
         "quadric-ends",
@@ -19,7 +19,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/quadrics.h",
         "(size(o.z + product(nearer, d.z)) <= 0.5f)",
         "(size(o.z + product(nearer, d.z)) <= 0.52f)",
-        "tests/test_quadrics.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'quadrics and closed_form'",
     ),
     Mutant(
         "quadric-rim",
@@ -27,7 +27,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/quadrics.h",
         "<= 1.0f) ? product(s, unit) : none",
         "<= 1.01f) ? product(s, unit) : none",
-        "tests/test_quadrics.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'quadrics and closed_form'",
     ),
     Mutant(
         "quadric-side",
@@ -35,7 +35,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/quadrics.py",
         "step = wp.where(from_outside, -step, step)",
         "step = wp.where(begins_outside, -step, step)",
-        "tests/test_quadrics.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'quadrics and closed_form'",
     ),
     Mutant(
         "quadric-turn",
@@ -43,7 +43,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/quadrics.py",
         "wp.where(turn < 0.0, turn + 1.0, turn)",
         "wp.where(turn < 0.0, -turn, turn)",
-        "tests/test_quadrics.py -k texture_coordinates",
+        "tests/geometry/test_exact_shapes.py -k texture_coordinates",
     ),
     Mutant(
         "quadric-front",
@@ -51,7 +51,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/exact/quadrics.py",
         "product(self.axes[disks, 2], inverse(linear))",
         "product(self.axes[disks, 2], linear.T)",
-        "tests/test_quadrics.py -k 'front or alike'",
+        "tests/geometry/test_exact_meshes.py -k 'front or alike'",
     ),
     Mutant(
         "quadric-clearance",
@@ -59,7 +59,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/quadrics.py",
         "sizes_of(quadric)) * _CLEARANCE",
         "sizes_of(quadric)) * (0.01 * _CLEARANCE)",
-        "tests/test_quadrics.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'quadrics and closed_form'",
     ),
     Mutant(
         "quadric-width",
@@ -67,7 +67,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/cylinder.py",
         "view.width = 2.0 * arc_tangent(1.0, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))",
         "view.width = 2.0 * arc_tangent(1.1, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))",
-        "tests/test_cylinder_lights.py -k density",
+        "tests/geometry/test_cylinder_lights.py -k density",
     ),
     Mutant(
         "quadric-walls",
@@ -75,7 +75,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/cylinder.py",
         "near = u[0] < 0.5",
         "near = u[0] < 0.4",
-        "tests/test_cylinder_lights.py -k density",
+        "tests/geometry/test_cylinder_lights.py -k density",
     ),
     Mutant(
         "quadric-skin",
@@ -91,7 +91,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/shape_axes.h",
         "float_of(0x7f000000 - (bits_of(largest) & 0x7f800000))",
         "1.0f",
-        "tests/test_quadrics.py -k 'closed_form and greatest'",
+        "tests/geometry/test_exact_shapes.py -k 'closed_form and greatest'",
     ),
     Mutant(
         "quadric-box",
@@ -99,7 +99,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/quadrics.h",
         "return (t * (V)(float)BOX_PAD >= begin) & (t <= end * (V)(float)BOX_PAD);",
         "return t >= 0.0f;",
-        "tests/test_quadric_pictures.py -k afar",
+        "tests/geometry/test_exact_pictures.py -k afar",
     ),
     Mutant(
         "quadric-density",
@@ -107,6 +107,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/lights.py",
         "r = wp.sqrt(u[0])",
         "r = u[0]",
-        "tests/test_quadric_pictures.py -k of_a_disk",
+        "tests/geometry/test_exact_pictures.py -k of_a_disk",
     ),
 )

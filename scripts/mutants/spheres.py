@@ -11,7 +11,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/spheres.h",
         "middle + ((middle < 0.0f) ? (V)-half_chord : half_chord)",
         "middle + ((middle < 0.0f) ? half_chord : (V)-half_chord)",
-        "tests/test_spheres.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'spheres and closed_form'",
     ),
     Mutant(
         "sphere-near-root",
@@ -19,7 +19,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/exact/spheres.h",
         "(counts(roots.near)) ? roots.near : later",
         "(counts(roots.far)) ? roots.far : later",
-        "tests/test_spheres.py -k 'closed_form or many_spheres'",
+        "tests/geometry/test_exact_shapes.py -k 'spheres or many_shapes'",
     ),
     Mutant(
         "sphere-turn",
@@ -27,7 +27,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/spheres.py",
         "wp.where(turn < 0.0, turn + 1.0, turn)",
         "wp.where(turn < 0.0, -turn, turn)",
-        "tests/test_spheres.py -k texture_coordinates",
+        "tests/geometry/test_exact_shapes.py -k texture_coordinates",
     ),
     Mutant(
         "sphere-meridian",
@@ -35,7 +35,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/spheres.py",
         "to_world(axes, down) * (_PI * radius)",
         "to_world(axes, down) * (TWO_PI * radius)",
-        "tests/test_spheres.py -k derivatives",
+        "tests/geometry/test_exact_shapes.py -k derivatives",
     ),
     Mutant(
         "sphere-side",
@@ -43,7 +43,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/spheres.py",
         "wp.where(point.from_outside, -step, step)",
         "wp.where(begins_outside, -step, step)",
-        "tests/test_spheres.py -k closed_form",
+        "tests/geometry/test_exact_shapes.py -k 'spheres and closed_form'",
     ),
     Mutant(
         "sphere-clearance",
@@ -51,7 +51,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/geometry/spheres.py",
         "* _CLEARANCE + sphere.slack",
         "* (0.01 * _CLEARANCE) + sphere.slack",
-        "tests/test_sphere_pictures.py -k leaks",
+        "tests/geometry/test_exact_pictures.py -k leaks",
     ),
     Mutant(
         "sphere-cone",
@@ -59,6 +59,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/lights.py",
         "return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))",
         "return 1.1 * cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))",
-        "tests/test_sphere_pictures.py -k irradiance",
+        "tests/geometry/test_exact_pictures.py -k 'irradiance and sphere'",
     ),
 )

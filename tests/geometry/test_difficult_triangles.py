@@ -6,7 +6,6 @@ import resource
 
 import numpy as np
 import pytest
-from conftest import Report
 from numpy.typing import NDArray
 from support.exact_rays import exact_distances, woop
 from support.ray_trees import (
@@ -98,14 +97,13 @@ def test_of_duplicates_the_lowest_number_is_hit_however_rays_are_traced(copies: 
         assert_same(many.closest_hit(*rays), expected._replace(triangle=np.where(hit, lowest[expected.triangle], -1)))
 
 
-def test_a_million_coincident_triangles(device: str, report: Report) -> None:
+def test_a_million_coincident_triangles(device: str) -> None:
     """No plane parts them; the tree is shallow nevertheless, and no larger than of any million."""
     count = 1_000_000
     mesh = wrt.Mesh(np.eye(3), np.tile(np.arange(3), (count, 1)))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     tracer = wrt.Intersector(mesh, device=device)
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / count
-    report("bytes a triangle at the peak, kept", f"{grown:.0f}, {tracer.bytes_per_triangle:.0f}", "< 400, < 80")
     assert tracer._built.depth <= MAX_DEPTH
     assert grown < 400.0
     assert tracer.bytes_per_triangle < 80.0
@@ -130,7 +128,7 @@ def needles(count: int, aspect: float) -> wrt.Mesh:
 
 
 @pytest.mark.parametrize("aspect", [10.0, 1e3, 1e5])
-def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str, report: Report) -> None:
+def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str) -> None:
     """Rays from points of needles, each to the side of the plane on which rounding put its origin."""
     mesh = needles(300, aspect)
     corners = mesh.vertices[mesh.faces].astype(np.float64)
@@ -146,7 +144,6 @@ def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str, 
     hits = wrt.Intersector(mesh, device=device).closest_hit(origins, directions)
     hit = hits.triangle >= 0
     exact, _ = exact_distances(mesh.vertices[mesh.faces[hits.triangle[hit]]], origins[hit], directions[hit], woop)
-    report(f"aspect {aspect:g}: hits, those behind the origin", int(hit.sum()), int((exact <= 0.0).sum()))
     assert not (exact <= 0.0).any()
 
 

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conftest import Report
-from gpu_builder_model import bumpy_ball
 from numpy.typing import NDArray
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda, entry_of
 from support.emulated_cuda.libraries import BLOCK
 from support.kernels import upload
-from support.ray_trees import HARD, Tree, build, cast_rays, check, rays, scattered, soup
+from support.ray_trees import HARD, Tree, build, check, scattered, soup
 
 from wrt.backend.device import Device
 from wrt.kernels.accel.build import moves
@@ -36,13 +34,7 @@ class ShuffledBackend(EmulatedBackend):
             self.library(kernel).run(entry_of(kernel), count, packed, threads=threads)
 
 
-def bumpy(subdivisions: int) -> NDArray[np.float32]:
-    points, faces = bumpy_ball(subdivisions)
-    return points[faces]
-
-
 TREES = {
-    "bumpy ball": lambda: bumpy(4),
     "soup": lambda: soup(9_000),
     "large triangles": HARD["large triangles"],
     "coincident pairs": lambda: np.repeat(soup(2_000), 2, axis=0),
@@ -55,36 +47,14 @@ def built_by(backend: EmulatedBackend, corners: NDArray[np.float32]) -> Tree:
         return build(corners, GPU)
 
 
-def visits(tree: Tree, origins: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray) -> float:
-    """Return how many boxes a ray enters before its end, on average: what it cannot but visit."""
-    used = (tree.lower <= tree.upper).all(axis=2)
-    low, high = tree.lower[used].astype(np.float64), tree.upper[used].astype(np.float64)
-    total = 0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for o, d, end in zip(origins.astype(np.float64), directions.astype(np.float64), ends, strict=True):
-            a, b = (low - o) / d, (high - o) / d
-            enters = np.fmax.reduce(np.fmin(a, b), axis=1)
-            leaves = np.fmin.reduce(np.fmax(a, b), axis=1)
-            total += int(((np.maximum(enters, 0.0) <= leaves) & (enters <= end)).sum())
-    return total / len(origins)
-
-
 @pytest.mark.machinery
 @pytest.mark.parametrize("name", TREES)
-def test_trees_are_the_same_in_any_order_of_threads_and_as_good_as_the_cpus(name: str, report: Report) -> None:
-    """Splits are those of the CPU; moves differ a little, as they are chosen side by side."""
+def test_trees_are_the_same_in_any_order_of_threads(name: str) -> None:
     corners = TREES[name]()
-    tree, cpu = built_by(EmulatedBackend(optimization=0), corners), build(corners, "cpu")
+    tree, other = built_by(EmulatedBackend(optimization=0), corners), built_by(ShuffledBackend(), corners)
     check(tree, corners)
-    other = built_by(ShuffledBackend(), corners)
     for field in ("lower", "upper", "children", "numbers", "corners"):
         np.testing.assert_array_equal(getattr(other, field), getattr(tree, field))
-    origins, directions = rays(1_500, seed=3)
-    triangle, tuv = cast_rays(cpu, origins, directions, "cpu")
-    ends = np.where(triangle >= 0, tuv[:, 0], np.inf).astype(np.float64)
-    found, expected = (visits(each, origins, directions, ends) for each in (tree, cpu))
-    report(f"{name}: boxes that a ray visits", found, expected)
-    assert found <= 1.01 * expected
 
 
 @pytest.mark.slow

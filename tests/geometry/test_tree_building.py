@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conftest import Report
 from numpy.typing import NDArray
 from support.kernels import upload
 from support.ray_trees import (
@@ -30,7 +29,6 @@ from support.ray_trees import (
 import wrt
 import wrt.upload.accel.bvh as module
 from wrt.backend.device import Device
-from wrt.kernels.native.constants import MAX_DEPTH
 from wrt.upload.accel.binary_tree import CHUNK, SUBTREE, split_boxes
 from wrt.upload.accel.bvh import MORE_PIECES, SAH_DEPTHS, _boxes, build_bvh
 from wrt.upload.accel.gpu_reinsertion import reinsert_on_gpu
@@ -47,13 +45,12 @@ PLACED = {"soup", "large triangles", "needles", "coplanar x", "tiny", "exponenti
 
 
 @pytest.mark.parametrize("name", slow_but(set(HARD) - LARGE, HARD))
-def test_trees_are_whole_tight_and_shallow(name: str, device: str, report: Report) -> None:
+def test_trees_are_whole_tight_and_shallow(name: str, device: str) -> None:
     corners = HARD[name]()
     tree = build(corners, device)
-    report(f"{name}: {len(corners)} triangles, levels", tree.built.depth, f"<= {MAX_DEPTH}")
     check(tree, corners)
     if name in PLACED:
-        report("nodes whose children have a choice of places, all the best ones", assert_greedy(tree))
+        assert_greedy(tree)
 
 
 def test_shared_vertices_and_equal_boxes(device: str) -> None:
@@ -147,14 +144,13 @@ def test_hard_triangles_are_cut_without_harm(name: str, device: str, forced: Non
     check(build(corners, device), corners)
 
 
-def test_triangles_are_cut_only_where_it_pays(device: str, report: Report) -> None:
+def test_triangles_are_cut_only_where_it_pays(device: str) -> None:
     """Walls around a mesh lie at the root as they are; slivers across it are in the way of every ray."""
     for corners in (ball_in(), soup(5_000), grid(50, 0), slivers(5_000, 1.0, 0.01)):
         assert build(corners, device).built.references == len(corners)
     for name, pays in (("slivers among a ball", True), ("a ball in a room", False)):
         corners = CUT[name]()
         references = build(corners, device).built.references
-        report(f"{name}: pieces", references, len(corners))
         assert (references > len(corners)) == pays
         assert references <= (1.0 + MORE_PIECES) * len(corners)
 
@@ -214,7 +210,7 @@ MOVED = ["a full leaf", "soup", "needles", "one point", "exponential", "vanishin
 
 
 @pytest.mark.parametrize("name", [*MOVED, "scattered", "many scattered"])
-def test_trees_stay_whole_where_nodes_move(name: str, device: str, report: Report) -> None:
+def test_trees_stay_whole_where_nodes_move(name: str, device: str) -> None:
     """The same leaves, boxes that are those around their children, and no larger areas."""
     corners = scattered({"scattered": 700, "many scattered": 40_000}[name]) if "scattered" in name else HARD[name]()
     nodes = split(corners, Device(device))
@@ -230,7 +226,6 @@ def test_trees_stay_whole_where_nodes_move(name: str, device: str, report: Repor
     np.testing.assert_array_equal(result["upper"][after], np.maximum(left["upper"], right["upper"]))
     with np.errstate(over="ignore", invalid="ignore"):
         ratio = areas(result[after]).sum() / areas(everything[before]).sum()
-    report(f"{name}: areas, of before", ratio)
     assert not ratio > 1.0 + 1e-6
     if name == "scattered":
         check(build(corners, device), corners)

@@ -230,25 +230,3 @@ def test_a_tree_is_built_where_sums_of_coordinates_overflow(device: str) -> None
     """In a process of its own: assigning children to places once went on for ever."""
     code = _OVERFLOWING.replace("DEVICE", repr(device))
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
-
-
-_NOT_FINITE = """
-import numpy as np, wrt
-ball = wrt.sphere(subdivisions=3)
-values = np.float32([np.nan, np.inf, -np.inf, 3e38, -1e25, 0.0, -0.0, 1e-30, 1.0])
-rays = np.random.default_rng(0).choice(values, (10_000, 2, 3))
-tracers = [wrt.Intersector(ball, device=DEVICE), wrt.Intersector.of_instances([ball], [0], [np.eye(4)], device=DEVICE)]
-for tracer in tracers:
-    for some in (rays[:1000], rays, np.sort(rays, axis=0)):
-        hits = tracer.closest_hit(some[:, 0], some[:, 1])
-        wrong = ~np.isfinite(some).all(axis=(1, 2))
-        assert (hits.triangle[wrong] == -1).all() and np.isinf(hits.t[wrong]).all()
-        assert not tracer.any_hit(some[:, 0], some[:, 1])[wrong].any()
-"""
-
-
-@pytest.mark.slow
-def test_rays_that_are_not_finite_meet_nothing(device: str) -> None:
-    """Nor the unused places of nodes, for ever. In a process of its own: it may not come to an end."""
-    code = _NOT_FINITE.replace("DEVICE", repr(device))
-    subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, check=True, timeout=120)

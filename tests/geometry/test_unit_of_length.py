@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.typing import NDArray
 from support.exact_pictures import rendered
+from support.ray_trees import affine, rotation
 from support.statistics import image_z_test, t_test_mean
 
 import wrt
@@ -17,18 +17,6 @@ from wrt.upload.accel import instancing
 def shared(monkeypatch: pytest.MonkeyPatch) -> None:
     """Meshes of few triangles too have trees of their own."""
     monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
-
-
-def turn(rng: np.random.Generator) -> NDArray[np.float64]:
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q * np.sign(np.linalg.det(q))
-
-
-def placed(linear: NDArray, offset: NDArray) -> NDArray[np.float64]:
-    m = np.eye(4)
-    m[:3, :3], m[:3, 3] = linear, offset
-    return m
 
 
 def room(scale: float, ball: wrt.Material) -> wrt.Scene:
@@ -44,7 +32,7 @@ def room(scale: float, ball: wrt.Material) -> wrt.Scene:
     scene.add(quad((-1, 0, 1), (0, 0, -2), (0, 2, 0)), material=wrt.Diffuse((0.6, 0.1, 0.1)))
     scene.add(quad((-0.4, 1.9, -0.4), (0.8, 0, 0), (0, 0, 0.8)), emission=8.0)
     box = wrt.box((-0.3,) * 3, (0.3,) * 3)
-    place = turn(np.random.default_rng(3))
+    place = rotation(np.random.default_rng(3))
     scene.add(wrt.Mesh(scale * (box.vertices @ place.T + [-0.4, 0.55, -0.3]), box.faces), material=wrt.Diffuse(0.8))
     scene.add(wrt.sphere(tuple(scale * x for x in (0.45, 0.35, 0.2)), 0.3 * scale, subdivisions=3), material=ball)
     return scene
@@ -88,13 +76,13 @@ def test_convex_bodies_do_not_shade_themselves(
     scene.environment = wrt.ConstantEnvironment(1.0)
     if kind == "instance":
         model = np.array([3.0, -2.0, 1.0])
-        linear = scale * turn(rng) @ np.diag([1.0, 0.4, 1.0]) @ turn(rng)
-        places = [placed(linear, center + scale * np.array([0.0, 0.0, z]) - linear @ model) for z in (0.0, 4000.0)]
+        linear = scale * rotation(rng) @ np.diag([1.0, 0.4, 1.0]) @ rotation(rng)
+        places = [affine(linear, center + scale * np.array([0.0, 0.0, z]) - linear @ model) for z in (0.0, 4000.0)]
         scene.add_instances(wrt.Mesh(ball.vertices + model, ball.faces), places, material=wrt.Diffuse(0.5))
     else:
         mesh = wrt.box((-0.7,) * 3, (0.7,) * 3) if kind == "cube" else ball
         stretched = mesh.vertices * np.array([1.0, 1.0, 0.02 if kind == "needles" else 1.0])
-        scene.add(wrt.Mesh(scale * (stretched @ turn(rng).T) + center, mesh.faces), material=wrt.Diffuse(0.5))
+        scene.add(wrt.Mesh(scale * (stretched @ rotation(rng).T) + center, mesh.faces), material=wrt.Diffuse(0.5))
     renderer = rendered(scene, 64, width=24, height=24, max_depth=8, filter="box", device=device)
     assert renderer._built.features.instances == ("still" if kind == "instance" else "none")
     inside = renderer.image()[8:16, 8:16, 0].astype(np.float64)
@@ -126,7 +114,7 @@ def test_a_furnace_of_any_size(
     inward = wrt.Mesh(body.vertices, body.faces[:, ::-1])
     center = scale * np.array([4.0, -7.0, 2.0])
     squeeze = np.eye(3) if kind == "walls" else np.diag([1.0, 0.6, -1.0])
-    place = placed(scale * turn(rng) @ squeeze @ turn(rng), center)
+    place = affine(scale * rotation(rng) @ squeeze @ rotation(rng), center)
     eye = tuple(center + scale * np.array([0.1, -0.05, 0.2]))
     camera = wrt.PerspectiveCamera(eye, tuple(center), fov_degrees=90.0, shutter_close=1.0)
     scene = wrt.Scene(camera=camera)

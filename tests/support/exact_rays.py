@@ -29,15 +29,11 @@ Array = NDArray[np.float64]
 
 
 class Tested(NamedTuple):
-    """R rays tested against T triangles.
+    """R rays tested against T triangles: (R, T) arrays, with a third axis of length 3 for edges.
 
-    Attributes:
-        edges: (R, T, 3) edge functions, not negative inside: barycentric coordinates times `det`.
-        edge_error: (R, T, 3) how wrong each may be in float32.
-        det: (R, T) their sum, twice the area that the ray sees.
-        t: (R, T) distance to the plane.
-        t_error: (R, T) how wrong it may be in float32; infinite where the ray may lie in the plane.
-        least_t: (R, T, 2) distance below which the tracer may leave a hit out, and below which it surely does.
+    Edge functions are not negative inside: barycentric coordinates times `det`, their sum. Errors are how wrong values
+    may be in float32, infinite for `t` where the ray may lie in the plane. Of hits nearer than `least_t` the tracer may
+    leave out those below its first number, and leaves out those below its second.
     """
 
     edges: Array
@@ -204,14 +200,9 @@ class Reason(enum.Enum):
 
 
 class Explained(NamedTuple):
-    """What `explain` finds, ray by ray.
+    """What `explain` finds, ray by ray: why, the exact answer, and of the answer given the distance and its error.
 
-    Attributes:
-        reason: (R,) Reason of each ray.
-        nearest: (R,) the exact answer, −1 for none.
-        t: (R,) exact distance to the answer that was given, infinite without one.
-        t_error: (R,) how wrong that may be in float32.
-        open: (R,) whether another answer than the exact one could be explained.
+    `nearest` is −1 and `t` infinite for none. `open`: whether another answer than the exact one could be explained.
     """
 
     reason: NDArray[np.object_]
@@ -246,19 +237,11 @@ def explain(
     model: Model,
     pairs: int = 200_000,
 ) -> Explained:
-    """Judge the triangles that a tracer says rays hit first, against all triangles in float64.
+    """Judge the (R,) triangles that a tracer says rays hit first, −1 for none, against all triangles in float64.
 
-    An answer can be right if the ray meets that triangle for some rounding, and no triangle that it
-    meets for any rounding is nearer.
-
-    Args:
-        corners: (T, 3, 3) float32 corners.
-        origins: (R, 3) float32.
-        directions: (R, 3) float32.
-        triangle: (R,) the answers, −1 for none.
-        model: `woop` or `moeller`.
-        pairs: rays times triangles to hold in memory at once (of more than MANY_TRIANGLES a ray is
-            tested only against those that it comes near).
+    An answer can be right if the ray meets that triangle for some rounding, and no triangle that it meets for any
+    rounding is nearer. `pairs` is how many rays times triangles to hold in memory at once; of more than MANY_TRIANGLES
+    a ray is tested only against those that it comes near.
     """
     corners, origins, directions = (np.asarray(a, np.float64) for a in (corners, origins, directions))
     answers = np.asarray(triangle)
