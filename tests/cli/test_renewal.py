@@ -121,7 +121,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, look: Callable[[int], object]) -> N
     monkeypatch.setattr(wrt.Renderer, "passes", watch)
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+@pytest.mark.parametrize("name", ["a.png", pytest.param("a.exr", marks=pytest.mark.slow)])
 def test_the_picture_can_be_read_while_it_renders(monkeypatch: pytest.MonkeyPatch, often: None, name: str) -> None:
     seen = []
     layers = ("--layers", "albedo") if name == "a.exr" else ()

@@ -87,7 +87,9 @@ def shares_of_turn(edges: NDArray, distance: float, near: int, far: int) -> NDAr
 
 
 @pytest.mark.parametrize("shines", SIDES)
-@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize(
+    "name", [name if name == "beside" else pytest.param(name, marks=pytest.mark.slow) for name in PLACES]
+)
 def test_samples_have_their_density(name: str, shines: str, device: str, report: Report) -> None:
     """Angles about the point and heights are uniform; from beside it nothing of the inside is sampled."""
     (side, two_sided), place = SIDES[shines], np.array(PLACES[name])

@@ -33,7 +33,9 @@ ABOVE = (0.4, -0.3)
 """Place of lamps above the floor."""
 
 
-@pytest.mark.parametrize(("strategy", "radius"), [("mis", 0.3), ("light", 1e-3), ("bsdf", 0.9)])
+@pytest.mark.parametrize(
+    ("strategy", "radius"), [("mis", 0.3), ("light", 1e-3), pytest.param("bsdf", 0.9, marks=pytest.mark.slow)]
+)
 def test_irradiance_of_a_sphere(strategy: str, radius: float, device: str, report: Report) -> None:
     """E = π L (r / d)² cosθ where the whole sphere is above the horizon (Howell, C-137)."""
 
@@ -46,6 +48,7 @@ def test_irradiance_of_a_sphere(strategy: str, radius: float, device: str, repor
     check_irradiance(lamp, 2.0 / radius**2, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("strategy", "radius"), [("mis", 0.3), ("light", 0.01), ("light", 0.9), ("bsdf", 0.9)])
 def test_irradiance_of_a_disk(strategy: str, radius: float, device: str, report: Report) -> None:
     """A disk parallel to the floor: E = π L ½ (1 − (h² + s² − r²) / √((h² + s² + r²)² − 4 r² s²)) (Howell, B-13)."""
@@ -86,6 +89,7 @@ def from_cylinder(ends: NDArray, radius: float, radiance: float, x: NDArray, z: 
     return np.asarray(0.5 * length * radius * radiance * total)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 def test_irradiance_of_a_cylinder(strategy: str, device: str, report: Report) -> None:
     radius, ends = 0.25, np.array([(-0.5, 0.9, 0.1), (0.6, 1.3, 0.4)])
@@ -100,6 +104,7 @@ def test_irradiance_of_a_cylinder(strategy: str, device: str, report: Report) ->
 TEXELS = np.float32([[1.0, 9.0, 0.5, 3.0], [6.0, 0.2, 4.0, 12.0], [0.3, 5.0, 15.0, 1.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 def test_irradiance_of_a_textured_sphere(strategy: str, device: str, report: Report) -> None:
     """Whoever finds the lamp, its light is that of the texel there: summed over the sphere by the midpoint rule."""
@@ -122,7 +127,7 @@ def test_irradiance_of_a_textured_sphere(strategy: str, device: str, report: Rep
 
 
 @pytest.mark.parametrize("center", [(0.0, 0.0, 0.0), (300.0, -200.0, 100.0)])
-@pytest.mark.parametrize("kind", ["sphere", "can"])
+@pytest.mark.parametrize("kind", ["sphere", pytest.param("can", marks=pytest.mark.slow)])
 def test_no_light_leaks_out_of_closed_shapes(
     kind: str, center: tuple[float, float, float], device: str, report: Report
 ) -> None:
@@ -205,7 +210,7 @@ def lamps(exact: bool) -> wrt.Scene:
 
 @pytest.mark.slow
 def test_lamps_shine_as_fine_triangles_do(device: str, report: Report) -> None:
-    check_like_triangles(lamps, "lamps", device, report, 1024)
+    check_like_triangles(lamps, "lamps", device, report, 512)
 
 
 # --- Both kernels ------------------------------------------------------------------------------------

@@ -86,6 +86,7 @@ def test_a_streak(device: str, report: Report) -> None:
     assert chance(found, expected) > 1e-3
 
 
+@pytest.mark.slow
 def test_stretching(device: str, report: Report) -> None:
     """The left edge stays, the right one moves: beyond x = 0 the light falls linearly."""
     stretch = np.stack([QUAD.vertices, QUAD.vertices + np.where(QUAD.vertices[:, :1] > 0.0, [2.0, 0.0, 0.0], 0.0)])
@@ -102,6 +103,7 @@ def test_stretching(device: str, report: Report) -> None:
     assert chance(found, expected(2.1)) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_deformation_may_bring_normals_to_a_flat_mesh(device: str) -> None:
     quad = wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
     tilted = np.tile(np.float32([0.6, 0.0, 0.8]), (len(quad.vertices), 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,11 @@ def check(name: str, counts: Array, expected: Array, report: Report) -> None:
     assert not chi_square_test(counts.ravel(), tilted.ravel() * (N / tilted.sum()), tests=20).passed
 
 
+def cross_section(names: Iterable[str]) -> list[Any]:
+    """Return the names, the first three of which are quick."""
+    return [name if k < 3 else pytest.param(name, marks=pytest.mark.slow) for k, name in enumerate(names)]
+
+
 # --- Rectangle -------------------------------------------------------------------------------------
 
 
@@ -126,7 +132,7 @@ RECTANGLES = {
 }
 
 
-@pytest.mark.parametrize("name", RECTANGLES)
+@pytest.mark.parametrize("name", cross_section(RECTANGLES))
 def test_rectangle(name: str, device: str, report: Report) -> None:
     p = np.array(RECTANGLES[name])
     h = abs(p[2])
@@ -175,7 +181,7 @@ def disk_chords(psi: Array, c: float) -> tuple[Array, Array]:
     return np.maximum(middle - half, 0.0), middle + half
 
 
-@pytest.mark.parametrize("name", DISKS)
+@pytest.mark.parametrize("name", cross_section(DISKS))
 def test_disk(name: str, device: str, report: Report) -> None:
     """Bins are in polar coordinates about the foot of the perpendicular, where solid angle is sin t dt dψ."""
     p = np.array(DISKS[name])
@@ -222,7 +228,7 @@ SPHERES = {"near": (0.9, 0.3, 0.4), "touching, but for a thousandth": (0.0, 0.0,
 CONES = {"the sun": np.radians(0.265), "a wide cone": np.radians(80.0)}
 
 
-@pytest.mark.parametrize("name", [*SPHERES, *CONES])
+@pytest.mark.parametrize("name", cross_section([*SPHERES, *CONES]))
 def test_sphere_and_cone(name: str, device: str, report: Report) -> None:
     """Uniform over the cone: 1 − cos to the axis and the azimuth are."""
     if name in SPHERES:
@@ -254,6 +260,7 @@ def test_sphere_and_cone(name: str, device: str, report: Report) -> None:
 # --- At the limits ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [int(RECTANGLE), int(DISK), int(SPHERE)])
 def test_nothing_is_infinite_or_no_number(kind: int, device: str) -> None:
     """In the light's plane, on it, inside the sphere, nearly so, and at all distances: finite, or no density at all."""

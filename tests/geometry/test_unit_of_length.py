@@ -61,7 +61,7 @@ def test_the_same_scene_in_other_units_looks_the_same(scale: float, device: str,
 
 
 @pytest.mark.parametrize(("scale", "away"), [(1.0, 0.0), (1e-3, 30.0), (1e3, 30.0)])
-@pytest.mark.parametrize("kind", ["cube", "ball", "needles", "instance"])
+@pytest.mark.parametrize("kind", ["cube", "ball", "needles", pytest.param("instance", marks=pytest.mark.slow)])
 def test_convex_bodies_do_not_shade_themselves(
     shared: None, kind: str, scale: float, away: float, device: str, report: Report
 ) -> None:
@@ -91,9 +91,7 @@ def test_convex_bodies_do_not_shade_themselves(
     assert abs(inside.mean() - 0.5) < 1e-4
 
 
-SLOW = pytest.mark.slow
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "scale", "strategy"),
     [
@@ -101,8 +99,8 @@ SLOW = pytest.mark.slow
         ("walls", 1e3, "mis"),
         ("instance", 1e-3, "mis"),
         ("instance", 1e3, "bsdf"),
-        pytest.param("moving", 1e-3, "mis", marks=SLOW),
-        pytest.param("moving", 1e3, "bsdf", marks=SLOW),
+        ("moving", 1e-3, "mis"),
+        ("moving", 1e3, "bsdf"),
     ],
 )
 def test_a_furnace_of_any_size(
