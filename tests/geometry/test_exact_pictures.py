@@ -34,7 +34,7 @@ ABOVE = (0.4, -0.3)
 
 
 @pytest.mark.parametrize(
-    ("strategy", "radius"), [("mis", 0.3), ("light", 1e-3), pytest.param("bsdf", 0.9, marks=pytest.mark.slow)]
+    ("strategy", "radius"), [("mis", 0.9), ("light", 1e-3), pytest.param("bsdf", 0.9, marks=pytest.mark.slow)]
 )
 def test_irradiance_of_a_sphere(strategy: str, radius: float, device: str, report: Report) -> None:
     """E = π L (r / d)² cosθ where the whole sphere is above the horizon (Howell, C-137)."""
