@@ -21,6 +21,7 @@ from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 BOXES = box_files()
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
 OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
+SUFFIXES = "obj", "ply", "stl", "off", "glb", "gltf"
 MANY = b"element vertex 4000000000000\nproperty float x\nproperty float y\nproperty float z\nend_header\n1234"
 
 
@@ -32,14 +33,11 @@ def huge_gltf() -> str:
 
 REFUSED: list[tuple[str, str | bytes, str]] = [
     ("a.xyz", "1 2 3", "not a known mesh format"),
-    *((f"a.{suffix}", "", "the file is empty") for suffix in ("obj", "ply", "stl", "off", "glb", "gltf")),
-    *(
-        (f"noise.{suffix}", bytes(range(256)) * 3, "noise")
-        for suffix in ("obj", "ply", "stl", "off", "glb", "gltf", "3mf")
-    ),
+    *((f"a.{suffix}", "", "the file is empty") for suffix in SUFFIXES),
+    *((f"noise.{suffix}", bytes(range(256)) * 3, "noise") for suffix in (*SUFFIXES, "3mf")),
     # Cut short, or longer than any memory
     *((name, BOXES[name][:-40], "truncated") for name in BOXES if name.endswith((".stl", ".ply"))),
-    ("a.off", f"{OFF[:6]}3 2 0{OFF[11:]}3 0 1 2\n", "4 of 5 vertices and faces are there; it is truncated"),
+    ("a.off", OFF.replace("3 1", "3 2") + "3 0 1 2\n", "4 of 5 vertices and faces are there; it is truncated"),
     ("a.off", BOXES["big.off"][:-8], "not as long as its numbers"),
     ("a.off", b"OFF BINARY\n" + b"\xff" * 64, "not as long as its numbers"),
     ("a.ply", b"ply\nformat binary_little_endian 1.0\n" + MANY, "truncated"),
@@ -162,7 +160,7 @@ def test_what_trimesh_logs_about_damaged_files_is_not_passed_on(tmp_path, caplog
         write(tmp_path, "mesh.mtl", "newmtl x\nKd a b c\nmap_Kd none.png\n")
         with pytest.warns(InputWarning, match=r"none\.png"):
             load_mesh(write(tmp_path, "mesh.obj", "mtllib mesh.mtl\n" + SQUARE + "usemtl x\nf 1 2 3 4\n"))
-        check_refused("PLY", load_mesh, write(tmp_path, "mesh.ply", "ply\nformat ascii 1.0\nend_header"))
+        check_refused("no triangles", load_mesh, write(tmp_path, "mesh.ply", "ply\nformat ascii 1.0\nend_header"))
         assert not caplog.records
         trimesh.load_scene(tmp_path / "mesh.obj")
         assert caplog.records  # it is heard again, and there was something to hear
