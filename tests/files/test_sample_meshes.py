@@ -10,13 +10,14 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+import trimesh
+from conftest import ROOT
+from support.meshes import volume
 
 import wrt
 import wrt.meshes
 from wrt.io.toml.reader import load_scene
 from wrt.meshes import many_triangles
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def script(name: str) -> ModuleType:
@@ -32,13 +33,13 @@ def maker() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def cornell() -> wrt.scene.scene.Scene:
+def cornell() -> wrt.Scene:
     return load_scene(wrt.meshes.scene_path("cornell-box"))
 
 
 def face_normals(mesh: wrt.Mesh) -> np.ndarray:
     """Return (M, 3) float64 face normals, twice the area long."""
-    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) for i in range(3))
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(np.float64), 1, 0)
     return np.cross(b - a, c - a)
 
 
@@ -47,7 +48,7 @@ def open_edges(faces: np.ndarray) -> np.ndarray:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     assert (counts == 1).all(), "two faces run the same way along an edge"
-    known = {tuple(edge) for edge in unique.tolist()}
+    known = set(map(tuple, unique.tolist()))
     return np.array([edge for edge in unique.tolist() if (edge[1], edge[0]) not in known]).reshape(-1, 2)
 
 
@@ -75,16 +76,8 @@ def test_names_and_descriptions_agree_and_files_exist():
     descriptions = wrt.meshes.scene_descriptions()
     assert list(descriptions) == names
     assert all(text and "\n" not in text for text in descriptions.values())
-    assert all(wrt.meshes.scene_path(name).is_file() for name in names)
-
-
-def test_unknown_name_lists_the_known_ones():
-    with pytest.raises(wrt.InputError) as caught:
+    with pytest.raises(wrt.InputError, match=rf"teepot[^\n]*{', '.join(names[:1])}[^\n]*{names[-1]}[^\n]*$"):
         wrt.meshes.scene_path("teepot")
-    message = str(caught.value)
-    assert "teepot" in message
-    assert all(name in message for name in wrt.meshes.scene_names())
-    assert "\n" not in message
 
 
 def test_importing_the_names_imports_no_numpy():
@@ -93,15 +86,12 @@ def test_importing_the_names_imports_no_numpy():
 
 
 @pytest.mark.parametrize("name", wrt.meshes.scene_names())
-def test_scene_loads_lit_and_with_a_camera(name: str):
+def test_scene_loads_lit_and_with_a_camera_that_looks_at_its_target(name: str):
     scene = load_scene(wrt.meshes.scene_path(name))
-    assert scene.camera is not None
     assert scene.lights or any(shape.emits for shape in scene.shapes)
-    # What the picture is of lies inside it.
     right, up, forward = scene.camera.frame()
     target = np.subtract(scene.camera.target, scene.camera.origin)
-    assert abs(target @ right) < 1e-9
-    assert abs(target @ up) < 1e-9
+    np.testing.assert_allclose([target @ right, target @ up], 0.0, atol=1e-9)
     assert target @ forward > 0.0
 
 
@@ -120,16 +110,9 @@ def test_control_points_keep_the_symmetry_of_the_pot(maker: ModuleType):
     assert sorted(index for indices in maker.PARTS.values() for index in indices) == list(range(32))
 
 
-def test_patches_pass_through_their_corner_points(maker: ModuleType):
-    for patch in maker.control_points():
-        points, _ = maker.evaluate(patch, 6)
-        grid = points.reshape(7, 7, 3)
-        assert np.array_equal(grid[::6, ::6], patch[::3, ::3])
-
-
-def test_patch_normals_are_those_of_finite_differences(maker: ModuleType):
-    step = 1e-5
-    inside = np.linspace(0.1, 0.9, 5)
+def test_patches_are_bezier_surfaces_with_their_normals(maker: ModuleType):
+    """By finite differences, and along the axis at the poles, where a side of the patch is one point."""
+    step, inside, poles = 1e-5, np.linspace(0.1, 0.9, 5), 0
     for patch in maker.control_points():
 
         def point(u: np.ndarray, v: np.ndarray, patch: np.ndarray = patch) -> np.ndarray:
@@ -140,30 +123,24 @@ def test_patch_normals_are_those_of_finite_differences(maker: ModuleType):
             point(inside + step, inside) - point(inside - step, inside),
         )
         across /= np.linalg.norm(across, axis=2, keepdims=True)
-        _, normals = maker.evaluate(patch, 10)
-        np.testing.assert_allclose(across, normals.reshape(11, 11, 3)[1::2, 1::2], atol=1e-8)
-
-
-def test_normals_at_the_poles_point_along_the_axis(maker: ModuleType):
-    patches = maker.control_points()
-    poles = {index: patch[0, 0, 2] for index, patch in enumerate(patches) if (patch[0] == patch[0, 0]).all()}
-    assert sorted(poles) == [20, 21, 22, 23, 28, 29, 30, 31]
-    for index, height in poles.items():
-        _, normals = maker.evaluate(patches[index], 4)
-        np.testing.assert_allclose(normals[:5], [[0.0, 0.0, 1.0 if height > 0.0 else -1.0]] * 5, atol=1e-12)
+        points, normals = (array.reshape(11, 11, 3) for array in maker.evaluate(patch, 10))
+        assert np.array_equal(points[::10, ::10], patch[::3, ::3])
+        np.testing.assert_allclose(across, normals[1::2, 1::2], atol=1e-8)
+        if (patch[0] == patch[0, 0]).all():
+            poles += 1
+            up = np.sign(patch[0, 0, 2])
+            np.testing.assert_allclose(normals[0], [[0.0, 0.0, up if up else -1.0]] * 11, atol=1e-12)
+    assert poles == 8
 
 
 def test_parts_are_smooth_across_patch_seams(maker: ModuleType):
     for part, indices in maker.PARTS.items():
         pairs = [maker.evaluate(maker.control_points()[index], 8) for index in indices]
         points, normals = (np.concatenate(arrays) for arrays in zip(*pairs, strict=True))
-        keys = np.round(points / 1e-6).astype(np.int64)
-        _, where = np.unique(keys, axis=0, return_inverse=True)
-        where = where.reshape(-1)
-        first = np.zeros((where.max() + 1, 3))
-        first[where] = normals
+        _, first, where = np.unique(np.round(points / 1e-6).astype(int), axis=0, return_index=True, return_inverse=True)
         assert len(first) < len(points), part
-        np.testing.assert_allclose((first[where] * normals).sum(axis=1), 1.0, atol=1e-12, err_msg=part)
+        agreement = (normals[first][where.reshape(-1)] * normals).sum(axis=1)
+        np.testing.assert_allclose(agreement, 1.0, atol=1e-12, err_msg=part)
 
 
 @pytest.mark.parametrize("name", ["teapot", "sweep"])
@@ -184,121 +161,71 @@ def test_teapot_is_one_pot_with_six_published_openings():
     assert high[1] == pytest.approx(0.15, abs=1e-7)
     assert low[2] == -high[2]
     assert high[0] > -low[0]  # the spout reaches farther than the handle
-
     normals = face_normals(mesh)
     area = np.linalg.norm(normals, axis=1)
     assert area.min() > 1e-9
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
-    agreement = np.einsum("mk,mck->mc", normals / area[:, None], mesh.normals[mesh.faces])
-    assert agreement.min() > 0.5
-
+    assert np.einsum("mk,mck->mc", normals / area[:, None], mesh.normals[mesh.faces]).min() > 0.5
     holes = loops(open_edges(mesh.faces))
     height = 0.15 / 3.15  # metres in one of Newell's units
     # Both ends of the handle and of the spout; then the lid's edge and the rim, a tenth of a unit apart.
     assert sorted(len(hole) for hole in holes) == [40, 40, 40, 40, 80, 80]
     radii = [np.hypot(*mesh.vertices[hole][:, [0, 2]].T).min() / height for hole in holes if len(hole) == 80]
     np.testing.assert_allclose(sorted(radii), [1.3, 1.4], atol=1e-5)
-
-
-def test_teapot_fronts_are_outside(maker: ModuleType):
-    """Rays from far away meet fronts first: a patch turned inside out would show its back."""
-    points, _, faces = maker.teapot(steps=4)
-    random = np.random.default_rng(1)
-    origins = random.normal(size=(500, 3))
-    origins /= np.linalg.norm(origins, axis=1, keepdims=True)
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    toward = ((a + b + c) / 3.0)[random.integers(len(faces), size=500)] - origins
-    facing = first_facing(origins, toward, a, b, c)
-    assert (facing != 0).all()
-    # Through the gap round the lid, the mouth of the spout and the slit at the foot of the handle one sees insides.
-    assert (facing < 0).mean() < 0.02
-
-
-def first_facing(origins: np.ndarray, toward: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Return, per ray, 1 if the first triangle it meets shows its front, -1 if its back, 0 if it meets none."""
-    matrix = np.stack(np.broadcast_arrays(b - a, c - a, -toward[:, None]), axis=-1)
-    determinant = np.linalg.det(matrix)
-    determinant[np.abs(determinant) < 1e-15] = np.nan  # edge-on
-    offset = origins[:, None] - a
-    normal = np.cross(b - a, c - a)
-    distance = np.einsum("rtk,tk->rt", offset, normal) / determinant
-    q = np.cross(offset, toward[:, None])
-    u = np.einsum("rtk,tk->rt", q, c - a) / determinant
-    v = np.einsum("rtk,tk->rt", q, a - b) / determinant
-    inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance > 0.0)
-    first = np.where(inside, distance, np.inf).argmin(axis=1)
-    sign = -np.sign(np.einsum("rk,rk->r", normal[first], toward))
-    return np.where(inside.any(axis=1), sign, 0.0)
+    # Fronts are outside: a part turned inside out would have a negative volume.
+    parts = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).split(only_watertight=False)
+    assert len(parts) == 4
+    for part in parts:
+        middle = part.vertices.mean(axis=0)
+        assert volume(wrt.Mesh(part.vertices - middle, part.faces)) > 0.0
 
 
 # The Cornell box
 
 
-def shape_mesh(scene: wrt.scene.scene.Scene, name: str) -> wrt.Mesh:
-    return next(shape.mesh for shape in scene.shapes if shape.name == name)
-
-
-def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.scene.scene.Scene):
+def test_cornell_box_faces_are_flat_but_the_published_left_wall_and_face_the_room(cornell: wrt.Scene):
     """Two triangles make each published quadrilateral: how far is its fourth corner off the plane of the others?"""
-    for shape in cornell.shapes:
-        normals = face_normals(shape.mesh)[::2]
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        corners = shape.mesh.vertices[shape.mesh.faces].astype(np.float64).reshape(-1, 2, 3, 3)
-        off = np.einsum("mk,mk->m", corners[:, 1, 2] - corners[:, 0, 0], normals)
-        expected = 3.1997e-3 if shape.name == "left wall" else 0.0  # by hand from the published numbers
-        np.testing.assert_allclose(np.abs(off), expected, atol=1e-6, err_msg=shape.name)
-
-
-def test_cornell_box_fronts_face_the_room(cornell: wrt.scene.scene.Scene):
     middle = np.array([0.278, 0.274, 0.28])
     for shape in cornell.shapes:
-        centers = shape.mesh.vertices[shape.mesh.faces].mean(axis=1).astype(np.float64)
-        inside = middle if "block" not in shape.name else centers.mean(axis=0)
-        toward = np.einsum("mk,mk->m", face_normals(shape.mesh), inside - centers)
-        assert (toward < 0.0 if "block" in shape.name else toward > 0.0).all(), shape.name
-    assert (face_normals(shape_mesh(cornell, "light"))[:, 1] < 0.0).all()
+        normals, corners = face_normals(shape.mesh), shape.mesh.vertices[shape.mesh.faces].astype(np.float64)
+        unit = normals[::2] / np.linalg.norm(normals[::2], axis=1, keepdims=True)
+        off = np.einsum("mk,mk->m", corners[1::2, 2] - corners[::2, 0], unit)
+        expected = 3.1997e-3 if shape.name == "left wall" else 0.0  # by hand from the published numbers
+        np.testing.assert_allclose(np.abs(off), expected, atol=1e-6, err_msg=shape.name)
+        is_block, centers = "block" in shape.name, corners.mean(axis=1)
+        toward = np.einsum("mk,mk->m", normals, (centers.mean(axis=0) if is_block else middle) - centers)
+        assert (toward < 0.0 if is_block else toward > 0.0).all(), shape.name
+        assert shape.name != "light" or (normals[:, 1] < 0.0).all()
 
 
-def test_cornell_room_is_closed_but_for_its_front_and_blocks_but_for_their_bottom(cornell: wrt.scene.scene.Scene):
-    def joined(meshes: list[wrt.Mesh]) -> tuple[np.ndarray, np.ndarray]:
-        corners = np.concatenate([mesh.vertices[mesh.faces].reshape(-1, 3) for mesh in meshes])
-        unique, where = np.unique(corners, axis=0, return_inverse=True)
-        return unique, where.reshape(-1, 3)
-
+def test_cornell_room_is_closed_but_for_its_front_and_blocks_but_for_their_bottom(cornell: wrt.Scene):
     room = [shape.mesh for shape in cornell.shapes if "block" not in shape.name]
-    points, faces = joined(room)
-    edges = open_edges(faces)
-    assert len(edges) == 4
-    assert (points[edges][..., 2] == 0.0).all()
-    for name in ("short block", "tall block"):
-        points, faces = joined([shape_mesh(cornell, name)])
-        edges = open_edges(faces)
+    blocks = [[shape.mesh] for shape in cornell.shapes if "block" in shape.name]
+    assert len(blocks) == 2
+    for meshes, axis in ((room, 2), (blocks[0], 1), (blocks[1], 1)):
+        corners = np.concatenate([mesh.vertices[mesh.faces].reshape(-1, 3) for mesh in meshes])
+        points, where = np.unique(corners, axis=0, return_inverse=True)
+        edges = open_edges(where.reshape(-1, 3))
         assert len(edges) == 4
-        assert (points[edges][..., 1] == 0.0).all()
+        assert (points[edges][..., axis] == 0.0).all()
 
 
-def test_cornell_picture_shows_red_left_and_green_right(cornell: wrt.scene.scene.Scene):
+def test_cornell_picture_shows_red_left_and_green_right_in_the_measured_colors(cornell: wrt.Scene):
     right, up, _ = cornell.camera.frame()
-    origin = np.array(cornell.camera.origin)
-
-    def across(name: str) -> float:
-        return float((shape_mesh(cornell, name).vertices.mean(axis=0) - origin) @ right)
-
-    assert across("left wall") < across("tall block") < 0.0 < across("short block") < across("right wall")
+    by_name = {shape.name: shape for shape in cornell.shapes}
+    across = [
+        float((by_name[name].mesh.vertices.mean(axis=0) - np.array(cornell.camera.origin)) @ right)
+        for name in ("left wall", "tall block", "short block", "right wall")
+    ]
+    assert across == sorted(across)
+    assert across[1] < 0.0 < across[2]
     assert up.tolist() == [0.0, 1.0, 0.0]
     assert np.tan(np.radians(cornell.camera.fov_degrees) / 2) == pytest.approx(0.0125 / 0.035, rel=1e-12)
-
-
-def test_cornell_colors_are_those_of_the_measured_spectra(cornell: wrt.scene.scene.Scene):
     spectra = script("cornell_box")
     colors = spectra.colors()
-    by_name = {shape.name: shape for shape in cornell.shapes}
     for shape, color in (("floor", "white"), ("right wall", "green"), ("left wall", "red")):
         np.testing.assert_allclose(by_name[shape].material.reflectance, colors[color], rtol=0.0, atol=0.5e-4)
     np.testing.assert_allclose(by_name["light"].emission, colors["light"], rtol=5e-4)
-    # A paint that reflects half of every wavelength is half of white.
-    wavelength = np.arange(360.0, 831.0)
-    np.testing.assert_allclose(spectra.rec709(wavelength, np.full(len(wavelength), 0.5)), 0.5, rtol=1e-12)
 
 
 def test_matching_functions_have_the_areas_and_peak_of_cie_1931():
@@ -309,22 +236,24 @@ def test_matching_functions_have_the_areas_and_peak_of_cie_1931():
     np.testing.assert_allclose(functions.sum(axis=1), [106.86, 106.86, 106.89], rtol=0.005)
     assert functions[1].max() == pytest.approx(1.0, abs=0.01)
     assert wavelength[functions[1].argmax()] == pytest.approx(555.0, abs=3.0)
+    # A paint that reflects half of every wavelength is half of white.
+    np.testing.assert_allclose(spectra.rec709(wavelength, np.full(len(wavelength), 0.5)), 0.5, rtol=1e-12)
 
 
 # Many triangles
 
 
-@pytest.mark.parametrize("count", [1_000, 100_000, 1_000_000, 10_000_000])
-def test_round_counts_are_met_exactly(count: int):
-    rows, columns = many_triangles.grid_size(count)
-    assert 2 * rows * columns == count
-    assert 0.7 < rows / columns <= 1.0
-
-
-def test_other_counts_are_met_within_two_percent_and_never_exceeded():
+def test_round_counts_are_met_exactly_and_others_within_two_percent():
+    for count in (1_000, 100_000, 1_000_000, 10_000_000):
+        rows, columns = many_triangles.grid_size(count)
+        assert 2 * rows * columns == count
+        assert 0.7 < rows / columns <= 1.0
     for count in range(1_000, 20_000, 7):
         rows, columns = many_triangles.grid_size(count)
         assert 0.98 * count < 2 * rows * columns <= count
+    for wrong in (999, 10_000_001, 1e6, "many"):
+        with pytest.raises(wrt.InputError, match="triangles"):
+            many_triangles.terrain(wrong)
 
 
 @pytest.mark.parametrize("count", [1_000, 54_321])
@@ -335,22 +264,9 @@ def test_terrain_is_an_upward_sheet_made_the_same_every_time(count: int):
         assert np.array_equal(getattr(mesh, name), getattr(again, name)), name
     assert (face_normals(mesh)[:, 1] > 0.0).all()
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
-    assert mesh.colors.min() >= 0.0
-    assert mesh.colors.max() <= 1.0
+    assert 0.0 <= mesh.colors.min() <= mesh.colors.max() <= 1.0
     assert len(loops(open_edges(mesh.faces))) == 1  # its rim
     low, high = mesh.bounds
     np.testing.assert_allclose([low[[0, 2]], high[[0, 2]]], [[-2000.0, -2000.0], [2000.0, 2000.0]])
     assert low[1] >= 0.0
-    assert high[1] <= many_triangles.RELIEF
-
-
-def test_gradient_noise_vanishes_on_its_lattice_and_stays_within_one():
-    noise = many_triangles._gradient_noise(33, 65, 4, 0)
-    np.testing.assert_allclose(noise[::8, ::16], 0.0, atol=1e-6)
-    assert 0.2 < np.abs(noise).max() <= 1.0
-
-
-@pytest.mark.parametrize("count", [999, 10_000_001, 1e6, "many"])
-def test_terrain_refuses_other_numbers(count: object):
-    with pytest.raises(wrt.InputError, match="triangles"):
-        many_triangles.terrain(count)
+    assert 0.1 * many_triangles.RELIEF < high[1] <= many_triangles.RELIEF  # hills
