@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.outputs import run
+from support.same_scenes import differences
 
 import wrt
 from wrt.errors import InputError
@@ -128,7 +129,8 @@ def test_geometry_lights_and_camera_come_back(tmp_path: Path) -> None:
     scene.add(colored, material=wrt.Principled(wrt.VertexColor()), name="ball")
     paint = wrt.Principled(0.5)
     for k in range(2):
-        scene.add(QUAD, material=paint, transform=place + k * np.eye(4, k=3), name="placed")
+        quad = dataclasses.replace(QUAD, normals=np.tile(np.float32([0, 0, 1]), (4, 1)))
+        scene.add(quad, material=paint, transform=place + k * np.eye(4, k=3), name="placed")
     scene.lights = [
         wrt.PointLight((0, 1, 2), intensity=(1.0, 2.0, 4.0)),
         wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, falloff="gltf", inner_degrees=10.0, outer_degrees=35.0),
@@ -137,17 +139,10 @@ def test_geometry_lights_and_camera_come_back(tmp_path: Path) -> None:
     scene.camera = wrt.PerspectiveCamera((3, 2, 1), (0, 0.5, 0), fov_degrees=33.0)
     found, messages = again(scene, tmp_path / "a.glb")
     assert messages == []
-    (other,) = [shape for shape in found.shapes if len(shape.mesh.faces) == len(ball.faces)]
-    for name in ("vertices", "faces", "normals", "colors"):
-        np.testing.assert_allclose(getattr(other.mesh, name), getattr(colored, name), atol=1e-6, err_msg=name)
-    bounds, expected = (sorted(shape.bounds.ravel().tolist() for shape in each.shapes) for each in (found, scene))
-    np.testing.assert_allclose(bounds, expected, atol=1e-6)
-    for a, b in zip(scene.lights, found.lights, strict=True):
-        names = {"position", "direction", "intensity", "irradiance", "inner_degrees", "outer_degrees", "falloff"}
-        for name in names & {field.name for field in dataclasses.fields(a)}:
-            same(getattr(a, name), getattr(b, name), name)
     np.testing.assert_allclose(found.camera.frame(), scene.camera.frame(), atol=1e-6)
-    same(scene.camera.fov_degrees, found.camera.fov_degrees, "fov")
+    assert found.camera.fov_degrees == pytest.approx(33.0)
+    found.camera = scene.camera  # whose target may lie farther away
+    assert {name: amount for name, amount in differences(scene, found).items() if amount > 1e-5} == {}
 
 
 def everything() -> wrt.Scene:

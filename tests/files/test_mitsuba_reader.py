@@ -139,6 +139,7 @@ def test_parameters(tmp_path: Path) -> None:
         wrt.load("cornell-box", parameters={"a": 1})
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # pytest makes errors of them
 def test_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     size = '<default name="size" value="64"/>\n' + sensor(at(4.0)).replace('"320"', '"$size"').replace("200", "$size")

@@ -110,39 +110,6 @@ def test_control_points_keep_the_symmetry_of_the_pot(maker: ModuleType):
     assert sorted(index for indices in maker.PARTS.values() for index in indices) == list(range(32))
 
 
-def test_patches_are_bezier_surfaces_with_their_normals(maker: ModuleType):
-    """By finite differences, and along the axis at the poles, where a side of the patch is one point."""
-    step, inside, poles = 1e-5, np.linspace(0.1, 0.9, 5), 0
-    for patch in maker.control_points():
-
-        def point(u: np.ndarray, v: np.ndarray, patch: np.ndarray = patch) -> np.ndarray:
-            return np.einsum("ui,vj,ijk->uvk", maker.bernstein(u)[0], maker.bernstein(v)[0], patch)
-
-        across = np.cross(
-            point(inside, inside + step) - point(inside, inside - step),
-            point(inside + step, inside) - point(inside - step, inside),
-        )
-        across /= np.linalg.norm(across, axis=2, keepdims=True)
-        points, normals = (array.reshape(11, 11, 3) for array in maker.evaluate(patch, 10))
-        assert np.array_equal(points[::10, ::10], patch[::3, ::3])
-        np.testing.assert_allclose(across, normals[1::2, 1::2], atol=1e-8)
-        if (patch[0] == patch[0, 0]).all():
-            poles += 1
-            up = np.sign(patch[0, 0, 2])
-            np.testing.assert_allclose(normals[0], [[0.0, 0.0, up if up else -1.0]] * 11, atol=1e-12)
-    assert poles == 8
-
-
-def test_parts_are_smooth_across_patch_seams(maker: ModuleType):
-    for part, indices in maker.PARTS.items():
-        pairs = [maker.evaluate(maker.control_points()[index], 8) for index in indices]
-        points, normals = (np.concatenate(arrays) for arrays in zip(*pairs, strict=True))
-        _, first, where = np.unique(np.round(points / 1e-6).astype(int), axis=0, return_index=True, return_inverse=True)
-        assert len(first) < len(points), part
-        agreement = (normals[first][where.reshape(-1)] * normals).sum(axis=1)
-        np.testing.assert_allclose(agreement, 1.0, atol=1e-12, err_msg=part)
-
-
 @pytest.mark.parametrize("name", ["teapot", "sweep"])
 def test_ply_is_what_the_script_makes(maker: ModuleType, tmp_path: Path, name: str):
     maker.main(tmp_path)
@@ -165,7 +132,14 @@ def test_teapot_is_one_pot_with_six_published_openings():
     area = np.linalg.norm(normals, axis=1)
     assert area.min() > 1e-9
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
-    assert np.einsum("mk,mck->mc", normals / area[:, None], mesh.normals[mesh.faces]).min() > 0.5
+    # Normals are those of the surface, across the seams of patches, too.
+    around = np.zeros((len(mesh.vertices), 3))
+    np.add.at(around, mesh.faces, normals[:, None])
+    around /= np.linalg.norm(around, axis=1, keepdims=True)
+    inside = np.setdiff1d(np.arange(len(mesh.vertices)), open_edges(mesh.faces))
+    agreement = np.einsum("mk,mk->m", around, mesh.normals)[inside]
+    assert agreement.min() > 0.98  # at lips, whose curvature is high
+    assert np.quantile(agreement, 0.01) > 0.9998
     holes = loops(open_edges(mesh.faces))
     height = 0.15 / 3.15  # metres in one of Newell's units
     # Both ends of the handle and of the spout; then the lid's edge and the rim, a tenth of a unit apart.
