@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.mesh_files import INDICES, XYZ, ply
 from support.meshes import check_message, write
 
 import wrt
@@ -152,33 +153,15 @@ def test_truncation_and_flipped_bytes_never_surprise(tmp_path: Path) -> None:
             check_message(error, tmp_path / "scene.xml")
 
 
-PLY = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-property float heat_0
-property float heat_1
-property float heat_2
-element face 1
-property list uchar int vertex_indices
-property float r
-property float g
-property float b
-end_header
-0 0 0 0.1 0.2 0.3
-1 0 0 0.4 0.5 0.6
-0 1 0 0.7 0.8 0.9
-3 0 1 2 0.2 0.4 0.6
-"""
-
-
 def test_attributes_of_ply_have_mitsuba_names(tmp_path: Path) -> None:
-    write(tmp_path, "a.ply", PLY)
+    kinds = *XYZ, "float heat_0", "float heat_1", "float heat_2"
+    vertices = [(*point, *color) for point, color in zip(VERTICES.tolist(), COLORS.tolist(), strict=True)]
+    face = [((0, 1, 2), 0.2, 0.4, 0.6)]
+    elements = ("vertex", kinds, vertices), ("face", (INDICES, "float r", "float g", "float b"), face)
+    write(tmp_path, "a.ply", ply("ascii", *elements))
     for name, expected in (("vertex_heat", COLORS[:3]), ("face_color", [[0.2, 0.4, 0.6]] * 3)):
         found = shape_of(tmp_path, "ply", '<string name="filename" value="a.ply"/>' + attribute(name)).mesh
-        np.testing.assert_allclose(found.colors, expected, atol=1e-6)
+        np.testing.assert_allclose(found.colors[found.faces][0], expected, atol=1e-6)
 
 
 def test_curves_are_tubes(tmp_path: Path) -> None:

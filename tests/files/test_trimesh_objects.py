@@ -54,12 +54,6 @@ def check(path: Path, made: object, allowed: dict[str, float]) -> None:
         assert amount <= max(bounds), f"{name} differs by {amount}, which may be {max(bounds)}"
 
 
-def check_as_file(path: Path, made: object, *, load: object = load_file) -> None:
-    """Check that a file is what an object is, but for single precision and the digits of decimals."""
-    found = differences(load(path), load_object(made) if load is load_file else load(made))
-    assert all(amount < 1e-6 for amount in found.values()), found
-
-
 @pytest.mark.slow
 @LOADERS
 @pytest.mark.filterwarnings("ignore:trimesh. its camera is left out:wrt.errors.InputWarning")
@@ -78,18 +72,6 @@ def test_assets_both_ways(name, loader, assets):
 def test_samples_both_ways(name, loader):
     path = ROOT / "meshes" / name if name == "teapot.ply" else SEEDS / name
     check(path, loader(path), SAMPLES[name])
-
-
-def test_what_trimesh_changes_of_polygons():
-    # trimesh cuts concave polygons into fans and keeps faces of any size together; colours are rounded to 8 bits.
-    path = SEEDS / "polygons.obj"
-    file, made = load_file(path), load_object(trimesh.load(path))
-    np.testing.assert_array_equal(file.bounds, made.bounds)
-    (seen,) = made.shapes
-    assert isinstance(seen.material.reflectance, wrt.VertexColor)
-    rows = np.concatenate([np.hstack([shape.mesh.vertices, shape.mesh.colors]) for shape in file.shapes])
-    for row in np.hstack([seen.mesh.vertices, seen.mesh.colors]):
-        assert np.abs(rows - row).max(axis=1).min() < 0.01  # colours are linear here, which makes half a step larger
 
 
 @pytest.mark.parametrize("name", ["scene.gltf", "scene.glb"])
@@ -145,28 +127,87 @@ PBR = {
 }
 
 
-@pytest.mark.parametrize("case", [*PBR, "colors"])
-def test_physically_based_materials_are_those_of_their_glb_file(case, tmp_path):
-    mesh = laid(PBRMaterial(**PBR.get(case, PBR["blend"])))
-    if case == "colors":  # which are linear, and multiply it
-        mesh.visual.vertex_attributes["color"] = np.tile(np.uint8([[200, 100, 50, 128]]), (8, 1))
-    mesh.export(tmp_path / "box.glb")
-    check_as_file(tmp_path / "box.glb", mesh)  # the studio of glTF has another light
-    (shape,) = load_object(mesh).shapes
-    assert isinstance(shape.material, wrt.Principled)
-    if case == "colors":
-        expected = np.array([200, 100 * 128 / 255, 50 * 64 / 255, 128]) / 255
-        np.testing.assert_allclose(shape.mesh.colors[0], expected, rtol=1e-6)
+def colored(material) -> trimesh.Trimesh:
+    mesh = laid(material)
+    mesh.visual.vertex_attributes["color"] = np.tile(np.uint8([[200, 100, 50, 128]]), (8, 1))
+    return mesh
 
 
-def test_simple_materials_are_those_of_their_mtl_file(tmp_path):
-    values = {"diffuse": [255, 204, 153, 255], "specular": [51, 51, 51, 255], "glossiness": 250.0}
-    mesh = laid(SimpleMaterial(image=image((200, 100, 50)), **values))
-    mesh.export(tmp_path / "box.obj")
-    check_as_file(tmp_path / "box.obj", mesh, load=wrt.load)
-    made = load_object(mesh).shapes[0].material
+def turned() -> trimesh.Trimesh:
+    """Return a box whose normals are computed, and so rounded: a file has them on purpose."""
+    mesh = box()
+    assert mesh.vertex_normals.shape == (8, 3)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.3, (1, 2, 3)))
+    return mesh
+
+
+def ball() -> trimesh.Trimesh:
+    """Return what stands on no axis more than on another, so that the type of the file decides."""
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
+    mesh.vertices *= (1.0, 1.001, 1.002)
+    return mesh
+
+
+VALUES = {"diffuse": [255, 204, 153, 255], "specular": [51, 51, 51, 255], "glossiness": 250.0}
+ALPHA = {"vertex_colors": np.arange(32, dtype=np.uint8).reshape(8, 4) * 8}
+CLEAR = {"vertex_colors": [[9, 99, 199, 0]] * 8}
+MADE = {  # An object, and the type of its file
+    **{case: (laid(PBRMaterial(**values)), "glb") for case, values in PBR.items()},
+    "colours that multiply": (colored(PBRMaterial(**PBR["blend"])), "glb"),
+    "simple material": (laid(SimpleMaterial(image=image((200, 100, 50)), **VALUES)), "obj"),
+    "alpha of vertices": (box(**ALPHA), "ply"),
+    "alpha that is zero everywhere": (box(**CLEAR), "ply"),
+}
+
+
+@pytest.mark.parametrize("case", MADE)
+def test_an_object_is_what_its_file_is(case, tmp_path):
+    mesh, suffix = MADE[case]
+    path = tmp_path / f"box.{suffix}"
+    mesh.export(path)
+    found = differences(load_file(path), load_object(mesh))  # the studio of glTF has another light
+    # But for single precision and the digits of decimals
+    assert all(amount < 1e-6 for amount in found.values()), found
+
+
+LOADED = {
+    "alpha of vertices": (box(**ALPHA), ("ply", "glb")),
+    "normals": (turned(), ("glb", "ply", "obj")),
+    "axis": (ball(), ("stl", "off", "obj", "ply", "glb")),
+}
+
+
+@pytest.mark.parametrize(("case", "suffix"), [(case, suffix) for case in LOADED for suffix in LOADED[case][1]])
+def test_an_object_is_the_file_that_it_was_loaded_from(case, suffix, tmp_path):
+    mesh, path = LOADED[case][0], tmp_path / f"box.{suffix}"
+    mesh.export(path, **({"include_normals": True} if case == "normals" and suffix != "ply" else {}))
+    again = trimesh.load(path, process=case == "axis")
+    found = differences(wrt.load(path), wrt.load(again))
+    assert all(amount < 2e-7 for amount in found.values()), found
+    (shape,) = load_object(again).shapes
+    if case == "normals":
+        assert len(shape.mesh.vertices) == 8
+    elif case == "axis":
+        axis = "z" if suffix in ("stl", "off") else "y"
+        lows = {up: wrt.load(again, up=up).shapes[0].bounds for up in ("y", "z", None)}
+        np.testing.assert_allclose(lows[None], lows[axis], rtol=1e-6)
+        assert not np.allclose(lows["y"], lows["z"], rtol=1e-5)
+    else:  # in glTF, alpha counts only if a material enables it, and here there is no material
+        assert shape.mesh.colors.shape[1] == (4 if suffix == "ply" else 3)
+
+
+def test_values_of_objects():
+    (shape,) = load_object(MADE["colours that multiply"][0]).shapes  # linear, and the alphas apart
+    expected = np.array([200, 100 * 128 / 255, 50 * 64 / 255, 128]) / 255
+    np.testing.assert_allclose(shape.mesh.colors[0], expected, rtol=1e-6)
+    made = load_object(MADE["simple material"][0]).shapes[0].material
     assert made.roughness == pytest.approx(0.5)
     np.testing.assert_allclose(made.specular_color, 0.4)
+    (shape,) = load_object(box(**CLEAR)).shapes
+    assert (shape.mesh.colors.shape[1], shape.material.opacity) == (3, 1.0)
+    assert len(from_trimesh(turned())[0].mesh.vertices) == 24
+    given = np.tile([0.0, 0.6, 0.8], (8, 1))
+    np.testing.assert_allclose(from_trimesh(box(vertex_normals=given))[0].mesh.normals, given, atol=1e-6)
 
 
 TRIANGLE = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
@@ -214,23 +255,6 @@ def test_several_materials_of_one_mesh_and_one_image_of_several():
     assert isinstance(shape.material, wrt.Diffuse)
 
 
-@pytest.mark.parametrize("suffix", ["ply", "glb"])
-def test_colors_of_vertices_with_alpha_are_those_of_their_file(suffix, tmp_path):
-    codes = np.arange(32, dtype=np.uint8).reshape(8, 4) * 8
-    path = tmp_path / f"box.{suffix}"
-    box(vertex_colors=codes).export(path)
-    mesh = trimesh.load(path, process=False)
-    assert differences(wrt.load(path), wrt.load(mesh)) == {}
-    (seen,) = load_object(mesh).shapes
-    # In glTF, alpha counts only if a material enables it, and here there is no material.
-    assert seen.mesh.colors.shape[1] == (4 if suffix == "ply" else 3)
-    # Alpha that is 0 everywhere stands for none.
-    box(vertex_colors=[[9, 99, 199, 0]] * 8).export(path)
-    for scene in (load_object(box(vertex_colors=[[9, 99, 199, 0]] * 8)), load_file(path)):
-        assert scene.shapes[0].mesh.colors.shape[1] == 3
-        assert scene.shapes[0].material.opacity == 1.0
-
-
 def test_codes_are_decoded_and_transforms_that_mirror_keep_fronts_in_front():
     (seen,) = from_trimesh(box(vertex_colors=np.full((8, 4), 128, np.uint8)))
     np.testing.assert_allclose(seen.mesh.colors, [[linear_from_srgb(128 / 255)] * 3 + [128 / 255]] * 24, rtol=1e-6)
@@ -247,39 +271,7 @@ def test_codes_are_decoded_and_transforms_that_mirror_keep_fronts_in_front():
         assert from_trimesh(plain)[0].material.reflectance == DEFAULT_REFLECTANCE
 
 
-# Normals, axes, cameras, lights
-
-
-def test_normals_are_those_given_and_not_those_that_trimesh_computes(tmp_path):
-    """Computed normals round off a box; those of a file are kept even where they are the same."""
-    given = np.tile([0.0, 0.6, 0.8], (8, 1))
-    np.testing.assert_allclose(from_trimesh(box(vertex_normals=given))[0].mesh.normals, given, atol=1e-6)
-    mesh = box()
-    assert mesh.vertex_normals.shape == (8, 3)
-    assert len(from_trimesh(mesh)[0].mesh.vertices) == 24
-    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.3, (1, 2, 3)))
-    assert len(from_trimesh(mesh)[0].mesh.vertices) == 24
-    for suffix in ("glb", "ply", "obj"):
-        path = tmp_path / f"box.{suffix}"
-        mesh.export(path, **({} if suffix == "ply" else {"include_normals": True}))
-        assert len(load_file(path).shapes[0].mesh.vertices) == 8
-        made = load_object(trimesh.load(path, process=False))
-        assert differences(load_file(path), made).get("normals", 0.0) < 2e-7
-
-
-@pytest.mark.parametrize(("suffix", "axis"), [("stl", "z"), ("off", "z"), ("obj", "y"), ("ply", "y"), ("glb", "y")])
-def test_the_axis_is_that_of_the_file(suffix, axis, tmp_path):
-    # A ball stands on no axis more than on another, so the type of the file decides.
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
-    ball.vertices *= (1.0, 1.001, 1.002)
-    path = tmp_path / f"ball.{suffix}"
-    ball.export(path)
-    mesh = trimesh.load(path)
-    shown = [wrt.load(path), wrt.load(mesh), wrt.load(mesh, up=axis)]
-    for scene in shown[1:]:
-        np.testing.assert_allclose(scene.bounds, shown[0].bounds, rtol=1e-6)
-    other = wrt.load(mesh, up="yz".replace(axis, ""))
-    assert not np.allclose(other.shapes[0].bounds, shown[0].shapes[0].bounds, rtol=1e-5)
+# Cameras and lights
 
 
 def test_cameras_and_lights_of_a_scene():
