@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from support.mesh_files import add, attributes, check_refused, data_uri, saved
+from support.mesh_files import add, attributes, check_refused, check_values, data_uri, saved, values_of
 from support.meshes import gltf_box, write
 
 import wrt
@@ -27,7 +27,6 @@ CODES = np.random.default_rng(5).integers(0, 256, (3, 4, 4), dtype=np.uint8)
 NUMBERS, ALPHA = CODES[:, :, :3] / 255.0, CODES[:, :, 3] / 255.0
 COLORS = linear_from_srgb(NUMBERS)
 IMAGE = {"index": 0}
-LEFT_OUT = "the textures of material 0 are left out: its mesh has no texture coordinates"
 
 
 def png(codes: np.ndarray) -> bytes:
@@ -63,145 +62,151 @@ def made(folder: Path, material: dict[str, Any], **options: Any) -> wrt.Principl
     return result
 
 
-def extended(folder: Path, **extensions: dict[str, Any]) -> wrt.Principled:
-    return made(folder, {"extensions": {f"KHR_materials_{name}": values for name, values in extensions.items()}})
+def extensions(**values: dict[str, Any]) -> dict[str, Any]:
+    return {"extensions": {f"KHR_materials_{name}": value for name, value in values.items()}}
 
 
-def test_textures_are_read_in_their_color_space_and_channels(tmp_path):
-    plain = made(tmp_path, {})
-    assert (plain.base_color, plain.metallic, plain.roughness) == ((1.0, 1.0, 1.0), 1.0, 1.0)
-    assert (plain.ior, plain.opacity, plain.normal_map) == (1.5, 1.0, None)
-    described = {
-        "pbrMetallicRoughness": {
-            "baseColorTexture": IMAGE,
-            "baseColorFactor": [0.5, 0.25, 1.0, 0.1],
-            "metallicRoughnessTexture": {"index": 1},
-            "roughnessFactor": 0.5,
-        },
-        "normalTexture": {"index": 1, "scale": 0.3},
-        "occlusionTexture": {"index": 7},
-    }
-    material = made(tmp_path, described)
-    base, roughness, metallic = material.base_color, material.roughness, material.metallic
-    np.testing.assert_allclose(base.pixels, COLORS, atol=1e-6)
-    assert (base.factor, base.wrap, base.filter) == ((0.5, 0.25, 1.0), ("repeat", "repeat"), "bilinear")
-    np.testing.assert_allclose(roughness.pixels, NUMBERS, atol=1e-6)
-    assert (roughness.channel, roughness.factor, roughness.wrap) == ("g", (0.5,) * 3, ("clamp", "mirror"))
-    assert (metallic.channel, metallic.factor, metallic.filter) == ("b", (1.0,) * 3, "nearest")
-    np.testing.assert_allclose(material.normal_map.pixels, NUMBERS, atol=1e-6)
-    assert (material.normal_map.scale, material.normal_map.wrap) == (0.3, ("clamp", "mirror"))
-    assert material.opacity == 1.0  # OPAQUE
+def film(**values: Any) -> dict[str, Any]:
+    return extensions(iridescence={f"iridescence{name}": value for name, value in values.items()})
+
+
+def thick(least: float, most: float) -> dict[str, Any]:
+    images = {"Texture": IMAGE, "ThicknessTexture": IMAGE}
+    return film(Factor=0.5, **images, ThicknessMinimum=least, ThicknessMaximum=most)
+
+
+BASE = {"baseColorTexture": IMAGE, "baseColorFactor": [0.5, 0.25, 1.0, 0.75]}
+SHEET, BODY = {"transmission": {"transmissionFactor": 1.0}}, {"volume": {"thicknessFactor": 0.1}}
+DISPERSION = {"dispersion": {"dispersion": 0.36}}
+GLOSS = {"diffuseFactor": [0.2, 0.4, 0.6, 0.5], "specularFactor": [0.04, 0.4, 1.0], "glossinessFactor": 0.75}
+
+
+@pytest.mark.parametrize(
+    ("described", "expected"),
+    [
+        ({}, {"base_color": (1.0,) * 3, "metallic": 1.0, "roughness": 1.0, "ior": 1.5, "opacity": 1.0}),
+        (
+            {
+                "pbrMetallicRoughness": {**BASE, "metallicRoughnessTexture": {"index": 1}, "roughnessFactor": 0.5},
+                "occlusionTexture": {"index": 7},
+            },
+            {
+                "base_color": COLORS * [0.5, 0.25, 1.0],
+                "roughness": 0.5 * NUMBERS[:, :, 1],
+                "metallic": NUMBERS[:, :, 2],
+                "opacity": 1.0,  # as it is not asked for
+            },
+        ),
+        ({"alphaMode": "BLEND", "pbrMetallicRoughness": BASE}, {"opacity": 0.75 * ALPHA}),
+        ({"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": IMAGE}, {"emission": COLORS * [1.0, 0.5, 0.0]}),
+        (
+            {"emissiveFactor": [1.0, 0.5, 0.25]} | extensions(emissive_strength={"emissiveStrength": 4.0}),
+            {"emission": (4.0, 2.0, 1.0)},
+        ),
+        (extensions(ior={"ior": 1.33}), {"ior": 1.33}),
+        (
+            extensions(
+                specular={"specularFactor": 0.8, "specularTexture": IMAGE, "specularColorFactor": [2.0, 1.0, 0.5]}
+            ),
+            {"specular": 0.8 * ALPHA, "specular_color": (2.0, 1.0, 0.5)},
+        ),
+        (
+            extensions(transmission={"transmissionFactor": 0.9, "transmissionTexture": IMAGE}),
+            {"transmission": 0.9 * NUMBERS[:, :, 0], "thin_walled": True},
+        ),
+        (
+            extensions(
+                clearcoat={"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.2, "clearcoatRoughnessTexture": IMAGE}
+            ),
+            {"coat": 0.5, "coat_roughness": 0.2 * NUMBERS[:, :, 1]},
+        ),
+        (
+            extensions(
+                sheen={"sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": IMAGE, "sheenRoughnessFactor": 0.6}
+            ),
+            {"sheen_color": COLORS * [0.1, 0.2, 0.3], "sheen_roughness": 0.6},
+        ),
+        (
+            extensions(anisotropy={"anisotropyStrength": 0.7, "anisotropyRotation": 0.2}),
+            {"anisotropy": 0.7, "anisotropy_rotation": 0.2},
+        ),
+        # A volume is a body and no sheet; dispersion is that of a body.
+        (extensions(**SHEET, **BODY), {"thin_walled": False, "interior": None, "dispersion": 0.0}),
+        (extensions(**SHEET, **BODY, **DISPERSION), {"dispersion": 0.36}),
+        (extensions(**SHEET, **DISPERSION), {"dispersion": 0.0}),
+        (extensions(**SHEET, **BODY, dispersion={}), {"dispersion": 0.0}),
+        # Iridescence is a film, whose index has another name in drafts.
+        (film(Factor=0.5), {"film": 0.5, "film_ior": 1.3, "film_thickness": 400.0}),
+        (film(Ior=2.0), {"has_film": False}),
+        (film(Factor=1.0, Ior=2.0), {"film_ior": 2.0}),
+        (film(Factor=1.0, IOR=1.7), {"film_ior": 1.7}),
+        (film(Factor=1.0, ThicknessMinimum=200.0, ThicknessMaximum=800.0), {"film_thickness": 800.0}),
+        (thick(200.0, 800.0), {"film": 0.5 * NUMBERS[:, :, 0], "film_thickness": 200.0 + 600.0 * NUMBERS[:, :, 1]}),
+        (thick(800.0, 200.0), {"film_thickness": 800.0 - 600.0 * NUMBERS[:, :, 1]}),
+        # Specular and glossiness are a dielectric with a tint.
+        (
+            {"alphaMode": "BLEND"} | extensions(pbrSpecularGlossiness=GLOSS),
+            {"base_color": (0.2, 0.4, 0.6), "metallic": 0.0, "opacity": 0.5, "roughness": 0.25,
+             "specular_color": (1.0, 10.0, 25.0)},
+        ),
+        (
+            extensions(pbrSpecularGlossiness={**GLOSS, "specularGlossinessTexture": IMAGE}),
+            {"roughness": 1.0 - 0.75 * ALPHA, "specular_color": COLORS * [1.0, 10.0, 25.0]},
+        ),
+    ],
+)  # fmt: skip
+def test_factors_textures_and_extensions(tmp_path, described, expected):
+    """Colours are of sRGB, numbers linear, each of its channel."""
+    check_values(made(tmp_path, described), **expected)
+
+
+def test_samplers_normal_maps_and_interiors(tmp_path):
+    described = {"pbrMetallicRoughness": {"baseColorTexture": IMAGE, "metallicRoughnessTexture": {"index": 1}}}
+    material = made(tmp_path, described | {"normalTexture": {"index": 1, "scale": 0.3}})
+    base, rough, normals = material.base_color, material.roughness, material.normal_map
+    assert (base.wrap, base.filter) == (("repeat", "repeat"), "bilinear")
+    assert (rough.wrap, rough.filter) == (("clamp", "mirror"), "nearest")
+    assert (normals.scale, normals.wrap) == (0.3, ("clamp", "mirror"))
+    np.testing.assert_allclose(normals.pixels, NUMBERS, atol=1e-6)
+    volume = {"volume": {"thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1.0]}}
+    absorption = np.array(made(tmp_path, extensions(**SHEET, **volume)).interior.absorption)
+    np.testing.assert_allclose(np.exp(-0.5 * absorption), [0.25, 0.5, 1.0], rtol=1e-6)  # what half a metre leaves
     # One copy of what two textures, or two images of the same bytes, hold.
-    assert metallic.pixels is roughness.pixels
-    described = {"pbrMetallicRoughness": {"baseColorTexture": IMAGE}, "emissiveFactor": [1, 1, 1]}
-    tree = file_with(described | {"emissiveTexture": {"index": 1}})
-    tree["images"], tree["textures"] = tree["images"] * 2, [{"source": 0}, {"source": 1}]
+    assert material.metallic.pixels is rough.pixels
+    described |= {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 1}}
+    tree = file_with(described) | {"textures": [{"source": 0}, {"source": 1}]}
+    tree["images"] *= 2
     material = shape_of(tmp_path, tree).material
     assert material.emission.pixels is material.base_color.pixels
 
 
-@pytest.mark.parametrize(("mode", "cutoff"), [("BLEND", None), ("MASK", 0.5), ("MASK", 0.2)])
-def test_alpha(tmp_path, mode, cutoff):
-    base = {"baseColorTexture": IMAGE, "baseColorFactor": [1, 1, 1, 0.75]}
-    described = {"alphaMode": mode, "pbrMetallicRoughness": base}
-    described |= {} if cutoff in (None, 0.5) else {"alphaCutoff": cutoff}
-    opacity = made(tmp_path, described).opacity
-    np.testing.assert_allclose(opacity.pixels[:, :, 0], ALPHA, atol=1e-6)
-    assert (opacity.channel, opacity.factor, opacity.cutoff) == ("r", (0.75,) * 3, cutoff)
-    with pytest.warns(InputWarning, match=LEFT_OUT):
-        bare = made(tmp_path, described, uvs=False).opacity
-    assert bare == (0.75 if cutoff is None else 1.0)
+@pytest.mark.parametrize(
+    ("mode", "cutoff"), [({"alphaMode": "MASK"}, 0.5), ({"alphaMode": "MASK", "alphaCutoff": 0.2}, 0.2)]
+)
+def test_masks_and_textures_without_coordinates(tmp_path, mode, cutoff):
+    opacity = made(tmp_path, {"pbrMetallicRoughness": BASE, **mode}).opacity
+    assert opacity.cutoff == cutoff
+    np.testing.assert_allclose(values_of(opacity), 0.75 * ALPHA, atol=1e-6)
+    message = "the textures of material 0 are left out: its mesh has no texture coordinates"
+    for bare, expected in ((mode, 1.0), ({"alphaMode": "BLEND"}, 0.75)):
+        with pytest.warns(InputWarning, match=message):
+            assert made(tmp_path, {"pbrMetallicRoughness": BASE, **bare}, uvs=False).opacity == expected
 
 
-def test_extensions(tmp_path):
-    material = extended(
-        tmp_path,
-        ior={"ior": 1.33},
-        specular={"specularFactor": 0.8, "specularTexture": IMAGE, "specularColorFactor": [2.0, 1.0, 0.5]},
-        transmission={"transmissionFactor": 0.9, "transmissionTexture": IMAGE},
-        clearcoat={"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.2, "clearcoatRoughnessTexture": IMAGE},
-        sheen={"sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": IMAGE, "sheenRoughnessFactor": 0.6},
-        anisotropy={"anisotropyStrength": 0.7, "anisotropyRotation": 0.2},
-    )
-    assert (material.ior, material.thin_walled) == (1.33, True)
-    np.testing.assert_allclose(material.specular.pixels[:, :, 0], ALPHA, atol=1e-6)
-    assert (material.specular.factor, material.specular_color) == ((0.8,) * 3, (2.0, 1.0, 0.5))
-    assert (material.transmission.channel, material.transmission.factor) == ("r", (0.9,) * 3)
-    assert (material.coat, material.coat_roughness.channel, material.coat_roughness.factor) == (0.5, "g", (0.2,) * 3)
-    np.testing.assert_allclose(material.sheen_color.pixels, COLORS, atol=1e-6)
-    assert (material.sheen_color.factor, material.sheen_roughness) == ((0.1, 0.2, 0.3), 0.6)
-    assert (material.anisotropy, material.anisotropy_rotation) == (0.7, 0.2)
-
-
-def test_a_volume_is_a_body_and_no_sheet(tmp_path):
-    sheet, body = {"transmission": {"transmissionFactor": 1.0}}, {"volume": {"thicknessFactor": 0.1}}
-    material = extended(tmp_path, **sheet, **body)
-    assert (material.thin_walled, material.interior) == (False, None)
-    body["volume"] |= {"attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1.0]}
-    absorption = np.array(extended(tmp_path, **sheet, **body).interior.absorption)
-    np.testing.assert_allclose(np.exp(-0.5 * absorption), [0.25, 0.5, 1.0], rtol=1e-6)  # what half a metre leaves
-    dispersion = {"dispersion": {"dispersion": 0.36}}  # of a body alone
-    assert extended(tmp_path, **dispersion, **sheet, **body).dispersion == 0.36
-    assert extended(tmp_path, **dispersion, **sheet).dispersion == 0.0
-    assert extended(tmp_path, **sheet, **body, dispersion={}).dispersion == 0.0
-
-
-def test_iridescence_is_a_film(tmp_path):
-    def film(**values: Any) -> wrt.Principled:
-        return extended(tmp_path, iridescence={f"iridescence{name}": value for name, value in values.items()})
-
-    plain = film(Factor=0.5)
-    assert (plain.film, plain.film_ior, plain.film_thickness) == (0.5, 1.3, 400.0)
-    assert not film(Ior=2.0).has_film
-    # The name of the published extension, and that of its drafts
-    assert film(Factor=1.0, Ior=2.0).film_ior == 2.0
-    assert film(Factor=1.0, IOR=1.7).film_ior == 1.7
-    assert film(Factor=1.0, ThicknessMinimum=200.0, ThicknessMaximum=800.0).film_thickness == 800.0
-    for least, most in ((200.0, 800.0), (800.0, 200.0)):
-        images = {"Texture": IMAGE, "ThicknessTexture": IMAGE}
-        found = film(Factor=0.5, **images, ThicknessMinimum=least, ThicknessMaximum=most)
-        assert (found.film.channel, found.film.factor) == ("r", (0.5,) * 3)
-        thickness = found.film_thickness
-        nanometres = thickness.pixels[:, :, "rgb".index(thickness.channel)] * thickness.factor[0]
-        np.testing.assert_allclose(nanometres, least + (most - least) * NUMBERS[:, :, 1], rtol=1e-5)
-
-
-UNLIT = {"extensions": {"KHR_materials_unlit": {}}}
-
-
-def test_emission_with_a_texture_and_without_light(tmp_path):
-    strong = {"extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 4.0}}}
-    assert made(tmp_path, {"emissiveFactor": [1.0, 0.5, 0.25], **strong}).emission == (4.0, 2.0, 1.0)
-    emission = made(tmp_path, {"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": IMAGE}).emission
-    np.testing.assert_allclose(emission.pixels, COLORS, atol=1e-6)
-    assert emission.factor == (1.0, 0.5, 0.0)
-    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1]}, **UNLIT}))
-    assert shape.material == wrt.Emissive((0.5, 0.25, 0.125))
-    assert shape.emission == (0.5, 0.25, 0.125)
+UNLIT = extensions(unlit={})
 
 
 @pytest.mark.parametrize("double", [False, True])
-def test_double_sided_materials_shine_on_both_sides(tmp_path, double):
+def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tmp_path, double):
+    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1]}, **UNLIT}))
+    assert shape.material == wrt.Emissive((0.5, 0.25, 0.125))
+    assert shape.emission == (0.5, 0.25, 0.125)
     for described in (UNLIT, {"emissiveFactor": [1, 1, 1]}):
         assert shape_of(tmp_path, file_with({"doubleSided": double, **described})).two_sided_emission == double
         for line, expected in (("", double), ("two_sided_emission = false", False)):
             text = f'[[shapes]]\ntype = "mesh"\nfile = "a.gltf"\n{line}'
             assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].two_sided_emission == expected
     assert not shape_of(tmp_path, file_with({"doubleSided": True})).two_sided_emission
-
-
-def test_specular_glossiness_is_a_dielectric_with_a_tint(tmp_path):
-    gloss = {"diffuseFactor": [0.2, 0.4, 0.6, 0.5], "specularFactor": [0.04, 0.4, 1.0], "glossinessFactor": 0.75}
-    gloss["specularGlossinessTexture"] = IMAGE
-    described = {"alphaMode": "BLEND", "extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}}
-    with pytest.warns(InputWarning, match=LEFT_OUT):
-        material = made(tmp_path, described, uvs=False)
-    assert (material.base_color, material.metallic, material.opacity) == ((0.2, 0.4, 0.6), 0.0, 0.5)
-    assert material.roughness == 0.25
-    assert material.specular_color == pytest.approx((1.0, 10.0, 25.0))
-    laid = made(tmp_path, described)
-    np.testing.assert_allclose(laid.roughness.pixels[:, :, 0], 1.0 - 0.75 * ALPHA, atol=1e-6)
-    assert laid.specular_color.factor == pytest.approx((1.0, 10.0, 25.0))
 
 
 @pytest.mark.parametrize("laid", [{}, {"baseColorTexture": IMAGE}])
@@ -247,7 +252,7 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
         with pytest.warns(InputWarning, match=message):
             assert shape_of(tmp_path, tree).material.base_color == (0.5, 0.5, 0.5)
     with pytest.warns(InputWarning, match="diffuse transmission of material 0 is left out"):
-        extended(tmp_path, diffuse_transmission={})
+        made(tmp_path, extensions(diffuse_transmission={}))
     variants = {"KHR_materials_variants": {"variants": [{"name": "red"}, {"name": "blue"}]}}
     with pytest.warns(InputWarning, match=r"material variants are left out \('red', 'blue'\)"):
         shape_of(tmp_path, file_with({}) | {"extensions": variants})

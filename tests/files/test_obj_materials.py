@@ -10,6 +10,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from support.mesh_files import check_values
 from support.meshes import SQUARE, write
 
 import wrt
@@ -78,8 +79,7 @@ def test_statements(tmp_path, text, expected):
     if isinstance(expected, wrt.Material):
         assert material == expected
     else:
-        for name, value in expected.items():
-            assert getattr(material, name) == pytest.approx(value), name
+        check_values(material, **expected)
 
 
 def test_opacity_0_is_named_and_ignored_where_it_hides_everything(tmp_path):
@@ -105,15 +105,11 @@ def test_maps(tmp_path):
     text += "map_d with alpha.png\nnorm rgb.png\nmap_Pr rgb.png\n"
     material = material_of(tmp_path, text)
     base = material.base_color
-    np.testing.assert_allclose(base.pixels, COLORS, atol=1e-6)
-    assert (base.factor, base.scale, base.offset) == ((0.5, 1.0, 1.0), (2.0, 3.0), (0.5, 0.25))
-    assert base.wrap == ("clamp", "clamp")
-    np.testing.assert_allclose(material.opacity.pixels[:, :, 0], CODES[:, :, 3] / 255.0, atol=1e-6)
-    assert (material.opacity.factor, material.specular_color.factor) == ((1.0,) * 3, (2.0,) * 3)
-    for map_ in (material.normal_map, material.roughness):
-        np.testing.assert_allclose(map_.pixels, NUMBERS, atol=1e-6)
-    assert material.roughness.channel == "r"
-    assert material_of(tmp_path, "Kd 1 1 1\nmap_d -imfchan g rgb.png").opacity.channel == "g"
+    assert (base.scale, base.offset, base.wrap) == ((2.0, 3.0), (0.5, 0.25), ("clamp", "clamp"))
+    expected = {"base_color": COLORS * [0.5, 1, 1], "specular_color": 2.0 * COLORS, "roughness": NUMBERS[:, :, 0]}
+    check_values(material, **expected, opacity=CODES[:, :, 3] / 255.0)
+    np.testing.assert_allclose(material.normal_map.pixels, NUMBERS, atol=1e-6)
+    check_values(material_of(tmp_path, "Kd 1 1 1\nmap_d -imfchan g rgb.png"), opacity=NUMBERS[:, :, 1])
 
 
 def test_a_bump_map_is_a_relief(tmp_path):
@@ -139,13 +135,8 @@ def test_maps_in_floating_point(tmp_path):
     material = material_of(tmp_path, text)
     bounded = np.minimum(values, 1.0)
     assert material.base_color.scale == (2.0, 2.0)
-    for map_, expected in (
-        (material.base_color, bounded[:, :, :3]),
-        (material.emission, values[:, :, :3]),
-        (material.opacity, np.repeat(bounded[:, :, 3:], 3, axis=2)),
-        (material.roughness, bounded[:, :, :3]),
-    ):
-        np.testing.assert_array_equal(map_.pixels, expected)
+    expected = {"base_color": bounded[:, :, :3], "emission": values[:, :, :3], "roughness": bounded[:, :, 0]}
+    check_values(material, **expected, opacity=bounded[:, :, 3])
     heights = np.tile(np.linspace(-4.0, 4.0, 16, dtype=np.float32), (4, 1))
     OpenEXR.File({}, {"Y": heights}).write(str(tmp_path / "heights.exr"))
     normals = 2.0 * material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 heights.exr").normal_map.pixels - 1.0

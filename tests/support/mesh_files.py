@@ -128,3 +128,25 @@ def check_refused(message: str, read: Any, path: Path, *arguments: object) -> No
     with pytest.raises(wrt.InputError, match=message) as caught:
         read(path, *arguments)
     check_message(caught.value, path)
+
+
+# Materials
+
+
+def values_of(value: Any) -> Any:
+    """Return what a value of a material is at each texel, if it is an image."""
+    if not isinstance(value, wrt.ImageTexture):
+        return value
+    if value.channel:
+        return value.pixels[..., "rgb".index(value.channel)] * value.factor[0]
+    return value.pixels * np.float32(value.factor)
+
+
+def check_values(material: wrt.Material, **expected: Any) -> None:
+    """Check what the values of a material are, whatever images hold them."""
+    for name, value in expected.items():
+        found = values_of(getattr(material, name))
+        if value is None or isinstance(value, bool):
+            assert found is value, name
+        else:
+            np.testing.assert_allclose(found, value, rtol=1e-5, atol=1e-6, err_msg=name)
