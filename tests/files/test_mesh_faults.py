@@ -6,7 +6,6 @@ import json
 import os
 import struct
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,38 +97,17 @@ def test_a_ply_file_of_mixed_polygons_says_that_it_is_cut_short(order, tmp_path)
     check_refused("not as long as the PLY header says: it is truncated", load_shapes, path)
 
 
-def load_or_refuse(path: Path) -> list[wrt.Shape]:
-    """Return no shapes where a file is refused in one line; numpy's warnings are errors."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.simplefilter("ignore", InputWarning)
-        try:
-            return load_shapes(path)
-        except wrt.InputError as error:
-            check_message(error, path)
-            return []
-
-
-@pytest.mark.parametrize("trials", [16, pytest.param(60, marks=pytest.mark.slow)])
-def test_files_cut_short_or_with_bytes_changed_never_fail_otherwise(tmp_path, trials):
-    rng = np.random.default_rng(trials)
-    for name, good in BOXES.items():
-        for trial in range(trials):
-            data = bytearray(good)
-            if trial % 2:
-                data = data[: rng.integers(1, len(data))]
-            for _ in range(rng.integers(0, 4)):
-                data[rng.integers(len(data))] = rng.integers(256)
-            for shape in load_or_refuse(write(tmp_path, name, bytes(data))):
-                assert np.isfinite(shape.mesh.normals).all()
-
-
 def test_broken_files_load_or_are_refused_in_one_line(assets):
     refused = set()
     for path in sorted((assets / "broken").glob("*")):
-        shapes = load_or_refuse(path)
-        assert all(len(shape.mesh.faces) for shape in shapes)
-        refused |= set() if shapes else {path.name}
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # numpy's among them
+            warnings.simplefilter("ignore", InputWarning)
+            try:
+                assert all(len(shape.mesh.faces) for shape in load_shapes(path))
+            except wrt.InputError as error:
+                check_message(error, path)
+                refused.add(path.name)
     assert refused <= {"obj_empty.obj", "obj_points.obj", "ply_empty_bin.ply", "ply_empty_header.ply"}
     with pytest.warns(InputWarning, match=r"nancolor\.obj: vertex colours are left out"):
         (shape,) = load_shapes(assets / "broken" / "nancolor.obj")

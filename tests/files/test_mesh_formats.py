@@ -13,7 +13,7 @@ from support.meshes import area, area_vector, gltf_box, repeated_edges, triangle
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io.load_mesh import load_file, load_mesh, load_shapes
+from wrt.io.load_mesh import from_trimesh, load_file, load_mesh, load_shapes
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
 
@@ -269,20 +269,13 @@ def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
 def test_what_stands_in_several_places_is_there_once(tmp_path):
     import trimesh
 
-    from wrt.io.load_mesh import from_trimesh
-
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
-    tree = gltf_box(points, np.array([[0, 1, 2]]))
+    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     first, second = {"mesh": 0, "translation": [5, 0, 0]}, {"mesh": 0, "scale": [-1, 1, 1]}
     tree["nodes"] = [first, {"children": [0, 2], "scale": [2, 2, 2]}, second]
+    tree["scenes"], tree["scene"] = [{"nodes": [1]}], 0
     path = write(tmp_path, "two.gltf", json.dumps(tree))
-    scene = trimesh.Scene()
-    matrices = [np.diag([2.0, 2.0, 2.0, 1.0]) for _ in range(2)]
-    matrices[0][0, 3], matrices[1][0, 0] = 10.0, -2.0
-    mesh = trimesh.Trimesh(points, [[0, 1, 2]], process=False)
-    scene.add_geometry(mesh, geom_name="m", transform=matrices[0])
-    scene.graph.update(frame_to="another", matrix=matrices[1], geometry="m")
-    for shapes in (load_file(path).shapes, from_trimesh(scene)):
+    matrices = [[[2, 0, 0, 10], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]], np.diag([-2.0, 2.0, 2.0, 1.0])]
+    for shapes in (load_file(path).shapes, from_trimesh(trimesh.load(path))):
         assert shapes[0].mesh is shapes[1].mesh
         np.testing.assert_allclose([shape.transform for shape in shapes], matrices)
         np.testing.assert_allclose(shapes[0].bounds, [[10, 0, 0], [12, 2, 0]])
