@@ -76,61 +76,36 @@ def thick(least: float, most: float) -> dict[str, Any]:
 
 
 BASE = {"baseColorTexture": IMAGE, "baseColorFactor": [0.5, 0.25, 1.0, 0.75]}
-SHEET, BODY = {"transmission": {"transmissionFactor": 1.0}}, {"volume": {"thicknessFactor": 0.1}}
+PBR = {**BASE, "metallicRoughnessTexture": {"index": 1}, "roughnessFactor": 0.5}
+SPECULAR = {"specularFactor": 0.8, "specularTexture": IMAGE, "specularColorFactor": [2.0, 1.0, 0.5]}
+COAT = {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.2, "clearcoatRoughnessTexture": IMAGE}
+SHEEN = {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": IMAGE, "sheenRoughnessFactor": 0.6}
+BRUSHED = {"anisotropyStrength": 0.7, "anisotropyRotation": 0.2}
+SHEET = {"transmission": {"transmissionFactor": 0.9, "transmissionTexture": IMAGE}}
+BODY = {"volume": {"thicknessFactor": 0.1}}
 DISPERSION = {"dispersion": {"dispersion": 0.36}}
 GLOSS = {"diffuseFactor": [0.2, 0.4, 0.6, 0.5], "specularFactor": [0.04, 0.4, 1.0], "glossinessFactor": 0.75}
+STRONG = extensions(emissive_strength={"emissiveStrength": 4.0})
+TINT = np.array([1.0, 10.0, 25.0])
+RED, GREEN, BLUE = np.moveaxis(NUMBERS, 2, 0)
 
 
 @pytest.mark.parametrize(
     ("described", "expected"),
     [
-        ({}, {"base_color": (1.0,) * 3, "metallic": 1.0, "roughness": 1.0, "ior": 1.5, "opacity": 1.0}),
-        (
-            {
-                "pbrMetallicRoughness": {**BASE, "metallicRoughnessTexture": {"index": 1}, "roughnessFactor": 0.5},
-                "occlusionTexture": {"index": 7},
-            },
-            {
-                "base_color": COLORS * [0.5, 0.25, 1.0],
-                "roughness": 0.5 * NUMBERS[:, :, 1],
-                "metallic": NUMBERS[:, :, 2],
-                "opacity": 1.0,  # as it is not asked for
-            },
-        ),
+        ({}, {"base_color": (1.0,) * 3, "metallic": 1.0, "roughness": 1.0, "ior": 1.5, "normal_map": None}),
+        ({"pbrMetallicRoughness": PBR, "occlusionTexture": {"index": 7}},
+         {"base_color": COLORS * [0.5, 0.25, 1], "roughness": 0.5 * GREEN, "metallic": BLUE, "opacity": 1.0}),
         ({"alphaMode": "BLEND", "pbrMetallicRoughness": BASE}, {"opacity": 0.75 * ALPHA}),
         ({"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": IMAGE}, {"emission": COLORS * [1.0, 0.5, 0.0]}),
-        (
-            {"emissiveFactor": [1.0, 0.5, 0.25]} | extensions(emissive_strength={"emissiveStrength": 4.0}),
-            {"emission": (4.0, 2.0, 1.0)},
-        ),
+        ({"emissiveFactor": [1.0, 0.5, 0.25], **STRONG}, {"emission": (4.0, 2.0, 1.0)}),
         (extensions(ior={"ior": 1.33}), {"ior": 1.33}),
-        (
-            extensions(
-                specular={"specularFactor": 0.8, "specularTexture": IMAGE, "specularColorFactor": [2.0, 1.0, 0.5]}
-            ),
-            {"specular": 0.8 * ALPHA, "specular_color": (2.0, 1.0, 0.5)},
-        ),
-        (
-            extensions(transmission={"transmissionFactor": 0.9, "transmissionTexture": IMAGE}),
-            {"transmission": 0.9 * NUMBERS[:, :, 0], "thin_walled": True},
-        ),
-        (
-            extensions(
-                clearcoat={"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.2, "clearcoatRoughnessTexture": IMAGE}
-            ),
-            {"coat": 0.5, "coat_roughness": 0.2 * NUMBERS[:, :, 1]},
-        ),
-        (
-            extensions(
-                sheen={"sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": IMAGE, "sheenRoughnessFactor": 0.6}
-            ),
-            {"sheen_color": COLORS * [0.1, 0.2, 0.3], "sheen_roughness": 0.6},
-        ),
-        (
-            extensions(anisotropy={"anisotropyStrength": 0.7, "anisotropyRotation": 0.2}),
-            {"anisotropy": 0.7, "anisotropy_rotation": 0.2},
-        ),
+        (extensions(specular=SPECULAR), {"specular": 0.8 * ALPHA, "specular_color": (2.0, 1.0, 0.5)}),
+        (extensions(clearcoat=COAT), {"coat": 0.5, "coat_roughness": 0.2 * GREEN}),
+        (extensions(sheen=SHEEN), {"sheen_color": COLORS * [0.1, 0.2, 0.3], "sheen_roughness": 0.6}),
+        (extensions(anisotropy=BRUSHED), {"anisotropy": 0.7, "anisotropy_rotation": 0.2}),
         # A volume is a body and no sheet; dispersion is that of a body.
+        (extensions(**SHEET), {"transmission": 0.9 * RED, "thin_walled": True}),
         (extensions(**SHEET, **BODY), {"thin_walled": False, "interior": None, "dispersion": 0.0}),
         (extensions(**SHEET, **BODY, **DISPERSION), {"dispersion": 0.36}),
         (extensions(**SHEET, **DISPERSION), {"dispersion": 0.0}),
@@ -141,18 +116,13 @@ GLOSS = {"diffuseFactor": [0.2, 0.4, 0.6, 0.5], "specularFactor": [0.04, 0.4, 1.
         (film(Factor=1.0, Ior=2.0), {"film_ior": 2.0}),
         (film(Factor=1.0, IOR=1.7), {"film_ior": 1.7}),
         (film(Factor=1.0, ThicknessMinimum=200.0, ThicknessMaximum=800.0), {"film_thickness": 800.0}),
-        (thick(200.0, 800.0), {"film": 0.5 * NUMBERS[:, :, 0], "film_thickness": 200.0 + 600.0 * NUMBERS[:, :, 1]}),
-        (thick(800.0, 200.0), {"film_thickness": 800.0 - 600.0 * NUMBERS[:, :, 1]}),
+        (thick(200.0, 800.0), {"film": 0.5 * RED, "film_thickness": 200.0 + 600.0 * GREEN}),
+        (thick(800.0, 200.0), {"film_thickness": 800.0 - 600.0 * GREEN}),
         # Specular and glossiness are a dielectric with a tint.
-        (
-            {"alphaMode": "BLEND"} | extensions(pbrSpecularGlossiness=GLOSS),
-            {"base_color": (0.2, 0.4, 0.6), "metallic": 0.0, "opacity": 0.5, "roughness": 0.25,
-             "specular_color": (1.0, 10.0, 25.0)},
-        ),
-        (
-            extensions(pbrSpecularGlossiness={**GLOSS, "specularGlossinessTexture": IMAGE}),
-            {"roughness": 1.0 - 0.75 * ALPHA, "specular_color": COLORS * [1.0, 10.0, 25.0]},
-        ),
+        ({"alphaMode": "BLEND", **extensions(pbrSpecularGlossiness=GLOSS)},
+         {"base_color": (0.2, 0.4, 0.6), "metallic": 0, "opacity": 0.5, "roughness": 0.25, "specular_color": TINT}),
+        (extensions(pbrSpecularGlossiness={**GLOSS, "specularGlossinessTexture": IMAGE}),
+         {"roughness": 1.0 - 0.75 * ALPHA, "specular_color": COLORS * TINT}),
     ],
 )  # fmt: skip
 def test_factors_textures_and_extensions(tmp_path, described, expected):

@@ -26,6 +26,7 @@ from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 
 BALL = '<shape type="sphere"/>'
+SCENE = '<scene version="3.0.0">{}</scene>'
 
 
 def written(folder: Path, body: str, name: str = "scene.xml", version: str = "3.0.0") -> Path:
@@ -192,50 +193,50 @@ PLACE = '<transform name="to_world"><scale {}/><rotate x="1" angle="30"/><transl
 FLIP = '<boolean name="flip_normals" value="true"/>'
 
 
-def test_disks_and_cylinders_stay_such(tmp_path: Path) -> None:
-    """A disk under any map, a cylinder as long as it is round and straight; others are triangles without a word."""
+def test_round_shapes_stay_such(tmp_path: Path) -> None:
+    """A disk under any map, spheres and cylinders as long as they are round; others are triangles without a word."""
+    ball = '<point name="center" x="1"/><float name="radius" value="0.5"/>'
     tube = '<point name="p0" x="1"/><point name="p1" x="1" z="3"/><float name="radius" value="0.5"/>'
     turned = np.array([[1.0, 0.0, 0.0], [0.0, np.sqrt(0.75), -0.5], [0.0, 0.5, np.sqrt(0.75)]])
     front = turned @ (0.0, 0.0, 1.0)
     expected = [
-        ("disk", 'value="2"', "", 4 * np.pi, front, False),
-        ("disk", 'x="1" y="-2" z="3"', FLIP, 2 * np.pi, -front, True),
-        ("cylinder", 'x="2" y="2" z="-1"', tube, 6 * np.pi, -front, False),
-        ("cylinder", 'value="2"', tube + FLIP, 12 * np.pi, front, True),
-        ("cylinder", 'x="1" y="2" z="1"', tube, 0, front, False),
+        ("disk", 'value="2"', "", 4 * np.pi, front),
+        ("disk", 'x="1" y="-2" z="3"', FLIP, 2 * np.pi, -front),
+        ("cylinder", 'x="2" y="2" z="-1"', tube, 6 * np.pi, -front),
+        ("cylinder", 'value="2"', tube + FLIP, 12 * np.pi, front),
+        ("cylinder", 'x="1" y="2" z="1"', tube, None, None),
+        ("sphere", 'value="-2"', ball, None, (0.0, 0.0, 0.0)),
+        ("sphere", 'x="2" y="-2" z="2"', ball + FLIP, None, (4.0, 0.0, 0.0)),
+        ("sphere", 'x="1" y="2" z="1"', ball, None, None),
     ]
     body = "".join(f'<shape type="{kind}">{PLACE.format(size)}{more}</shape>' for kind, size, more, *_ in expected)
-    *exact, cut = (shape.mesh for shape in loaded(tmp_path, body, strict=True).shapes)
-    assert not isinstance(cut, Quadrics)
-    for mesh, (*_, area, axis, inside_out) in zip(exact, expected[:4], strict=True):
-        assert isinstance(mesh, Quadrics)
-        assert mesh.areas == pytest.approx(area, rel=1e-5)
-        assert np.allclose(mesh.fronts, [axis], atol=1e-6)
-        assert mesh.inside_out == inside_out
-    assert np.allclose(exact[3].bounds.mean(axis=0), np.array([2.0, 0.0, 0.0]) + turned @ (2.0, 0.0, 3.0), atol=1e-5)
+    meshes = [shape.mesh for shape in loaded(tmp_path, body, strict=True).shapes]
+    for mesh, (kind, _, more, area, place) in zip(meshes, expected, strict=True):
+        if place is None:
+            assert not isinstance(mesh, Analytic)
+            continue
+        assert isinstance(mesh, Spheres if kind == "sphere" else Quadrics)
+        assert np.all(mesh.inside_out == (FLIP in more))
+        if kind == "sphere":
+            assert np.allclose(mesh.centers, [place], atol=1e-6)
+            assert np.allclose(mesh.radii, 1.0)
+        else:
+            assert mesh.areas == pytest.approx(area, rel=1e-5)
+            assert np.allclose(mesh.fronts, [place], atol=1e-6)
+    middle = np.array([2.0, 0.0, 0.0]) + turned @ (2.0, 0.0, 3.0)
+    assert np.allclose(meshes[3].bounds.mean(axis=0), middle, atol=1e-5)
 
 
-def test_spheres_stay_spheres(tmp_path: Path) -> None:
-    """Turned, mirrored and scaled alike along all axes; others become triangles without a word."""
-    ball = '<point name="center" x="1"/><float name="radius" value="0.5"/>'
-    kinds = ('value="-2"', ""), ('x="2" y="-2" z="2"', FLIP), ('x="1" y="2" z="1"', "")
-    body = "".join(f'<shape type="sphere">{ball}{PLACE.format(size)}{flip}</shape>' for size, flip in kinds)
-    *exact, cut = (shape.mesh for shape in loaded(tmp_path, body, strict=True).shapes)
-    assert not isinstance(cut, Spheres)
-    for mesh, center, inside_out in zip(exact, ([0.0, 0.0, 0.0], [4.0, 0.0, 0.0]), (False, True), strict=True):
-        assert isinstance(mesh, Spheres)
-        assert np.allclose(mesh.centers, [center], atol=1e-6)
-        assert np.allclose(mesh.radii, 1.0)
-        assert mesh.inside_out[0] == inside_out
-
-
-def test_instances_share_a_mesh(tmp_path: Path) -> None:
-    group = '<shape type="shapegroup" id="a"><shape type="sphere"/></shape>'
+def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) -> None:
+    comment = "<!-- a -- b\n<shape> ---- -->"
+    group = f'{comment}<shape type="shapegroup" id="a"><shape type="sphere"/></shape>{comment}'
     place = '<transform name="to_world"><translate x="{}"/></transform>'
     instances = "".join(f'<shape type="instance"><ref id="a"/>{place.format(i)}</shape>' for i in range(3))
     shapes = loaded(tmp_path, group + instances).shapes
     assert [shape.transform[0, 3] for shape in shapes] == [0.0, 1.0, 2.0]
     assert len({id(shape.mesh) for shape in shapes}) == 1
+    with pytest.raises(wrt.InputError, match="line 4: shape 'obj': names no file"):  # lines are still counted
+        loaded(tmp_path, f'{comment}\n<shape type="obj"/>')
 
 
 # Colours
@@ -317,14 +318,6 @@ def test_scenes_of_versions_before_2_mean_what_they_meant(tmp_path: Path) -> Non
     assert np.asarray(sun.irradiance).min() > 0.0
 
 
-def test_comments_may_hold_hyphens_as_in_mitsuba(tmp_path: Path) -> None:
-    comment = "<!-- a -- b\n<shape> ---- -->"
-    (shape,) = loaded(tmp_path, f"{comment}{BALL}{comment}").shapes
-    assert shape.name == "sphere"
-    with pytest.raises(wrt.InputError, match="line 4: shape 'obj': names no file"):  # lines are still counted
-        loaded(tmp_path, f'{comment}\n<shape type="obj"/>')
-
-
 # What is refused
 
 ERRORS = {
@@ -368,20 +361,12 @@ def test_bad_files_are_refused_in_one_line(body: str, tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '<!DOCTYPE scene [<!ENTITY a "aaaa">]><scene version="3.0.0">&a;</scene>',
-        '<!DOCTYPE scene SYSTEM "http://localhost/x.dtd"><scene version="3.0.0"/>',
-        "",
-        "scene",
-        "<scene",
-        "<html/>",
-        '<scene version="3.0.0">' + "<shape>" * 200 + "</shape>" * 200 + "</scene>",
-    ],
-)
-def test_what_is_no_scene_is_refused(text: str, tmp_path: Path) -> None:
-    check_refused("scene.xml: ", wrt.load, write(tmp_path, "scene.xml", text))
+def test_what_is_no_scene_is_refused(tmp_path: Path) -> None:
+    deep = "<shape>" * 200 + "</shape>" * 200
+    entity, address = 'scene [<!ENTITY a "aaaa">]', 'scene SYSTEM "http://localhost/x.dtd"'
+    scenes = f"<!DOCTYPE {entity}>{SCENE.format('&a;')}", f"<!DOCTYPE {address}>{SCENE.format('')}", SCENE.format(deep)
+    for text in (*scenes, "", "scene", "<scene", "<html/>"):
+        check_refused("scene.xml: ", wrt.load, write(tmp_path, "scene.xml", text))
 
 
 def test_what_multiplies_is_refused(tmp_path: Path) -> None:
@@ -475,15 +460,12 @@ def test_the_space_around_has_the_medium_that_is_in_no_body(parts: list[str], ar
     assert scene.medium == expected[around]
 
 
-def test_a_second_medium_around_is_told(tmp_path: Path) -> None:
-    shapes = body(0.5, ("exterior", HAZE)) + body(1.0, ("exterior", SMOKE))
-    with pytest.warns(InputWarning, match=r"line 2: shape 'sphere': its 'exterior' is left out: another medium fills"):
-        assert loaded(tmp_path, shapes + BALL).medium == wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25))
-
-
-def test_naming_what_is_around_an_inner_body_changes_nothing(tmp_path: Path) -> None:
+def test_naming_what_is_around_an_inner_body_changes_nothing_and_a_second_medium_is_told(tmp_path: Path) -> None:
     glass = '<shape type="sphere"><float name="radius" value="0.4"/><bsdf type="dielectric"/>{}</shape>'
     haze = f'<medium type="homogeneous" name="exterior">{HAZE}</medium>'
     rest = body(1.0, ("interior", HAZE)) + seen_from(5.0)
     named, plain = (loaded(tmp_path, glass.format(text) + rest) for text in (haze, ""))
     assert differences(named, plain) == {}
+    second = body(0.5, ("exterior", HAZE)) + body(1.0, ("exterior", SMOKE))
+    with pytest.warns(InputWarning, match=r"line 2: shape 'sphere': its 'exterior' is left out: another medium fills"):
+        assert loaded(tmp_path, second + BALL).medium == wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25))
