@@ -22,7 +22,6 @@ from wrt.scene.srgb import linear_from_srgb
 
 SCENES = ROOT / "tests/scenes/meshes"
 
-# 3MF
 
 HEAD = '<?xml version="1.0"?><model unit="millimeter" xmlns:m="m"><resources>'
 SQUARE = "".join(f'<vertex x="{x}" y="{y}" z="0"/>' for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
@@ -136,8 +135,6 @@ def test_properties_that_are_not_there_are_told(tmp_path):
     assert area(shape.mesh) == pytest.approx(1.0)
 
 
-# COLLADA
-
 COLLADA = (SCENES / "square.dae").read_text("utf-8")
 """A quad from (0, 0, 0) to (1, 2, 3), moved by 7 along z; it leaves room for the instance."""
 
@@ -215,8 +212,6 @@ def test_collada_without_its_library_or_end_is_told(tmp_path, monkeypatch):
     words = r"\.dae files need further libraries: pip install 'wrt\[formats\]'"
     check_refused(words, load_file, write(tmp_path, "box.dae", "<COLLADA>"))
 
-
-# STEP
 
 STEP_BALL = (SCENES / "ball.step").read_text("ascii")
 """A ball of radius 10 around (5, 0, 0), in a unit to be named in place of PREFIX."""

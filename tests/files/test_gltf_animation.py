@@ -54,8 +54,6 @@ def corners(path: Path, time: float | None) -> np.ndarray:
     return found
 
 
-# Curves
-
 TIMES = np.array([1.0, 2.0, 4.0])
 
 
@@ -107,9 +105,6 @@ def test_rotations_have_a_steady_speed_along_the_shorter_arc(
     spline = np.stack([np.zeros((2, 4)), keys, np.zeros((2, 4))], axis=1).reshape(6, 4)
     found = corners(saved(tmp_path, animated((0, "rotation", "CUBICSPLINE", [0, 1], spline))), 0.5)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.linalg.norm(POINTS, axis=1), atol=1e-6)
-
-
-# What moves
 
 
 def test_nodes_move_turn_and_grow(tmp_path: Path) -> None:
@@ -177,9 +172,6 @@ def test_a_skin_bends_with_its_joints(tmp_path: Path) -> None:
         np.testing.assert_allclose(corners(path, time), where, atol=1e-6)
 
 
-# One camera and one studio for all times
-
-
 @pytest.mark.parametrize("up", [None, "z"])
 def test_camera_and_studio_stay(tmp_path: Path, up: str | None) -> None:
     path = saved(tmp_path, animated((0, "translation", "LINEAR", [0, 1], [[0, 0, 0], [0, 0, -6]])))
@@ -238,9 +230,6 @@ def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.Mon
     assert (tmp_path / "box_1.exr").stat().st_mtime_ns == kept
     assert (tmp_path / "box_3.exr").exists()
     check(4)
-
-
-# Mistakes
 
 
 def test_sources_without_animations_have_no_times(tmp_path: Path) -> None:

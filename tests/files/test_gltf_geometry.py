@@ -29,9 +29,6 @@ def corners(tmp_path, tree: dict) -> np.ndarray:
     return mesh.vertices[mesh.faces].astype(float)
 
 
-# Nodes, primitives and accessors
-
-
 def test_nodes_factors_strips_and_normalized_integers(tmp_path):
     points = np.array([[0, 1, 0], [0, 0, 0], [1, 1, 0], [1, 0, 0]], "<f4")
     colors = np.array([[255, 0, 0, 255], [128, 128, 128, 255], [0, 0, 255, 255], [255] * 4], "<u1")
@@ -152,9 +149,6 @@ def test_skins_and_morph_targets_are_as_at_rest(tmp_path):
     np.testing.assert_allclose(corners(tmp_path, tree), expected[FACES], atol=1e-6)
 
 
-# meshoptimizer
-
-
 def pack_bytes(rows: np.ndarray) -> bytes:
     """Return (N, stride) bytes as meshoptimizer compresses them, each group of 16 in its shortest form."""
     count, stride = rows.shape
@@ -218,9 +212,6 @@ def test_indices_and_filters_of_meshoptimizer():
     numbers = np.array([[(-3 & 255) << 24 | 5], [2 << 24 | (-7 & 0xFFFFFF)]], np.uint32)
     out = decoded(pack_bytes(numbers.view(np.uint8)), 2, 4, "ATTRIBUTES", "EXPONENTIAL")
     assert np.frombuffer(out, np.float32).tolist() == [0.625, -28.0]
-
-
-# Draco
 
 
 def with_draco(data: bytes, **numbers: int) -> dict:

@@ -230,8 +230,6 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
     check_refused("damaged or not as specified", load_shapes, saved(tmp_path, tree))
 
 
-# KTX2
-
 QUARTERS = np.array([[[200, 40, 40, 255], [40, 180, 60, 255]], [[30, 60, 190, 255], [220, 210, 90, 96]]], np.uint8)
 """Quarters of the pictures below, 24 by 16 pixels, which basisu 1.15 encoded."""
 

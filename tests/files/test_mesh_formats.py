@@ -156,9 +156,6 @@ def test_several_objects_are_several_shapes(tmp_path):
             np.testing.assert_allclose(np.abs(shape.mesh.normals), [[0, 0, 1]] * 3, err_msg=name)
 
 
-# Real files
-
-
 @pytest.mark.parametrize(
     ("name", "count", "closed"),
     [
@@ -204,9 +201,6 @@ def test_textures_of_real_files_lie_right(assets):
     fuze = load_shapes(assets / "meshes" / "fuze" / "fuze.obj")[0]
     assert fuze.material.base_color.name == "fuze uv.jpg"
     assert fuze.mesh.uvs is not None
-
-
-# Arrays, and places far away
 
 
 @pytest.mark.parametrize("channels", [3, 4])

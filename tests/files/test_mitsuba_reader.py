@@ -51,9 +51,6 @@ def material(folder: Path, bsdf: str) -> wrt.Material:
     return loaded(folder, sensor(at(5.0)) + f'<shape type="sphere">{bsdf}</shape>').shapes[0].material
 
 
-# What is taken
-
-
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scenes")
@@ -155,9 +152,6 @@ def test_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None
     assert "heightfield" in capfd.readouterr().err
 
 
-# Shapes
-
-
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])
 def test_outlines_are_off_by_less_than_half_a_pixel(kind: str, tmp_path: Path, report: Report) -> None:
     fov = '<float name="fov" value="30"/>' + at(4.0)
@@ -239,8 +233,6 @@ def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) ->
         loaded(tmp_path, f'{comment}\n<shape type="obj"/>')
 
 
-# Colours
-
 SPECTRA = [
     '<spectrum name="{}" value="0.5"/>',
     '<spectrum name="{}" value="400:0.1, 500:0.2, 600:0.8, 700:0.3"/>',
@@ -317,8 +309,6 @@ def test_scenes_of_versions_before_2_mean_what_they_meant(tmp_path: Path) -> Non
     np.testing.assert_allclose(sun.direction, (-0.6, -0.8, 0.0), atol=1e-6)
     assert np.asarray(sun.irradiance).min() > 0.0
 
-
-# What is refused
 
 ERRORS = {
     '<shape type="sphere">': r"not well-formed XML",
@@ -417,8 +407,6 @@ def test_what_is_left_out_is_told(body: str, tmp_path: Path) -> None:
     with pytest.raises(wrt.InputError, match=re.escape(messages[0])):
         loaded(tmp_path, body, strict=True)
 
-
-# What fills the space around bodies
 
 HAZE = '<rgb name="sigma_t" value="0.9, 0.7, 0.5"/><rgb name="albedo" value="0.5"/>'
 SMOKE = '<rgb name="sigma_t" value="0.3"/><rgb name="albedo" value="0.5"/>'

@@ -38,9 +38,6 @@ def material_of(folder: Path, text: str, obj: str = OBJ) -> wrt.Material:
     return shape.material
 
 
-# Values
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -95,9 +92,6 @@ def test_opacity_0_is_named_and_ignored_where_it_hides_everything(tmp_path):
         shapes = load_shapes(path)
     assert {shape.material.opacity for shape in shapes} == {1.0}
     assert {shape.material.type_name for shape in shapes} == {"diffuse", "principled"}
-
-
-# Maps
 
 
 def test_maps(tmp_path):
@@ -187,9 +181,6 @@ def test_without_coordinates_maps_are_left_out_and_the_color_is_the_mean(tmp_pat
     assert isinstance(material, wrt.Diffuse)
     np.testing.assert_allclose(material.reflectance, 0.5 * COLORS.mean(axis=(0, 1)), rtol=1e-5)
     assert (material.opacity, material.normal_map) == (1.0, None)
-
-
-# Where images and material files are found
 
 
 @pytest.mark.parametrize(

@@ -67,9 +67,6 @@ def loops(edges: np.ndarray) -> list[list[int]]:
     return found
 
 
-# Names
-
-
 def test_names_and_descriptions_agree_and_files_exist():
     names = wrt.meshes.scene_names()
     assert names == ["cornell-box", "teapot", "still-life", "many-triangles"]
@@ -93,9 +90,6 @@ def test_scene_loads_lit_and_with_a_camera_that_looks_at_its_target(name: str):
     target = np.subtract(scene.camera.target, scene.camera.origin)
     np.testing.assert_allclose([target @ right, target @ up], 0.0, atol=1e-9)
     assert target @ forward > 0.0
-
-
-# The teapot
 
 
 def test_control_points_keep_the_symmetry_of_the_pot(maker: ModuleType):
@@ -154,9 +148,6 @@ def test_teapot_is_one_pot_with_six_published_openings():
         assert volume(wrt.Mesh(part.vertices - middle, part.faces)) > 0.0
 
 
-# The Cornell box
-
-
 def test_cornell_box_faces_are_flat_but_the_published_left_wall_and_face_the_room(cornell: wrt.Scene):
     """Two triangles make each published quadrilateral: how far is its fourth corner off the plane of the others?"""
     middle = np.array([0.278, 0.274, 0.28])
@@ -212,9 +203,6 @@ def test_matching_functions_have_the_areas_and_peak_of_cie_1931():
     assert wavelength[functions[1].argmax()] == pytest.approx(555.0, abs=3.0)
     # A paint that reflects half of every wavelength is half of white.
     np.testing.assert_allclose(spectra.rec709(wavelength, np.full(len(wavelength), 0.5)), 0.5, rtol=1e-12)
-
-
-# Many triangles
 
 
 def test_round_counts_are_met_exactly_and_others_within_two_percent():

@@ -14,8 +14,6 @@ from wrt.io.load_mesh import load_mesh, load_shapes
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
 
-# OBJ
-
 
 @pytest.mark.filterwarnings("ignore:.*it names no file .mtllib. that describes its materials")
 def test_obj_reads_what_is_found_in_the_wild(tmp_path):
@@ -84,9 +82,6 @@ def test_polygons_that_cross_themselves_end(tmp_path):
     assert len(load_mesh(write(tmp_path, "star.obj", text)).faces) == 3
 
 
-# PLY
-
-
 @pytest.mark.parametrize("order", ORDERS)
 def test_ply_strips_keep_their_winding_and_restarts(tmp_path, order):
     """A band of four triangles, then a triangle, and further along one more, joined by none of its area."""
@@ -137,9 +132,6 @@ def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
         for shape in shapes:
             np.testing.assert_allclose(shape.mesh.uvs, shape.mesh.vertices[:, :2] / 2.0)
             np.testing.assert_array_equal(shape.material.reflectance.pixels[0, 0], (1, 0, 0))
-
-
-# STL and OFF
 
 
 def test_stl_words_in_capitals_and_with_tabs(tmp_path):

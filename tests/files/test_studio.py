@@ -38,9 +38,6 @@ def lamp_of(scene: wrt.Scene) -> wrt.Mesh:
     return next(shape.mesh for shape in scene.shapes if shape.emits)
 
 
-# Views and framing
-
-
 def test_views_are_angles_or_names() -> None:
     assert view_angles("30,-20") == view_angles((30, -20)) == (30.0, -20.0)
     assert view_angles(" Right ") == (90.0, 0.0)
@@ -145,9 +142,6 @@ def test_framing_a_scene_leaves_out_floors_lamps_and_what_its_camera_does_not_se
     assert wrt.load(box, view="top").camera != box.camera == wrt.load("cornell-box").camera
 
 
-# Material and environment
-
-
 def test_materials_by_name() -> None:
     gold = wrt.RoughConductor(metal="gold", alpha=0.15)
     for name, expected in (
@@ -218,9 +212,6 @@ def test_a_studio_under_a_constant_environment_has_its_closed_form(device: str) 
     np.testing.assert_allclose(image[:, :, :3], 0.4 * alpha[:, :, None] * np.ones(3), atol=1e-5)
 
 
-# The command line
-
-
 def test_the_options_reach_the_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any) -> None:
     monkeypatch.chdir(tmp_path)
     write(tmp_path, "a.obj", "v 0 0 0\nv 1 0 0\nv 0.5 1 0\nf 1 2 3\n")
@@ -235,9 +226,6 @@ def test_the_options_reach_the_picture(tmp_path: Path, monkeypatch: pytest.Monke
     error = capfd.readouterr().err
     assert "cannot be kept" in error
     assert "cornell-box.toml: a material is for meshes" in error
-
-
-# The ground
 
 
 def lid(height: float, *, up: bool = True) -> wrt.Mesh:

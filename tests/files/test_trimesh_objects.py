@@ -91,9 +91,6 @@ def test_what_trimesh_loses_of_a_scene(name):
     assert max(found.get(name, 0.0) for name in rounded) <= HALF_A_STEP
 
 
-# Objects that are made, and their files
-
-
 def image(color: tuple[int, ...], mode: str = "RGB") -> Image.Image:
     """Return an image whose right half is darker, so that its mean is no pixel of it."""
     pixels = np.empty((4, 4, len(color)), np.uint8)
@@ -271,9 +268,6 @@ def test_codes_are_decoded_and_transforms_that_mirror_keep_fronts_in_front():
         assert from_trimesh(plain)[0].material.reflectance == DEFAULT_REFLECTANCE
 
 
-# Cameras and lights
-
-
 def test_cameras_and_lights_of_a_scene():
     scene = trimesh.Scene(box())
     assert wrt.load(scene).camera.fov_degrees == 24.0  # framed by wrt: trimesh creates a camera only on request
@@ -323,9 +317,6 @@ def test_lights_that_trimesh_carries_on_from_gltf(tmp_path):
     # The camera's node must not be mistaken for a parent of the camera; the light's may be.
     assert differences(file, made).keys() <= {"camera", "camera.origin", "camera.target"}
     np.testing.assert_allclose([light.position for light in made.lights], [(1, 2, 3)])
-
-
-# What is left out, and what is refused
 
 
 def test_what_has_no_triangles_or_coordinates_is_told():

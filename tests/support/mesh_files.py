@@ -90,8 +90,6 @@ def box_files() -> dict[str, bytes]:
     }
 
 
-# glTF: trees of `support.meshes.gltf_box`, with more in them
-
 TYPES = {"f4": 5126, "i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125}
 WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
@@ -128,9 +126,6 @@ def check_refused(message: str, read: Any, path: Path, *arguments: object) -> No
     with pytest.raises(wrt.InputError, match=message) as caught:
         read(path, *arguments)
     check_message(caught.value, path)
-
-
-# Materials
 
 
 def values_of(value: Any) -> Any:
