@@ -80,6 +80,8 @@ def test_polygons_that_cross_themselves_end(tmp_path):
     star = [(np.cos(4 * np.pi * k / 5), np.sin(4 * np.pi * k / 5)) for k in range(5)]
     text = "".join(f"v {x} {y} 0\n" for x, y in star) + "f 1 2 3 4 5\n"
     assert len(load_mesh(write(tmp_path, "star.obj", text)).faces) == 3
+    with pytest.raises(wrt.InputError, match="no triangles"):
+        load_mesh(write(tmp_path, "point.obj", "v 0 0 0\n" * 6 + "f 1 2 3 4 5 6\n"))
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -109,15 +109,14 @@ def laid(material) -> trimesh.Trimesh:
     return mesh
 
 
+EMISSION = {"emissiveTexture": image((250, 200, 9)), "emissiveFactor": [1.0, 0.5, 0.25], "doubleSided": True}
 PBR = {
     "nothing": {},
     "factors": {"baseColorFactor": [255, 51, 102, 255], "metallicFactor": 0.25, "roughnessFactor": 0.5},
     "base colour": {"baseColorTexture": image((200, 100, 50)), "baseColorFactor": [255, 51, 255, 255]},
-    "metallic and roughness": {"metallicRoughnessTexture": image((0, 100, 200)), "roughnessFactor": 0.75},
-    "normals": {"normalTexture": image((120, 140, 250)), "metallicFactor": 0.0},
-    "emission": {"emissiveTexture": image((250, 200, 9)), "emissiveFactor": [1.0, 0.5, 0.25], "doubleSided": True},
+    "numbers": {"metallicRoughnessTexture": image((0, 100, 200)), "roughnessFactor": 0.75, **EMISSION},
+    "others": {"normalTexture": image((120, 140, 250)), "occlusionTexture": image((10, 10, 10))},
     "emission without factor": {"emissiveTexture": image((250, 200, 9))},
-    "occlusion": {"occlusionTexture": image((10, 10, 10))},
     "mask": {"baseColorTexture": image((90, 90, 90, 200), "RGBA"), "alphaMode": "MASK", "alphaCutoff": 0.45},
     "blend": {"baseColorFactor": [255, 128, 64, 51], "alphaMode": "BLEND"},
     "alpha that does not count": {"baseColorFactor": [255, 255, 255, 51]},
@@ -351,8 +350,10 @@ def test_axes_are_for_everything_that_is_rendered():
         picture = wrt.render(source, up="z", **small)
         np.testing.assert_array_equal(picture, wrt.render(wrt.load(source, up="z"), **small))
         assert not np.array_equal(picture, wrt.render(source, up="x", **small))
-        # What lies on its side is set up: its longest axis is here its height.
         assert np.ptp(wrt.load(source, up="z").shapes[0].bounds, axis=0)[1] == pytest.approx(3.0)
+    cone = trimesh.creation.cone(radius=1.0, height=4.0)  # along z: what lies on its side is set up
+    heights = [np.ptp(wrt.load(cone, up=up).shapes[0].bounds, axis=0)[1] for up in (None, "y")]
+    np.testing.assert_allclose(heights, [4.0, 2.0], rtol=0.01)
 
 
 def test_options_of_other_sources_are_refused(tmp_path):
