@@ -132,6 +132,7 @@ KERNELS = (
         *("rough_dielectric:ggx:smith-separable", *ROUGH_METALS, *COATS),
     ),
     covering("conductor", "dielectric", "diffuse", "mirror", ROUGH_METALS[0], exact="spheres"),
+    covering("conductor", "diffuse", "mirror", "rough_conductor:beckmann:walter:schlick", exact="quadrics"),
     covering("dielectric", "diffuse", "null", "plastic", "rough_dielectric:beckmann:walter", media="scattering"),
 )
 """They render most of the scenes, whose own kernels would be thirty."""
