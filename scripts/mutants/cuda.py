@@ -131,7 +131,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/film/tiles.py",
         "left + in_tile % columns",
         "left + in_tile % TILE_WIDTH",
-        "tests/test_tiles.py -k each_pixel",
+        "tests/film/test_film.py -k each_pixel",
     ),
     Mutant(
         "cuda-emulated-ends",

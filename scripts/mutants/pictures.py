@@ -28,7 +28,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/sampler.py",
         "c: wp.uint32, d: wp.uint32) -> wp.vec4ui:",
         "c: wp.uint32, d_: wp.uint32) -> wp.vec4ui:\n    d = wp.uint32(0)",
-        "tests/test_sampler.py",
+        "tests/film/test_random_numbers.py",
     ),
     # Cameras
     Mutant(
@@ -46,7 +46,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/srgb.py",
         "** (1.0 / 2.4)",
         "** (1.0 / 2.2)",
-        "tests/test_image_files.py -k curve",
+        "tests/output/test_image_files.py -k curve",
     ),
     Mutant(
         "film-variance",
@@ -54,7 +54,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/film.py",
         "spread / (n - 1.0)",
         "spread / n",
-        "tests/test_film_statistics.py",
+        "tests/film/test_film.py",
     ),
     Mutant(
         "digest-without-emission",
@@ -78,6 +78,6 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/checkpoint.py",
         '    "max_depth",\n',
         "",
-        "tests/test_checkpoint.py",
+        "tests/rendering/test_checkpoint.py",
     ),
 )
