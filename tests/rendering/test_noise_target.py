@@ -60,7 +60,10 @@ def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
 
 def test_independent_samples_agree_with_their_variance():
     """Both estimates hold for them. What the mean absolute value leaves out are the tails of the distribution."""
-    renderer = finish(ball(sampler="independent"), noise=0.01)
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
+    scene.environment = wrt.ConstantEnvironment(1.0)
+    scene.add(wrt.sphere(), material=wrt.Diffuse(0.5))
+    renderer = finish(wrt.Renderer(scene, sampler="independent", width=64, height=64), noise=0.01)
     assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
 
 
@@ -73,7 +76,7 @@ def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tm
     for progress in first.passes(**limits, pass_seconds=1e-6):
         if progress.spp >= 150:
             break
-    assert len(np.unique(first.film.counts)) == 1 + bool(adaptive)
+    assert (len(np.unique(first.film.counts)) > 1) == bool(adaptive)
     first.save_checkpoint(tmp_path / "state")
     second = ball()
     second.load_checkpoint(tmp_path / "state")
