@@ -122,7 +122,12 @@ def picture_of_a_speck(shape, depth, device, side, size):
 
 
 @pytest.mark.parametrize(
-    ("shape", "depth"), [("disk", 3.0), ("pentagon", 6.0), pytest.param("pentagon", 4.6, marks=pytest.mark.slow)]
+    ("shape", "depth"),
+    [
+        pytest.param("disk", 3.0, marks=pytest.mark.slow),
+        ("pentagon", 6.0),
+        pytest.param("pentagon", 4.6, marks=pytest.mark.slow),
+    ],
 )
 def test_rendered_blurs_have_that_size(shape, depth, device, report):
     """By the mean square of the distance from its middle; what the speck and the pixels add is taken off."""

@@ -57,6 +57,7 @@ def test_it_sees_by_its_formula_and_projects_back(example, device):
     np.testing.assert_allclose(layers["motion"], 0.0, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_pinhole_is_the_pinhole(device):
     class Copy(wrt.PerspectiveCamera):
         type_name = "copy-of-perspective"

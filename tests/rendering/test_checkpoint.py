@@ -1,5 +1,6 @@
 """Checkpoints: whole or not there, and only for the scene and the settings they belong to."""
 
+import dataclasses
 import gc
 import json
 import os
@@ -9,7 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from support.small_scenes import assert_same_arrays, block_scene, finish, image_of
+from support.small_scenes import LAMP, assert_same_arrays, block_scene, finish, image_of
 
 import wrt
 from wrt.rendering.checkpoint import FORMAT, identity_of, read_checkpoint, write_checkpoint
@@ -166,9 +167,9 @@ def test_damaged_files(flip, path):
 
 
 CHANGES = {
-    "geometry": {"shapes": [wrt.Shape(wrt.box((0, 0, 0), (1, 1, 1)), wrt.Diffuse(0.5), 0.25)]},
-    "materials": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.25), 0.25)]},
-    "emission": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.5), 0.5)]},
+    "geometry": {"shapes": [wrt.Shape(wrt.box((0, 0, 0), (1, 1, 1)), wrt.Diffuse(0.5)), LAMP]},
+    "materials": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.25)), LAMP]},
+    "emission": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.5)), dataclasses.replace(LAMP, emission=1.0)]},
     "lights": {"lights": [wrt.PointLight((1.0, 2.0, 3.0), intensity=5.0)]},
     "environment": {"environment": wrt.ImageEnvironment(np.ones((4, 8, 3), np.float32))},
     "camera": {"camera": wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0))},
@@ -246,7 +247,7 @@ def test_wrong_arrays_are_refused(name, film, path):
         ("total_of_squares", 1e-9, "do not match their squares"),
         ("layer_sums", 1e6, "the layer '(normal|alpha)' has impossible values"),
         ("layer_nearest", np.nan, "has values that are not numbers"),
-        ("layer_object_number", 2, "not one of the scene's 1"),
+        ("layer_object_number", 3, "not one of the scene's 2"),
         ("layer_off_middle", -1.0, "'off_middle'"),
     ],
 )

@@ -99,6 +99,7 @@ def gpu():
         yield backend
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_a_scene_is_refused_before_anything_is_taken_if_a_byte_is_missing(gpu, monkeypatch):
     scene = SCENES["a ball"]()
@@ -114,10 +115,14 @@ def test_a_scene_is_refused_before_anything_is_taken_if_a_byte_is_missing(gpu, m
     )
     monkeypatch.setattr(type(gpu), "memory_of", lambda *_: needed)
     assert wrt.Renderer(scene, device=GPU).spp == 0
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_the_builder_on_the_cpu_is_counted(monkeypatch):
     monkeypatch.setattr("wrt.upload.scene_data.WORTH_ASKING", 0)
     monkeypatch.setattr("wrt.backend.device.memory_left", lambda: 1_000_000)
     with pytest.raises(NotEnoughMemory, match=r"building a scene of 20,480 triangles needs 0\.0 GB"):
-        wrt.Renderer(scene, width=8, height=8)  # on the CPU
+        wrt.Renderer(SCENES["a ball"](), width=8, height=8)
 
 
 def test_the_command_ends_with_status_1(gpu, monkeypatch, tmp_path, capsys):

@@ -3,17 +3,26 @@
 import numpy as np
 import pytest
 import warp as wp
-from support.small_scenes import finish, image_of
+from support.small_scenes import block_scene, finish, image_of
 
 import wrt
 
 
-@pytest.fixture(scope="module")
-def make():
-    """Return a function that makes renderers of every material and light in one small scene, with depth of field."""
+@pytest.fixture(scope="module", params=["block", pytest.param("everything", marks=pytest.mark.slow)])
+def make(request):
+    """Return a function that makes renderers of a block, or of every kind of material and light, out of focus."""
+    scene = block_scene() if request.param == "block" else everything()
+    scene.camera = wrt.PerspectiveCamera((0.0, 1.5, 5.0), (0.0, 0.5, 0.0), aperture_radius=0.05)
+
+    def renderer(**options):
+        return wrt.Renderer(scene, **{"width": 40, "height": 24, "seed": 7, **options})
+
+    return renderer
+
+
+def everything():
     rng = np.random.default_rng(0)
     scene = wrt.Scene(environment=wrt.ImageEnvironment(rng.uniform(0, 1, (8, 16, 3)).astype(np.float32)))
-    scene.camera = wrt.PerspectiveCamera((0.0, 1.5, 5.0), (0.0, 0.5, 0.0), aperture_radius=0.05)
     texture = wrt.ImageTexture(rng.uniform(0, 1, (4, 4, 3)).astype(np.float32))
     scene.add(wrt.quad((-3.0, 0.0, 3.0), (6.0, 0.0, 0.0), (0.0, 0.0, -6.0)), material=wrt.Diffuse(texture))
     for x, material in ((-1.2, wrt.Dielectric()), (0.0, wrt.Conductor()), (1.2, wrt.Mirror(0.9))):
@@ -21,11 +30,7 @@ def make():
     scene.add(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=5.0)
     scene.add_light(wrt.PointLight((2.0, 2.0, 2.0), intensity=1.0))
     scene.add_light(wrt.DirectionalLight((-1.0, -1.0, -1.0)))
-
-    def renderer(**options):
-        return wrt.Renderer(scene, **{"width": 40, "height": 24, "seed": 7, **options})
-
-    return renderer
+    return scene
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,10 @@ GPU = "cuda:0"
 RNG = np.random.default_rng(4)
 
 
-@pytest.fixture(scope="module", params=["cpu", pytest.param("emulated", marks=pytest.mark.machinery)])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param("cpu", marks=pytest.mark.slow), pytest.param("emulated", marks=pytest.mark.machinery)],
+)
 def place(request):
     """The CPU, and an emulated GPU, whose memory is the CPU's."""
     with emulated_cuda(optimization=0) if request.param == "emulated" else contextlib.nullcontext():
@@ -178,7 +181,11 @@ ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0
     ("make", "message"),
     [
         (lambda: Texels([TEXTURE, TEXTURE]), r"^2,147,483,648 texels of the scene's textures are more than the"),
-        (lambda: upload_environment(large_environment(), "cpu"), "^2,147,483,648 texels of the environment are more"),
+        pytest.param(
+            lambda: upload_environment(large_environment(), "cpu"),
+            "^2,147,483,648 texels of the environment are more than",
+            marks=pytest.mark.slow,
+        ),
         (
             lambda: upload_triangles([MESH, MESH], [MESH], np.zeros(1, np.int64), "cpu"),
             "^2,147,483,648 vertices of the scene are more than",

@@ -19,7 +19,7 @@ def box(size=32, **options):
 def ball(**options):
     """A matt ball under a lamp, small in a plain sky: most of the picture is free of noise."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.5, 9.0), (0.0, 0.0, 0.0)))
-    scene.environment = wrt.ConstantEnvironment(0.1)
+    scene.environment = wrt.ImageEnvironment(np.full((1, 1, 3), 0.1))
     scene.add(wrt.sphere(), material=wrt.Diffuse(0.5))
     scene.add(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=2.0)
     return wrt.Renderer(scene, width=96, height=72, **options)
@@ -58,6 +58,7 @@ def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
     assert all(len(np.unique(tile)) == 1 for tile in tiles)
 
 
+@pytest.mark.slow
 def test_independent_samples_agree_with_their_variance():
     """Both estimates hold for them. What the mean absolute value leaves out are the tails of the distribution."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
@@ -67,7 +68,7 @@ def test_independent_samples_agree_with_their_variance():
     assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
 
 
-@pytest.mark.parametrize("adaptive", [False, True, "unbiased"])
+@pytest.mark.parametrize("adaptive", [False, pytest.param(True, marks=pytest.mark.slow), "unbiased"])
 def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tmp_path):
     limits = {"noise": TARGET, "adaptive": adaptive}
     whole = finish(ball(threads=1), **limits, pass_seconds=5.0)
@@ -85,6 +86,7 @@ def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tm
         np.testing.assert_array_equal(renderer.film.counts, whole.film.counts)
 
 
+@pytest.mark.slow
 def test_other_limits_come_first():
     assert finish(box(), 3, noise=0.01).spp == 3
     assert finish(box(), time=1e-6, noise=0.01).spp == 1
@@ -153,7 +155,7 @@ def test_damaged_states_are_refused():
         again.restore({"noise_mean": good["noise_mean"]})
 
 
-@pytest.mark.parametrize("adaptive", [True, "unbiased"])
+@pytest.mark.parametrize("adaptive", [pytest.param(True, marks=pytest.mark.slow), "unbiased"])
 def test_with_a_pilot_the_picture_decides_nothing(adaptive):
     """The mean of a pixel is unbiased if its number of samples is independent of their values."""
     clean, changed = finish(ball(), noise=TARGET, adaptive=adaptive), ball()

@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 import trimesh
 from PIL import Image
-from support.small_scenes import finish
+from support.small_scenes import block_scene, finish
 
 import wrt
 from wrt.errors import InputWarning
@@ -95,7 +95,7 @@ def test_arrays_that_are_none_are_refused_in_one_line(make, message):
 
 def test_a_saved_picture_says_how_it_was_made(tmp_path):
     size = {"width": 8, "height": 6, "seed": 7}
-    renderer = finish(wrt.Renderer(wrt.load("cornell-box"), layers=("albedo", "depth"), **size), 3)
+    renderer = finish(wrt.Renderer(block_scene(), layers=("albedo", "depth"), **size), 3)
     renderer.save(tmp_path / "a.exr")
     file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
     assert {"R", "G", "B", "albedo.R", "depth.Z"} <= set(file.channels())
@@ -104,7 +104,7 @@ def test_a_saved_picture_says_how_it_was_made(tmp_path):
     assert float(header["Render seconds"]) >= 0.0
     with pytest.raises(wrt.InputError, match="layers go into OpenEXR files"):
         renderer.save(tmp_path / "a.png")
-    finish(wrt.Renderer(wrt.load("cornell-box"), **size), 2).save(tmp_path / "b.png")
+    finish(wrt.Renderer(block_scene(), **size), 2).save(tmp_path / "b.png")
     with Image.open(tmp_path / "b.png") as picture:
         assert picture.info["Samples per pixel"] == "2"
 

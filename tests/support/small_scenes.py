@@ -6,12 +6,14 @@ import numpy as np
 
 import wrt
 
+LAMP = wrt.Shape(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=2.0)
+
 
 def block_scene(**changes):
-    """Return a shining block in an image around it, with a lamp: tests that share it share its kernels."""
+    """Return a block under a lamp, with a sun and an image around them: tests that share it share its kernels."""
     result = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.0, 4.0), (0.0, 0.0, 0.0)))
     result.environment = wrt.ImageEnvironment(np.random.default_rng(1).random((4, 8, 3)).astype(np.float32))
-    result.add(wrt.box(), material=wrt.Diffuse(0.5), emission=0.25)
+    result.shapes = [wrt.Shape(wrt.box(), wrt.Diffuse(0.5)), LAMP]
     result.add_light(wrt.PointLight((1.0, 2.0, 3.0), intensity=4.0))
     return dataclasses.replace(result, **changes)
 
