@@ -133,7 +133,6 @@ STRETCH = wrt.Motion([0.0, 1.0], [np.eye(4), np.diag([1.0, 1.1, 1.0, 1.0])])
     ("cls", "changes", "message"),
     [
         (wrt.PerspectiveCamera, {"shutter_open": 1.0, "shutter_close": 0.5}, "shutter_close must not be before"),
-        (wrt.PerspectiveCamera, {"shutter_ramp": 1.1}, "shutter_ramp must be at most 1"),
         (wrt.PerspectiveCamera, {"shift_y": math.inf}, "shift_y must be finite"),
         (wrt.PerspectiveCamera, {"motion": 3}, "motion must be a wrt.Motion, not int"),
         (wrt.PerspectiveCamera, {"motion": STRETCH}, "motion must be rigid"),

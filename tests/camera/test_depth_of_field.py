@@ -121,14 +121,8 @@ def picture_of_a_speck(shape, depth, device, side, size):
     return image_of(renderer, 1024)[..., 0].astype(np.float64)
 
 
-@pytest.mark.parametrize(
-    ("shape", "depth"),
-    [
-        pytest.param("disk", 3.0, marks=pytest.mark.slow),
-        ("pentagon", 6.0),
-        pytest.param("pentagon", 4.6, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "depth"), [("disk", 3.0), ("pentagon", 4.6), ("pentagon", 6.0)])
 def test_rendered_blurs_have_that_size(shape, depth, device, report):
     """By the mean square of the distance from its middle; what the speck and the pixels add is taken off."""
     side, size = 0.08, 64

@@ -131,18 +131,6 @@ def test_snapshots_that_are_still_needed_keep_their_picture(gpu):
     assert (first == 1.0).all()
 
 
-def test_films_hold_what_their_snapshots_are_fetched_through(gpu):
-    """Pinned memory of a view goes with its last film."""
-    films = [Film(20, 10, Device(GPU)) for _ in range(2)]
-    for film in films:
-        film.data.count.numpy()[:] = 1
-        film.snapshot()()
-    del film, films[0]
-    assert len(gpu._staging_beside) == 1
-    del films[0]
-    assert not gpu._staging_beside
-
-
 @pytest.mark.parametrize("place", ["cpu", GPU])
 def test_the_film_on_the_device_outlives_its_renderer(place, gpu):
     film = Film(20, 10, Device(place))

@@ -7,7 +7,6 @@ import pytest
 from PIL import Image, ImageSequence
 
 import wrt
-from wrt.animation.frame_files import FrameFiles
 from wrt.animation.timeline import at_frame, moves
 from wrt.cli import main
 
@@ -66,12 +65,6 @@ def test_frames_are_the_pictures_of_their_scenes_and_missing_ones_are_rendered_o
     capsys.readouterr()
     assert main([*command, "--resume", "--seed", "7"]) == 2
     assert "seed" in capsys.readouterr().err
-
-
-def test_only_wanted_frames_are_counted(tmp_path):
-    files = FrameFiles(tmp_path / "box_%d.png", range(2, 5))
-    files.complete = {0, 1, 2, 3}
-    assert (files.done, files.missing) == (2, [4])
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])

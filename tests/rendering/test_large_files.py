@@ -14,7 +14,6 @@ from wrt.cli.process import importing
 from wrt.errors import InputError
 from wrt.io.mesh import obj
 from wrt.scene import normals
-from wrt.upload.accel.geometry import numbered
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
@@ -60,12 +59,6 @@ def test_zeros_take_no_memory_until_they_are_written_however_often_there_were_so
         assert resident() - before > size // 2
         del rows
     assert zeros((2, 3), np.int32).tolist() == [[0, 0, 0], [0, 0, 0]]
-
-
-def test_numbers_are_repeated():
-    rng = np.random.default_rng(1)
-    numbers, counts = rng.integers(-1, 3, 50).astype(np.int32), rng.integers(0, 4, 50)
-    np.testing.assert_array_equal(numbered(numbers, counts), np.repeat(numbers, counts))
 
 
 @pytest.mark.parametrize("collide", [False, True])

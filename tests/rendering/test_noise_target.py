@@ -68,7 +68,9 @@ def test_independent_samples_agree_with_their_variance():
     assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
 
 
-@pytest.mark.parametrize("adaptive", [False, pytest.param(True, marks=pytest.mark.slow), "unbiased"])
+@pytest.mark.parametrize(
+    "adaptive", [*(pytest.param(each, marks=pytest.mark.slow) for each in (False, True)), "unbiased"]
+)
 def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tmp_path):
     limits = {"noise": TARGET, "adaptive": adaptive}
     whole = finish(ball(threads=1), **limits, pass_seconds=5.0)
