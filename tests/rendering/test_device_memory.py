@@ -125,18 +125,6 @@ def test_the_builder_on_the_cpu_is_counted(monkeypatch):
         wrt.Renderer(SCENES["a ball"](), width=8, height=8)
 
 
-def test_the_command_ends_with_status_1(gpu, monkeypatch, tmp_path, capsys):
-    picture = tmp_path / "picture.png"
-    monkeypatch.setattr(type(gpu), "memory_of", lambda *_: 70_000_000)
-    options = ["--device", GPU, "--size", "64x64", "--spp", "1", "--quiet", "-o", str(picture)]
-    assert main(["render", "many-triangles", *options]) == 1
-    said = (
-        r"wrt: error: building a scene of 1,000,000 triangles needs 0\.3 GB, more than the 0\.1 GB that cuda:0 has .*"
-    )
-    assert re.fullmatch(said + r"\n", capsys.readouterr().err)
-    assert not picture.exists()
-
-
 def test_memory_that_runs_out_on_the_way_is_one_line(gpu, monkeypatch, tmp_path, capsys):
     def failing(text):
         def fail(*_, **__):
