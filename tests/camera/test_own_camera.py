@@ -1,8 +1,8 @@
 """docs/own-camera.md: its program runs, and a camera of one's own sees what its formula says."""
 
-import importlib.util
 import re
 import runpy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,19 +17,15 @@ from wrt.scene.camera import CAMERAS
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
-    """The page's program as a module, from a file since Warp reads it; it registers its camera."""
+    """What the page's program defines; it has run, but for its render, from a file since Warp reads it."""
     path = tmp_path_factory.mktemp("own") / "stereographic.py"
     path.write_text(CODE, "utf-8")
-    spec = importlib.util.spec_from_file_location("stereographic", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path.parent)
         patch.setattr(wrt, "render", lambda scene, **size: np.full((8, 8, 3), 0.5))
-        CAMERAS.pop("stereographic")
-        runpy.run_path(path, run_name="__main__")
+        program = runpy.run_path(str(path), run_name="__main__")
     assert wrt.load_image(path.parent / "stereographic.png").shape == (8, 8, 3)
-    yield module
+    yield SimpleNamespace(**program)
     CAMERAS.pop("stereographic", None)  # leave the register as it was found
 
 

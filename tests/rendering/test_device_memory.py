@@ -248,7 +248,7 @@ def test_a_driver_that_is_too_old_is_one_line(tmp_path):
 # --- What is foretold. Last, for an emulated GPU stays until the module ends. ---
 
 
-@pytest.fixture(scope="module", params=["cpu", pytest.param("emulated", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["cpu", pytest.param("emulated", marks=pytest.mark.machinery)])
 def place(request):
     """The CPU, and an emulated GPU, for which the builder works in smaller pieces."""
     with emulated_cuda(optimization=0) if request.param == "emulated" else contextlib.nullcontext():
