@@ -25,7 +25,7 @@ def rendered(scene, spp, **options):
 @pytest.mark.slow
 def test_the_error_falls(report):
     scene = wrt.load("cornell-box")
-    truth = rendered(scene, 1024, seed=1).image()
+    truth = rendered(scene, 512, seed=1).image()
     renderer = rendered(scene, 16)
 
     def error(image):

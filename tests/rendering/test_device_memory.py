@@ -99,7 +99,7 @@ def gpu():
         yield backend
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_a_scene_is_refused_before_anything_is_taken_if_a_byte_is_missing(gpu, monkeypatch):
     scene = SCENES["a ball"]()

@@ -218,21 +218,19 @@ def test_names_of_several_devices(monkeypatch, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 3])
-def test_workers_die_come_late_and_stop(workers, monkeypatch):
+def test_workers_die_come_late_and_stop(monkeypatch):
     """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
     size = {**SIZE, "width": 48, "height": 36}
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
         dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs is there to the end
-        distributed.LocalCluster(n_workers=workers, threads_per_worker=1, **how) as cluster,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster) as client,
     ):
         pids = list(client.run(os.getpid).values())
-        events = {4: lambda: os.kill(pids[0], signal.SIGKILL), 8: lambda: cluster.scale(workers + 1)}
-        if workers > 1:
-            events[12] = lambda: os.kill(pids[1], signal.SIGSTOP)
+        events = {4: lambda: os.kill(pids[0], signal.SIGKILL), 8: lambda: cluster.scale(3)}
+        events[12] = lambda: os.kill(pids[1], signal.SIGSTOP)
         keep, kept = head._keep, []
 
         def keep_and_hurt(*arguments):
@@ -248,8 +246,7 @@ def test_workers_die_come_late_and_stop(workers, monkeypatch):
         try:
             found = film_of(spread(client, **size), 96, pass_seconds=1.0)
         finally:
-            if workers > 1:
-                with contextlib.suppress(ProcessLookupError):  # Dask may have ended it
-                    os.kill(pids[1], signal.SIGCONT)
+            with contextlib.suppress(ProcessLookupError):  # Dask may have ended it
+                os.kill(pids[1], signal.SIGCONT)
         assert not events
         assert_same_arrays(found, expected)

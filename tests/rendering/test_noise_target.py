@@ -48,7 +48,7 @@ def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
     gain = whole.film.counts.sum() / counts.sum()
     report("samples without over those with adaptive sampling", gain)
     assert gain > 1.5
-    truth = image_of(ball(seed=5), 4096, pass_seconds=5.0)
+    truth = image_of(ball(seed=5), 2048, pass_seconds=5.0)
     true = true_noise(adaptive.image(), truth)
     report("true noise", true, TARGET)
     assert 0.7 * TARGET < true < 1.15 * TARGET
