@@ -54,9 +54,7 @@ class Cache:
         environment = {name: value for name, value in os.environ.items() if not name.startswith("WARP_")}
         environment |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(self.folder), **variables}
         command, pipe = [sys.executable, "-W", "always", str(self.program)], subprocess.PIPE
-        return subprocess.Popen(
-            command, cwd=self.program.parent, env=environment, stdout=pipe, stderr=pipe, text=True
-        )
+        return subprocess.Popen(command, cwd=self.program.parent, env=environment, stdout=pipe, stderr=pipe, text=True)
 
     def run(self, **variables: str) -> tuple[int, str]:
         """Run the program; return how many kernels were compiled, and warnings."""
@@ -202,7 +200,11 @@ def test_each_kind_of_damage_that_the_script_does_is_harmless(tmp_path: Path) ->
 
 def test_where_caches_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/somebody")
-    for told, expected in (("/elsewhere", "/elsewhere"), ("", "/home/somebody/.cache"), ("./x", "/home/somebody/.cache")):
+    for told, expected in (
+        ("/elsewhere", "/elsewhere"),
+        ("", "/home/somebody/.cache"),
+        ("./x", "/home/somebody/.cache"),
+    ):
         monkeypatch.setenv("XDG_CACHE_HOME", told)
         assert user_folder() == Path(expected)
     monkeypatch.delenv("XDG_CACHE_HOME")

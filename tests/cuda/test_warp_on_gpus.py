@@ -1,4 +1,4 @@
-"""Calls of Warp for a GPU, which a stand-in is: which one they reach, no memory, and numbers that are fetched."""
+"""Calls of Warp for a GPU, for which something stands in: which one they reach, no memory, and fetched numbers."""
 
 from __future__ import annotations
 
@@ -35,10 +35,7 @@ CUDA_SAYS = "Warp CUDA error 2: out of memory (in function wp_alloc_device_async
 class StandIn:
     """A GPU of Warp's that is not there.
 
-    Attributes:
-        inside: how many contexts of this GPU have been entered and not left.
-        writes: whether Warp's library writes its errors.
-        forgotten: how often CUDA was made to forget an error.
+    How many of its contexts are entered, whether Warp's library writes its errors, how often CUDA forgot one.
     """
 
     is_cuda, is_cpu, context = True, False, 7
@@ -115,14 +112,14 @@ def test_memory_that_runs_out_is_told_once(said: str, figure: str, second_gpu: S
     assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 1)
 
 
-def test_other_errors_stay_what_they_are(second_gpu: StandIn) -> None:
+def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_stack(
+    second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(RuntimeError, match="illegal") as caught, on_device("cuda:1"):
         raise RuntimeError("an illegal memory access")
     assert not isinstance(caught.value, NotEnoughMemory)
     assert second_gpu.forgotten == 0
 
-
-def test_a_launch_without_memory_for_its_stack(second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError(f"Error launching kernel: render_pass on device cuda:1: {CUDA_SAYS}")
 
@@ -162,9 +159,9 @@ def refused(*_: object, **__: object) -> None:
     raise RuntimeError(CUDA_SAYS)
 
 
+@pytest.mark.machinery
 @pytest.mark.parametrize(
-    ("name", "failing"),
-    [("radix_sort_pairs", unsorted), ("array_sum", not_summed), ("array_scan", refused)],
+    ("name", "failing"), [("radix_sort_pairs", unsorted), ("array_sum", not_summed), ("array_scan", refused)]
 )
 def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(
     name: str,
@@ -186,13 +183,7 @@ def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(
 
 
 class FetchedWarp:
-    """Warp with a GPU, as far as fetching goes.
-
-    Attributes:
-        pinned: bytes of each array in pinned memory.
-        copies: the stream of each copy.
-        waits: the streams that were waited for.
-    """
+    """Warp with a GPU, as far as fetching goes: the bytes of pinned arrays, streams of copies, and of waits."""
 
     uint8, Stream = wp.uint8, staticmethod(lambda device: "a stream for copies")
 
@@ -267,6 +258,10 @@ def test_pictures_are_fetched_beside_through_pinned_memory_of_their_own(
     assert memory() is None  # released with the last view
     np.testing.assert_array_equal(backend.fetch(OnGpu(gpu, picture), beside=True), picture)
     assert warp.pinned == [picture.nbytes] * 2
+    large = OnGpu(gpu, np.ones(4, np.float32))
+    large.capacity = LARGEST_PINNED + 1
+    assert (backend.fetch(large, beside=True) == 1.0).all()
+    assert len(warp.pinned) == 2  # the largest arrays are not pinned
 
 
 def test_threads_that_fetch_at_once_get_their_own(
@@ -289,16 +284,6 @@ def test_threads_that_fetch_at_once_get_their_own(
     assert (backend.fetch(second) == 2.0).all()
     thread.join()
     assert (others[0] == 1.0).all()
-
-
-def test_the_largest_arrays_are_not_pinned(
-    fetching: tuple[WarpBackend, FetchedWarp, StandIn], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    backend, warp, gpu = fetching
-    large = OnGpu(gpu, np.ones(4, np.float32))
-    large.capacity = LARGEST_PINNED + 1
-    assert (backend.fetch(large, beside=True) == 1.0).all()
-    assert warp.pinned == []
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -327,6 +312,7 @@ def test_a_thread_that_compiled_nothing_for_cpus_compiles_for_a_gpu(
     assert state(tmp_path / "built" / "a.cubin", tmp_path / "built" / "a.meta") is State.WHOLE
 
 
+@pytest.mark.machinery
 def test_several_threads_compile_for_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     if available_threads() == 1:
         pytest.skip("there is one processor")

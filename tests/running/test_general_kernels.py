@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
+from support.caches import render_small, without_notes
 from support.digests import Case, cases, film_digest, rendered
-from test_compiled_backend import render, without_notes
+from support.wide_scenes import LANES, needs_lanes
 
 import wrt
 from wrt.backend.builds import Builds, NotCompiled
-from wrt.backend.lanes import lanes_of
-from wrt.backend.processor import processor_flags
 from wrt.compiling import exercise, general, later
 from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.features import Features
@@ -25,8 +25,6 @@ from wrt.rendering.guides import guide_features
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.rendering.wide_kernel import WideKernel
 from wrt.upload.materials import model_name
-
-needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
 
 PLAIN = Features(("diffuse",), False, "none", sampler="sobol")
 SMALL, LARGE, WITH_HOLES = general.general_features(PLAIN)
@@ -43,7 +41,6 @@ GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
         ({"models": ("null",)}, [False, False, True]),
         ({"composite": "mixed"}, [False, False, True]),
         ({"opacity": True}, [False, False, True]),
-        ({"models": ("dielectric:schlick",)}, [False, False, False]),
         ({"models": ("somebodys",)}, [False, False, False]),
         ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
         ({"sampler": "independent"}, [False, False, False]),
@@ -58,26 +55,20 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     assert not PLAIN.covers(WITH_HOLES)
 
 
-@pytest.mark.parametrize("integrator", ["whitted", "ao"])
-def test_integrators_that_do_not_decide_at_run_time_cover_their_own_scenes_alone(integrator: str) -> None:
-    plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
-    assert not large.covers(plain)
-    assert large.covers(large)
-    assert plain.covers(plain)
+def test_integrators_that_do_not_decide_at_run_time_cover_their_own_scenes_alone() -> None:
+    for integrator in ("whitted", "ao"):
+        plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
+        assert [large.covers(plain), large.covers(large), plain.covers(plain)] == [False, True, True]
 
 
-@pytest.mark.parametrize(
-    "changes", [{"media": "absorbing"}, {"aovs": True}, {"clamped": True}, {"cameras": ("own",)}, {"integrator": "ao"}]
-)
-def test_there_are_none_for_what_few_use(changes: dict[str, Any]) -> None:
-    assert general.general_features(dataclasses.replace(PLAIN, **changes)) == []
-
-
-@pytest.mark.parametrize("changes", [{}, {"sampler": "independent"}, {"instances": "moving"}, {"exact": "spheres"}])
-def test_they_are_told_from_those_of_scenes(changes: dict[str, Any]) -> None:
-    scene = dataclasses.replace(PLAIN, **changes)
-    assert all(general.is_general(kernel) for kernel in general.general_features(scene))
-    assert not general.is_general(scene)
+def test_there_are_none_for_what_few_use() -> None:
+    few = {"media": "absorbing", "aovs": True, "clamped": True, "cameras": ("own",), "integrator": "ao"}
+    for name, value in few.items():
+        assert general.general_features(dataclasses.replace(PLAIN, **{name: value})) == []
+    for changes in ({}, {"sampler": "independent"}, {"instances": "moving"}, {"exact": "spheres"}):
+        scene = dataclasses.replace(PLAIN, **changes)
+        assert all(general.is_general(kernel) for kernel in general.general_features(scene))
+        assert not general.is_general(scene)
 
 
 def test_the_exercise_has_all_models_and_lights() -> None:
@@ -99,18 +90,17 @@ class Notes(Builds):
 def test_the_best_that_is_compiled_is_chosen() -> None:
     own, own_wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
     wides = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
-    assert general.compiled_for(PLAIN, 16, Notes(own, own_wide, *wides)) is None
-    assert general.compiled_for(PLAIN, 16, Notes(own_wide, *wides)) == PLAIN
-    assert general.compiled_for(PLAIN, 16, Notes(own, *wides)) == SMALL
-    assert general.compiled_for(PLAIN, 16, Notes(own)) is None
-    assert general.compiled_for(PLAIN, 16, Notes(*wides)) == SMALL
-    assert general.compiled_for(PLAIN, 16, Notes(*wides[2:])) == WITH_HOLES
-    assert general.compiled_for(PLAIN, 8, Notes(*wides)) is None
-    assert general.compiled_for(PLAIN, 0, Notes(own_wide, *wides)) is None
-    assert general.compiled_for(PLAIN, 16, Notes()) is None
-
-
-def test_guides_are_rendered_by_the_smallest_that_is_compiled() -> None:
+    for lanes, known, best in (
+        (16, (own, own_wide, *wides), None),
+        (16, (own_wide, *wides), PLAIN),
+        (16, (own, *wides), SMALL),
+        (16, (own,), None),
+        (16, wides, SMALL),
+        (16, wides[2:], WITH_HOLES),
+        (8, wides, None),
+        (0, (own_wide, *wides), None),
+    ):
+        assert general.compiled_for(PLAIN, lanes, Notes(*known)) == best
     own = guide_features(PLAIN, wrt.RenderSettings())
     names = [name_of_kernel(kernel, SCALAR) for kernel in GUIDES]
     assert general.compiled_for(own, 16, Notes(*names)) == GUIDES[0]
@@ -119,7 +109,40 @@ def test_guides_are_rendered_by_the_smallest_that_is_compiled() -> None:
     assert general.compiled_for(own, 0, Notes(*names)) is None
 
 
-# --- Bits -----------------------------------------------------------------------------------------
+@needs_lanes
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    requested: list[tuple[Features, int]] = []
+    monkeypatch.setattr(later, "request_if_missing", lambda features, lanes, _: requested.append((features, lanes)))
+    monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
+    monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
+    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
+    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
+        monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
+        renderer._kernel.launch([1, *renderer._inputs], seconds)
+        assert requested == [(SMALL, 16)] * expected
+    renderer.denoising_guides()
+    assert requested[1:] == [(GUIDES[0], SCALAR)]
+
+
+def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The general kernel cannot be loaded, so the render is prepared again with Warp."""
+    kernel: Any = object.__new__(RenderKernel)
+    kernel.__dict__.update(scalar=None, read=SMALL, records=(), _stand_in=None, _features=PLAIN, _device=None)
+
+    class Useless:
+        kernel = None
+
+        def __init__(self, *_: Any) -> None: ...
+
+        def expect(self, _: float) -> None: ...
+
+    monkeypatch.setattr(render_kernel, "WideKernel", Useless)
+    with pytest.raises(NotCompiled):
+        kernel.start()
+
+
+# --- Bits ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -140,25 +163,36 @@ def by_general(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
 CASES = cases()
 FEW_USE = ("layers", "clamp_indirect", "regularization")
 """Options of cases for which there are no general kernels."""
+NAMES = (
+    *("plain-perspective", "models-perspective", "textures-perspective", "picture-light-shapes"),
+    *("picture-light-sky-evening", "picture-city", "picture-tutorial-light", "built-in-teapot"),
+)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
-        *("plain-perspective", "models-perspective", "textures-perspective", "picture-light-shapes"),
-        *("picture-light-sky-evening", "picture-city", "picture-tutorial-light", "built-in-teapot"),
+        pytest.param(name, marks=pytest.mark.slow if name == "textures-perspective" else pytest.mark.machinery)
+        for name in NAMES
     ],
 )
 def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
     options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
     case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})
-    own = film_digest(own_film(case))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(general, "general_features", lambda _: [])
+        own = film_digest(rendered(case))
     assert film_digest(rendered(case)) == own
     assert len(set(by_general)) == 1
 
 
-@pytest.mark.slow
+def guides_of(case: Case) -> Any:
+    renderer = wrt.Renderer(case.make(), width=24, height=24, sampler="sobol")
+    list(renderer.passes(spp=2))
+    return renderer.denoising_guides()
+
+
+@pytest.mark.machinery
 @pytest.mark.parametrize("name", ["models-perspective", "textures-perspective"])
 def test_guides_have_the_values_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -168,20 +202,6 @@ def test_guides_have_the_values_of_their_own_kernel(name: str, by_general: list[
     assert {features.guides for features in by_general} == {False, True}
     assert all(np.array_equal(found[layer], own[layer]) for layer in ("albedo", "normal"))
 
-
-def guides_of(case: Case) -> Any:
-    renderer = wrt.Renderer(case.make(), width=24, height=24, sampler="sobol")
-    list(renderer.passes(spp=2))
-    return renderer.denoising_guides()
-
-
-def own_film(case: Case) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(general, "general_features", lambda _: [])
-        return rendered(case)
-
-
-# --- From the shell -------------------------------------------------------------------------------
 
 COMPILE = """
 import sys
@@ -223,53 +243,15 @@ material = "painted"
 
 
 @needs_lanes
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
-    from PIL import Image
-
     variables = {**without_notes(tmp_path), "WRT_WIDE": ""}
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)
-    assert render(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
-    lanes = str(lanes_of(processor_flags()))
-    subprocess.run([sys.executable, "-c", COMPILE, lanes], cwd=tmp_path, env=variables, check=True)
-    assert render(tmp_path, variables, "general.npy", "new.toml") == (False, "")
+    assert render_small(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
+    subprocess.run([sys.executable, "-c", COMPILE, str(LANES)], cwd=tmp_path, env=variables, check=True)
     alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
-    assert render(tmp_path, alone, "own.npy", "new.toml") == (True, "")
-    assert (tmp_path / "general.npy").read_bytes() == (tmp_path / "own.npy").read_bytes()
-    pytest.importorskip("mitsuba_oidn")
-    assert render(tmp_path, variables, "smooth.npy", "new.toml", "--denoise") == (False, "")
-    assert render(tmp_path, alone, "own-smooth.npy", "new.toml", "--denoise") == (True, "")
-    assert (tmp_path / "smooth.npy").read_bytes() == (tmp_path / "own-smooth.npy").read_bytes()
-
-
-@needs_lanes
-def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    requested: list[tuple[Features, int]] = []
-    monkeypatch.setattr(later, "request_if_missing", lambda features, lanes, _: requested.append((features, lanes)))
-    monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
-    monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
-    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
-    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
-        monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
-        renderer._kernel.launch([1, *renderer._inputs], seconds)
-        assert requested == [(SMALL, 16)] * expected
-    renderer.denoising_guides()
-    assert requested[1:] == [(GUIDES[0], SCALAR)]
-
-
-def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The general kernel cannot be loaded, so the render is prepared again with Warp."""
-    kernel: Any = object.__new__(RenderKernel)
-    kernel.__dict__.update(scalar=None, read=SMALL, records=(), _stand_in=None, _features=PLAIN, _device=None)
-
-    class Useless:
-        kernel = None
-
-        def __init__(self, *_: Any) -> None: ...
-
-        def expect(self, _: float) -> None: ...
-
-    monkeypatch.setattr(render_kernel, "WideKernel", Useless)
-    with pytest.raises(NotCompiled):
-        kernel.start()
+    for name, options in (("film", []), ("smooth", ["--denoise"])):
+        assert render_small(tmp_path, variables, f"{name}.npy", "new.toml", *options) == (False, "")
+        assert render_small(tmp_path, alone, f"own-{name}.npy", "new.toml", *options) == (True, "")
+        assert (tmp_path / f"{name}.npy").read_bytes() == (tmp_path / f"own-{name}.npy").read_bytes()

@@ -30,43 +30,20 @@ def count(first: int, counts: wp.array(dtype=int)):
     wp.atomic_add(counts, i + 8, 1)
 
 
-def launched(device: Device, n: int) -> np.ndarray:
-    """Return how often each index was run, with eight more on both sides."""
+def assert_each_once(device: Device, n: int, **options: int) -> None:
+    """Launch n indices, and look at eight more on both sides."""
     counts = wp.zeros(n + 16, dtype=int, device=device.name)
-    device.launch(count, n, [counts])
-    return counts.numpy()
+    device.launch(count, n, [counts], **options)
+    np.testing.assert_array_equal(counts.numpy(), [0] * 8 + [1] * n + [0] * 8)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
-@pytest.mark.parametrize("n", [1, 2, 1000, 100_003])
-def test_each_index_runs_once(n: int, threads: int, device: str) -> None:
-    counts = launched(Device(device, threads=threads), n)
-    assert (counts[8:-8] == 1).all()
-    assert (counts[:8] == 0).all()
-    assert (counts[-8:] == 0).all()
+def test_each_index_runs_once(threads: int, device: str) -> None:
+    for n in (0, 1, 2, 15, 16, 17, 33, 1000, 100_003):
+        assert_each_once(Device(device, threads=threads), n)
 
 
-def test_nothing_to_do_is_done(device: str) -> None:
-    assert (launched(Device(device), 0) == 0).all()
-
-
-@pytest.mark.parametrize("n", [1, 15, 16, 17, 31, 32, 33, 97])
-def test_counts_around_the_number_of_slices(n: int) -> None:
-    assert (launched(Device("cpu", threads=2), n)[8:-8] == 1).all()
-
-
-def test_launches_are_few_and_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    starts: list[tuple[int, int, str]] = []
-    launch = wp.launch
-
-    def recorded(kernel: wp.Kernel, dim: int, inputs: list, **options: object) -> None:
-        starts.append((inputs[0], dim, threading.current_thread().name))
-        launch(kernel, dim=dim, inputs=inputs, **options)
-
-    monkeypatch.setattr(wp, "launch", recorded)
-    assert (launched(Device("cpu", threads=3), 10_000)[8:-8] == 1).all()
-    assert len(starts) <= 3 * (SLICES_PER_THREAD + 5)
-    assert threading.main_thread().name not in {name for _, _, name in starts}
+# --- Slices -------------------------------------------------------------------------------------------
 
 
 def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: int = 1) -> list[tuple[int, int, float]]:
@@ -94,8 +71,8 @@ def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: i
         free.append(end)
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3, 16, 64])
-@pytest.mark.parametrize("n", [0, 1, 63, 1000, 65_536])
+@pytest.mark.parametrize("threads", [1, 2, 64])
+@pytest.mark.parametrize("n", [0, 1, 63, 65_536])
 def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) -> None:
     slices = simulated(n, threads, lambda _: 1e-9)
     sizes = [size for _, size, _ in slices]
@@ -109,11 +86,10 @@ def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) 
         assert len(sizes) < threads * (SLICES_PER_THREAD + 13)
 
 
-@pytest.mark.parametrize("threads", [1, 2, 16])
-@pytest.mark.parametrize("total", [1.0, 60.0, 1000.0])
+@pytest.mark.parametrize(("threads", "total"), [(1, 1.0), (2, 60.0), (16, 60.0), (2, 1000.0)])
 def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> None:
     """For indices that take the same time, and for a second half that takes ten times as long."""
-    n = 1 << 18
+    n = 1 << 15
     for slow in (1.0, 10.0):
         each = total * threads / n
 
@@ -133,28 +109,27 @@ def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> Non
 @pytest.mark.parametrize(("spared", "running"), [(0, 3), (1, 2), (5, 1)])
 def test_threads_are_spared_but_one(spared: int, running: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """All slices are run, by the threads that are left: each waits in its first slice until all have one."""
-    names: set[str] = set()
-    met = threading.Barrier(running)
-    launch = wp.launch
+    names: list[str] = []
+    met, launch = threading.Barrier(running), wp.launch
 
     def recorded(kernel: wp.Kernel, dim: int, inputs: list, **options: object) -> None:
-        if threading.current_thread().name not in names:
-            names.add(threading.current_thread().name)
+        name = threading.current_thread().name
+        names.append(name)
+        if names.count(name) == 1:
             met.wait(timeout=60.0)
         launch(kernel, dim=dim, inputs=inputs, **options)
 
-    device = Device("cpu", threads=3)
-    counts = wp.zeros(1016, dtype=int, device="cpu")
     monkeypatch.setattr(wp, "launch", recorded)
-    device.launch(count, 1000, [counts], spared=spared)
-    assert (counts.numpy()[8:-8] == 1).all()
-    assert len(names) == running
+    assert_each_once(Device("cpu", threads=3), 1000, spared=spared)
+    assert len(set(names)) == running
+    assert threading.main_thread().name not in names
+    assert len(names) <= 3 * (SLICES_PER_THREAD + 5)
 
 
 def test_an_empty_slice_is_never_launched(monkeypatch: pytest.MonkeyPatch) -> None:
     dims: list[int] = []
     monkeypatch.setattr(wp, "launch", lambda kernel, dim, **_: dims.append(dim))
-    for n in range(1, 200):
+    for n in range(1, 100):
         dims.clear()
         Device("cpu", threads=2).launch(count, n, [])
         assert min(dims) > 0
@@ -170,8 +145,7 @@ def test_an_error_in_a_slice_reaches_the_caller(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(RuntimeError, match="broken kernel"):
         device.launch(count, 100, [])
     monkeypatch.undo()
-    # The pool is still of use.
-    assert (launched(device, 1000)[8:-8] == 1).all()
+    assert_each_once(device, 1000)  # the pool is still of use
 
 
 def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,39 +176,36 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
     time.sleep(0.3)
     assert len(started) == seen
     monkeypatch.undo()
-    assert (launched(device, 1000)[8:-8] == 1).all()
+    assert_each_once(device, 1000)
 
 
-@pytest.mark.parametrize(
-    "name", ["", "gpu", "CPU", "cpu:0", "cpu:", "cuda:x", "cuda:-1", "cuda:1.5", "cuda:0:0", "cuda0", None, 0, "metal"]
-)
-def test_unknown_devices(name: object) -> None:
+# --- Names and numbers --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", "gpu", "CPU", "cpu:0", "cuda:x", "cuda:-1", "cuda0", None, 0])
+def test_unknown_devices_are_refused(name: object) -> None:
     with pytest.raises(wrt.InputError, match="unknown device") as caught:
         Device(name)  # type: ignore[arg-type]
-    assert repr(name) in str(caught.value)
-    assert "use cpu, cuda or cuda:N" in str(caught.value)
-    assert name != "gpu" or str(caught.value).endswith("(did you mean 'cuda'?)")
-    assert "\n" not in str(caught.value)
+    said = str(caught.value)
+    assert repr(name) in said
+    assert "use cpu, cuda or cuda:N" in said
+    assert name != "gpu" or said.endswith("(did you mean 'cuda'?)")
+    assert "\n" not in said
 
 
-@pytest.mark.parametrize("threads", [0, -1, 1025, 2.0, "two", True])
-def test_bad_thread_counts(threads: object) -> None:
+@pytest.mark.parametrize("threads", [0, 1025, 2.0, "two", True])
+def test_bad_numbers_of_threads_are_refused(threads: object) -> None:
     with pytest.raises(wrt.InputError, match="threads") as caught:
         Device("cpu", threads=threads)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["cuda", "cuda:0", "cuda:7"])
-def test_cuda_without_a_gpu(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gpus_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     Device("cpu")
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 0)
-    with pytest.raises(wrt.InputError, match="was found; use cpu") as caught:  # no driver, or no GPU
-        Device(name)
-    assert repr(name) in str(caught.value)
-
-
-def test_a_gpu_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    Device("cpu")
+    for name in ("cuda", "cuda:7"):
+        with pytest.raises(wrt.InputError, match=f"{name!r}.* was found; use cpu"):  # no driver, or no GPU
+            Device(name)
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 2)
     assert Device("cuda").name == "cuda:0"
     device = Device("cuda:1", threads=4)

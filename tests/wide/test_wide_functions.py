@@ -334,17 +334,14 @@ def failures(
     return {name: int(n) for name, n in zip(names, failed.numpy(), strict=True) if n}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lanes", WIDTHS)
+@pytest.mark.parametrize(
+    "lanes", [pytest.param(n, marks=pytest.mark.slow if n == HERE else pytest.mark.machinery) for n in WIDTHS]
+)
 def test_functions_of_lanes_are_those_of_one(lanes: int) -> None:
     assert failures(CHECKS + COMPARISONS, MEMORY_CHECKS, lanes=lanes) == {}
 
 
-def test_lanes_move_and_are_gathered_as_on_paper() -> None:
-    few = {name: MEMORY_CHECKS[name] for name in ("gathers of float", "moves")}
-    assert failures([], few) == {}
-
-
+@pytest.mark.machinery
 def test_a_function_that_differs_is_noticed() -> None:
     # Of 0 and -0 the first.
     wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")

@@ -1,4 +1,4 @@
-"""What a short render lacks is compiled for the next one: once, by one process that disturbs nobody."""
+"""Kernels compiled for later renders: by a process that disturbs nobody, by `wrt compile`, by `wrt.precompile`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import hashlib
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -14,23 +15,25 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import warp as wp
 from conftest import ROOT
+from support.caches import copy_of_warm_cache
+from support.wide_scenes import LANES, needs_lanes
 
+import wrt
 from wrt.backend.builds import Builds
 from wrt.backend.device import Device
+from wrt.backend.kernel_cache import compiled_modules
 from wrt.backend.lanes import SWITCH as WIDE
-from wrt.backend.lanes import lanes_of
-from wrt.backend.processor import processor_flags
-from wrt.compiling import later
+from wrt.backend.lanes import lanes_here
+from wrt.cli import main
+from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
 from wrt.describe.system import system_text
 from wrt.kernels.features import Features
-from wrt.rendering import wide_kernel
-from wrt.rendering.wide_kernel import COMPILING_SECONDS, LOADING_SECONDS, WORTH_SECONDS, WideKernel
+from wrt.rendering.guides import guide_features
 from wrt.spmd.ir import Unsupported
-
-needs_lanes = pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
 
 DIFFUSE = Features(("diffuse",), False, "none", sampler="sobol")
 MIRROR = Features(("mirror",), False, "constant", light_shapes=("disk", "sphere"))
@@ -77,102 +80,47 @@ def serve(builds: Builds, kernels: Path) -> int:
     return later.main(["", builds.path.stem, str(kernels)])
 
 
-def kernel() -> WideKernel:
-    found = WideKernel(Device("cpu"), DIFFUSE, ())
-    found._is_usable = lambda: True  # type: ignore[method-assign]
-    return found
-
-
-def test_a_short_render_asks_once_and_the_shortest_never(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Features] = []
-    monkeypatch.setattr(later, "request", lambda features, *_: asked.append(features))
-    wide = kernel()
-    wide._builds = Builds.known()
-    wide.prepare(LOADING_SECONDS / 2)
-    monkeypatch.setattr(wide_kernel, "LOADING_SECONDS", 0.0)
-    wide.prepare(WORTH_SECONDS / 2)
-    assert asked == []
-    for _ in range(3):
-        wide.prepare((LOADING_SECONDS + COMPILING_SECONDS) / 2)
-    assert asked == [DIFFUSE]
-    assert not wide.is_being_compiled
-
-
-def test_a_render_that_ends_before_its_compiler_asks_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Features] = []
-    monkeypatch.setattr(later, "request", lambda features, *_: asked.append(features))
-    monkeypatch.setattr(WideKernel, "_folders", lambda _: [])
-    real = subprocess.Popen
-    sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
-    monkeypatch.setattr("wrt.rendering.wide_kernel.subprocess.Popen", lambda *_, **__: real(sleep))
-    wide = kernel()
-    wide._builds = Builds.known()
-    wide.prepare(10.0 * COMPILING_SECONDS)
-    compiler = wide._compiler
-    assert compiler is not None
-    del wide
-    assert compiler.poll() == -signal.SIGKILL
-    assert asked == [DIFFUSE]
-
-
 @pytest.mark.parametrize(
-    ("told", "machine", "expected"),
-    [("", None, True), ("0", None, False), ("1", "true", True), ("", "true", False), ("", "false", True)],
+    ("told", "machine", "wanted", "said"),
+    [
+        ("", None, True, "for the next"),
+        ("0", "true", False, f"as {SWITCH} says"),
+        ("1", "true", True, "for the next"),
+        ("", "true", False, f"as {BUILD_MACHINE} says"),
+        ("", "false", True, "for the next"),
+    ],
 )
 def test_build_machines_and_the_switch(
-    told: str,
-    machine: str | None,
-    expected: bool,
-    started: list[Path],
-    builds: Builds,
-    tmp_path: Path,
-    monkeypatch: Any,
+    told: str, machine: str | None, wanted: bool, said: str, started, builds: Builds, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.setenv(SWITCH, told)
+    monkeypatch.setenv(WIDE, "8")
     if machine is not None:
         monkeypatch.setenv(BUILD_MACHINE, machine)
     path = request(MIRROR, 8, builds, tmp_path)
-    assert (path is not None, started) == (expected, [tmp_path] * expected)
+    assert (path is not None, started) == (wanted, [tmp_path] * wanted)
+    assert said in system_text()
 
 
-@pytest.mark.parametrize(
-    ("told", "machine", "expected"),
-    [("", "", "for the next"), ("0", "true", f"as {SWITCH} says"), ("", "true", f"as {BUILD_MACHINE} says")],
-)
-def test_the_system_tells_what_holds(told: str, machine: str, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in ((SWITCH, told), (BUILD_MACHINE, machine), (WIDE, "8")):
-        monkeypatch.setenv(name, value)
-    assert expected in system_text()
-
-
-def test_what_is_requested_is_compiled_once(
-    started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path
-) -> None:
+def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, tmp_path: Path) -> None:
     kernels, others = tmp_path / "kernels", tmp_path / "others"
-    path = request(MIRROR, 8, builds, kernels)
-    other = request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others)
+    path, other = (
+        request(MIRROR, 8, builds, kernels),
+        request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others),
+    )
+    general = general_features(DIFFUSE)[0]
+    request(general, 8, builds, kernels)
     assert path is not None
     assert other is not None
     assert not is_done(path)
     assert serve(builds, kernels) == serve(builds, kernels) == 0
-    assert compiled == [MIRROR]
+    assert sorted(compiled, key=str) == sorted([MIRROR, general], key=str)
     assert is_done(path)
     assert not is_done(other), "it belongs into another folder"
-    assert started == [kernels, others]
+    assert started == [kernels, others, kernels]
 
 
-def test_a_general_kernel_is_compiled_with_what_its_scenes_need(
-    started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path
-) -> None:
-    kernel = general_features(DIFFUSE)[0]
-    request(kernel, 8, builds, tmp_path)
-    assert serve(builds, tmp_path) == 0
-    assert compiled == [kernel]
-
-
-def test_what_cannot_be_compiled_is_left_for_an_hour(
-    started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path
-) -> None:
+def test_what_cannot_be_compiled_is_left_for_an_hour(started, builds: Builds, compiled, tmp_path: Path) -> None:
     path = request(DIFFUSE, 8, builds, tmp_path)
     assert path is not None
     request(MIRROR, 8, builds, tmp_path)
@@ -189,7 +137,7 @@ def test_what_cannot_be_compiled_is_left_for_an_hour(
 
 
 def test_one_process_compiles_and_serves_what_comes_meanwhile(
-    started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    started, builds: Builds, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     second = dataclasses.replace(MIRROR, opacity=True)
     paths = []
@@ -209,9 +157,7 @@ def test_one_process_compiles_and_serves_what_comes_meanwhile(
     assert is_done(paths[0])
 
 
-def test_damaged_and_old_requests_are_removed(
-    started: list[Path], builds: Builds, compiled: list[Features], tmp_path: Path
-) -> None:
+def test_damaged_and_old_requests_are_removed(started, builds: Builds, compiled, tmp_path: Path) -> None:
     path = request(MIRROR, 8, builds, tmp_path)
     assert path is not None
     old = path.with_name(f"builds-old{REQUESTED}")
@@ -230,28 +176,17 @@ def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], bu
     assert started == []
 
 
-def test_notes_of_a_render_that_ends_meanwhile_are_kept(builds: Builds) -> None:
-    """Else the render after it would import Warp."""
-    compiler, other = builds, Builds(builds.path, builds._warp, builds.warp_version)
-    compiler.refresh()
-    tables: dict[str, dict[str, Any]] = {"files": {}, "structs": {}, "modules": {}}
-    other.note({**tables, "calls": {"scalar": {"value": 1}}})
-    compiler.note({**tables, "calls": {"wide": {"value": 2}}})
-    last = Builds(builds.path, builds._warp, builds.warp_version)
-    last.refresh()
-    assert last.notes["calls"] == {"scalar": {"value": 1}, "wide": {"value": 2}}
+# --- The process --------------------------------------------------------------------------------------
 
 
 def processes(folder: Path) -> list[int]:
     """Return the compilers whose kernels go into a folder."""
     found = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
+        with contextlib.suppress(OSError):
             words = path.read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if any(b"wrt.compiling.later" in word for word in words) and os.fsencode(folder) in words:
-            found.append(int(path.parent.name))
+            if any(b"wrt.compiling.later" in word for word in words) and os.fsencode(folder) in words:
+                found.append(int(path.parent.name))
     return found
 
 
@@ -285,6 +220,7 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
     variables = {key: value for key, value in os.environ.items() if key not in (WIDE, BUILD_MACHINE)}
     variables |= {SWITCH: "1", "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     variables.pop("WARP_CACHE_PATH", None)
+    copy_of_warm_cache(tmp_path / "cache")
 
     def render(name: str) -> list[str]:
         """Return the wide kernels that were loaded without Warp."""
@@ -293,9 +229,6 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
         )
         # The stream is read to its end: a compiler that held it open would keep the shell waiting.
         return done.stdout.decode().split()
-
-    def bits(name: str) -> str:
-        return hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
 
     requests, kernels = tmp_path / "cache" / "wrt" / "requests", tmp_path / "cache" / "warp"
     render("first.npy")
@@ -319,4 +252,106 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
     assert not list(requests.iterdir())
     assert len(render("last.npy")) == 1
     assert not processes(kernels)
-    assert len({bits(name) for name in ("first.npy", "again.npy", "third.npy", "last.npy")}) == 1
+    films = {hashlib.sha256((tmp_path / f"{name}.npy").read_bytes()).digest() for name in ("first", "again", "last")}
+    assert len(films) == 1
+
+
+# --- Before any render --------------------------------------------------------------------------------
+
+
+def test_the_second_call_compiles_nothing() -> None:
+    assert lanes_here() == 0, "tests run without the wide kernel, else this says nothing"
+    wrt.precompile("cornell-box")
+    again = wrt.precompile(wrt.load("cornell-box"), width=20, height=10, threads=1)
+    assert (again.modules, again.lanes, again.wide_seconds) == ((), 1, 0.0)
+    assert str(again) == "everything was compiled before; there is only the scalar kernel"
+    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
+    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
+    assert str(wrt.Precompiled(("a",), 1.0, 8, 0.0)) == "1 module of kernels compiled in 1.0 s"
+
+
+def test_what_is_compiled_is_named() -> None:
+    number = float(random.SystemRandom().randrange(10**9))
+    unique = f"unique{number:.0f}"
+
+    @wp.kernel(module=unique, enable_backward=False)
+    def set_number(x: wp.array(dtype=float)):  # type: ignore[valid-type]
+        x[0] = wp.static(number)
+
+    device = Device("cpu")
+    with compiled_modules() as outer, compiled_modules() as modules:
+        device.compile(set_number)
+    assert modules == outer == {unique}
+    with compiled_modules() as modules:
+        device.compile(set_number)
+    assert modules == set()
+
+
+def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text("shapes = 1")
+    assert main(["compile", "none.obj", "cornell-box", "bad.toml", "--threads", "1"]) == 2
+    said = capsys.readouterr()
+    assert said.out.startswith("cornell-box: ")
+    none, bad = said.err.splitlines()
+    assert "none.obj" in none
+    assert "bad.toml" in bad
+    assert main(["compile"]) == 2
+    assert capsys.readouterr().err == "wrt: error: name a scene, or give --general\n"
+
+
+def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, capsys, tmp_path: Path) -> None:
+    monkeypatch.setenv(WIDE, "8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    asked: list[Features] = []
+    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: asked.append(features))
+    assert main(["compile", "--general", "--sampler", "independent"]) == 0
+    plain = Features(("diffuse",), False, "none", sampler="independent")
+    assert asked == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))
+    monkeypatch.setattr(Builds, "has", lambda *_: True)
+    assert main(["compile", "--general"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("general kernels: 5 general kernels compiled in ")
+    assert said[1:] == ["general kernels: everything was compiled before"]
+    assert len(asked) == 5
+
+
+RENDER = """
+import sys
+from wrt.cli import main
+from wrt.rendering import wide_kernel
+wide_kernel.COMPILED_LOADING_SECONDS = 0.0
+sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", "a.npy", "--quiet"]
+assert main() == 0
+from wrt.backend import current_backend
+assert "warp" not in sys.modules
+print(*(name for name in current_backend().builds._loaded if ".wide" in name))
+"""
+
+
+@needs_lanes
+@pytest.mark.slow
+@pytest.mark.parametrize("way", [pytest.param("command", marks=pytest.mark.machinery), "python"])
+def test_the_first_render_has_everything(way: str, tmp_path: Path) -> None:
+    """With an empty cache, and with one that lacks a kernel; a render then starts without Warp, in another size."""
+    variables = {key: value for key, value in os.environ.items() if key not in (WIDE, "WARP_CACHE_PATH")}
+    variables |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    if way == "python":
+        copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.kernels.film.", "wrt.kernels.accel.build.top_"))
+
+    def python(*arguments: str) -> str:
+        command = [sys.executable, *arguments]
+        return subprocess.run(
+            command, env=variables, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True
+        ).stdout
+
+    call = {
+        "command": ["-m", "wrt", "compile", "cornell-box"],
+        "python": ["-c", "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"],
+    }[way]
+    said = python(*call)
+    assert said.startswith("cornell-box: ")
+    assert "modules of kernels compiled in" in said
+    assert f"the wide kernel of {LANES} lanes compiled in" in said
+    assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{LANES}.")
+    assert python(*call) == "cornell-box: everything was compiled before\n"

@@ -1,7 +1,7 @@
-"""The emulator of CUDA computes what the PTX manual says (`support/emulated_cuda`).
+"""The emulator of CUDA (`support/emulated_cuda`) computes what the PTX manual says, and its threads vote and wait.
 
-Each row is compiled as a kernel whose thread i takes the operands of its i-th case. Results are those of the manual's
-tables and pseudo-code, or exact fractions rounded in Python.
+Each row is compiled as a kernel whose thread i takes the operands of its i-th case. Whatever else it does, as in calls,
+branches and atomic operations, is in the kernels whose films and trees are compared with those of the CPU.
 """
 
 from __future__ import annotations
@@ -14,10 +14,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
+from numpy.typing import NDArray
+from support.emulated_cuda.backend import GPU, emulated_cuda
 from support.emulated_cuda.libraries import Library, compiled
-from support.ptx_reference import Row, random_rows, rounding_rows
+from support.emulated_cuda.ptx import NotTranslated, parse
+from support.emulated_cuda.translation import to_cpp
 
+import wrt
+from wrt.backend.device import Device
 from wrt.backend.warp_backend import initialize_warp
+
+pytestmark = pytest.mark.machinery
+
+Row = tuple[str, str, list[tuple[Any, ...]]]
+"""An opcode, the types of its operands and of its result, and cases: operands, then the result."""
 
 NAN, INF, TINY = math.nan, math.inf, 2.0**-149
 LOW, HIGH = -(2**31), 2**31 - 1
@@ -135,15 +146,7 @@ ROWS: list[Row] = [
 ]  # fmt: skip
 
 # Comparisons: a NaN is neither less nor equal nor greater; the forms that end in u are true of it.
-_PAIRS: list[tuple[float, float]] = [
-    (1.0, 2.0),
-    (2.0, 2.0),
-    (3.0, 2.0),
-    (NAN, 2.0),
-    (2.0, NAN),
-    (-0.0, 0.0),
-    (INF, INF),
-]
+_PAIRS = [(1.0, 2.0), (2.0, 2.0), (3.0, 2.0), (NAN, 2.0), (2.0, NAN), (-0.0, 0.0), (INF, INF)]
 _COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "eq": lambda a, b: a == b,
     "ne": lambda a, b: a != b,
@@ -188,7 +191,34 @@ ROWS += [
 ]  # fmt: skip
 
 
-ROWS += random_rows() + rounding_rows()
+_ULP, _THIRD = 2.0**-23, float(np.float32(1.0) / np.float32(3.0))  # a third is rounded upwards
+
+ROWS += [
+    # Bit fields, bytes, funnel shifts, tables of bits.
+    ("bfe.u32", "u32 u32 u32 -> u32", [(0xABCD1234, 8, 8, 0x12), (2**32 - 1, 31, 8, 1), (7, 0, 0, 0)]),
+    ("bfe.s32", "u32 u32 u32 -> u32", [(1 << 31, 31, 1, 2**32 - 1), (1 << 31, 28, 8, 2**32 - 8), (0x70, 4, 4, 7)]),
+    ("bfi.b32", "u32 u32 u32 u32 -> u32", [(255, 0, 28, 8, 0xF0000000), (5, 2**32 - 1, 4, 4, 0xFFFFFF5F)]),
+    ("prmt.b32", "u32 u32 u32 -> u32", [(0x33221100, 0x77665544, 0x7531, 0x77553311), (0x80, 0, 8, 0x808080FF)]),
+    ("shf.l.wrap.b32", "u32 u32 u32 -> u32", [(1 << 31, 1, 1, 3), (1 << 31, 1, 33, 3)]),
+    ("shf.l.clamp.b32", "u32 u32 u32 -> u32", [(1 << 31, 1, 33, 1 << 31)]),
+    ("shf.r.wrap.b32", "u32 u32 u32 -> u32", [(0, 1, 1, 1 << 31), (0, 1, 33, 1 << 31)]),
+    ("shf.r.clamp.b32", "u32 u32 u32 -> u32", [(0, 1, 40, 1)]),
+    ("lop3.b32", "u32 u32 u32 u32 -> u32", [(0xF0, 0xCC, 0xAA, 0xE8, 0xE8), (0xF0, 0xCC, 0xAA, 0x96, 0x96)]),
+]  # fmt: skip
+for _mode, _sum, _negative, _product, _quotient in (
+    ("rn", 1.0 + _ULP, -1.0 - _ULP, 1.0 + 2 * _ULP, _THIRD),
+    ("rz", 1.0, -1.0, 1.0 + 2 * _ULP, _THIRD - _ULP / 4),
+    ("rm", 1.0, -1.0 - _ULP, 1.0 + 2 * _ULP, _THIRD - _ULP / 4),
+    ("rp", 1.0 + _ULP, -1.0, 1.0 + 3 * _ULP, _THIRD),
+):
+    _little = 0.75 * _ULP
+    ROWS += [
+        (f"add.{_mode}.f32", "f32 f32 -> f32", [(1.0, _little, _sum), (-1.0, -_little, _negative)]),
+        (f"sub.{_mode}.f32", "f32 f32 -> f32", [(1.0, -_little, _sum), (-1.0, _little, _negative)]),
+        (f"fma.{_mode}.f32", "f32 f32 f32 -> f32", [(0.5, 2.0, _little, _sum), (-1.0, 1.0, -_little, _negative)]),
+        (f"mul.{_mode}.f32", "f32 f32 -> f32", [(1.0 + _ULP, 1.0 + _ULP, _product)]),
+        (f"div.{_mode}.f32", "f32 f32 -> f32", [(1.0, 3.0, _quotient)]),
+    ]
 
 _CODES = {"s": {16: "h", 32: "i", 64: "q"}, "u": {16: "H", 32: "I", 64: "Q"}, "b": {16: "H", 32: "I", 64: "Q"}}
 
@@ -230,16 +260,17 @@ def _row_kernel(name: str, row: Row) -> str:
 @pytest.fixture(scope="module", params=[0, 1], ids=["O0", "O1"])
 def rows(request: pytest.FixtureRequest) -> Library:
     initialize_warp()
-    return Library(
-        compiled(
-            HEAD + "\n".join(_row_kernel(f"row_{i}", row) for i, row in enumerate(ROWS)), optimization=request.param
-        )
-    )
+    text = HEAD + "\n".join(_row_kernel(f"row_{i}", row) for i, row in enumerate(ROWS))
+    return Library(compiled(text, optimization=request.param))
 
 
-@pytest.mark.parametrize("i", range(len(ROWS)), ids=[row[0] for row in ROWS])
-def test_instruction(i: int, rows: Library) -> None:
-    opcode, kinds, cases = ROWS[i]
+def test_instructions(rows: Library) -> None:
+    for i, row in enumerate(ROWS):
+        assert_computed(i, row, rows)
+
+
+def assert_computed(i: int, row: Row, rows: Library) -> None:
+    opcode, kinds, cases = row
     given, _, result = kinds.partition("->")
     kinds_in, kind_out = given.split(), result.strip()
     data = ctypes.create_string_buffer(
@@ -254,3 +285,203 @@ def test_instruction(i: int, rows: Library) -> None:
             assert math.isnan(number), (opcode, case)
         else:
             assert found == expected, (opcode, case, found.hex())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "bar.sync 0;",
+        "shfl.sync.idx.b32 %r1, %r2, 0, 31, -1;",
+        "cvt.rn.f16.f32 %rs1, %f1;",
+        "add.cc.u32 %r1, %r1, %r2;",
+        "min.NaN.f32 %f1, %f1, %f2;",
+        "mov.u32 %r1, %clock;",
+        "call.uni some, ();",
+        "vote.ballot.b32 %r1, %p0;",
+        "vote.sync.ballot.b64 %rd2, %p0, -1;",
+    ],
+)
+def test_what_is_unknown_is_refused(text: str) -> None:
+    """Before anything runs: a barrier, for one, has no meaning where threads run one after another."""
+    registers = ".reg .b32 %r<3>;\n.reg .b16 %rs<3>;\n.reg .f32 %f<3>;\n.reg .pred %p<2>;"
+    ptx = f"{HEAD}.visible .entry k()\n{{\n{registers}\n{text}\nret;\n}}\n"
+    with pytest.raises(NotTranslated):
+        to_cpp(parse(ptx))
+    with pytest.raises(NotTranslated):  # functions of other modules
+        parse(HEAD + ".extern .func (.param .b32 func_retval0) vprintf (\n.param .b64 vprintf_param_0\n)\n;\n")
+
+
+def test_the_gpu_is_gone_afterwards() -> None:
+    """Without the context, a device is what the machine has."""
+    if wp.get_cuda_device_count() == 0:
+        with pytest.raises(wrt.InputError, match="was found; use cpu"):
+            Device("cuda")
+    with emulated_cuda():
+        assert (Device("cuda").name, Device("cuda").is_cpu) == (GPU, False)
+
+
+# --- Threads of a warp that vote and wait for one another (PTX ISA, sections 9.7.13 and 9.7.14) --------
+
+WORDS = 8
+
+
+def kernel(body: str) -> str:
+    """Return PTX of a kernel `votes`: %r0 is the number of the thread in its block, and %rd1 the address of WORDS."""
+    return f""".version 9.0\n.target sm_90\n.address_size 64
+.visible .entry votes(.param .u64 votes_param_0)
+{{
+    .local .align 8 .b8 __local_depot0[8];
+    .reg .b64 %rd<8>;
+    .reg .b32 %r<16>;
+    .reg .pred %p<8>;
+    ld.param.u64 %rd1, [votes_param_0];
+    mov.u32 %r0, %tid.x;
+    mul.wide.u32 %rd2, %r0, {4 * WORDS};
+    add.s64 %rd1, %rd1, %rd2;
+    {body}
+    ret;
+}}
+"""
+
+
+def run(body: str, threads: int, *, optimization: int = 0, apart: bool = False) -> NDArray[np.uint32]:
+    """Return the words that each of the threads of a block writes."""
+    initialize_warp()
+    library = Library(compiled(kernel(body), optimization=optimization))
+    library.set_apart(apart)
+    block = -(-threads // 32) * 32
+    out = np.zeros((block, WORDS), np.uint32)
+    library.run("votes", threads, [ctypes.c_uint64(out.ctypes.data)], block=block, threads=range(threads))
+    return out[:threads]
+
+
+VOTES = """
+    and.b32 %r1, %r0, 3;
+    setp.eq.u32 %p0, %r1, 3;
+    setp.lt.u32 %p1, %r0, 64;
+    vote.sync.ballot.b32 %r2, %p0, -1;
+    st.global.u32 [%rd1], %r2;
+    vote.sync.ballot.b32 %r2, !%p0, 0xffffffff;
+    st.global.u32 [%rd1+4], %r2;
+    vote.sync.any.pred %p2, %p0, -1;
+    vote.sync.all.pred %p3, %p0, -1;
+    vote.sync.uni.pred %p4, %p0, -1;
+    vote.sync.all.pred %p5, %p1, -1;
+    vote.sync.uni.pred %p6, !%p1, -1;
+    selp.u32 %r3, 1, 0, %p2;
+    selp.u32 %r4, 2, 0, %p3;
+    selp.u32 %r5, 4, 0, %p4;
+    selp.u32 %r6, 8, 0, %p5;
+    selp.u32 %r7, 16, 0, %p6;
+    or.b32 %r3, %r3, %r4;
+    or.b32 %r3, %r3, %r5;
+    or.b32 %r3, %r3, %r6;
+    or.b32 %r3, %r3, %r7;
+    st.global.u32 [%rd1+8], %r3;
+"""
+
+
+@pytest.mark.parametrize("optimization", [0, 1])
+def test_votes(optimization: int) -> None:
+    """Of two warps; the second has six threads, and the others are not waited for."""
+    said = run(VOTES, 38, optimization=optimization)
+    assert (said[:32, 0] == 0x88888888).all()
+    assert (said[:32, 1] == 0x77777777).all()
+    assert (said[32:, 0] == 0b001000).all()
+    assert (said[32:, 1] == 0b110111).all()
+    # Any, all, none alike; all of them are below 64.
+    assert (said[:, 2] == 1 + 8 + 16).all()
+
+
+LOOP = """
+    mov.u64 %rd3, __local_depot0;
+    st.local.u32 [%rd3], %r0;
+    mov.u32 %r1, 0;
+$round:
+    add.s32 %r1, %r1, 1;
+    setp.lt.u32 %p0, %r1, %r0;
+    vote.sync.ballot.b32 %r2, %p0, -1;
+    popc.b32 %r3, %r2;
+    add.s32 %r4, %r4, %r3;
+    setp.ne.u32 %p1, %r2, 0;
+    @%p1 bra $round;
+    ld.local.u32 %r5, [%rd3];
+    st.global.u32 [%rd1], %r1;
+    st.global.u32 [%rd1+4], %r4;
+    st.global.u32 [%rd1+8], %r5;
+"""
+
+
+def test_threads_keep_what_they_have_while_they_wait() -> None:
+    """All stay until the last has enough: registers and local memory are those of each."""
+    said = run(LOOP.replace("$round:", "mov.u32 %r4, 0;\n$round:"), 20)
+    assert (said[:, 0] == 19).all()
+    # In round i those with numbers greater than i vote for another.
+    assert (said[:, 1] == sum(19 - i for i in range(1, 20))).all()
+    assert said[:, 2].tolist() == list(range(20))
+
+
+def test_threads_that_have_ended_are_not_waited_for() -> None:
+    """Odd ones leave before the vote."""
+    said = run(
+        """
+    and.b32 %r1, %r0, 1;
+    setp.ne.u32 %p0, %r1, 0;
+    @%p0 bra $end;
+    setp.lt.u32 %p1, %r0, 8;
+    vote.sync.ballot.b32 %r2, %p1, -1;
+    st.global.u32 [%rd1], %r2;
+$end:
+    """,
+        32,
+    )
+    assert (said[::2, 0] == 0b01010101).all()
+    assert (said[1::2, 0] == 0).all()
+
+
+BRANCHES = """
+    and.b32 %r1, %r0, 4;
+    setp.ne.u32 %p0, %r1, 0;
+    setp.lt.u32 %p1, %r0, 6;
+    @%p0 bra $other;
+    activemask.b32 %r2;
+    vote.sync.ballot.b32 %r3, %p1, %r2;
+    bra $met;
+$other:
+    activemask.b32 %r2;
+    vote.sync.ballot.b32 %r3, %p1, %r2;
+$met:
+    bar.warp.sync -1;
+    activemask.b32 %r4;
+    st.global.u32 [%rd1], %r2;
+    st.global.u32 [%rd1+4], %r3;
+    st.global.u32 [%rd1+8], %r4;
+"""
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_threads_that_are_active_together(apart: bool) -> None:
+    """Those of a branch; where that is asked for, odd and even ones apart, as the manual allows."""
+    said = run(BRANCHES, 12, apart=apart)
+    for thread in range(12):
+        active = [t for t in range(12) if not apart or (t - thread) % 2 == 0]
+        branch = [t for t in active if t & 4 == thread & 4]
+        assert said[thread, 0] == sum(1 << t for t in branch)
+        assert said[thread, 1] == sum(1 << t for t in branch if t < 6)
+        assert said[thread, 2] == sum(1 << t for t in active)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        # Thread 0 names other threads than they do.
+        "setp.eq.u32 %p0, %r0, 0; \n selp.b32 %r1, -1, 0x7fffffff, %p0; \n vote.sync.ballot.b32 %r2, %p0, %r1;",
+        # Without itself.
+        "shl.b32 %r1, 2, %r0; \n setp.eq.u32 %p0, %r0, 0; \n vote.sync.ballot.b32 %r2, %p0, %r1;",
+        # One waits at a vote, the others at a barrier.
+        "setp.eq.u32 %p0, %r0, 0; \n @%p0 vote.sync.ballot.b32 %r2, %p0, -1; \n @!%p0 bar.warp.sync -1;",
+    ],
+)
+def test_threads_that_wait_for_ever_are_noticed(body: str) -> None:
+    with pytest.raises(RuntimeError, match="votes: threads of a warp wait for others that never come"):
+        run(body, 4)
