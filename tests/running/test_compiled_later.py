@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import warp as wp
 from conftest import ROOT
-from support.caches import copy_of_warm_cache
+from support.caches import copy_of_warm_cache, without_notes
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
@@ -214,7 +214,7 @@ print(*(name for name in (builds._loaded if builds else ()) if ".wide" in name))
 
 
 @needs_lanes
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None:
     """The compiler is killed once, which leaves nothing; the picture is the same, and the shell never waits."""
     variables = {key: value for key, value in os.environ.items() if key not in (WIDE, BUILD_MACHINE)}
@@ -330,28 +330,26 @@ print(*(name for name in current_backend().builds._loaded if ".wide" in name))
 
 
 @needs_lanes
-@pytest.mark.slow
-@pytest.mark.parametrize("way", [pytest.param("command", marks=pytest.mark.machinery), "python"])
-def test_the_first_render_has_everything(way: str, tmp_path: Path) -> None:
-    """With an empty cache, and with one that lacks a kernel; a render then starts without Warp, in another size."""
-    variables = {key: value for key, value in os.environ.items() if key not in (WIDE, "WARP_CACHE_PATH")}
-    variables |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    if way == "python":
-        copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.kernels.film.", "wrt.kernels.accel.build.top_"))
+@pytest.mark.parametrize(
+    "cache", [pytest.param("warm", marks=pytest.mark.slow), pytest.param("empty", marks=pytest.mark.machinery)]
+)
+def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
+    """A render then starts without Warp, in another size."""
+    variables = without_notes(tmp_path)
+    del variables[WIDE]
+    if cache == "empty":
+        del variables["WARP_CACHE_PATH"]
 
     def python(*arguments: str) -> str:
         command = [sys.executable, *arguments]
-        return subprocess.run(
-            command, env=variables, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True
-        ).stdout
+        done = subprocess.run(command, env=variables, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True)
+        return done.stdout
 
-    call = {
-        "command": ["-m", "wrt", "compile", "cornell-box"],
-        "python": ["-c", "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"],
-    }[way]
-    said = python(*call)
+    said = python("-m", "wrt", "compile", "cornell-box")
     assert said.startswith("cornell-box: ")
-    assert "modules of kernels compiled in" in said
-    assert f"the wide kernel of {LANES} lanes compiled in" in said
+    if cache == "empty":
+        assert "modules of kernels compiled in" in said
+        assert f"the wide kernel of {LANES} lanes compiled in" in said
     assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{LANES}.")
-    assert python(*call) == "cornell-box: everything was compiled before\n"
+    call = "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"
+    assert python("-c", call) == "cornell-box: everything was compiled before\n"

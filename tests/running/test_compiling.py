@@ -189,42 +189,6 @@ def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: p
     assert given == ["heap", "warp.so", "warp-clang.so"]
 
 
-PROGRAM = """
-import sys
-import warp as wp
-from wrt.backend.device import Device
-
-def kernel_of(name, factor):
-    @wp.kernel(module=wp.get_module(name), enable_backward=False)
-    def scale(first: int, x: wp.array(dtype=float)):
-        x[first + wp.tid()] *= wp.static(factor)
-    return scale
-
-import warp._src.build as build
-compiled, build_cpu = [], build.build_cpu
-build.build_cpu = lambda path, *rest, **options: (compiled.append(path), build_cpu(path, *rest, **options))
-device = Device("cpu", threads=2)
-one, other = kernel_of("one", 2.0), kernel_of("other", 3.0)
-x = wp.ones(100, dtype=float, device="cpu")
-with device.compiling() as compile:
-    compile(other)
-    device.launch(one, 100, [x])
-device.launch(other, 100, [x])
-assert (x.numpy() == 6.0).all()
-assert len(compiled) == 2, compiled
-"""
-
-
-@pytest.mark.slow
-def test_warp_compiles_in_two_threads_and_leaves_whole_files_alone(tmp_path: Path) -> None:
-    variables = {**VARIABLES, "WARP_CACHE_PATH": str(tmp_path / "cache")}
-    (tmp_path / "program.py").write_text(PROGRAM)
-    subprocess.run([sys.executable, str(tmp_path / "program.py")], env=variables, check=True)
-    folders = list(next((tmp_path / "cache").iterdir()).iterdir())
-    assert sorted(folder.name.rpartition("_")[0] for folder in folders) == ["wp_one", "wp_other"]
-    assert all({path.suffix for path in folder.iterdir()} >= {".o", ".meta"} for folder in folders)
-
-
 def test_a_process_ends_with_its_last_message_and_its_folders(tmp_path: Path) -> None:
     # A signal may end a process whose compiler still runs: that would complain of the folder that has been removed.
     program = """import atexit, os, sys, tempfile

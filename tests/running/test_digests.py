@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from conftest import ROOT
 from support.covering_kernels import covering, render_by
-from support.digests import Case, arithmetic, cases, film_digest, rendered, scalar_film
+from support.digests import SIZES, Case, arithmetic, cases, film_digest, rendered, scalar_film
 from support.wide_scenes import SCENES
 
 from wrt.backend.warp_backend import initialize_warp
@@ -46,9 +46,23 @@ def test_every_case_is_recorded() -> None:
     assert len(CASES) >= 40
 
 
-@pytest.mark.parametrize(
-    "name", [name if name.startswith("plain") else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
+SLOW = (
+    *SIZES,
+    "models-",
+    "textures-",
+    *(f"picture-{kind}" for kind in ("camera", "light", "tutorial", "studio", "city")),
 )
+"""What the films that are rendered with --all begin with, other than the quick ones: pictures share one kernel. The
+kernels of all others take two minutes to compile."""
+
+
+def marks_of(name: str) -> Any:
+    if name.startswith("plain"):
+        return ()
+    return pytest.mark.slow if name.startswith(SLOW) else pytest.mark.machinery
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks_of(name)) for name in CASES])
 def test_films_keep_their_bits(name: str, recorded: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     """With another arithmetic each film still shows something: it is brighter here than there."""
     if name.startswith(NEIGHBOURS):

@@ -150,7 +150,7 @@ print(json.dumps(result))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_two_variants_in_one_process_are_two_kernels(tmp_path: Path) -> None:
     """From an empty cache: a diffuse scene, then a mirror, each right, and each built once.
 

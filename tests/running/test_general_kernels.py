@@ -172,7 +172,7 @@ NAMES = (
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.slow if name == "textures-perspective" else pytest.mark.machinery)
+        pytest.param(name, marks=pytest.mark.slow if name == "plain-perspective" else pytest.mark.machinery)
         for name in NAMES
     ],
 )

@@ -245,7 +245,7 @@ values, total = (make(n, dtype=float, device="cpu") for make, n in ((wp.ones, 8)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, environment: dict[str, str]) -> None:
     """Loading kernels without Warp gives its library functions that must not replace Warp's own."""
     run(tmp_path, environment, RENDER)

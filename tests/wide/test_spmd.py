@@ -1,4 +1,4 @@
-"""The SPMD translator: its demands are checked, stages are inlined, and docs/spmd.md shows what it does."""
+"""The SPMD translator: what it demands is checked, and stages are inlined."""
 
 import re
 from typing import Any
@@ -6,26 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from conftest import ROOT
 from support import spmd_example
 from support.spmd_example import Mirrors, Ray, albedo_at, blocked, make_kernel, next_mirror, random_number
 from support.wide_scenes import LANES, needs_lanes
 
 from wrt.kernels.native import at_file_level
-from wrt.kernels.spmd_marks import inline_stage, path_function, pixel_kernel, traces_alone
+from wrt.kernels.spmd_marks import inline_stage, path_function
 from wrt.spmd.ir import Unsupported
 from wrt.spmd.library import library
 from wrt.spmd.templates import fill
 from wrt.spmd.translate import wide_code
-
-PAGE = (ROOT / "docs" / "spmd.md").read_text(encoding="utf-8")
-
-
-def test_the_page_shows_what_each_stage_makes() -> None:
-    for stage, made in spmd_example.stages().items():
-        shown = re.search(rf"<!-- {stage} -->\n```\w*\n(.*?)\n```", PAGE, re.DOTALL)
-        assert shown is not None
-        assert shown[1] == made
 
 
 def test_the_example_is_translated() -> None:
@@ -53,25 +43,6 @@ def query_in_a_block(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: in
             shadow = blocked(mirrors, camera_ray, 1.0)
             if not shadow:
                 light += 1.0
-    return light
-
-
-@wp.func
-def sees(mirrors: Mirrors, ray: Ray) -> float:
-    if blocked(mirrors, ray, 2.0):
-        return 0.0
-    return 1.0
-
-
-@wp.func
-@path_function
-def query_in_a_called_function(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    light = float(0.0)
-    depth = int(0)
-    while depth < max_depth:
-        depth += 1
-        t = next_mirror(mirrors, camera_ray)
-        light += albedo_at(mirrors, t) * sees(mirrors, camera_ray)
     return light
 
 
@@ -105,19 +76,6 @@ def returns_in_the_middle(mirrors: Mirrors, camera_ray: Ray, seed: int, max_dept
 
 
 @wp.func
-@path_function
-def another_scene(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    light = float(0.0)
-    depth = int(0)
-    moved = mirrors
-    while depth < max_depth:
-        depth += 1
-        t = next_mirror(moved, camera_ray)
-        light += albedo_at(mirrors, t)
-    return light
-
-
-@wp.func
 def unmarked(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
     light = float(0.0)
     depth = int(0)
@@ -131,13 +89,8 @@ def unmarked(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> fl
     ("path", "told"),
     [
         (query_in_a_block, r"query_in_a_block: asks a ray query within .*blocked_0.*top level of the loop"),
-        (
-            query_in_a_called_function,
-            r"sees: asks a ray query, and query_in_a_called.* or mark sees with @traces_alone",
-        ),
         (two_loops, r"two_loops: must have one loop, .*functions of their own"),
         (returns_in_the_middle, r"returns_in_the_middle: must return once, .*`break` instead"),
-        (another_scene, r"another_scene: traces rays in a scene that may differ"),
         (unmarked, r"follows no path"),
     ],
     ids=lambda value: getattr(value, "key", ""),
@@ -145,61 +98,6 @@ def unmarked(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> fl
 def test_a_path_function_that_breaks_a_demand_is_refused(path: Any, told: str) -> None:
     with pytest.raises(Unsupported, match=told):
         wide_code(make_kernel(path, path.key), 16)
-
-
-def test_the_page_quotes_an_error_as_it_is() -> None:
-    with pytest.raises(Unsupported) as refused:
-        wide_code(make_kernel(query_in_a_block, "quoted"), 16)
-    assert str(refused.value) in " ".join(PAGE.replace("\n> ", " ").split())
-
-
-def test_functions_may_trace_rays_alone_if_they_say_so() -> None:
-    sees.func.spmd_marks = ()
-    traces_alone(sees.func)
-    try:
-        wide_code(make_kernel(query_in_a_called_function, "alone"), 16)
-    finally:
-        sees.func.spmd_marks = ()
-
-
-def kernel_of(name: str) -> Any:
-    module = wp.get_module(f"wrt.test.spmd.kernel_{name}")
-    return lambda function: wp.kernel(function, module=module, enable_backward=False)
-
-
-@kernel_of("else")
-@pixel_kernel
-def does_more_behind_it(first_pixel: int, last: int, mirrors: Mirrors, film: wp.array(dtype=float)):
-    total = float(0.0)
-    for sample in range(0, last):
-        ray = Ray()
-        if sample > 1:
-            if sample > 2:
-                total += spmd_example.trace(mirrors, ray, sample, 4)
-            total += 1.0
-    film[first_pixel + wp.tid()] = total
-
-
-@kernel_of("unmarked")
-def has_no_mark(first_pixel: int, last: int, mirrors: Mirrors, film: wp.array(dtype=float)):
-    total = float(0.0)
-    for sample in range(0, last):
-        ray = Ray()
-        total += spmd_example.trace(mirrors, ray, sample, 4)
-    film[first_pixel + wp.tid()] = total
-
-
-@pytest.mark.parametrize(
-    ("kernel", "told"),
-    [
-        (does_more_behind_it, r"does_more_behind_it: must call trace once in its loop over samples, .*last of nested"),
-        (has_no_mark, r"has_no_mark: is not marked with @pixel_kernel"),
-    ],
-    ids=lambda value: getattr(value, "key", ""),
-)
-def test_a_kernel_that_breaks_a_demand_is_refused(kernel: Any, told: str) -> None:
-    with pytest.raises(Unsupported, match=told):
-        wide_code(kernel, 16)
 
 
 # --- Stages are inlined, and a path keeps of its state what its scene uses ----------------------------
@@ -311,23 +209,6 @@ def test_a_path_keeps_of_its_state_what_it_uses() -> None:
 
 
 @wp.func
-@path_function
-def left_between(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    state = begin(camera_ray)
-    found = Scattered()
-    while state.depth < max_depth:
-        state.depth += 1
-        t = next_mirror(mirrors, state.ray)
-        found = Scattered()
-        if t < 0.0:
-            break
-        found = scattered(state, albedo_at(mirrors, t))
-        state.light += found.weight
-        state.ray.direction = -state.ray.direction
-    return state.light + found.weight
-
-
-@wp.func
 @inline_stage
 def shadowed(mirrors: Mirrors, state: State, distance: float) -> State:
     shadow = blocked(mirrors, state.ray, distance)
@@ -395,15 +276,8 @@ def test_a_stage_that_breaks_a_demand_is_refused(stage: Any, told: str) -> None:
 
 
 @needs_lanes
-@pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(spmd_example.trace, marks=pytest.mark.machinery),
-        pytest.param(staged, marks=pytest.mark.slow),
-        pytest.param(left_between, marks=pytest.mark.machinery),
-    ],
-    ids=["plain", "staged", "left between"],
-)
+@pytest.mark.machinery
+@pytest.mark.parametrize("path", [spmd_example.trace, staged], ids=["plain", "staged"])
 def test_the_wide_kernel_gives_the_same_film(path: Any) -> None:
     kernel = make_kernel(path, f"film_{path.key}")
     width, height = 40, 9

@@ -150,7 +150,7 @@ print(renderer._kernel.in_use.module.name, progress.spp)
 
 
 @needs_lanes
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_a_small_stack_is_enough() -> None:
     """A thousand paths need more of it than some shells allow."""
     environment = {name: value for name, value in os.environ.items() if name != "WRT_WIDE"}

@@ -12,6 +12,8 @@ from wrt.backend.processor import processor_flags
 from wrt.kernels.native import at_file_level
 from wrt.spmd.library import library
 
+pytestmark = pytest.mark.machinery
+
 HERE = lanes_of(processor_flags()) or min(WIDTHS)
 
 # For each check what is done: `lanes` is the namespace of one of both. Names that end in `s` are vectors or matrices.
@@ -334,14 +336,11 @@ def failures(
     return {name: int(n) for name, n in zip(names, failed.numpy(), strict=True) if n}
 
 
-@pytest.mark.parametrize(
-    "lanes", [pytest.param(n, marks=pytest.mark.slow if n == HERE else pytest.mark.machinery) for n in WIDTHS]
-)
+@pytest.mark.parametrize("lanes", WIDTHS)
 def test_functions_of_lanes_are_those_of_one(lanes: int) -> None:
     assert failures(CHECKS + COMPARISONS, MEMORY_CHECKS, lanes=lanes) == {}
 
 
-@pytest.mark.machinery
 def test_a_function_that_differs_is_noticed() -> None:
     # Of 0 and -0 the first.
     wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")
