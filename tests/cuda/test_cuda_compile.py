@@ -60,7 +60,7 @@ THREE = [
     ),
     # One loop that begins paths together.
     Features(
-        ("principled:transmission:coat", "thin_dielectric"),
+        ("diffuse", "thin_dielectric"),
         True,
         "constant",
         light_tree=True,
@@ -73,7 +73,7 @@ THREE = [
         exact="quadrics",
         light_shapes=ALL_LIGHTS,
     ),
-    Features(("conductor", "dielectric"), True, "image", True, True, integrator="whitted"),
+    Features(("diffuse", "mirror"), False, "none", integrator="whitted"),
 ]
 """Together all features that are on or off, and the loops of all kinds of integrators."""
 
@@ -89,7 +89,7 @@ COMPILED = [
     *(
         Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
         for name in INTEGRATORS
-        if name not in ("path", "aov", "whitted")
+        if name not in ("path", "aov")
     ),
     Features(("diffuse",), False, "none", integrator="aov", aovs=True, guides=True),
 ]

@@ -285,7 +285,7 @@ def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> No
     assert list(found.values()) == [b"headers"] * 4
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 @pytest.mark.parametrize("early", [False, True], ids=["by Warp", "without Warp"])
 def test_headers_precompiled_before_kernels_are_those_of_kernels(early: bool, no_headers: Path, tmp_path: Path) -> None:
     @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_headers"))

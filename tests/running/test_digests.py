@@ -48,8 +48,6 @@ def test_every_case_is_recorded() -> None:
 
 SLOW = (
     *SIZES,
-    "models-",
-    "textures-",
     *(f"picture-{kind}" for kind in ("camera", "light", "tutorial", "studio", "city")),
 )
 """What the films that are rendered with --all begin with, other than the quick ones: pictures share one kernel. The

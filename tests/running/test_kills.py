@@ -51,13 +51,13 @@ def test_the_script_notices_what_a_kill_would_damage(tmp_path: Path) -> None:
     assert leftovers(tmp_path) == [".wrt-01234567-89abcdef.part.npy"]
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 @pytest.mark.parametrize(
     ("number", "seconds", "options"),
     [
         (signal.SIGTERM, 0.1, ["--threads", "1"]),
-        pytest.param(signal.SIGINT, 0.7, [], marks=pytest.mark.machinery),
-        pytest.param(signal.SIGKILL, 1.5, [], marks=pytest.mark.machinery),
+        (signal.SIGINT, 0.7, []),
+        (signal.SIGKILL, 1.5, []),
     ],
 )
 def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(

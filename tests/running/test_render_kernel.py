@@ -384,7 +384,7 @@ print(main(sys.argv), os.nice(0))
 
 
 @needs_lanes
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
     kernels = Path(wp.config.kernel_cache_dir).parent
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "WARP_CACHE_PATH": str(kernels)}

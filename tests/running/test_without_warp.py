@@ -93,7 +93,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 # --- From the shell -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scene", ["cornell-box", pytest.param("everything.toml", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scene", ["cornell-box", pytest.param("everything.toml", marks=pytest.mark.machinery)])
 def test_the_second_start_is_without_warp_and_gives_the_same_bits(scene: str, tmp_path: Path, environment) -> None:
     (tmp_path / "everything.toml").write_text(EVERYTHING)
     shutil.copy(ROOT / "meshes" / "teapot.ply", tmp_path)

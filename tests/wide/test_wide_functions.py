@@ -156,7 +156,7 @@ GROUPS = 200
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan, 1e-40, -1e-45, 3.4e38, -1e30, 1e-30, 2.5, -2.5, 1e10]
 
 
-def code(lanes: int, checks: list[str], memory_checks: dict[str, str]) -> str:
+def code(lanes: int, checks: list[str]) -> str:
     """Return C++ of `check_all`, which counts in how many lanes each check fails."""
     members = {"One": "", "Many": ""}
     fill = ""
@@ -171,11 +171,8 @@ def code(lanes: int, checks: list[str], memory_checks: dict[str, str]) -> str:
         functions["Many"] += f"    auto check_{k}() const {{ return {call}; }}\n"
         functions["One"] += f"    auto check_{k}() const {{ return {check.replace('lanes::', 'wp::')}; }}\n"
         calls += f"    count(failed[{k}], many.check_{k}(), [&](int l) {{ return ones[l].check_{k}(); }});\n"
-    for k, check in enumerate(memory_checks.values(), len(checks)):
-        functions["Many"] += f"    int check_{k}(MEMORY_IN) const {{ return {check}; }}\n"
-        calls += f"    failed[{k}] += many.check_{k}(MEMORY);\n"
     sets = "".join(f"lanes::set_lane({name}, l, ones[l].{name}); " for name in ARGUMENTS)
-    text = f"""{HELPERS}{MEMORY}
+    text = f"""{HELPERS}
 struct One {{
 {members["One"]}
     One() {{}}
@@ -186,95 +183,13 @@ struct Many {{
 {members["Many"]}
     Many(const One* ones) {{ for (int l = 0; l < lanes::WIDTH; ++l) {{ {sets}}} }}
 {functions["Many"]}}};
-static void check_all(Some s, int* failed, const char* bytes, const int* records) {{
+static void check_all(Some s, int* failed) {{
     One ones[lanes::WIDTH];
     for (int l = 0; l < lanes::WIDTH; ++l) ones[l] = One(s, l);
     const Many many(ones);
-{MOVES}{calls}}}
+{calls}}}
 """
-    return library(lanes) + text.replace("MEMORY_IN", MEMORY_IN).replace("MEMORY", "bytes, records, some, from, to")
-
-
-MEMORY_IN = "const char* bytes, const int* records, unsigned some, unsigned from, unsigned to"
-
-
-# Records of SIZE bytes, from the lanes of a mask: those of others are nowhere.
-MEMORY = """
-template<int OFFSET, int SIZE, class T> bool gathered(const char* base, const int* records, unsigned mask) {
-    lanes::Ints at;
-    for (int l = 0; l < lanes::WIDTH; ++l) at.v[l] = mask >> l & 1 ? records[l] * SIZE : 0x7fffff00 - l;
-    const auto found = lanes::gather<OFFSET, SIZE>(base, at.v, (T*)nullptr, lanes::of_bits(mask));
-    bool right = true;
-    LANES_EACH(l, lanes::of_bits(mask)) {
-        T one;
-        memcpy(&one, base + records[l] * SIZE + OFFSET, sizeof(T));
-        right &= same(lanes::lane(found, l), one);
-    }
-    return right;
-}
-template<int SIZE, class T, int OFFSET = 0> int each_offset(const char* base, const int* records, unsigned mask) {
-    if constexpr (OFFSET + sizeof(T) > SIZE) return 0;
-    else return !gathered<OFFSET, SIZE, T>(base, records, mask)
-        + each_offset<SIZE, T, OFFSET + (sizeof(T) < 4 ? sizeof(T) : 4)>(base, records, mask);
-}
-template<class T, int... SIZES> int each_size(const char* base, const int* records, unsigned mask) {
-    return (each_offset<SIZES, T>(base, records, mask) + ...);
-}
-// Lanes of `from` to those of `to`, in order.
-template<class T> int moved(const T& x, const T& y, unsigned from, unsigned to) {
-    T r = y;
-    move(r, x, lanes::Move{(unsigned short)from, (unsigned short)to});
-    int wrong = 0;
-    for (int l = 0; l < lanes::WIDTH; ++l) {
-        int source = -1;
-        if (to >> l & 1) {
-            unsigned rest = from;
-            for (int before = __builtin_popcount(to & ((1u << l) - 1)); before > 0; --before) rest &= rest - 1;
-            source = __builtin_ctz(rest);
-        }
-        wrong += !same(lanes::lane(r, l), source < 0 ? lanes::lane(y, l) : lanes::lane(x, source));
-    }
-    return wrong;
-}
-template<class C, class I, class X> int assigned(const C& whole, I at, const X& x, unsigned mask, int place) {
-    C wide = whole;
-    assign_inplace(wide, at, x, lanes::of_bits(mask));
-    int wrong = 0;
-    for (int l = 0; l < lanes::WIDTH; ++l) {
-        auto one = lanes::lane(whole, l);
-        const int k = place < 0 ? lanes::lane(lanes::Ints(at), l) : place;
-        auto value = lanes::lane(x, l);
-        if (mask >> l & 1) wp::assign_inplace(one, k, value);
-        wrong += !same(lanes::lane(wide, l), one);
-    }
-    return wrong;
-}
-"""
-MOVES = """
-    const unsigned some = s.integer(2, 0) & lanes::ALL, room = s.integer(2, 1) & lanes::ALL;
-    const int most = wp::min(__builtin_popcount(some), __builtin_popcount(room));
-    const unsigned from = lanes::first_of(some, most), to = lanes::first_of(room, most);
-"""
-MEMORY_CHECKS = {
-    **{
-        f"gathers of {of}": f"each_size<{of}, {sizes}>(bytes, records, some)"
-        for of, sizes in (
-            ("float", "4, 8, 12, 16, 20, 44"),
-            ("int", "12, 20"),
-            ("unsigned", "8, 16"),
-            ("double", "8, 24"),
-            ("wp::int64", "16, 20"),
-            ("wp::uint8", "1, 3, 4, 20"),
-            ("wp::uint16", "2, 6, 8, 12"),
-            ("wp::vec_t<3, float>", "12, 44"),
-            ("wp::mat_t<2, 2, float>", "20"),
-        )
-    },
-    "moves": "moved(a, b, from, to) + moved(d, e, from, to) + moved(n, lanes::neg(n), from, to)"
-    " + moved(m, ~m, from, to) + moved(v3, w3, from, to) + moved(q, r, from, to) + moved(u, w, from, to)",
-    "elements": "assigned(v4, 2, a, some, 2) + assigned(v4, -1, a, some, 3) + assigned(q, -3, v3, some, 0)"
-    " + assigned(v4, lanes::mod4(k), a, some, -1) + assigned(g, lanes::mod2(k), v4, some, -1)",
-}
+    return library(lanes) + text
 
 
 def numbers(groups: int, lanes: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
@@ -291,57 +206,39 @@ def numbers(groups: int, lanes: int) -> tuple[NDArray[np.float32], NDArray[np.in
     return floats, integers.astype(np.int32)
 
 
-def failures(
-    checks: list[str], memory_checks: dict[str, str], wrong: tuple[str, str] = ("", ""), lanes: int = HERE
-) -> dict[str, int]:
+def failures(checks: list[str], wrong: tuple[str, str] = ("", ""), lanes: int = HERE) -> dict[str, int]:
     """Return in how many lanes each check failed, perhaps with some text of the code in another's place."""
-    names = [*checks, *memory_checks]
-    source = code(lanes, checks, memory_checks)
+    source = code(lanes, checks)
     if wrong[0]:
         assert wrong[0] in source
         source = source.replace(*wrong)
 
     checks_h = at_file_level(source, "checks")
 
-    @wp.func_native("check_all({floats.data, integers.data}, failed.data, (const char*)bytes.data, records.data);")
-    def check(
-        floats: wp.array(dtype=float),
-        integers: wp.array(dtype=int),
-        bytes: wp.array(dtype=wp.uint8),
-        records: wp.array(dtype=int),
-        failed: wp.array(dtype=int),
-    ):
+    @wp.func_native("check_all({floats.data, integers.data}, failed.data);")
+    def check(floats: wp.array(dtype=float), integers: wp.array(dtype=int), failed: wp.array(dtype=int)):
         checks_h()
 
     @wp.kernel(module="unique", enable_backward=False)
-    def check_group(
-        floats: wp.array(dtype=float),
-        integers: wp.array(dtype=int),
-        bytes: wp.array(dtype=wp.uint8),
-        records: wp.array(dtype=int),
-        failed: wp.array(dtype=int),
-    ):
-        check(floats, integers, bytes, records, failed)
+    def check_group(floats: wp.array(dtype=float), integers: wp.array(dtype=int), failed: wp.array(dtype=int)):
+        check(floats, integers, failed)
 
-    rng = np.random.default_rng(12)
-    failed = wp.zeros(len(names), dtype=int, device="cpu")
+    failed = wp.zeros(len(checks), dtype=int, device="cpu")
     for floats, integers in zip(*numbers(GROUPS, lanes), strict=True):
         arrays = [
             wp.array(floats.ravel(), dtype=float, device="cpu"),
             wp.array(integers.ravel(), dtype=int, device="cpu"),
-            wp.array(rng.integers(0, 256, 40 * 44).astype(np.uint8), dtype=wp.uint8, device="cpu"),
-            wp.array(rng.integers(0, 40, lanes).astype(np.int32), dtype=int, device="cpu"),
         ]
         wp.launch(check_group, dim=1, inputs=[*arrays, failed], device="cpu")
-    return {name: int(n) for name, n in zip(names, failed.numpy(), strict=True) if n}
+    return {name: int(n) for name, n in zip(checks, failed.numpy(), strict=True) if n}
 
 
 @pytest.mark.parametrize("lanes", WIDTHS)
 def test_functions_of_lanes_are_those_of_one(lanes: int) -> None:
-    assert failures(CHECKS + COMPARISONS, MEMORY_CHECKS, lanes=lanes) == {}
+    assert failures(CHECKS + COMPARISONS, lanes=lanes) == {}
 
 
 def test_a_function_that_differs_is_noticed() -> None:
     # Of 0 and -0 the first.
     wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")
-    assert failures(["lanes::min(a, b)", "lanes::max(a, b)"], {}, wrong).keys() == {"lanes::min(a, b)"}
+    assert failures(["lanes::min(a, b)", "lanes::max(a, b)"], wrong).keys() == {"lanes::min(a, b)"}
