@@ -126,16 +126,6 @@ def test_threads_are_spared_but_one(spared: int, running: int, monkeypatch: pyte
     assert len(names) <= 3 * (SLICES_PER_THREAD + 5)
 
 
-def test_an_empty_slice_is_never_launched(monkeypatch: pytest.MonkeyPatch) -> None:
-    dims: list[int] = []
-    monkeypatch.setattr(wp, "launch", lambda kernel, dim, **_: dims.append(dim))
-    for n in range(1, 100):
-        dims.clear()
-        Device("cpu", threads=2).launch(count, n, [])
-        assert min(dims) > 0
-        assert sum(dims) == n
-
-
 def test_an_error_in_a_slice_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("broken kernel")

@@ -5,12 +5,6 @@ from __future__ import annotations
 import ast
 import dataclasses
 import itertools
-import json
-import re
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -119,67 +113,6 @@ def test_a_new_scene_of_seen_features_loads_nothing(device: str) -> None:
     assert len(loaded() - before) == 1, "what is new is seen to be loaded"
 
 
-CODE = """
-import json, sys
-from pathlib import Path
-import warp as wp
-wp.config.kernel_cache_dir = sys.argv[1]
-wp.config.log_level = wp.LOG_WARNING
-import wrt
-
-def middle(material):
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 0, 3), (0, 0, 0)), environment=wrt.ConstantEnvironment(1.0))
-    scene.add(wrt.quad((-9, -9, 0), (18, 0, 0), (0, 18, 0)), material=material)
-    renderer = wrt.Renderer(scene, width=3, height=3, max_depth=2)
-    for _ in renderer.passes(spp=4):
-        pass
-    return renderer.image()[1, 1].tolist()
-
-def builds():
-    return sorted(p.name for p in Path(wp.config.kernel_cache_dir).glob("wp_wrt.render*"))
-
-wp.init()
-result = {"before": builds()}
-for name, material in {
-    "diffuse": wrt.Diffuse(0.5), "mirror": wrt.Mirror(0.75), "diffuse again": wrt.Diffuse(0.25),
-    "red mirror": wrt.Mirror((1.0, 0.0, 0.0)),
-}.items():
-    result[name] = middle(material)
-    result[name + ", builds"] = builds()
-print(json.dumps(result))
-"""
-
-
-@pytest.mark.machinery
-def test_two_variants_in_one_process_are_two_kernels(tmp_path: Path) -> None:
-    """From an empty cache: a diffuse scene, then a mirror, each right, and each built once.
-
-    A variant that was taken for another one would show the other's picture, and only with a fresh cache.
-    """
-    wrt.Renderer(scene(wrt.Diffuse(0.5)), width=4, height=4)
-    cache = Path(wp.config.kernel_cache_dir)
-    # All but the render kernels comes from the cache of this process: it takes longest and is not in question.
-    for folder in cache.glob("wp_wrt.kernels.*"):
-        if not re.search(r"_p\d+_t\d+$", folder.name):  # that another process is just writing
-            shutil.copytree(folder, tmp_path / cache.name / folder.name)
-
-    def run() -> dict[str, Any]:
-        done = subprocess.run([sys.executable, "-c", CODE, str(tmp_path)], cwd=ROOT, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout.splitlines()[-1])
-
-    first = run()
-    assert first["before"] == []
-    expected = {"diffuse": [0.5] * 3, "mirror": [0.75] * 3, "diffuse again": [0.25] * 3, "red mirror": [1.0, 0.0, 0.0]}
-    for name, value in expected.items():
-        np.testing.assert_allclose(first[name], value, rtol=1e-6, err_msg=name)
-    assert [len(first[f"{name}, builds"]) for name in expected] == [1, 2, 2, 2]
-    # Another process finds them all, and sees the same.
-    second = run()
-    assert second["before"] == first["mirror, builds"] == second["red mirror, builds"]
-    assert all(second[name] == first[name] for name in expected)
-
-
 # --- Factories of device functions --------------------------------------------------------------------
 
 
@@ -222,12 +155,6 @@ def test_what_a_factory_does_not_declare_it_cannot_read() -> None:
             make(PLAIN)
     with pytest.raises(ValueError, match="no features texturd"):
         specialised("texturd")(lambda features: None)
-
-
-def test_all_factories_declare_what_they_read() -> None:
-    """Each calls those below it, so a kernel of every tested set of features calls them all."""
-    for features in FEATURES:
-        make_render_kernel(features)
 
 
 def test_what_declares_device_functions_at_each_call_is_specialised() -> None:
