@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import warp as wp
 from conftest import ROOT
@@ -321,7 +322,7 @@ import sys
 from wrt.cli import main
 from wrt.rendering import wide_kernel
 wide_kernel.COMPILED_LOADING_SECONDS = 0.0
-sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", "a.npy", "--quiet"]
+sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", "wide.npy", "--quiet"]
 assert main() == 0
 from wrt.backend import current_backend
 assert "warp" not in sys.modules
@@ -334,7 +335,7 @@ print(*(name for name in current_backend().builds._loaded if ".wide" in name))
     "cache", [pytest.param("warm", marks=pytest.mark.slow), pytest.param("empty", marks=pytest.mark.machinery)]
 )
 def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
-    """A render then starts without Warp, in another size."""
+    """A render then starts without Warp, in another size, and gives the picture of the scalar kernel."""
     variables = without_notes(tmp_path)
     del variables[WIDE]
     if cache == "empty":
@@ -351,5 +352,8 @@ def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
         assert "modules of kernels compiled in" in said
         assert f"the wide kernel of {LANES} lanes compiled in" in said
     assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{LANES}.")
+    scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
+    list(scalar.passes(spp=40))
+    np.testing.assert_array_equal(np.load(tmp_path / "wide.npy"), scalar.image())
     call = "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"
     assert python("-c", call) == "cornell-box: everything was compiled before\n"

@@ -169,13 +169,8 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow if name == "plain-perspective" else pytest.mark.machinery)
-        for name in NAMES
-    ],
-)
+@pytest.mark.machinery
+@pytest.mark.parametrize("name", NAMES)
 def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
     options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
     case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})

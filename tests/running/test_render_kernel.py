@@ -336,7 +336,7 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
 
 
 @needs_lanes
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first.
 
