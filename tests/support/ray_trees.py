@@ -23,15 +23,7 @@ Rays = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 @dataclasses.dataclass
 class Tree:
-    """A built tree, read back.
-
-    Attributes:
-        built: what the builder returned.
-        lower, upper: (nodes, 8, 3) boxes.
-        children: (nodes, 8) as kept.
-        corners: (leaves, LEAF_SIZE, 3, 3) triangles as kept.
-        numbers: (leaves, LEAF_SIZE) triangle numbers.
-    """
+    """A built tree, read back: (nodes, 8, 3) boxes, (nodes, 8) children, and of (leaves, LEAF_SIZE) triangles all."""
 
     built: BuiltBvh
     lower: NDArray
@@ -278,6 +270,18 @@ FEW, MANY = 1000, 4400
 
 def unit(vectors: NDArray) -> NDArray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def rotation(rng: np.random.Generator) -> NDArray[np.float64]:
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))
+
+
+def affine(linear: NDArray, offset: NDArray | tuple[float, ...] = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    m = np.eye(4)
+    m[:3, :3], m[:3, 3] = linear, offset
+    return m
 
 
 def rays(n: int, seed: int) -> tuple[NDArray, NDArray]:
