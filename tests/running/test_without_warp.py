@@ -329,7 +329,7 @@ def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, mo
     changes = [
         lambda: None,
         lambda: source.write_text(source.read_text() + "# \n"),
-        lambda: source.rename(source.with_name("another.py")),
+        lambda: source.rename(source.with_name("diffuse_.py")),
         lambda: (warp / "bin" / "warp-clang.so").write_text("longer than it was before"),
         lambda: (warp / "config.py").write_text('version: str = "1.20.0"\n'),
         lambda: monkeypatch.setenv("WARP_CACHE_PATH", "elsewhere"),
