@@ -1,4 +1,4 @@
-"""GGX under a filtered normal map: near the convolution of both distributions of slopes, and a reflection model."""
+"""GGX under a filtered normal map: near the convolution of both distributions of slopes, and what it is made into."""
 
 from __future__ import annotations
 
@@ -9,17 +9,7 @@ import pytest
 import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
-from support.bsdfs import (
-    Bumpy,
-    Case,
-    albedo,
-    assert_finite,
-    assert_weights,
-    chi_square,
-    hemisphere,
-    reciprocity_error,
-    viewer,
-)
+from support.bsdfs import Bumpy, Case, hemisphere, viewer
 from support.kernels import map_function
 from support.principled_reference import ggx, masking, unit
 
@@ -31,6 +21,7 @@ from wrt.kernels.render import make_render_kernel
 from wrt.spmd.translate import wide_code
 
 Array = NDArray[np.float64]
+VARIANCE = (0.03, 0.01)
 
 
 @wp.func
@@ -47,7 +38,7 @@ def convolved(slope: Array, alpha: Array, sigma: Array) -> Array:
 
     The mean over t of Beckmann's distributions of α²/t + 2σ², where t is exponential; by the trapezoid rule in ln t.
     """
-    log_t = np.linspace(-20.0, 3.6, 800)
+    log_t = np.linspace(-20.0, 3.6, 400)
     t = np.exp(log_t)
     weights = np.exp(-t) * t * (log_t[1] - log_t[0])
     variance = alpha[:, None, :] ** 2 / t[:, None] + 2.0 * sigma[:, None, :] ** 2
@@ -61,7 +52,7 @@ def grid(most: float, ratio: float) -> tuple[Array, Array, Array]:
     Bumps of at most three times the roughness, `ratio` times as high along one axis as along the other at least.
     """
     rng = np.random.default_rng(5)
-    n = 4000
+    n = 2000
     alpha = 0.02 * 3.0 ** rng.uniform(-0.5, 0.5, (n, 2))
     sigma = alpha * (3.0 * rng.uniform(0.0, 1.0, (n, 1)) ** 2)
     sigma[:, 0] *= rng.uniform(ratio, 1.0, n)
@@ -70,19 +61,11 @@ def grid(most: float, ratio: float) -> tuple[Array, Array, Array]:
     return width * (out * np.stack([np.cos(around), np.sin(around)])).T, alpha, sigma
 
 
-def test_without_bumps_the_mixture_is_ggx(report: Report) -> None:
-    slope, _, _ = grid(1.5, 1.0)
-    pairs = [np.broadcast_to(a, slope.shape) for a in ((0.03, 0.02), (0.0, 0.0))]
-    found = map_function(density_of_slope, slope, *pairs, device="cpu")
-    s2 = ((slope / [0.03, 0.02]) ** 2).sum(axis=1)
-    np.testing.assert_allclose(found, 1.0 / (np.pi * 0.0006 * (1.0 + s2) ** 2), rtol=1e-5)
-
-
 @pytest.mark.parametrize(
     ("most", "ratio", "limit"), [(1.5, 1.0, 0.015), (2.0, 1.0, 0.02), (1.5, 0.32, 0.02), (1.5, 0.0, 0.025)]
 )
 def test_slopes_are_those_of_both(most: float, ratio: float, limit: float, report: Report) -> None:
-    """In the middle and to the given widths out; a single GGX of α² + 2σ² is a quarter off."""
+    """In the middle and to the given widths out; a single GGX of α² + 2σ² is a quarter off. Without bumps it is GGX."""
     slope, alpha, sigma = grid(most, ratio)
     expected = convolved(slope, alpha, sigma)
     wide = np.sqrt(alpha**2 + 2.0 * sigma**2)
@@ -92,6 +75,9 @@ def test_slopes_are_those_of_both(most: float, ratio: float, limit: float, repor
     report("error of the mixture, and of one GGX", float(error.max()), float(np.abs(single / expected - 1.0).max()))
     assert error.max() < limit
     assert np.abs(single / expected - 1.0).max() > 0.2
+    plain = 1.0 / (np.pi * alpha.prod(axis=1) * (1.0 + ((slope / alpha) ** 2).sum(axis=1)) ** 2)
+    found = map_function(density_of_slope, slope, alpha, np.zeros_like(alpha), device="cpu")
+    np.testing.assert_allclose(found, plain, rtol=3e-5)
 
 
 def test_normals_are_a_distribution(report: Report) -> None:
@@ -106,9 +92,6 @@ def test_normals_are_a_distribution(report: Report) -> None:
         total = float((found.sum(axis=1) * np.pi / 32.0) @ (w * tangent / np.cos(x) ** 2))
         report(f"α {alpha}, variance {variance}: ∫ D cosθ", total, 1.0)
         assert total == pytest.approx(1.0, abs=1e-3)
-
-
-# --- Highlights -------------------------------------------------------------------------------------
 
 
 def supersampled(alpha: tuple[float, float], variance: tuple[float, float], wo: Array, wi: Array) -> float:
@@ -128,7 +111,7 @@ def supersampled(alpha: tuple[float, float], variance: tuple[float, float], wo: 
 PLACES = [(0.0, 0.0), *((out, turn) for out in (0.5, 0.75, 1.0) for turn in (0.0, 45.0, 90.0))]
 
 
-@pytest.mark.parametrize("degrees", [0.0, 40.0, 60.0])
+@pytest.mark.parametrize("degrees", [0.0, 60.0])
 def test_highlights_are_those_of_many_samples(degrees: float, device: str, report: Report) -> None:
     """The middle from everywhere, the flanks from above.
 
@@ -136,7 +119,7 @@ def test_highlights_are_those_of_many_samples(degrees: float, device: str, repor
     differ from those of any distribution of slopes, Beckmann's too.
     """
     wo, worst = viewer(degrees, 0.0), {"middle": 0.0, "flank": 0.0}
-    for alpha in ((0.05, 0.05), (0.1, 0.1), (0.2, 0.2), (0.05, 0.15)):
+    for alpha in ((0.05, 0.05), (0.2, 0.2), (0.05, 0.15)):
         for variance in ((0.0025, 0.0025), (0.01, 0.01), (0.01, 0.001), (0.0025, 0.0)):
             case = Bumpy(wrt.RoughConductor(alpha, f0=1.0), variance=variance)
             width = np.sqrt(np.square(alpha) + 2.0 * np.array(variance))
@@ -151,69 +134,6 @@ def test_highlights_are_those_of_many_samples(degrees: float, device: str, repor
     report(f"seen at {degrees:g}°: errors of middle and flank", worst["middle"], worst["flank"])
     assert worst["middle"] < 0.03
     assert worst["flank"] < 0.03
-
-
-# --- A reflection model ------------------------------------------------------------------------------
-
-VARIANCE = (0.03, 0.01)
-EVERYTHING = wrt.Principled(
-    (0.9, 0.6, 0.3),
-    metallic=0.3,
-    roughness=0.5,
-    anisotropy=0.6,
-    anisotropy_rotation=0.5,
-    transmission=0.5,
-    coat=0.5,
-    coat_roughness=0.4,
-)
-CASES = {
-    "metal": Bumpy(wrt.RoughConductor(0.15, f0=1.0), variance=VARIANCE),
-    "brushed, separable": Bumpy(wrt.RoughConductor((0.1, 0.3), f0=0.8, masking="smith-separable"), variance=VARIANCE),
-    "cook-torrance": Bumpy(wrt.RoughConductor(0.2, f0=0.8, masking="cook-torrance"), variance=VARIANCE),
-    "glass": Bumpy(wrt.RoughDielectric(1.5, alpha=0.2), variance=VARIANCE),
-    "glass, inside": Bumpy(wrt.RoughDielectric(1.5, alpha=0.2), front=False, variance=VARIANCE),
-    "plastic": Bumpy(wrt.RoughPlastic(0.5, alpha=0.15), variance=VARIANCE),
-    "principled": Bumpy(wrt.Principled((0.8, 0.2, 0.0), metallic=0.5, roughness=0.4), variance=VARIANCE),
-    "everything": Bumpy(EVERYTHING, variance=VARIANCE),
-    "everything, inside": Bumpy(EVERYTHING, front=False, variance=VARIANCE),
-    "sheet": Bumpy(wrt.Principled(0.9, roughness=0.5, transmission=0.8, thin_walled=True), variance=VARIANCE),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("degrees", [0.0, 60.0, 85.0])
-@pytest.mark.parametrize("name", CASES)
-def test_samples_follow_the_density(name: str, degrees: float, device: str, report: Report) -> None:
-    result = chi_square(CASES[name], degrees, device, tests=3 * len(CASES), samples=2**17, min_levels=1, tolerance=3e-6)
-    report(f"{name} at {degrees:g}°", result.statistic, result.dof, p=result.p)
-    assert result.passed, result.message
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_is_a_reflection_model(name: str, device: str, report: Report) -> None:
-    """Weights are value over density, reciprocity, no more energy than comes, nothing infinite."""
-    case = CASES[name]
-    for degrees in (0.0, 60.0, 89.0):
-        assert_weights(case, degrees, device)
-        mean, error = albedo(case, degrees, device, samples=2**15)
-        report(f"{name} at {degrees:g}°: energy", float(mean.max()))
-        assert (mean <= 1.0 + 1e-5 + 3.5 * error).all()
-    error_of_swap = reciprocity_error(case, device, n=20_000)
-    report(f"{name}: f(wo, wi) and f(wi, wo)", error_of_swap, "< 1e-4")
-    assert error_of_swap < 1e-4
-    assert_finite(case, device)
-
-
-@pytest.mark.parametrize("roughness", [0.1, 0.3, 0.6])
-def test_white_plastic_stays_white(roughness: float, device: str, report: Report) -> None:
-    """Within 1 % but near the horizon, and nowhere above: its diffuse part gets what GGX of that energy leaves."""
-    for sigma in (0.02, 0.1, 0.25):
-        case = Bumpy(wrt.Principled(1.0, roughness=roughness), variance=(sigma**2, sigma**2))
-        for degrees in (0.0, 45.0, 70.0, 85.0):
-            mean, error = albedo(case, degrees, device, samples=2**15)
-            report(f"roughness {roughness}, σ {sigma} at {degrees:g}°", float(mean[0]), 1.0)
-            assert mean[0] < 1.01 + 3.5 * error[0]
-            assert mean[0] > {0.0: 0.99, 45.0: 0.99, 70.0: 0.97, 85.0: 0.95}[degrees] - 3.5 * error[0]
 
 
 def test_multiple_bounces_keep_ggx() -> None:
@@ -237,7 +157,17 @@ def test_principled_metal_is_the_rough_metal(device: str) -> None:
         np.testing.assert_allclose(found, expected, rtol=2e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("material", [wrt.RoughConductor(0.2, f0=1.0), EVERYTHING, wrt.RoughPlastic(0.5, alpha=0.1)])
+@pytest.mark.parametrize(
+    "material",
+    [
+        wrt.RoughConductor(0.2, f0=1.0),
+        pytest.param(
+            wrt.Principled((0.9, 0.6, 0.3), metallic=0.3, anisotropy=0.6, transmission=0.5, coat=0.5),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(wrt.RoughPlastic(0.5, alpha=0.1), marks=pytest.mark.slow),
+    ],
+)
 def test_what_is_not_filtered_is_plain_ggx(material: wrt.Material, device: str) -> None:
     """No variance, no change: where texels are wider than pixels."""
     wo, wi = hemisphere(2000, seed=62), hemisphere(2000, seed=63)

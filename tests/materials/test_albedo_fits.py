@@ -40,7 +40,7 @@ def test_quadrature_is_right(report: Report) -> None:
 @pytest.mark.slow
 def test_fits_are_above_the_albedos(device: str, report: Report) -> None:
     rng = np.random.default_rng(40)
-    n = 120
+    n = 80
     mu = (rng.random(n) ** 2 + 1e-5).clip(max=1.0)
     alpha = 10.0 ** rng.uniform(-4.0, 0.0, n)
     expected = np.array([FITS.specular_albedos(x, a, 96) for x, a in zip(mu, alpha, strict=True)])
@@ -61,7 +61,7 @@ def test_fits_are_above_the_albedos(device: str, report: Report) -> None:
 def test_anisotropic_albedo_is_not_underestimated(device: str, report: Report) -> None:
     """For both extremes of reflectance at normal incidence, between which all others lie."""
     rng = np.random.default_rng(41)
-    n = 300
+    n = 150
     rough = 10.0 ** rng.uniform(-2.0, 0.0, n)
     smooth = np.maximum(rough * 10.0 ** rng.uniform(-2.0, 0.0, n), 1e-4)
     azimuth = 0.5 * np.pi * (1.0 - rng.random(n) ** 2)
