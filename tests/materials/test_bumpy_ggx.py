@@ -80,20 +80,6 @@ def test_slopes_are_those_of_both(most: float, ratio: float, limit: float, repor
     np.testing.assert_allclose(found, plain, rtol=3e-5)
 
 
-def test_normals_are_a_distribution(report: Report) -> None:
-    """∫ D cosθ dω = ∫ P ds = 1."""
-    x, w = np.polynomial.legendre.leggauss(300)
-    x, w = 0.5 * np.pi * 0.5 * (x + 1.0), 0.25 * np.pi * w
-    tangent, turn = np.tan(x), (np.arange(64) + 0.5) * np.pi / 32.0
-    slope = (tangent[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)).reshape(-1, 2)
-    for alpha, variance in (((0.05, 0.2), (0.04, 0.02)), ((0.4, 0.4), (0.2, 0.05))):
-        pairs = (np.broadcast_to(a, slope.shape) for a in (alpha, variance))
-        found = map_function(density_of_slope, slope, *pairs, device="cpu").astype(np.float64).reshape(300, 64)
-        total = float((found.sum(axis=1) * np.pi / 32.0) @ (w * tangent / np.cos(x) ** 2))
-        report(f"α {alpha}, variance {variance}: ∫ D cosθ", total, 1.0)
-        assert total == pytest.approx(1.0, abs=1e-3)
-
-
 def supersampled(alpha: tuple[float, float], variance: tuple[float, float], wo: Array, wi: Array) -> float:
     """Return f cosθ of white GGX, averaged over normals of Gaussian slopes: what many samples of a map come to."""
     nodes, weights = np.polynomial.hermite.hermgauss(48)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Report
-from support.bsdfs import Case, hemisphere
+from support.bsdfs import Case, ask_mitsuba, hemisphere
 
 import wrt
 
@@ -49,21 +49,13 @@ def material(values: dict[str, float], *, thin: bool) -> wrt.Burley:
 def test_values_are_those_of_mitsuba(name: str, thin: bool, device: str, report: Report) -> None:
     """From both sides, but of opaque bodies, which are black from inside in Mitsuba and the same on both sides here."""
     pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
-    from support.mitsuba_scene import load_mitsuba
-
-    mi = load_mitsuba()
     values = (SHEETS if thin else BODIES)[name]
-    kind = "principledthin" if thin else "principled"
-    theirs = mi.load_dict({"type": kind, "base_color": {"type": "rgb", "value": list(COLOR)}, **values})
-    context, surface = mi.BSDFContext(), mi.SurfaceInteraction3f()
+    color = {"type": "rgb", "value": list(COLOR)}
+    theirs = {"type": "principledthin" if thin else "principled", "base_color": color, **values}
     for front in (True, False) if thin or "spec_trans" in values else (True,):
         wo, wi = hemisphere(300, seed=80).astype(np.float32), hemisphere(300, seed=81).astype(np.float32)
         wi[::2, 2] *= -1.0
-        side = np.float32([1.0, 1.0, 1.0 if front else -1.0])
-        expected = np.empty((len(wo), 3))
-        for i in range(len(wo)):
-            surface.wi = mi.Vector3f(*(wo[i] * side).tolist())
-            expected[i] = np.array(theirs.eval(context, surface, mi.Vector3f(*(wi[i] * side).tolist())))
+        expected, _ = ask_mitsuba(theirs, wo, wi, front=front)
         measured, pdf, _ = Case(material(values, thin=thin), front).evaluate(wo, wi, device)
         if thin and "spec_trans" in values:
             # Mitsuba loses what facets transmit towards their own side.

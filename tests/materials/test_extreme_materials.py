@@ -6,6 +6,8 @@ import dataclasses
 import functools
 import math
 from collections.abc import Iterator
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,137 +19,105 @@ from support.kernels import uniforms
 import wrt
 from wrt.scene.materials import MATERIALS, Material
 
-ENDS = (0.0, 1.0)
 LEAST, MOST = 1e-4, 1.0
 SPP = 16
 TILE = 8
 """Pixels along a side of what the picture gives to each material."""
 
 
-def matt() -> Iterator[Material]:
-    for reflectance in ENDS:
-        yield wrt.Diffuse(reflectance)
-        yield wrt.Mirror(reflectance)
-        for sigma in (0.0, 1e-4, 0.5 * math.pi):
-            yield wrt.OrenNayar(reflectance, sigma)
-        for side in (1e-12, 1e-4, 100.0):
-            yield wrt.Glossy(reflectance, side)
-        for exponent in (0.0, 1e5):
-            yield wrt.Glossy(reflectance, exponent=exponent)
-        yield wrt.Conductor(f0=reflectance)
-    yield wrt.Conductor(eta=1.0, k=0.0)
-    yield wrt.Conductor(eta=1e-3, k=100.0)
+Choice = list[dict[str, Any]]
 
 
-def smooth_boundaries() -> Iterator[Material]:
-    """Indices the same, nearly so, common, high, and inverted; clear, and letting nothing go."""
-    nothing = {"specular_reflectance": 0.0, "specular_transmittance": 0.0}
-    for ior, exterior in ((1.0, 1.0), (1.0001, 1.0), (1.5, 1.0), (4.0, 1.0), (1.0, 1.5), (1.0, 4.0)):
-        for make in (wrt.Dielectric, wrt.ThinDielectric):
-            yield make(ior, exterior)
-            yield make(ior, exterior, **nothing)
-        for reflectance, nonlinear in ((0.0, False), (1.0, False), (1.0, True)):
-            yield wrt.Plastic(reflectance, ior, exterior, nonlinear)
+def each(name: str, *values: Any) -> Choice:
+    return [{name: value} for value in values or (0.0, 1.0)]
 
 
-def rough_metals() -> Iterator[Material]:
-    for f0 in ENDS:
-        for distribution in ("ggx", "beckmann"):
-            for alpha in (LEAST, MOST, (LEAST, MOST), (MOST, LEAST)):
-                yield wrt.RoughConductor(alpha, f0=f0, distribution=distribution)
-        for alpha in (LEAST, MOST):
-            yield wrt.RoughConductor(alpha, f0=f0, distribution="blinn-phong")
-            yield wrt.RoughConductor(alpha, f0=f0, multiple_bounces=True)
-        for shape in ((0.1, 0.0), (0.1, 100.0), (1e8, 0.0), (1e8, 1.2), (1e8, 3.0)):
-            yield wrt.RoughConductor(shape, f0=f0, distribution="abc", masking="cook-torrance")
-        for shape in ((1e-5, 0.0), (1e-5, 10.0), (10.0, 0.0), (1.0, 1.0)):
-            yield wrt.RoughConductor(shape, f0=f0, distribution="sgd", masking="cook-torrance")
-    yield wrt.RoughConductor(MOST, f0=1.0, distribution="beckmann", multiple_bounces=True)
-    yield wrt.RoughConductor(LEAST, eta=1.0, k=0.0)
-    yield wrt.RoughConductor(MOST, eta=1e-3, k=100.0)
+def every(make: type, *choices: Choice) -> list[Material]:
+    """Return the material for each combination of values."""
+    return [make(**dict(item for part in chosen for item in part.items())) for chosen in product(*choices)]
 
 
-def rough_glass() -> Iterator[Material]:
-    for ior, exterior in ((1.0, 1.0), (1.0011, 1.0), (1.5, 1.0), (1.0, 1.5)):
-        for alpha in (LEAST, MOST):
-            for distribution in ("ggx", "beckmann", "blinn-phong"):
-                yield wrt.RoughDielectric(ior, exterior, alpha=alpha, distribution=distribution)
-            yield wrt.RoughDielectric(ior, exterior, alpha=alpha, multiple_bounces=True)
-        yield wrt.RoughDielectric(ior, exterior, alpha=(LEAST, MOST))
-    yield wrt.RoughDielectric(alpha=LEAST, specular_reflectance=0.0, specular_transmittance=0.0)
+STEPS = [
+    {"ior": ior, "exterior_ior": exterior}
+    for ior, exterior in ((1.0, 1.0), (1.0001, 1.0), (1.5, 1.0), (4.0, 1.0), (1.0, 1.5), (1.0, 4.0))
+]
+"""Indices the same, nearly so, common, high, and inverted."""
+NOTHING = {"specular_reflectance": 0.0, "specular_transmittance": 0.0}
+DIFFUSE, F0S, COLORS, ROUGHNESSES, METALS = map(each, ("reflectance", "f0", "base_color", "roughness", "metallic"))
+ALPHAS = each("alpha", LEAST, MOST)
+BRUSHED = each("alpha", LEAST, MOST, (LEAST, MOST), (MOST, LEAST))
+ABC = each("alpha", (0.1, 0.0), (0.1, 100.0), (1e8, 0.0), (1e8, 3.0))
+SGD = each("alpha", (1e-5, 0.0), (1e-5, 10.0), (10.0, 0.0), (1.0, 1.0))
+LAYERED = {"coat": 1.0, "coat_roughness": 1.0, "sheen_color": 1.0, "anisotropy": 1.0, "multiple_bounces": True}
+BURLEY = {"coat": 1.0, "coat_gloss": 1.0, "sheen": 1.0, "sheen_tint": 1.0, "specular_tint": 1.0, "anisotropy": 1.0}
+LEAF = {"transmission": 0.5, "diffuse_transmission": 1.0, "thin_walled": True}
+BLIND = wrt.Measured.example().measurement
+"""Its facets face all ways alike. Black, it has visible normals at one node alone and brightness at another."""
+VNDF, LUMINANCE = np.zeros((1, 2, 6, 6)), np.zeros((1, 2, 2, 2))
+VNDF[:, :, 3, 4], LUMINANCE[..., 1, 0] = 1.0, 1.0
+BLACK = dataclasses.replace(BLIND, vndf=VNDF, luminance=LUMINANCE, rgb=np.zeros_like(BLIND.rgb))
 
-
-def rough_plastic() -> Iterator[Material]:
-    for ior, exterior in ((1.0, 1.0), (1.5, 1.0), (1.0, 1.5)):
-        for alpha in (LEAST, MOST):
-            for reflectance in ENDS:
-                yield wrt.RoughPlastic(reflectance, ior, exterior, alpha=alpha)
-    for alpha in (LEAST, MOST):
-        yield wrt.RoughPlastic(1.0, alpha=alpha, distribution="beckmann", nonlinear=True)
-    yield wrt.RoughPlastic(1.0, alpha=LEAST, nonlinear=True, multiple_bounces=True)
-
-
-def principled() -> Iterator[Material]:
-    everything = {"coat": 1.0, "sheen_color": 1.0, "anisotropy": 1.0, "multiple_bounces": True}
-    for color in ENDS:
-        for roughness in (0.0, 1.0):
-            for metallic in (0.0, 1.0):
-                yield wrt.Principled(color, metallic, roughness)
-                yield wrt.Principled(color, metallic, roughness, ior=1.0, coat_roughness=1.0, **everything)
-            for ior in (1.0, 1.5):
-                yield wrt.Principled(color, 0.0, roughness, ior=ior, transmission=1.0)
-            yield wrt.Principled(color, 0.0, roughness, transmission=1.0, thin_walled=True)
-            yield wrt.Principled(color, 0.0, roughness, ior=0.0, specular_color=1.0)
-    yield wrt.Principled(1.0, sheen_color=1.0, sheen_roughness=1.0)
-
-
-def burley() -> Iterator[Material]:
-    """Without `flatness`, whose published term grows without limit as both directions approach the surface."""
-    everything = {"coat": 1.0, "sheen": 1.0, "sheen_tint": 1.0, "specular_tint": 1.0, "anisotropy": 1.0}
-    for color in ENDS:
-        for roughness in (0.0, 1.0):
-            for metallic in (0.0, 1.0):
-                yield wrt.Burley(color, metallic, roughness)
-                yield wrt.Burley(color, metallic, roughness, ior=1.0, coat_gloss=1.0, **everything)
-            for ior in (1.0, 1.5):
-                yield wrt.Burley(color, 0.0, roughness, ior=ior, transmission=1.0)
-            yield wrt.Burley(color, 0.0, roughness, transmission=0.5, diffuse_transmission=1.0, thin_walled=True)
-
-
-def measured() -> Iterator[Material]:
-    """Facets that face all ways alike; black, with visible normals at one node alone and brightness at another."""
-    yield wrt.Measured.example()
-    tables = wrt.Measured.example().measurement
-    vndf, luminance = np.zeros((1, 2, 6, 6)), np.zeros((1, 2, 2, 2))
-    vndf[:, :, 3, 4], luminance[..., 1, 0] = 1.0, 1.0
-    black = dataclasses.replace(tables, vndf=vndf, luminance=luminance, rgb=np.zeros_like(tables.rgb))
-    yield wrt.Measured(black)
-    yield wrt.Measured(dataclasses.replace(black, ndf=np.zeros_like(tables.ndf), sigma=np.zeros_like(tables.sigma)))
-
-
-def composites() -> Iterator[Material]:
-    """These choose among others when a ray meets them, so they are in pictures alone."""
-    sharp, rough = wrt.RoughConductor(LEAST, f0=1.0), wrt.RoughDielectric(alpha=LEAST)
-    for weight in ENDS:
-        yield wrt.Mix(sharp, wrt.Diffuse(1.0), weight=weight)
-    yield wrt.Mix(wrt.Mirror(1.0), rough, weight=0.5)
-    yield wrt.TwoSided(sharp, wrt.Mirror(1.0, opacity=0.0))
-    yield wrt.TwoSided(wrt.Diffuse(0.0), wrt.Diffuse(1.0))
-    yield wrt.Null()
-    yield wrt.Emissive(1.0)
-    for material in (wrt.Diffuse(1.0), sharp, rough):
-        for opacity in ENDS:
-            yield dataclasses.replace(material, opacity=opacity)
-
-
-MODELS = {
-    function.__name__: list(function())
-    for function in (
-        *(matt, smooth_boundaries, rough_metals, rough_glass, rough_plastic, principled, burley),
-        measured,
-    )
+MODELS: dict[str, list[Material]] = {
+    "matt": [
+        *every(wrt.Diffuse, DIFFUSE),
+        *every(wrt.Mirror, DIFFUSE),
+        *every(wrt.OrenNayar, DIFFUSE, each("sigma", 0.0, 1e-4, 0.5 * math.pi)),
+        *every(wrt.Glossy, DIFFUSE, [*each("side", 1e-12, 1e-4, 100.0), *each("exponent", 0.0, 1e5)]),
+        *every(wrt.Conductor, [*F0S, {"eta": 1.0, "k": 0.0}, {"eta": 1e-3, "k": 100.0}]),
+    ],
+    "smooth boundaries": [
+        *every(wrt.Dielectric, STEPS, [{}, NOTHING]),
+        *every(wrt.ThinDielectric, STEPS, [{}, NOTHING]),
+        *every(wrt.Plastic, STEPS, [*DIFFUSE, {"reflectance": 1.0, "nonlinear": True}]),
+    ],
+    "rough metals": [
+        *every(wrt.RoughConductor, F0S, each("distribution", "ggx", "beckmann"), BRUSHED),
+        *every(wrt.RoughConductor, F0S, [{"distribution": "blinn-phong"}, {"multiple_bounces": True}], ALPHAS),
+        *every(wrt.RoughConductor, F0S, [{"distribution": "abc", "masking": "cook-torrance"}], ABC),
+        *every(wrt.RoughConductor, F0S, [{"distribution": "sgd", "masking": "cook-torrance"}], SGD),
+        wrt.RoughConductor(MOST, f0=1.0, distribution="beckmann", multiple_bounces=True),
+        *(wrt.RoughConductor(LEAST, eta=1.0, k=0.0), wrt.RoughConductor(MOST, eta=1e-3, k=100.0)),
+    ],
+    "rough glass": [
+        *every(
+            wrt.RoughDielectric,
+            [STEPS[0], {"ior": 1.0011}, STEPS[2], STEPS[4]],
+            [*each("distribution", "ggx", "beckmann", "blinn-phong"), {"multiple_bounces": True}],
+            ALPHAS,
+        ),
+        *(wrt.RoughDielectric(alpha=(LEAST, MOST)), wrt.RoughDielectric(alpha=LEAST, **NOTHING)),
+    ],
+    "rough plastic": [
+        *every(wrt.RoughPlastic, [STEPS[0], STEPS[2], STEPS[4]], DIFFUSE, ALPHAS),
+        *every(wrt.RoughPlastic, [{"reflectance": 1.0, "distribution": "beckmann", "nonlinear": True}], ALPHAS),
+        wrt.RoughPlastic(1.0, alpha=LEAST, nonlinear=True, multiple_bounces=True),
+    ],
+    "principled": [
+        *every(wrt.Principled, COLORS, ROUGHNESSES, METALS, [{}, {"ior": 1.0, **LAYERED}]),
+        *every(wrt.Principled, COLORS, ROUGHNESSES, each("ior", 1.0, 1.5), [{"transmission": 1.0}]),
+        *every(wrt.Principled, COLORS, ROUGHNESSES, [{"transmission": 1.0, "thin_walled": True}]),
+        *every(wrt.Principled, COLORS, ROUGHNESSES, [{"ior": 0.0, "specular_color": 1.0}]),
+        wrt.Principled(1.0, sheen_color=1.0, sheen_roughness=1.0),
+    ],
+    # Without `flatness`, whose published term grows without limit as both directions approach the surface.
+    "burley": [
+        *every(wrt.Burley, COLORS, ROUGHNESSES, METALS, [{}, {"ior": 1.0, **BURLEY}]),
+        *every(wrt.Burley, COLORS, ROUGHNESSES, [{"ior": 1.0, "transmission": 1.0}, {"transmission": 1.0}, LEAF]),
+    ],
+    "measured": [
+        *map(wrt.Measured, (BLIND, BLACK)),
+        wrt.Measured(dataclasses.replace(BLACK, ndf=np.zeros_like(BLIND.ndf), sigma=np.zeros_like(BLIND.sigma))),
+    ],
 }
-ALL = [material for group in MODELS.values() for material in group] + list(composites())
+SHARP, ROUGH = wrt.RoughConductor(LEAST, f0=1.0), wrt.RoughDielectric(alpha=LEAST)
+COMPOSITES: list[Material] = [
+    *(wrt.Mix(SHARP, wrt.Diffuse(1.0), weight=weight) for weight in (0.0, 1.0)),
+    *(wrt.Mix(wrt.Mirror(1.0), ROUGH, weight=0.5), wrt.Null(), wrt.Emissive(1.0)),
+    *(wrt.TwoSided(SHARP, wrt.Mirror(1.0, opacity=0.0)), wrt.TwoSided(wrt.Diffuse(0.0), wrt.Diffuse(1.0))),
+    *(dataclasses.replace(material, opacity=o) for material in (wrt.Diffuse(1.0), SHARP, ROUGH) for o in (0.0, 1.0)),
+]
+"""These choose among others when a ray meets them, so they are in pictures alone."""
+ALL = [material for group in (*MODELS.values(), COMPOSITES) for material in group]
 
 
 def leaves(material: Material) -> Iterator[Material]:

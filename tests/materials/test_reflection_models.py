@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -28,17 +29,19 @@ import wrt
 from wrt.kernels.bsdf.lobes.principled_base import FEATURE_ROWS
 from wrt.kernels.microfacet import DISTRIBUTIONS, MASKINGS
 from wrt.scene.materials import MATERIALS
+from wrt.scene.materials.measured import Measurement
 
 P = wrt.Principled
 GOLD, RGB = (1.0, 0.71, 0.29), (0.8, 0.4, 0.0)
 WHITE = {"f0": 1.0, "multiple_bounces": True}
 FILM = {"film_thickness": 350.0, "film_ior": 1.4}
 VARIANCE = (0.03, 0.01)
-EVERYTHING = {
-    "metallic": 0.3, "roughness": 0.5, "anisotropy": 0.6, "anisotropy_rotation": 0.5,
-    "transmission": 0.5, "coat": 0.5, "coat_roughness": 0.35,
-}
-SHEEN = {"sheen_color": (0.5, 0.3, 0.1), "sheen_roughness": 0.4}
+TURNED = P((0.9, 0.6, 0.3), 0.3, 0.5, anisotropy=0.6, anisotropy_rotation=0.5, transmission=0.5)
+LAYERED = dataclasses.replace(TURNED, coat=0.5, coat_roughness=0.35)
+EVERYTHING = dataclasses.replace(LAYERED, sheen_color=(0.5, 0.3, 0.1), sheen_roughness=0.4, multiple_bounces=True)
+LACQUER = wrt.Burley((0.7, 0.3, 0.2), coat=0.8, coat_gloss=0.3, roughness=0.4)
+BURLEYS_GLASS = wrt.Burley((0.7, 0.3, 0.2), transmission=0.7, ior=1.4, metallic=0.2)
+BURLEYS_PANE = wrt.Burley(RGB, thin_walled=True, transmission=0.6, diffuse_transmission=0.25, anisotropy=0.4, sheen=0.3)
 MILK = P((0.9, 0.7, 0.5), roughness=0.6, transmission=0.5, specular=0.5)
 
 
@@ -72,6 +75,11 @@ def metal(alpha: Any, distribution: str = "ggx", masking: str = "smith", **rest:
 
 def glass(alpha: Any, ior: float = 1.5, **rest: Any) -> wrt.RoughDielectric:
     return wrt.RoughDielectric(ior, alpha=alpha, **rest)
+
+
+def measured(tables: Measurement, *angles: float, conserving: bool = False, quick: bool = False) -> Row:
+    """Return the row of a material that is as reciprocal as its data."""
+    return Row(Case(wrt.Measured(tables)), angles, quick, reciprocal=False, conserving=conserving, weights=False)
 
 
 TABLE = {
@@ -157,48 +165,23 @@ TABLE = {
     "half metal, all bounces": row(P(1.0, metallic=0.5, roughness=0.8, multiple_bounces=True), 45),
     "filmed": row(P(GOLD, metallic=0.5, roughness=0.4, **FILM), 45),
     "dispersive, inside": row(P(0.9, roughness=0.4, transmission=0.8, dispersion=3.0), 80, back=True),
-    "everything": row(P((0.9, 0.6, 0.3), **EVERYTHING, **SHEEN, multiple_bounces=True), 0, 80),
-    "everything, inside": row(P((0.9, 0.6, 0.3), **EVERYTHING, **SHEEN, multiple_bounces=True), 45, back=True),
+    "everything": row(EVERYTHING, 0, 80),
+    "everything, inside": row(EVERYTHING, 45, back=True),
     "principled, bumpy": row(P((0.8, 0.2, 0.0), metallic=0.5, roughness=0.4), 60, bumpy=True),
-    "everything, bumpy": row(P((0.9, 0.6, 0.3), **EVERYTHING), 0, 85, bumpy=True),
-    "everything, bumpy, inside": row(P((0.9, 0.6, 0.3), **EVERYTHING), 60, back=True, bumpy=True),
+    "everything, bumpy": row(LAYERED, 0, 85, bumpy=True),
+    "everything, bumpy, inside": row(LAYERED, 60, back=True, bumpy=True),
     "sheet, bumpy": row(P(0.9, transmission=0.8, thin_walled=True), 60, bumpy=True),
     # Mitsuba's material: sheen, coat and diffuse base are added as they are.
-    "burley": row(
-        wrt.Burley((0.7, 0.3, 0.2), coat=0.8, coat_gloss=0.3, roughness=0.4), 30, 80, quick=True, conserving=False
-    ),
-    "burley's glass": row(wrt.Burley((0.7, 0.3, 0.2), transmission=0.7, ior=1.4, metallic=0.2), 30, reciprocal=False),
-    "burley's glass, inside": row(
-        wrt.Burley((0.7, 0.3, 0.2), transmission=0.7, ior=1.4, metallic=0.2), 80, back=True, reciprocal=False
-    ),
-    "burley's pane": row(
-        wrt.Burley(
-            RGB, thin_walled=True, transmission=0.6, diffuse_transmission=0.25, ior=1.6, anisotropy=0.4, sheen=0.3
-        ),
-        *(30, 80),
-        reciprocal=False,
-        conserving=False,
-    ),
-    # Measurements: tables of random numbers, and a metal that was tabulated. They are reciprocal as far as the data is.
-    "measured": row(
-        wrt.Measured(arbitrary(ISOTROPIC)), 45, quick=True, reciprocal=False, conserving=False, weights=False
-    ),
-    "measured, circle": row(
-        wrt.Measured(arbitrary(azimuths(1, 7))), 0, 80, reciprocal=False, conserving=False, weights=False
-    ),
-    "measured, quarter": row(
-        wrt.Measured(arbitrary(azimuths(4, 4))), 45, reciprocal=False, conserving=False, weights=False
-    ),
-    "measured values alone": row(
-        wrt.Measured(arbitrary(ISOTROPIC, jacobian=False, seed=1)),
-        80,
-        reciprocal=False,
-        conserving=False,
-        weights=False,
-    ),
-    "measured metal": row(
-        wrt.Measured(rough_metal((0.5, 0.3), 0.6, fine=24, viewers=7)), 45, 80, reciprocal=False, weights=False
-    ),
+    "burley": row(LACQUER, 30, 80, quick=True, conserving=False),
+    "burley's glass": row(BURLEYS_GLASS, 30, reciprocal=False),
+    "burley's glass, inside": row(BURLEYS_GLASS, 80, back=True, reciprocal=False),
+    "burley's pane": row(BURLEYS_PANE, 30, 80, reciprocal=False, conserving=False),
+    # Tables of random numbers, and a metal that was tabulated
+    "measured": measured(arbitrary(ISOTROPIC), 45, quick=True),
+    "measured, circle": measured(arbitrary(azimuths(1, 7)), 0, 80),
+    "measured, quarter": measured(arbitrary(azimuths(4, 4)), 45),
+    "measured values alone": measured(arbitrary(ISOTROPIC, jacobian=False, seed=1), 80),
+    "measured metal": measured(rough_metal((0.5, 0.3), 0.6, fine=24, viewers=7), 45, 80, conserving=True),
 }
 
 

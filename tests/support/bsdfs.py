@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import wrt
 from support.kernels import uniforms, upload
+from support.mitsuba_scene import load_mitsuba
 from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 from wrt.backend.device import Device
 from wrt.kernels.bsdf import current_name, filtered_name, make_bsdf, model_of
@@ -266,7 +267,7 @@ def total_pdf(case: Case, degrees: float, device: str) -> float:
 
 
 def assert_finite(case: Case, device: str, *, n: int = 20_000) -> None:
-    """Values, densities and samples are finite and not negative for random and grazing directions."""
+    """Values, densities and samples are finite and not negative, at the horizon and for the last random numbers too."""
     grazing = np.array([viewer(a, b) for a in (0.0, 89.9, 89.99, 89.9999) for b in (0.0, 0.3, 3.0)])
     wo = np.concatenate([hemisphere(n, seed=20), np.repeat(grazing, 200, axis=0)])
     wi = np.concatenate([sphere(len(wo) - len(grazing) * 20, seed=21), np.tile(grazing, (20, 1))])
@@ -277,7 +278,26 @@ def assert_finite(case: Case, device: str, *, n: int = 20_000) -> None:
         assert (value >= 0.0).all()
         assert np.isfinite(pdf).all()
         assert (pdf >= 0.0).all()
-    found = case.sample(wo, uniforms(len(wo), 3, seed=22), device)
+    u = uniforms(len(wo), 3, seed=22)
+    edges = np.float32([0.0, 2.0**-24, 0.25, 0.5, 0.75, 1.0 - 2.0**-24])
+    u[-(6**3) :] = np.stack(np.meshgrid(edges, edges, edges), axis=-1).reshape(-1, 3)
+    u[: 6**3] = u[-(6**3) :]
+    found = case.sample(wo, u, device)
     for name in ("wi", "weight", "pdf", "eta"):
         assert np.isfinite(found[name]).all(), name
     assert (found["weight"] >= 0.0).all()
+
+
+def ask_mitsuba(material: dict[str, Any], wo: NDArray, wi: NDArray, *, front: bool = True) -> tuple[NDArray, NDArray]:
+    """Return what Mitsuba says of a material: (N, 3) f |cosθi| and (N,) the density."""
+    mi = load_mitsuba()
+    bsdf = mi.load_dict(material)
+    side = np.array([1.0, 1.0, 1.0 if front else -1.0])
+    context, surface = mi.BSDFContext(), mi.SurfaceInteraction3f()
+    values, densities = np.empty((len(wo), 3)), np.empty(len(wo))
+    for i, (view, light) in enumerate(zip((wo * side).tolist(), (wi * side).tolist(), strict=True)):
+        surface.wi = mi.Vector3f(*view)
+        direction = mi.Vector3f(*light)
+        values[i] = np.array(bsdf.eval(context, surface, direction)).ravel()
+        densities[i] = bsdf.pdf(context, surface, direction)
+    return values, densities

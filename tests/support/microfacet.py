@@ -18,9 +18,6 @@ from wrt.scene.materials.microfacet import sgd_normalization
 
 N = 2**18
 ANGLES = (0.0, 45.0, 80.0, 89.0)
-LAST = 1.0 - 2.0**-24
-"""The largest random number."""
-
 RESOLUTION = (25, 51)
 """Cells of histograms in cosθ and φ."""
 
