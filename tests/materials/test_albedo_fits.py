@@ -101,6 +101,7 @@ def anisotropic_albedos(wo: NDArray, alpha: tuple[float, float], n: int = 48) ->
     return float(seen.sum()), float((seen * (1.0 - np.minimum(cos_m, 1.0)) ** 5).sum())
 
 
+@pytest.mark.slow
 def test_averages_are_below_those_of_the_fits(device: str, report: Report) -> None:
     """2 ∫ E μ dμ: from below, because 1 − E_avg divides."""
     x, w = np.polynomial.legendre.leggauss(200)

@@ -45,7 +45,10 @@ def material(values: dict[str, float], *, thin: bool) -> wrt.Burley:
     return wrt.Burley(COLOR, thin_walled=thin, **given)
 
 
-@pytest.mark.parametrize(("name", "thin"), KINDS)
+@pytest.mark.parametrize(
+    ("name", "thin"),
+    [pytest.param(*kind, marks=pytest.mark.slow if kind[1] or kind[0] == "glass" else ()) for kind in KINDS],
+)
 def test_values_are_those_of_mitsuba(name: str, thin: bool, device: str, report: Report) -> None:
     """From both sides, but of opaque bodies, which are black from inside in Mitsuba and the same on both sides here."""
     pytest.importorskip("mitsuba", reason="the independent renderer is not installed")

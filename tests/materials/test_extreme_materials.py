@@ -149,9 +149,8 @@ BRIGHTEST_SAMPLE = 20.0
 """Values over densities stay below 2 for a single lobe, and below 17 where one that is seldom chosen counts much."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "matt" else pytest.mark.slow) for name in MODELS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
 def test_models_at_their_extremes(name: str, device: str, report: Report) -> None:
     """Energy is what is left of the weight's mean over η²; single weights are as large as good samplings have them."""
     largest = 0.0

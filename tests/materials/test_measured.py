@@ -108,7 +108,7 @@ def test_a_slice_without_light_is_sampled_evenly(device: str) -> None:
 # --- A metal, measured -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", METALS)
+@pytest.mark.parametrize("name", ["metal", pytest.param("brushed metal", marks=pytest.mark.slow)])
 def test_a_measured_metal_approaches_the_metal(name: str, device: str, report: Report) -> None:
     """Errors of linear interpolation fall with the square of the distance of nodes."""
     wo, wi = hemisphere(20_000, seed=40), hemisphere(20_000, seed=41)

@@ -24,7 +24,6 @@ from wrt.backend.device import Device
 from wrt.kernels.bsdf.lobes.albedo import VALUES
 from wrt.scene.materials.microfacet import MASKINGS
 from wrt.scene.materials.presets import metal_f0, metal_ior
-from wrt.upload.scene_data import build_scene
 from wrt.upload.tables import material_tables as tables
 from wrt.upload.tables.material_tables import pack_tables
 
@@ -250,9 +249,6 @@ def test_tangents_are_needed_where_roughness_has_a_direction() -> None:
     }
     for material, expected in needed.items():
         assert material.needs_tangents == expected, material
-        scene = wrt.Scene()
-        scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=material)
-        assert build_scene(scene, Device("cpu")).features.tangents == expected
 
 
 def test_scene_files_describe_metals(tmp_path: Path) -> None:

@@ -109,15 +109,15 @@ SAMPLED = [
     *((case, degrees) for case in VISIBLE if case.shape[:2] in CHOSEN for degrees in (0.0, 45.0, 89.0)),
     *((case, 45.0) for case in CASES if case not in VISIBLE and case.shape[0] != 0.5),
 ]
-QUICK = [("ggx", 89.0), ("beckmann", 45.0), ("blinn-phong", 45.0), ("abc", 45.0), ("sgd", 45.0)]
+QUICK = [("ggx", 89.0), ("beckmann", 45.0)]
 
 
 def marked(case: Case, degrees: float) -> object:
-    quick = (case.name, degrees) in QUICK and case.shape[0] in (0.5, 0.1, 100.0)
+    quick = (case.name, degrees) in QUICK and case.shape[0] == 0.5
     return pytest.param(case, degrees, marks=() if quick else pytest.mark.slow, id=f"{case} at {degrees:g}")
 
 
-@pytest.mark.parametrize(("case", "degrees"), [marked(*each) for each in (*SAMPLED, (slopes("ggx", 0.5, 0.5), 89.0))])
+@pytest.mark.parametrize(("case", "degrees"), [marked(*each) for each in SAMPLED])
 def test_normals_follow_their_density(case: Case, degrees: float, device: str, report: Report) -> None:
     wo = viewer(degrees)
     m = case.sample(wo, uniforms(N, 2, seed=int(degrees)), device)

@@ -149,6 +149,7 @@ def test_one_table_serves_all_roughnesses(device: str, report: Report) -> None:
         np.testing.assert_allclose(a, b, rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_a_smooth_coat_is_the_limit_of_rough_ones(device: str) -> None:
     wo, wi = aside(5000, seed=56)
     smooth = Case(wrt.Plastic(COLOR, nonlinear=True)).evaluate(wo, wi, device)[0]

@@ -322,7 +322,8 @@ def test_white_surfaces_keep_all_light(name: str, device: str, report: Report) -
     report(f"{name}: least and most of the light", least, most)
 
 
-@pytest.mark.parametrize("roughness", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("roughness", [0.1, 0.3])
 def test_white_plastic_under_bumps_stays_white(roughness: float, device: str, report: Report) -> None:
     """Within 1 % but near the horizon, and nowhere above: its diffuse part gets what GGX of that energy leaves."""
     for sigma in (0.02, 0.1, 0.25):

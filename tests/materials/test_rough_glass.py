@@ -18,8 +18,10 @@ from wrt.kernels.bsdf.lobes.albedo import missing_energy
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel, side_table
 from wrt.upload.tables.material_tables import table
 
+MULTIPLE = [False, pytest.param(True, marks=pytest.mark.slow)]
 
-@pytest.mark.parametrize("multiple", [False, pytest.param(True, marks=pytest.mark.slow)])
+
+@pytest.mark.parametrize("multiple", MULTIPLE)
 def test_refraction_is_walters(multiple: bool, device: str, report: Report) -> None:
     """f cosθ in double precision; with multiple bounces plus their lobe, by quadrature in place of tables."""
     alpha, eta = 0.4, 1.3
@@ -69,19 +71,19 @@ def test_what_is_tabulated_is_what_is_lost(device: str, report: Report) -> None:
             assert error.max() < 8e-3  # beyond 89.9 degrees, where the table has its last points, the most is 6.1e-3
 
 
+@pytest.mark.parametrize("multiple", MULTIPLE)
 @pytest.mark.parametrize("front", [True, False])
-def test_a_boundary_between_equal_media_is_none(front: bool, device: str) -> None:
+def test_a_boundary_between_equal_media_is_none(front: bool, multiple: bool, device: str) -> None:
     wo = np.concatenate([hemisphere(1000, seed=1), [viewer(a) for a in (0.0, 89.0, 89.99)]])
-    for multiple in (False, True):
-        material = wrt.RoughDielectric(1.3304, 1.33, alpha=0.5, multiple_bounces=multiple)
-        found = Case(material, front).sample(wo, uniforms(len(wo), 3, seed=2), device)
-        np.testing.assert_array_equal(found["wi"], -wo.astype(np.float32))
-        assert (found["weight"] == 1.0).all()
-        assert (found["eta"] == 1.0).all()
-        assert found["delta"].all()
-        value, pdf, _ = Case(material, front).evaluate(wo, -wo, device)
-        assert not value.any()
-        assert not pdf.any()
+    material = wrt.RoughDielectric(1.3304, 1.33, alpha=0.5, multiple_bounces=multiple)
+    found = Case(material, front).sample(wo, uniforms(len(wo), 3, seed=2), device)
+    np.testing.assert_array_equal(found["wi"], -wo.astype(np.float32))
+    assert (found["weight"] == 1.0).all()
+    assert (found["eta"] == 1.0).all()
+    assert found["delta"].all()
+    value, pdf, _ = Case(material, front).evaluate(wo, -wo, device)
+    assert not value.any()
+    assert not pdf.any()
 
 
 @pytest.mark.parametrize("front", [True, False])
@@ -99,7 +101,7 @@ def test_the_smoothest_is_nearly_smooth(front: bool, device: str) -> None:
     np.testing.assert_array_equal(rough["eta"][same], smooth["eta"][same])
 
 
-@pytest.mark.parametrize("multiple", [False, True])
+@pytest.mark.parametrize("multiple", MULTIPLE)
 def test_tints_multiply_reflection_and_transmission(multiple: bool, device: str) -> None:
     red, blue = (0.9, 0.1, 0.0), (0.0, 0.2, 0.8)
     wo, wi = hemisphere(10_000, seed=7), sphere(10_000, seed=9)
