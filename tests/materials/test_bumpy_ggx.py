@@ -62,7 +62,13 @@ def grid(most: float, ratio: float) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize(
-    ("most", "ratio", "limit"), [(1.5, 1.0, 0.015), (2.0, 1.0, 0.02), (1.5, 0.32, 0.02), (1.5, 0.0, 0.025)]
+    ("most", "ratio", "limit"),
+    [
+        (1.5, 1.0, 0.015),
+        pytest.param(2.0, 1.0, 0.02, marks=pytest.mark.slow),
+        pytest.param(1.5, 0.32, 0.02, marks=pytest.mark.slow),
+        (1.5, 0.0, 0.025),
+    ],
 )
 def test_slopes_are_those_of_both(most: float, ratio: float, limit: float, report: Report) -> None:
     """In the middle and to the given widths out; a single GGX of α² + 2σ² is a quarter off. Without bumps it is GGX."""
@@ -97,7 +103,7 @@ def supersampled(alpha: tuple[float, float], variance: tuple[float, float], wo: 
 PLACES = [(0.0, 0.0), *((out, turn) for out in (0.5, 0.75, 1.0) for turn in (0.0, 45.0, 90.0))]
 
 
-@pytest.mark.parametrize("degrees", [0.0, 60.0])
+@pytest.mark.parametrize("degrees", [0.0, pytest.param(60.0, marks=pytest.mark.slow)])
 def test_highlights_are_those_of_many_samples(degrees: float, device: str, report: Report) -> None:
     """The middle from everywhere, the flanks from above.
 
