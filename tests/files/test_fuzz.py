@@ -43,6 +43,7 @@ def test_planted_faults_are_noticed():
     assert outcomes["tell"].verdict == outcomes["nothing"].verdict == "fine"
 
 
+@pytest.mark.slow
 def test_what_once_failed_does_not_any_more_and_every_seed_is_read_without_a_warning():
     files = [file for folder in ("failures", "seeds") for file in sorted((CORPUS / folder).iterdir())]
     inputs = ((number, file.suffix[1:], file.read_bytes()) for number, file in enumerate(files))

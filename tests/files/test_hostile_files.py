@@ -207,7 +207,7 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monke
         archive.writestr("vertices.npy", b"nothing")
     with pytest.raises(wrt.InputError, match="not a NumPy file"):
         read_archive((tmp_path / "other.zip").read_bytes())
-    (tmp_path / "bomb.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 60000\n\2\2")
+    (tmp_path / "bomb.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 30000\n\2\2")
     with pytest.raises(wrt.InputError, match=r"too large|claims"):
         load_image(tmp_path / "bomb.hdr")
     scene = '[[shapes]]\ntype = "sphere"\nsubdivisions = 9\n' * 6
@@ -235,9 +235,9 @@ def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path: Path) -> None
 
 
 def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_they_meet():
-    points = np.random.default_rng(0).random((600, 3)) * (1.0, 1.0, 0.0)
-    triangles, _ = triangulate(points, np.arange(600), np.array([600]))
-    assert triangles.shape == (598, 3)
+    points = np.random.default_rng(0).random((300, 3)) * (1.0, 1.0, 0.0)
+    triangles, _ = triangulate(points, np.arange(300), np.array([300]))
+    assert triangles.shape == (298, 3)
     # Corner 3 has the x of one corner of the triangle 0 1 2 and the y of another, and lies inside.
     points = np.array([[0, 0, 0], [4, 1, 0], [2, 5, 0], [2, 1, 0]], float)
     triangles, _ = triangulate(points, np.arange(4), np.array([4]))

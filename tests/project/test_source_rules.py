@@ -56,6 +56,7 @@ def walk(node: ast.AST, *, at_once: bool, types: bool) -> Iterator[str]:
             yield from walk(child, at_once=at_once, types=types)
 
 
+@functools.cache
 def imported(path: Path, *, at_once: bool = False, types: bool = False) -> set[str]:
     """Return the modules that a file imports; `at_once`: not in functions; `types`: also for type checkers alone."""
     return set(walk(tree_of(path), at_once=at_once, types=types))

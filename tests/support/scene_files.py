@@ -12,13 +12,13 @@ from wrt.io.toml.reader import load_scene
 from wrt.scene.srgb import linear_from_srgb
 
 FULL = """
-[settings]
-width = 320
-height = 200
-spp = 12
-max_depth = 5
-filter = "tent"
-exposure = -1.5
+settings = { width = 320, height = 200, spp = 12, max_depth = 5, filter = "tent", exposure = -1.5 }
+environment = { type = "image", file = "sky.exr", scale = 2, rotation_degrees = 90 }
+lights = [
+    { type = "point", position = [1, 2, 3], power = [10, 20, 30] },
+    { type = "directional", direction = [0, -2, 0], irradiance = 3 },
+]
+
 [camera]
 type = "perspective"
 origin = [0, 1, 3]
@@ -27,36 +27,14 @@ up = [0, 0, -1]
 fov_degrees = 35
 aperture_radius = 0.01
 focus_distance = 2
-[environment]
-type = "image"
-file = "sky.exr"
-scale = 2
-rotation_degrees = 90
-[[lights]]
-type = "point"
-position = [1, 2, 3]
-power = [10, 20, 30]
-[[lights]]
-type = "directional"
-direction = [0, -2, 0]
-irradiance = 3
-[materials.wood]
-type = "diffuse"
-reflectance = { texture = "wood.png" }
-[materials.painted]
-type = "diffuse"
-reflectance = "vertex-colors"
-[materials.silver]
-type = "mirror"
-reflectance = [0.9, 0.8, 0.7]
-[materials.gold]
-type = "conductor"
-eta = [0.1, 0.4, 1.4]
-k = [4, 2.4, 1.6]
-[materials.water]
-type = "dielectric"
-ior = 1.33
-exterior_ior = 1.1
+
+[materials]
+wood = { type = "diffuse", reflectance = { texture = "wood.png" } }
+painted = { type = "diffuse", reflectance = "vertex-colors" }
+silver = { type = "mirror", reflectance = [0.9, 0.8, 0.7] }
+gold = { type = "conductor", eta = [0.1, 0.4, 1.4], k = [4, 2.4, 1.6] }
+water = { type = "dielectric", ior = 1.33, exterior_ior = 1.1 }
+
 [[shapes]]
 name = "floor"
 type = "quad"
@@ -102,33 +80,17 @@ material = "silver"
 """Every section, kind of shape and transform."""
 
 COMPOSITES = """
-[materials.sheet]                  # names materials that come later
-type = "two-sided"
-front = "leaf"
-back = "speckled"
-opacity = { texture = "data.png", channel = "b", linear = true }
-[materials.speckled]
-type = "mix"
-first = "leaf"
-second = "paint"
-weight = { texture = "data.png", channel = "g", linear = true }
-[materials.leaf]
-type = "diffuse"
-reflectance = { texture = "data.png" }
-opacity = 0.75
-[materials.paint]
-type = "mirror"
-reflectance = { texture = "data.png", channel = "r" }
-opacity = "vertex-colors"
-[materials.even]
-type = "mix"
-first = "paint"
-second = "paint"
-[materials.lamp]
-type = "emissive"
-radiance = [1, 2, 3]
-opacity = { texture = "data.png", channel = "b", linear = true }
+[materials]  # the first names materials that come later
+sheet = { type = "two-sided", front = "leaf", back = "speckled", opacity = DATA_B }
+speckled = { type = "mix", first = "leaf", second = "paint", weight = DATA_G }
+leaf = { type = "diffuse", reflectance = { texture = "data.png" }, opacity = 0.75 }
+paint = { type = "mirror", reflectance = { texture = "data.png", channel = "r" }, opacity = "vertex-colors" }
+even = { type = "mix", first = "paint", second = "paint" }
+lamp = { type = "emissive", radiance = [1, 2, 3], opacity = DATA_B }
 """
+for _channel in "bg":
+    _texture = f'{{ texture = "data.png", channel = "{_channel}", linear = true }}'
+    COMPOSITES = COMPOSITES.replace(f"DATA_{_channel.upper()}", _texture)
 """Materials made of others and partly there."""
 
 MOVING = """
