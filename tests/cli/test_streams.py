@@ -27,16 +27,8 @@ UNUSABLE = {"no file": ["render", "abßent.obj"], "no option": ["render", "x.obj
 WRITING = {"convert": ["convert", "teapot", "teapot.toml"], "render": ["render", "möbius.toml", *SMALL]}
 COMMANDS = {**PRINTING, **WRITING, **UNUSABLE}
 
-STATES = (
-    "stdout full",
-    "both closed",
-    "ascii:strict",
-    "stdout closed",
-    "stderr closed",
-    "stdout broken",
-    "both broken",
-)
-STATES += ("stderr full", "utf-16", "C")
+STATES = ("stdout full", "both closed", "ascii:strict", "stdout closed", "stderr closed", "stdout broken")
+STATES += ("both broken", "stderr full", "utf-16", "C")
 THOROUGH = ("--help", "no file", "render", "render --json")
 """Commands that are tried in all states; others share their code, and are tried in the first three."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import struct
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from support.meshes import gltf_box
 
 import wrt
 from wrt.cli import main
@@ -19,7 +19,6 @@ from wrt.io.safe_read import confined_to, read_file
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
 TRIANGLE = struct.pack("<9f3H", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 2)
-INLINE = "data:application/octet-stream;base64," + base64.b64encode(TRIANGLE).decode()
 PLY = (
     "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
     "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
@@ -43,30 +42,18 @@ def obj(library: str, texture: str = "") -> Writer:
     return write
 
 
-def gltf(buffer: str, picture: str, *, escaped: bool = False) -> Writer:
+def gltf(picture: str, buffer: str = "", *, escaped: bool = False) -> Writer:
     def write(folder: Path, outside: str) -> str:
         if escaped:
             outside = outside.replace("..", "%2e%2e").replace("/", "%2F")
         image(folder / "a.png")
-        primitive = {"attributes": {"POSITION": 0, "TEXCOORD_0": 2}, "indices": 1, "material": 0}
-        corners = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
-        tree = {
-            "asset": {"version": "2.0"},
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-            "meshes": [{"primitives": [primitive]}],
-            "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
-            "textures": [{"source": 0}],
-            "images": [{"uri": picture.format(outside)}],
-            "buffers": [{"uri": buffer.format(outside), "byteLength": len(TRIANGLE)}],
-            "bufferViews": [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 6}],
-            "accessors": [
-                {**corners, "min": [0, 0, 0], "max": [1, 1, 0]},
-                {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"},
-                {**corners, "type": "VEC2"},
-            ],
-        }
+        tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
+        tree["accessors"].append({"bufferView": 0, "componentType": 5126, "type": "VEC2", "count": 3})
+        tree["meshes"][0]["primitives"][0] |= {"attributes": {"POSITION": 0, "TEXCOORD_0": 2}, "material": 0}
+        tree["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        tree |= {"textures": [{"source": 0}], "images": [{"uri": picture.format(outside)}]}
+        if buffer:
+            tree["buffers"][0]["uri"] = buffer.format(outside)
         (folder / "a.gltf").write_text(json.dumps(tree))
         return "a.gltf"
 
@@ -96,9 +83,9 @@ PAINTED = '[materials.m]\ntype = "principled"\nbase_color = { texture = "{}/a.pn
 CASES: dict[str, Writer] = {
     "OBJ's material": obj("{}/a.mtl"),
     "OBJ's texture": obj("a.mtl", "{}/a.png"),
-    "glTF's buffer": gltf("{}/a.bin", "a.png"),
-    "glTF's image": gltf(INLINE, "{}/a.png"),
-    "glTF's image, escaped": gltf(INLINE, "{}/a.png", escaped=True),
+    "glTF's buffer": gltf("a.png", "{}/a.bin"),
+    "glTF's image": gltf("{}/a.png"),
+    "glTF's image, escaped": gltf("{}/a.png", escaped=True),
     "TOML's mesh": toml(MESH + '"{}/a.ply"\n'),
     "TOML's arrays": toml(MESH + '"{}/a.npz"\n'),
     "TOML's texture": toml(PAINTED + '[[shapes]]\ntype = "box"\nmaterial = "m"\n'),

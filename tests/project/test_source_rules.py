@@ -40,26 +40,24 @@ def modules() -> dict[str, Path]:
     return found
 
 
-def walk(node: ast.AST, *, at_once: bool, types: bool) -> Iterator[str]:
-    if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" and not types:
-        return
-    if at_once and isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-        return
-    if isinstance(node, ast.Import):
-        yield from (alias.name for alias in node.names)
-    elif isinstance(node, ast.ImportFrom):
-        for alias in node.names:
-            full = f"{node.module}.{alias.name}"
-            yield full if full in modules() else "." * node.level + (node.module or "")
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, (ast.stmt, ast.excepthandler)):
-            yield from walk(child, at_once=at_once, types=types)
-
-
 @functools.cache
-def imported(path: Path, *, at_once: bool = False, types: bool = False) -> set[str]:
-    """Return the modules that a file imports; `at_once`: not in functions; `types`: also for type checkers alone."""
-    return set(walk(tree_of(path), at_once=at_once, types=types))
+def imported(path: Path, *, types: bool = False) -> set[str]:
+    """Return the modules that a file imports, also in functions; `types`: also for type checkers alone."""
+
+    def walk(node: ast.AST) -> Iterator[str]:
+        if not types and isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            return
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield full if full in modules() else "." * node.level + (node.module or "")
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, (ast.stmt, ast.excepthandler)):
+                yield from walk(child)
+
+    return set(walk(tree_of(path)))
 
 
 def within(name: str, packages: tuple[str, ...]) -> bool:
@@ -156,12 +154,3 @@ def test_imports_make_no_circle() -> None:
     assert len(graph) > 250
     assert sum(map(len, graph.values())) > 500
     assert circles(graph) == []
-
-
-def test_heavy_imports_wait_until_they_are_needed() -> None:
-    heavy = ("warp", "trimesh", "PIL", "OpenEXR", "OpenImageIO", "tqdm", "wrt.kernels", "wrt.spmd")
-    for path in HOST_FILES:
-        # The compiler itself is imported only where a wide kernel is compiled.
-        if not name_of(path).startswith("wrt/spmd/"):
-            for name in imported(path, at_once=True):
-                assert not within(name, heavy), f"{name_of(path)} imports {name} at once"
