@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.caches import copy_of_warm_cache
 from support.commands import (
     CAMERA,
     ENVIRONMENT,
@@ -232,8 +233,9 @@ def test_up_axis_may_be_negative() -> None:
 
 @pytest.mark.slow
 def test_seconds_of_compiling_are_those_waited_for(tmp_path: Path) -> None:
-    # With its own caches, as after an installation.
-    environment = {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    # With a cache of its own, in which the kernel of the picture is missing.
+    copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.render.",))
+    environment = {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path / "cache"), "WARP_CACHE_PATH": ""}
     command = [*BOX, "--spp", "1", "--json"]
     cold, warm, again = (summary_of(run(tmp_path, *command, env=environment)) for _ in range(3))
     assert cold["seconds_compile"] > 0.5 * cold["seconds_total"]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import reference
 from conftest import ROOT
+from support.covering_kernels import covering, render_with
 from support.pages import PAGES, blocks, inline_code, parsed, slug, without_code
 
 import wrt
@@ -49,6 +50,7 @@ def write_files(folder: Path) -> None:
 
 # Other tests run these pages: the first three are programs, the next quotes a kernel, the last shows a widget.
 OWN = ("docs/own-bsdf.md", "docs/own-camera.md", "docs/own-light.md", "docs/spmd.md", "docs/view.md")
+MODELS = ("conductor", "dielectric", "oren_nayar", "plastic", "diffuse", "rough_conductor:ggx:smith:conductor")
 PROGRAMS = [(page, code) for page, text in PAGES.items() if page not in OWN for code in blocks(text, "python")]
 
 
@@ -68,6 +70,7 @@ def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(wrt.Renderer, "__init__", small_start)
     monkeypatch.setattr(wrt.Renderer, "passes", few_passes)
+    render_with([covering(*MODELS, sampler="sobol"), covering(*MODELS[-2:], sampler="sobol", aovs=True)], monkeypatch)
     write_files(tmp_path)
     monkeypatch.chdir(tmp_path)
     assert len([page for page, _ in PROGRAMS if page == "README.md"]) >= 2
