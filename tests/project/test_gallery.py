@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 
 import gallery
@@ -112,13 +113,18 @@ def test_ball_and_stone_are_closed_and_face_outwards() -> None:
 # --- Plots -----------------------------------------------------------------------------------------
 
 
+@functools.cache
+def figure_of(name: str) -> plot_figures.Figure:
+    return plot_figures.FIGURES[name]()
+
+
 @pytest.mark.slow
 def test_curves_are_finite_and_told_apart() -> None:
     shown = (ROOT / "docs" / "shading.md").read_text(encoding="utf-8")
-    for name, make in plot_figures.FIGURES.items():
+    for name in plot_figures.FIGURES:
         assert f"pictures/plots/{name}.png" in shown
         assert (ROOT / "docs" / "pictures" / "plots" / f"{name}.png").is_file()
-        figure = make()
+        figure = figure_of(name)
         most = 1.01 if figure.y_label.startswith(("reflectance", "share", "G")) else np.inf
         for panel in figure.panels:
             labels = [curve.label for curve in panel.curves if curve.label]
@@ -138,11 +144,11 @@ def test_plotted_distributions_and_albedos_are_those_of_their_formulas() -> None
 
     Its f is 1 / (2π (cosθi + cosθo)), by Smith's height-correlated masking.
     """
-    for panel in plot_figures.distributions().panels[:3]:
+    for panel in figure_of("distributions").panels[:3]:
         for curve in panel.curves:
             alpha = float(curve.label.removeprefix("α "))
             assert curve.y[0] == pytest.approx(1.0 / (np.pi * alpha**2), rel=1e-5), panel.title
-    panels = plot_figures.albedos().panels
+    panels = figure_of("albedos").panels
     for curve in (curve for panel in panels for curve in panel.curves):
         if curve.style == "--":
             np.testing.assert_allclose(curve.y, 1.0, atol=0.01)
