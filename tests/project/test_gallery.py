@@ -118,10 +118,21 @@ def figure_of(name: str) -> plot_figures.Figure:
     return plot_figures.FIGURES[name]()
 
 
-@pytest.mark.slow
-def test_curves_are_finite_and_told_apart() -> None:
+COSTLY = "albedos"
+"""A figure for which kernels are compiled, with all materials' energy in it, which tests of materials prove."""
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        pytest.param([name for name in plot_figures.FIGURES if name != COSTLY], marks=pytest.mark.slow),
+        pytest.param([COSTLY], marks=pytest.mark.machinery),
+    ],
+    ids=["most", COSTLY],
+)
+def test_curves_are_finite_and_told_apart(names: list[str]) -> None:
     shown = (ROOT / "docs" / "shading.md").read_text(encoding="utf-8")
-    for name in plot_figures.FIGURES:
+    for name in names:
         assert f"pictures/plots/{name}.png" in shown
         assert (ROOT / "docs" / "pictures" / "plots" / f"{name}.png").is_file()
         figure = figure_of(name)
@@ -139,16 +150,20 @@ def test_curves_are_finite_and_told_apart() -> None:
 
 
 @pytest.mark.slow
-def test_plotted_distributions_and_albedos_are_those_of_their_formulas() -> None:
-    """Peaks are 1 / (π α²); all bounces lose nothing; one of white GGX of roughness 1 reflects 1 − ln 2 straight on.
-
-    Its f is 1 / (2π (cosθi + cosθo)), by Smith's height-correlated masking.
-    """
+def test_plotted_distributions_have_the_peaks_of_their_formulas() -> None:
     for panel in figure_of("distributions").panels[:3]:
         for curve in panel.curves:
             alpha = float(curve.label.removeprefix("α "))
             assert curve.y[0] == pytest.approx(1.0 / (np.pi * alpha**2), rel=1e-5), panel.title
-    panels = figure_of("albedos").panels
+
+
+@pytest.mark.machinery
+def test_plotted_albedos_add_up() -> None:
+    """All bounces lose nothing, and one bounce of white GGX of roughness 1 reflects 1 − ln 2 straight on.
+
+    Its f is 1 / (2π (cosθi + cosθo)), by Smith's height-correlated masking.
+    """
+    panels = figure_of(COSTLY).panels
     for curve in (curve for panel in panels for curve in panel.curves):
         if curve.style == "--":
             np.testing.assert_allclose(curve.y, 1.0, atol=0.01)
