@@ -157,7 +157,8 @@ def test_commands_of_wrt_parse() -> None:
 
 
 def test_options_and_commands_of_the_repository_exist() -> None:
-    known = options_of(make_parser()) | {"--device"}
+    of_tests = re.findall(r'addoption\(\s*"(--[a-z-]+)"', (ROOT / "tests" / "conftest.py").read_text())
+    known = options_of(make_parser()) | set(of_tests)
     for page, text in PAGES.items():
         for command in commands(text):
             program, _, rest = command.partition(" ")
