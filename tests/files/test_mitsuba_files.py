@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,29 +11,20 @@ from conftest import Report
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
 from support.covering_kernels import covering, render_with
+from support.meshes import write
 from support.mitsuba_files import compare, render_by_mitsuba, write_files
-from support.mitsuba_scene import VARIANT, Reference
+from support.mitsuba_scene import VARIANT
 from support.statistics import ImageTest, sidak
-
-pytestmark = pytest.mark.slow
 
 
 class Case(NamedTuple):
-    """What a scene is of, by the words of docs/mitsuba.md, and a change of its file that must be seen.
-
-    Attributes:
-        covers: the plugins and parameters that it exercises.
-        change: a text in the file, and another in its place, for a wrong partner.
-        spp: samples per pixel of each of both renderers.
-        alone: whether pixels are independent: filters that reach beyond a pixel tie neighbours in Mitsuba, so that
-            sums over pixels cannot be judged.
-        variant: Mitsuba's.
-    """
+    """What a scene is of, by the words of docs/mitsuba.md, and a text of its file that is changed to be seen."""
 
     covers: str
     change: tuple[str, str] | None = None
     spp: int = 512
     alone: bool = True
+    """Filters that reach beyond a pixel tie neighbours in Mitsuba, so that sums over pixels cannot be judged."""
     variant: str = VARIANT
 
 
@@ -127,6 +117,7 @@ CASES = {
     ),
     "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
+QUICK = "transforms", "meshes"
 SIGNIFICANCE = sidak(0.01, len(CASES))
 ROUGH_METALS = (
     "rough_conductor:beckmann:walter:conductor",
@@ -141,6 +132,7 @@ KERNELS = (
         *("rough_dielectric:ggx:smith-separable", *ROUGH_METALS, *COATS),
     ),
     covering("conductor", "dielectric", "diffuse", "mirror", ROUGH_METALS[0], exact="spheres"),
+    covering("conductor", "diffuse", "mirror", "rough_conductor:beckmann:walter:schlick", exact="quadrics"),
     covering("dielectric", "diffuse", "null", "plastic", "rough_dielectric:beckmann:walter", media="scattering"),
 )
 """They render most of the scenes, whose own kernels would be thirty."""
@@ -158,34 +150,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return result
 
 
-@functools.cache
-def reference(path: Path, spp: int, variant: str) -> Reference:
-    return render_by_mitsuba(path, spp=spp, variant=variant)
-
-
 def agrees(case: Case, result: ImageTest) -> bool:
     if case.alone:
         return result.agrees(significance=SIGNIFICANCE)
     return result.pass_fraction >= 0.995 and result.p_min > SIGNIFICANCE
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_file_looks_as_in_mitsuba(name: str, folder: Path, report: Report) -> None:
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES]
+)
+def test_file_looks_as_in_mitsuba_and_a_changed_one_does_not(name: str, folder: Path, report: Report) -> None:
     case, path = CASES[name], folder / f"{name}.xml"
-    result = compare(path, reference(path, case.spp, case.variant), spp=case.spp)
+    expected = render_by_mitsuba(path, spp=case.spp, variant=case.variant)
+    result = compare(path, expected, spp=case.spp)
     report("mean against Mitsuba, per cent", f"{100.0 * result.relative_difference[1]:+.3f}", 0, p=result.mean_p)
     report("share of pixels that pass", result.pass_fraction, ">= 0.995", p=result.p_min)
     assert agrees(case, result), result.message
-
-
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.change])
-def test_a_changed_file_is_seen(name: str, folder: Path, report: Report) -> None:
-    case, path = CASES[name], folder / f"{name}.xml"
-    text = path.read_text()
-    assert case.change is not None
-    assert case.change[0] in text
-    changed = folder / f"{name}-changed.xml"
-    changed.write_text(text.replace(*case.change))
-    result = compare(changed, reference(path, case.spp, case.variant), spp=case.spp)
-    report(" for ".join(reversed(case.change)), result.message)
-    assert not agrees(case, result), result.message
+    if case.change:
+        text = path.read_text()
+        assert case.change[0] in text
+        changed = write(folder, f"{name}-changed.xml", text.replace(*case.change))
+        result = compare(changed, expected, spp=case.spp)
+        report(" for ".join(reversed(case.change)), result.message)
+        assert not agrees(case, result), result.message
