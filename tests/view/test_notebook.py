@@ -12,6 +12,8 @@ import pytest
 from PIL import Image
 
 import wrt
+from wrt.develop.tones import CURVES
+from wrt.view.picture import Look, develop
 from wrt.view.session import Session
 
 
@@ -26,38 +28,31 @@ def pixels(content):
     return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), np.float64)
 
 
-def test_reprs_are_one_line():
+@pytest.mark.parametrize("tone", CURVES)
+def test_a_frame_has_the_codes_of_the_file_but_for_dither(tone):
+    radiance = np.random.default_rng(1).exponential(0.6, (48, 64, 3)).astype(np.float32)
+    radiance[:4] *= 1e3
+    radiance[0, :4] = np.array([np.nan, np.inf, 3e38, 1e9])[:, None]
+    for exposure in (-1.5, 0.0):
+        file = wrt.develop_image(radiance, tone=tone, exposure=exposure).astype(int)
+        assert np.abs(develop(radiance, Look(exposure, tone)).astype(int) - file).max() <= 1
+
+
+def test_reprs_are_one_line_and_scenes_show_their_pictures():
     scene = cornell_box()
     assert repr(scene) == f"<wrt.Scene: {len(scene.shapes)} shapes, 0 lights, 32x32>"
     mesh = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     assert repr(mesh).startswith("<wrt.Mesh quad: 2 triangles, 4 vertices")
-    assert repr(wrt.Renderer(scene)) == "<wrt.Renderer 32x32 path on cpu, 0 spp>"
-
-
-def test_a_scene_shows_its_picture():
-    scene = cornell_box()
+    renderer = wrt.Renderer(scene)
+    assert repr(renderer) == "<wrt.Renderer 32x32 path on cpu, 0 spp>"
     shown = pixels(scene._repr_png_())
     assert shown.shape == (32, 32, 3)
-    renderer = wrt.Renderer(scene)
-    assert renderer._repr_png_() is None  # no sample yet
-    for _ in renderer.passes(spp=16):
-        pass
-    # `picture_of_scene` takes 16 samples at most.
-    assert np.abs(pixels(renderer._repr_png_()) - shown).mean() < 12.0
     assert shown[16, 2, 0] > 2.0 * shown[16, 2, 1]  # the red wall
+    assert renderer._repr_png_() is None  # no sample yet
+    for _ in renderer.passes(spp=16):  # as many as a shown scene takes at most
+        pass
+    assert np.abs(pixels(renderer._repr_png_()) - shown).mean() < 12.0
     assert wrt.Scene()._repr_png_() is None
-
-
-@pytest.mark.parametrize("spp", [0, 2.5, "many"])
-def test_a_view_rests_at_a_number_of_samples(spp):
-    pytest.importorskip("anywidget")
-    with pytest.raises(wrt.InputError, match=r"^spp must be "):
-        cornell_box().view(spp=spp)
-
-
-def test_a_view_converges_orbits_and_keeps_its_last_picture():
-    pytest.importorskip("anywidget")
-    asyncio.run(_drive(wrt.Renderer(cornell_box())))
 
 
 def test_a_view_that_still_renders_ends_quietly_with_the_program():
@@ -78,9 +73,17 @@ def test_a_view_that_still_renders_ends_quietly_with_the_program():
         assert bool(heard) == noisy
 
 
-async def _drive(renderer):
+def test_a_view_converges_orbits_and_keeps_its_last_picture():
+    pytest.importorskip("anywidget")
+    for spp in (0, 2.5, "many"):
+        with pytest.raises(wrt.InputError, match=r"^spp must be "):
+            cornell_box().view(spp=spp)
+    asyncio.run(drive(wrt.Renderer(cornell_box())))
+
+
+async def drive(renderer):
     widget = renderer.view(spp=4)
-    sent = []
+    link, sent = widget.link, []
     widget.send = lambda message, buffers=None: sent.append((message, buffers))
 
     async def until(wanted):
@@ -100,7 +103,6 @@ async def _drive(renderer):
         link._answer({"type": "ack", "frame": header["frame"]})
         return header if header["spp"] == 4 and not header["moving"] and header["serial"] == serial else None
 
-    link = widget.link
     try:
         link._answer({"type": "open"})
         await until(resting)
