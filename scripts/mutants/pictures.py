@@ -62,7 +62,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/fingerprint.py",
         "[(shape.emission, shape.two_sided_emission) for shape in scene.shapes]",
         "[shape.emission for shape in scene.shapes]",
-        "tests/test_fingerprint.py",
+        "tests/files/test_fingerprint.py",
     ),
     Mutant(
         "checkpoint-without-rays",
