@@ -12,7 +12,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/warps.py",
         "b0 = 0.5 * u[0]\n        return wp.vec2(b0, u[1] - b0)",
         "b0 = 0.5 * u[0]\n        return wp.vec2(b0, u[1])",
-        "tests/test_warps.py",
+        "tests/transport/test_warps.py",
     ),
     Mutant(
         "sphere-map",
@@ -20,7 +20,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/warps.py",
         "z = 1.0 - 2.0 * u[0]",
         "z = 1.0 - 1.96 * u[0]",
-        "tests/test_warps.py",
+        "tests/transport/test_warps.py",
     ),
     Mutant(
         "sampler-bits",
@@ -62,7 +62,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/fingerprint.py",
         "[(shape.emission, shape.two_sided_emission) for shape in scene.shapes]",
         "[shape.emission for shape in scene.shapes]",
-        "tests/test_fingerprint.py",
+        "tests/files/test_fingerprint.py",
     ),
     Mutant(
         "checkpoint-without-rays",
