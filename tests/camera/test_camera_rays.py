@@ -105,10 +105,10 @@ def test_a_fisheye_sees_its_circle_which_touches_the_shorter_sides(device):
         np.testing.assert_array_equal(rays.visible[inside < 0.9999], True)
         np.testing.assert_array_equal(rays.visible[inside > 1.0001], False)
     scene = sky_scene(np.ones((1, 1, 3)), wrt.FisheyeCamera(fov_degrees=180.0))
-    image = wrt.render(scene, width=100, height=50, spp=16, device=device)[..., 0]
-    assert image[25, 50] == 1.0
-    assert image[:, :23].max() == 0.0  # the picture is black outside
-    assert float(image.sum()) == pytest.approx(math.pi * 25.0**2, rel=4e-3)
+    image = wrt.render(scene, width=200, height=100, spp=16, device=device)[..., 0]
+    assert image[50, 100] == 1.0
+    assert image[:, :48].max() == 0.0  # the picture is black outside
+    assert float(image.sum()) == pytest.approx(math.pi * 50.0**2, rel=2e-3)
 
 
 def sky_scene(pixels, camera):
@@ -120,9 +120,9 @@ def sky_scene(pixels, camera):
 def test_a_panorama_is_laid_out_as_an_environment_image(device):
     pixels = np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)
     scene = sky_scene(pixels, wrt.PanoramaCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
-    image = image_of(wrt.Renderer(scene, width=16 * 17, height=8 * 17, device=device, filter="box"), 4)
+    image = image_of(wrt.Renderer(scene, width=16 * 17, height=8 * 17, device=device, filter="box"), 16)
     middles = image[8::17, 8::17]  # texels are interpolated, and so themselves only in their middles
-    np.testing.assert_allclose(middles, pixels, atol=0.04)
+    np.testing.assert_allclose(middles, pixels, atol=0.03)
 
 
 MIRROR = wrt.Motion([0.0], [np.diag([-1.0, 1.0, 1.0, 1.0])])
