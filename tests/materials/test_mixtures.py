@@ -12,7 +12,7 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from support.bsdfs import hemisphere
-from support.composites import BLACK, A, B, C, assert_mean, chain, expected_shares, render, room
+from support.composites import BLACK, WITH_OPACITY, A, B, C, assert_mean, chain, expected_shares, render, room
 from support.covering_kernels import covering, render_with
 from support.hits import Hit
 from support.kernels import draw
@@ -152,18 +152,6 @@ def test_choices_after_one_another_are_independent(device: str, report: Report) 
 # --- What it comes to -------------------------------------------------------------------------------
 
 
-def test_mixture_has_the_mixed_value_and_density(device: str) -> None:
-    """E f = (1 − w) f_a + w f_b, and likewise of densities, over the choice; and opacity takes its share of both."""
-    wo, wi = hemisphere(500, seed=1), hemisphere(500, seed=2)
-    up = np.linspace(0.0, 1.0, 1001)[:-1] + 0.0005
-    parts = [Hit(material, device).evaluate([0.5], wo, wi) for material in (A, METAL)]
-    for weight, opacity in ((0.3, 1.0), (0.9, 0.5), (0.0, 1.0), (1.0, 0.2)):
-        found = Hit(wrt.Mix(A, METAL, weight=weight, opacity=opacity), device).evaluate(up, wo, wi)
-        for k in range(2):
-            expected = opacity * ((1.0 - weight) * parts[0][k] + weight * parts[1][k])
-            np.testing.assert_allclose(found[k], expected, rtol=1e-4, atol=1e-7)
-
-
 BOTH_HAVE = {
     "blendbsdf": wrt.Mix(A, METAL, weight=0.3),
     "mask of blendbsdf of masks": wrt.Mix(
@@ -202,8 +190,8 @@ def test_values_and_densities_are_those_of_mitsuba(name: str, front: bool, devic
 
 @pytest.fixture
 def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    small = covering("diffuse", "mirror", composite="mixed")
-    render_with([small, covering("diffuse", "mirror", "dielectric", METAL.model, composite="mixed")], monkeypatch)
+    models = ("diffuse", "mirror", "dielectric", METAL.model)
+    render_with([WITH_OPACITY, covering(*models, opacity=True, composite="none")], monkeypatch)
 
 
 def ball_scene(material: wrt.Material, *, inside_out: bool = False) -> wrt.Scene:

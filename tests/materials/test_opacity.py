@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.composites import BLACK, A, assert_mean, chain, expected_shares, render, room
-from support.covering_kernels import covering, render_with
+from support.composites import BLACK, WITH_OPACITY, A, assert_mean, chain, expected_shares, render, room
+from support.covering_kernels import render_with
 from support.irradiance import check, floor_scene, irradiance, pixel_mean, rectangle_irradiance
 from support.statistics import image_z_test, t_test_mean
 
@@ -19,7 +19,7 @@ from wrt.scene.materials import composite
 
 @pytest.fixture(autouse=True)
 def _one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([covering("diffuse", "mirror", "dielectric", opacity=True, composite="none")], monkeypatch)
+    render_with([WITH_OPACITY], monkeypatch)
 
 
 @pytest.mark.parametrize(("strategy", "max_depth"), [("mis", 1), ("mis", 5), ("light", 2), ("bsdf", 2)])

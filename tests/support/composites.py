@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 from conftest import Report
-from support.statistics import t_test_mean
 
 import wrt
+from support.covering_kernels import covering
+from support.statistics import t_test_mean
 
 A, B, C = wrt.Diffuse((0.8, 0.1, 0.2)), wrt.Diffuse((0.1, 0.7, 0.3)), wrt.Mirror(0.6)
 BLACK = wrt.Diffuse(0.0)
+WITH_OPACITY = covering("diffuse", "mirror", "dielectric", opacity=True, composite="none")
+"""Features of a kernel for anything made of these models."""
 
 
 def expected_shares(material: wrt.Material, front: bool = True) -> dict[int, float]:

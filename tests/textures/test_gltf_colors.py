@@ -1,0 +1,343 @@
+"""Colours of glTF files: textures, alpha of vertex colours, second texture coordinates, against an own ray caster."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from PIL import Image
+from support.covering_kernels import covering, render_with
+from support.gltf_rays import Reference, Window, joined, linear_to_srgb, split
+
+import wrt
+from wrt.backend.device import Device
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_file
+from wrt.upload.scene_data import build_scene
+
+Array = NDArray[Any]
+
+# --- Squares -----------------------------------------------------------------------------------------
+
+POINTS = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "<f4")
+FACES = np.array([0, 1, 2, 0, 2, 3], "<u2")
+UVS = np.array([[0.13, 0.9], [0.9, 0.9], [0.9, 0.1], [0.1, 0.1]], "<f4")
+SECOND = np.array([[0.1, 0.1], [0.1, 1.4], [0.6, 0.9], [0.7, 0.1]], "<f4")
+COLORS = np.array([[255, 128, 0, 0], [0, 255, 128, 255], [255, 255, 255, 128], [64, 32, 255, 200]], "<u1")
+CODES = np.random.default_rng(12).integers(0, 256, (2, 2, 4), dtype=np.uint8)
+WINDOW: Window = (48, 48, (4, 4, 44, 44))
+"""All of it inside the front square."""
+
+
+def png(codes: Array) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(codes).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def file_of(folder: Path, material: dict[str, Any], sampler: dict[str, int] | None = None, **attributes: Array) -> Path:
+    """Return a GLB of a square in front of another, which is opaque, and a camera that looks at both.
+
+    Texture 0 is CODES, texture 1 an orange.
+    """
+    chunks = [FACES.tobytes(), POINTS.tobytes(), png(CODES), png(np.full((1, 1, 3), (255, 128, 64), np.uint8))]
+    chunks += [values.tobytes() for values in attributes.values()]
+    starts = np.cumsum([0] + [len(chunk) + -len(chunk) % 4 for chunk in chunks]).tolist()
+    accessors: list[dict[str, Any]] = [
+        {"bufferView": 0, "componentType": 5123, "type": "SCALAR", "count": 6},
+        {"bufferView": 1, "componentType": 5126, "type": "VEC3", "count": 4},
+    ]
+    for number, values in enumerate(attributes.values(), 4):
+        kind = {"componentType": {"f": 5126, "u": 5121}[values.dtype.kind], "normalized": values.dtype.kind == "u"}
+        accessors.append({"bufferView": number, "type": f"VEC{values.shape[1]}", "count": 4, **kind})
+    named = dict(zip(attributes, range(2, 2 + len(attributes)), strict=True))
+    unlit = {"extensions": {"KHR_materials_unlit": {}}}
+    behind = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}, **unlit}
+    near, far = {"POSITION": 1, **named}, {"POSITION": 1, "TEXCOORD_0": named["TEXCOORD_0"]}
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1, 2]}],
+        "nodes": [
+            {"mesh": 0},
+            {"mesh": 1, "matrix": [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1, 0, 0, 0, -1, 1]},
+            {"camera": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 3, 1]},
+        ],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}],
+        "meshes": [
+            {"primitives": [{"attributes": near, "indices": 0, "material": 0}]},
+            {"primitives": [{"attributes": far, "indices": 0, "material": 1}]},
+        ],
+        "materials": [{**unlit, **material}, behind],
+        "textures": [{"source": 0, **({} if sampler is None else {"sampler": 0})}, {"source": 1}],
+        "samplers": [sampler or {}],
+        "images": [{"bufferView": 2, "mimeType": "image/png"}, {"bufferView": 3, "mimeType": "image/png"}],
+        "accessors": accessors,
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": len(chunk)}
+            for start, chunk in zip(starts, chunks, strict=False)
+        ],
+        "buffers": [{"byteLength": starts[-1]}],
+    }
+    path = folder / "squares.glb"
+    path.write_bytes(joined(tree, b"".join(chunk + bytes(-len(chunk) % 4) for chunk in chunks)))
+    return path
+
+
+def textured(texture: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}, **more}}
+
+
+CASES: dict[str, tuple[dict[str, Any], dict[str, Array]]] = {
+    "cut off": ({"alphaMode": "MASK", "alphaCutoff": 0.3, **textured({})}, {"COLOR_0": COLORS}),
+    "with a factor": (
+        {"alphaMode": "BLEND", **textured({}, baseColorFactor=[1.0, 0.5, 0.7, 0.8])},
+        {"COLOR_0": (COLORS / 255.0).astype("<f4")},
+    ),
+    # The first set is that of the normal texture, which shows nowhere without light.
+    "by the second set": (
+        {"alphaMode": "BLEND", **textured({"texCoord": 1}), "normalTexture": {"index": 1}},
+        {"TEXCOORD_1": SECOND},
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_path: Path, report: Report) -> None:
+    """Pixels over the edges of masks and texels aside, all are right to 2 of 255 steps; without alpha they are not.
+
+    Ray trees follow all that is partly there, without noise.
+    """
+    material, attributes = CASES[name]
+    path = file_of(tmp_path, material, TEXCOORD_0=UVS, **attributes)
+    options = {"width": WINDOW[0], "height": WINDOW[1], "crop": WINDOW[2], "filter": "box"}
+    renderer = wrt.Renderer(load_file(path), integrator="whitted", **options)
+    for _ in renderer.passes(spp=16):
+        pass
+    found = 255.0 * linear_to_srgb(renderer.image().astype(np.float64))
+    reference = Reference(path)
+
+    def codes(width: float) -> Array:
+        # Beside the diagonal, on which the reference meets both triangles.
+        shifts = [(x + 0.01, y) for x in (-width, 0.0, width) for y in (-width, 0.0, width)]
+        return np.stack([linear_to_srgb(reference.picture(WINDOW, shift)[0]) for shift in shifts]) * 255.0
+
+    # Masks have edges, of which one must not be in a pixel; all else changes evenly.
+    flat = np.ptp(codes(0.6), axis=0).max(axis=-1) < (3.0 if material.get("alphaMode") == "MASK" else 30.0)
+    off = np.abs(found - codes(1.0 / 3.0).mean(axis=0)).max(axis=-1)[flat]
+    report(f"{name}: pixels; mean and largest difference in steps", f"{flat.sum()}; {off.mean():.3g}, {off.max():.3g}")
+    assert flat.sum() > 500
+    assert off.max() <= 2.0
+    reference.seen[0].colors[..., 3] = 1.0
+    if "COLOR_0" in attributes and "alphaMode" in material:
+        expected = 255.0 * linear_to_srgb(reference.picture(WINDOW)[0])
+        assert np.abs(found - expected).max(axis=-1)[flat].mean() > 5.0
+
+
+def test_textures_by_two_sets(tmp_path: Path) -> None:
+    """Each by its own, with its own transform; the first is that of the normal texture."""
+    transform = {"KHR_texture_transform": {"offset": [0.25, 0.0], "scale": [2.0, 1.0]}}
+    material = textured({"texCoord": 1, "extensions": transform}, metallicRoughnessTexture={"index": 1})
+    material |= {"normalTexture": {"index": 0}, "extensions": {}}
+    shape = load_file(file_of(tmp_path, material, TEXCOORD_0=UVS, TEXCOORD_1=SECOND)).shapes[0]
+    turned = np.concatenate([UVS, SECOND], axis=1) * (1, -1, 1, -1) + (0, 1, 0, 1)
+    np.testing.assert_allclose(shape.mesh.uvs, turned, atol=1e-6)
+    base, roughness = shape.material.base_color, shape.material.roughness
+    assert (base.uv_set, roughness.uv_set) == (1, 0)
+    np.testing.assert_allclose(base.placement, [[2, 0, 0.25], [0, 1, 0]], atol=1e-6)
+    np.testing.assert_allclose(roughness.placement, np.eye(2, 3))
+    with pytest.warns(InputWarning, match="there is no TEXCOORD_1, by which textures of material 0 lie"):
+        shape = load_file(file_of(tmp_path, material, TEXCOORD_0=UVS)).shapes[0]
+    assert shape.material.base_color == (1.0, 1.0, 1.0)
+    assert shape.mesh.uvs.shape == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "filter"),
+    [
+        ({}, "bilinear"),
+        ({"minFilter": 9729, "magFilter": 9729}, "bilinear"),
+        ({"minFilter": 9985}, "trilinear"),
+        ({"minFilter": 9987, "magFilter": 9728}, "nearest"),
+    ],
+)
+def test_samplers_say_whether_they_want_levels(tmp_path: Path, sampler: dict[str, int], filter: str) -> None:
+    material = {**textured({}), "extensions": {}}
+    shape = load_file(file_of(tmp_path, material, sampler, TEXCOORD_0=UVS)).shapes[0]
+    assert shape.material.base_color.filter == filter
+
+
+def leaves(uvs: Array, colors: Array, uv_set: int, alpha: bool) -> wrt.Scene:
+    """Return leaves by masks and opacities before a wall, lit by a lamp with a picture on it."""
+    pixels = np.random.default_rng(3).random((3, 5, 3)).astype(np.float32)
+    own = {"vertex_alpha" if alpha else "vertex_colors": True}
+    faces = FACES.reshape(2, 3)
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 0.5, 5.0), fov_degrees=40))
+    opacities = [
+        wrt.VertexColor(0.9, alpha=alpha),
+        wrt.VertexColor(alpha=alpha, cutoff=0.4),
+        wrt.ImageTexture(pixels, channel="g", uv_set=uv_set, **own),
+        wrt.ImageTexture(pixels, channel="r", uv_set=uv_set, cutoff=0.3, **own),
+    ]
+    for number, opacity in enumerate(opacities):
+        place = POINTS * 0.4 + np.array([number - 1.5, 0.0, 0.3 * number], np.float32)
+        color = wrt.ImageTexture(pixels, uv_set=uv_set, scale=2.0)
+        scene.add(wrt.Mesh(place, faces, uvs=uvs, colors=colors), material=wrt.Diffuse(color, opacity=opacity))
+    scene.add(wrt.quad((-3, -2, -1), (6, 0, 0), (0, 4, 0)), material=wrt.Diffuse(0.6))
+    lamp = wrt.Mesh(POINTS * (1, -1, 1) + np.array([0, 3, 4], np.float32), faces, uvs=uvs)
+    scene.add(lamp, emission=wrt.ImageTexture(pixels, uv_set=uv_set, factor=4.0))
+    return scene
+
+
+@pytest.mark.slow
+def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same numbers give the same bits, wherever they are kept; in a scene file too."""
+    kernel = covering("diffuse", opacity=True, composite="none", sampler=wrt.RenderSettings().sampler)
+    render_with([kernel], monkeypatch)
+    alpha = (COLORS[:, 3:] / 255.0).astype(np.float32)
+    plain = leaves(SECOND, np.repeat(alpha, 3, axis=1), 0, False)
+    noise = np.random.default_rng(4).random((4, 3)).astype(np.float32)
+    extra = leaves(np.concatenate([UVS, SECOND], axis=1), np.concatenate([noise, alpha], axis=1), 1, True)
+    assert [build_scene(scene, Device("cpu")).features.uv2_alpha for scene in (plain, extra)] == [False, True]
+    wrt.save_scene(tmp_path / "scene.toml", extra)
+    first, *others = (
+        wrt.render(scene, width=40, height=24, spp=4) for scene in (plain, extra, wrt.load(tmp_path / "scene.toml"))
+    )
+    assert first.max() > 0.0
+    for other in others:
+        np.testing.assert_array_equal(other, first)
+
+
+def test_meshes_without_alpha_and_opaque_materials_are_opaque(tmp_path: Path) -> None:
+    mesh = wrt.Mesh(POINTS, FACES.reshape(2, 3))
+    scene = wrt.Scene([wrt.Shape(mesh, wrt.Diffuse(opacity=wrt.VertexColor(alpha=True)))])
+    np.testing.assert_array_equal(build_scene(scene, Device("cpu")).data.uv2_alpha.numpy(), [[0, 0, 1]] * 4)
+    opaque = load_file(file_of(tmp_path, textured({}), TEXCOORD_0=UVS, COLOR_0=COLORS)).shapes[0].material
+    assert opaque.opacity == 1.0
+    assert opaque.radiance.vertex_colors
+
+
+def test_mistakes_are_told() -> None:
+    faces, pixels = FACES.reshape(2, 3), np.zeros((1, 1, 3), np.float32)
+    for make, message in (
+        (lambda: wrt.Mesh(POINTS, faces, uvs=np.zeros((4, 3))), r"uvs must be \(N, 2\) or \(N, 4\), not"),
+        (
+            lambda: wrt.Mesh(POINTS, faces, colors=np.zeros((4, 2))),
+            r"colors must be \(N, 3\) or \(N, 4\), not",
+        ),
+        (lambda: wrt.ImageTexture(pixels, uv_set=2), r"uv_set must be .*1"),
+        (lambda: wrt.ImageTexture(pixels, vertex_colors=True, vertex_alpha=True), "either vertex_colors or vertex_al"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            make()
+
+
+# --- Files of the Khronos group: the colours that glTF specifies, to 2 of 255 steps, where they are flat ---
+
+CORNERS = [(0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]
+STEPS = 2.0
+
+# What is looked at: the duck, larger than its own camera shows it; and of each of five boards a column, whose alpha
+# goes from 0 at the top to 1 at the bottom.
+DUCK: Window = (54, 40, (4, 1, 50, 38))
+BOARDS: dict[str, Window] = {
+    name: (1024, 768, (x, 282, x + 12, 486))
+    for name, x in {"OPAQUE": 180, "BLEND": 344, "MASK 0.25": 514, "MASK": 690, "MASK 0.75": 876}.items()
+}
+
+
+def prepared(source: Path, folder: Path, *, unlit: bool, fov: float | None = None) -> Path:
+    """Return a copy of a file without lighting (KHR_materials_unlit), or of another field of view, radians."""
+    tree, binary = split(source)
+    for material in tree["materials"] if unlit else ():
+        material.setdefault("extensions", {})["KHR_materials_unlit"] = {}
+    if fov is not None:
+        tree["cameras"][0]["perspective"]["yfov"] = fov
+    path = folder / source.name
+    path.write_bytes(joined(tree, binary))
+    return path
+
+
+def codes_of(scene: wrt.Scene, window: Window, path: Path, spp: int, **options: Any) -> tuple[Array, wrt.Renderer]:
+    """Render a window; return the numbers in the PNG file, and the renderer."""
+    width, height, crop = window
+    renderer = wrt.Renderer(scene, width=width, height=height, crop=crop, filter="box", **options)
+    for _ in renderer.passes(spp=spp):
+        pass
+    wrt.save_image(path, renderer.image())
+    return np.asarray(Image.open(path).convert("RGB"), np.float64), renderer
+
+
+def flat_colors(reference: Reference, window: Window) -> tuple[Array, Array]:
+    """Return (H, W, 3) codes that glTF specifies, and where they hold for all of a pixel and its neighbours."""
+    pictures = [reference.picture(window, shift) for shift in CORNERS]
+    codes = np.stack([255.0 * linear_to_srgb(color) for color, _ in pictures])
+    flat = np.ptp(codes, axis=0).max(axis=-1) <= 1.0
+    flat &= np.all([covered for _, covered in pictures], axis=0)
+    around = np.pad(codes[0], ((1, 1), (1, 1), (0, 0)), mode="edge")
+    h, w = flat.shape
+    near = np.stack([around[y : y + h, x : x + w] for y in range(3) for x in range(3)])
+    return codes.mean(axis=0), flat & (np.ptp(near, axis=0).max(axis=-1) <= 3.0)
+
+
+def steps(found: Array, expected: Array, flat: Array) -> Array:
+    return np.abs(found - expected).max(axis=-1)[flat]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unlit", [True, False])
+def test_a_duck_is_its_texture(unlit: bool, assets: Path, tmp_path: Path, report: Report) -> None:
+    """Without light, and matt under a white sky: the radiance of that is the albedo, where only sky is seen.
+
+    Where anything else of the duck is in the way, samples differ, by which such points are known.
+    """
+    path = prepared(assets / "meshes" / "Duck.glb", tmp_path, unlit=unlit, fov=0.26)
+    expected, flat = flat_colors(Reference(path), DUCK)
+    scene = load_file(path)
+    (shape,) = scene.shapes
+    # Without levels, which reach beyond the seams of the coordinates and mix in what lies there.
+    texture = shape.material.radiance if unlit else shape.material.base_color
+    texture = dataclasses.replace(texture, filter="bilinear")
+    scene.shapes = [wrt.Shape(shape.mesh, wrt.Emissive(texture) if unlit else wrt.Diffuse(texture))]
+    scene.environment = None if unlit else wrt.ConstantEnvironment(1.0)
+    found, renderer = codes_of(scene, DUCK, tmp_path / "duck.png", 8 if unlit else 64, max_depth=2)
+    if not unlit:
+        flat &= np.sqrt(64.0 * renderer.variance()).max(axis=-1) < 0.01
+    off = steps(found, expected, flat)
+    report("flat pixels; largest difference in steps of 255", f"{flat.sum()}; {off.max():g}", f"<= {STEPS:g}")
+    assert flat.sum() > (300 if unlit else 100)
+    assert off.max() <= STEPS
+    # Wrong partners: the texture mirrored, and sRGB taken for linear.
+    for pixels in (texture.pixels[:, ::-1], linear_to_srgb(np.float64(texture.pixels)).astype(np.float32)):
+        material = wrt.Emissive(dataclasses.replace(texture, pixels=pixels))
+        wrong = wrt.Scene([wrt.Shape(shape.mesh, material)], camera=scene.camera)
+        found, _ = codes_of(wrong, DUCK, tmp_path / "wrong.png", 2)
+        assert (steps(found, expected, flat) > STEPS).mean() > 0.9
+
+
+@pytest.mark.slow
+def test_alpha_modes_cover_as_the_specification_says(assets: Path, tmp_path: Path, report: Report) -> None:
+    path = prepared(assets / "meshes" / "AlphaBlendModeTest.glb", tmp_path, unlit=True)
+    reference, scene = Reference(path), load_file(path)
+    for name, window in BOARDS.items():
+        expected, flat = flat_colors(reference, window)
+        found, _ = codes_of(scene, window, tmp_path / "board.png", 256)
+        off = steps(found, expected, flat)
+        report(f"{name}: flat pixels; largest difference in steps", f"{flat.sum()}; {off.max():g}", f"<= {STEPS:g}")
+        assert flat.sum() > 50
+        assert off.max() <= STEPS
+        # Wrong partners: masks cut off elsewhere, and nothing but masks blended or opaque.
+        wrong = Reference(path)
+        for seen in wrong.seen:
+            seen.blend = not seen.blend and seen.cutoff is None
+            seen.cutoff = None if seen.cutoff is None else seen.cutoff + 0.1
+        off = steps(found, 255.0 * linear_to_srgb(wrong.picture(window)[0]), flat)
+        assert (off > STEPS).mean() > 0.05
