@@ -72,7 +72,7 @@ def float32(directions: Array) -> Array:
 
 def masking_of_beckmann(w: Array, alpha: tuple[float, float]) -> tuple[Array, Array]:
     """Return Smith's G1, and Walter's fit of it (Walter et al. 2007, eq. 27), which exceeds 1 a little."""
-    a = w[:, 2] / np.hypot(alpha[0] * w[:, 0], alpha[1] * w[:, 1])
+    a = w[:, 2] / np.hypot(alpha[0] * w[:, 0], alpha[1] * w[:, 1]).clip(1e-6)
     exact = 2.0 / (1.0 + special.erf(a) + np.exp(-a * a) / (a * np.sqrt(np.pi)))
     fit = (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
     return exact, np.where(a < 1.6, fit, 1.0)
