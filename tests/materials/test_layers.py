@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from conftest import ROOT, Report
+from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
 from support.covering_kernels import covering, render_with
@@ -25,22 +25,22 @@ from wrt.scene.layers import LAYERS, channel_names
 
 Array = NDArray[np.float64]
 
-LAYERED: dict[str, Any] = {"aovs": True, "opacity": True, "composite": "none"}
-METALS = [wrt.Mirror((0.9, 0.5, 0.2)), wrt.Conductor(metal="gold"), wrt.RoughConductor(0.3, metal="copper")]
-MATERIALS = [*METALS, wrt.Plastic(0.4)]
+MATERIALS = [wrt.Mirror((0.9, 0.5, 0.2)), wrt.Conductor(metal="gold"), wrt.RoughConductor(0.3, metal="copper")]
+MATERIALS.append(wrt.Plastic(0.4))
 
 
 @pytest.fixture(autouse=True)
 def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of layers alone, one of light as well."""
-    light = covering("diffuse", "mirror", **LAYERED)
-    more = covering("diffuse", *(material.model for material in MATERIALS), **LAYERED)
-    render_with([covering("diffuse", "dielectric", integrator="aov", **LAYERED), light, more], monkeypatch)
+    """One that is small, one of all models."""
+    layered: dict[str, Any] = {"aovs": True, "opacity": True, "composite": "none"}
+    more = covering("diffuse", *(material.model for material in MATERIALS), **layered)
+    render_with([covering("diffuse", "mirror", "dielectric", **layered), more], monkeypatch)
 
 
 def render(scene: wrt.Scene, spp: int = 1, *, centred: bool = True, **options: Any) -> wrt.Renderer:
     """Render layers, by default with all samples in the middle of their pixels."""
-    given = {"integrator": "aov", "layers": tuple(LAYERS), "width": 32, "height": 24, "sampler": "independent"}
+    given = {"layers": tuple(LAYERS), "width": 32, "height": 24, "sampler": "independent"}
+    scene.environment = scene.environment or wrt.ConstantEnvironment(1.0)
     renderer = wrt.Renderer(scene, **{**given, **options})
     if centred:
         renderer._inputs[2].zero_()
@@ -49,12 +49,16 @@ def render(scene: wrt.Scene, spp: int = 1, *, centred: bool = True, **options: A
     return renderer
 
 
+SMOOTH = np.array([0.6, 0.0, 0.8])
+
+
 def two_panes() -> wrt.Scene:
-    """A tilted red pane with coordinates before a grey wall, which does not fill the picture."""
+    """A tilted red pane with normals of its own before a grey wall, which does not fill the picture."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), fov_degrees=40.0))
     red, grey = wrt.Diffuse((0.8, 0.2, 0.1)), wrt.Diffuse(0.5)
     scene.add(wrt.quad((-2.0, -1.2, -1.0), (4.0, 0.0, 0.0), (0.0, 2.4, 0.0)), material=grey)
-    scene.add(wrt.quad((-0.6, -0.5, 0.3), (1.2, 0.0, 0.4), (0.0, 1.0, 0.0)), material=red)
+    pane = wrt.quad((-0.6, -0.5, 0.3), (1.2, 0.0, 0.4), (0.0, 1.0, 0.0))
+    scene.add(wrt.Mesh(pane.vertices, pane.faces, np.tile(SMOOTH, (4, 1)), pane.uvs), material=red)
     scene.add(wrt.quad((-2.0, 1.3, 0.0), (4.0, 0.0, 0.0), (0.0, 0.1, 0.0)), material=grey)
     return scene
 
@@ -71,9 +75,10 @@ def camera_rays(camera: Any, width: int, height: int) -> Array:
 # --- Against geometry ------------------------------------------------------------------------------
 
 
-def test_layers_of_panes_are_what_geometry_says(device: str) -> None:
+@pytest.mark.parametrize("integrator", ["path", "aov"])
+def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
     scene = two_panes()
-    layers = render(scene, device=device).layers()
+    layers = render(scene, integrator=integrator, device=device).layers()
     rays, origin = camera_rays(scene.camera, 32, 24), np.array([0.0, 0.0, 4.0])
     depth = np.full((24, 32), np.inf)
     number = np.zeros((24, 32), int)
@@ -97,63 +102,13 @@ def test_layers_of_panes_are_what_geometry_says(device: str) -> None:
         ("alpha", met),
         ("depth", depth),
         ("position", position),
-        ("normal", normal),
+        ("normal", np.where(number[..., None] == 2, SMOOTH, normal)),
         ("geometric_normal", normal),
         ("uv", uv),
         ("albedo", albedo),
         ("motion", np.zeros((24, 32, 2))),
     ):
         np.testing.assert_allclose(layers[name], expected, rtol=1e-6, atol=2e-6, err_msg=name)
-
-
-@pytest.mark.slow
-def test_layers_are_those_of_mitsuba(tmp_path: Path, report: Report) -> None:
-    """Ray by ray of its integrator `aov`: a smooth ball before a textured wall.
-
-    Mitsuba's normals do not turn to the viewer; here all fronts face it.
-    """
-    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
-    from support.mitsuba_scene import load_mitsuba, to_mitsuba
-
-    mi = load_mitsuba()
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.5, 1.0, 4.0), (0.0, 0.0, 0.0), fov_degrees=40.0))
-    texture = wrt.ImageTexture(np.random.default_rng(3).uniform(0.1, 0.9, (4, 4, 3)).astype(np.float32))
-    scene.add(wrt.quad((-1.5, -1.2, -1.0), (3.0, 0.0, 0.0), (0.0, 2.4, 0.0)), material=wrt.Diffuse(texture))
-    scene.add(wrt.sphere((0.2, 0.1, 0.3), 0.7, subdivisions=3), material=wrt.Diffuse((0.8, 0.2, 0.1)))
-    scene.environment = wrt.ConstantEnvironment(1.0)
-    width, height = 48, 36
-    layers = render(scene, width=width, height=height, device="cpu").layers()
-    loaded = mi.load_dict(to_mitsuba(scene, tmp_path, width=width, height=height, max_depth=2))
-    asked = {"depth": 1, "position": 3, "uv": 2, "geo_normal": 3, "sh_normal": 3, "albedo": 3}
-    integrator = mi.load_dict({"type": "aov", "aovs": ",".join(f"{name}:{name}" for name in asked)})
-    found = np.zeros((height, width, sum(asked.values())))
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0)
-    rays = camera_rays(scene.camera, width, height)
-    for y in range(height):
-        for x in range(width):
-            ray = mi.RayDifferential3f(mi.Ray3f(scene.camera.origin, rays[y, x]))  # type: ignore[union-attr]
-            found[y, x] = list(integrator.sample(loaded, sampler, ray)[2])
-    parts = np.split(found, np.cumsum(list(asked.values()))[:-1], axis=2)
-    theirs = dict(zip(asked, parts, strict=True))
-    met = layers["alpha"] == 1.0
-    assert 0.3 < met.mean() < 0.95
-    np.testing.assert_array_equal(met, theirs["depth"][..., 0] > 0.0)
-    for ours, name, where, tolerance in (
-        ("depth", "depth", met, 3e-6),
-        ("position", "position", met, 3e-6),
-        ("geometric_normal", "geo_normal", met, 2e-5),
-        ("normal", "sh_normal", met, 6e-6),
-        ("uv", "uv", layers["object"] == 1, 3e-6),
-        ("albedo", "albedo", met, 2e-5),
-    ):
-        a, b = layers[ours].reshape(height, width, -1)[where], theirs[name][where]
-        report(f"{ours}: largest difference", float(np.abs(a - b).max()))
-        assert np.abs(a - b).max() < tolerance, ours
-    # Their scene files name them so.
-    settings = wrt.load(ROOT / "tests" / "scenes" / "mitsuba" / "layers.xml").settings
-    assert settings.integrator == "aov"
-    assert settings.layers == ("albedo", "depth", "position", "uv", "geometric_normal", "normal")
 
 
 # --- Albedo, means, and what has none ----------------------------------------------------------------
@@ -166,8 +121,7 @@ def test_albedo_is_what_a_white_sky_shows(material: wrt.Material, device: str) -
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=20.0)
     scene.add(wrt.quad((-1.0, -1.0, 0.0), (2.0, 0.0, 0.5), (0.0, 2.0, 0.0)), material=material)
-    options = {"integrator": "path", "max_depth": 2, "width": 8, "height": 8}
-    renderer = render(scene, 16, layers=("albedo",), device=device, **options)
+    renderer = render(scene, 16, max_depth=2, width=8, height=8, device=device)
     np.testing.assert_allclose(renderer.layers()["albedo"], renderer.image(), rtol=1e-6)
     assert renderer.image().min() > 0.05
 
@@ -287,9 +241,8 @@ def test_a_moving_shape_moves_on_the_film(device: str) -> None:
 
 def test_layers_change_nothing_of_the_picture(device: str) -> None:
     scene = two_panes()
-    scene.environment = wrt.ConstantEnvironment(1.0)
-    plain = render(scene, 8, centred=False, integrator="path", layers=(), device=device)
-    with_layers = render(scene, 8, centred=False, integrator="path", device=device)
+    plain = render(scene, 8, centred=False, layers=(), device=device)
+    with_layers = render(scene, 8, centred=False, device=device)
     np.testing.assert_array_equal(plain.image(), with_layers.image())
     assert plain.layers() == {}
     assert not any(name.startswith("layer") for name in plain.film.state())
@@ -298,8 +251,9 @@ def test_layers_change_nothing_of_the_picture(device: str) -> None:
 
 def test_any_split_of_the_work_gives_the_same_layers(device: str, tmp_path: Path) -> None:
     scene = two_panes()
-    whole = render(scene, 13, centred=False, device=device, threads=1).layers()
-    parts = render(scene, 5, centred=False, device=device, threads=2)
+    options = {"integrator": "aov", "centred": False, "device": device}
+    whole = render(scene, 13, threads=1, **options).layers()
+    parts = render(scene, 5, threads=2, **options)
     parts.save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, device=device)
     assert resumed.settings.layers == tuple(LAYERS)
@@ -325,7 +279,7 @@ def block(material: wrt.Material) -> wrt.Scene:
 
 
 def seen(scene: wrt.Scene, spp: int = 4, **options: Any) -> wrt.Renderer:
-    given = {"integrator": "path", "layers": (), "width": 24, "height": 18, "transparent": True}
+    given = {"layers": (), "width": 24, "height": 18, "transparent": True}
     return render(scene, spp, centred=False, **{**given, **options})
 
 

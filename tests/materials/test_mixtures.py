@@ -17,11 +17,8 @@ from support.covering_kernels import covering, render_with
 from support.hits import Hit
 from support.kernels import draw
 from support.statistics import chi_square_test, image_z_test
-from support.wide_scenes import wide_kernel
 
 import wrt
-from wrt.backend.lanes import lanes_of
-from wrt.backend.processor import processor_flags
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.sampling.sampler import BLOCKS_PER_PATH
 from wrt.kernels.scene import materials as device_materials
@@ -362,18 +359,6 @@ class WithHoles(wrt.Renderer):
         return super()._choose_kernel(dataclasses.replace(features, opacity=True, composite="none"), compile, read)
 
 
-def state(renderer: wrt.Renderer) -> dict[str, bytes]:
-    found = {name: array.tobytes() for name, array in renderer.film.state().items()}
-    return {**found, "rays": renderer.film.data.rays.numpy().tobytes()}
-
-
-def film(renderer: wrt.Renderer) -> dict[str, bytes]:
-    for _ in renderer.passes(spp=20):
-        pass
-    assert renderer.image().max() > 0.0
-    return state(renderer)
-
-
 @pytest.mark.parametrize(
     ("materials", "expected"),
     [
@@ -389,25 +374,15 @@ def test_kernels_have_what_materials_need(materials: list[wrt.Material], expecte
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("integrator", "layers"), [("path", ("albedo", "normal", "material")), ("whitted", ())])
 @pytest.mark.parametrize("make", [sides, mixed])
-def test_the_bits_are_those_with_holes(make: Callable[[], wrt.Scene], integrator: str, layers: tuple[str, ...]) -> None:
+def test_the_bits_are_those_with_holes(make: Callable[[], wrt.Scene]) -> None:
     """Of layers, too: these are chosen by the same numbers as the parts that paths meet."""
-    options: dict[str, Any] = {"width": 40, "height": 30, "integrator": integrator, "layers": layers}
-    renderer = wrt.Renderer(make(), **options)
-    assert not can_attenuate_shadows(renderer._kernel._features)
-    assert film(renderer) == film(WithHoles(make(), **options))
-
-
-@pytest.mark.machinery
-@pytest.mark.skipif(not lanes_of(processor_flags()), reason="the processor has no such registers")
-@pytest.mark.parametrize("make", [sides, mixed])
-def test_the_wide_kernel_of_composites_has_the_same_bits(make: Callable[[], wrt.Scene]) -> None:
-    renderer = wrt.Renderer(make(), width=45, height=31, threads=1)
-    start = renderer.film.state()
-    scalar = film(renderer)
-    renderer.film.restore(start)
-    renderer.film.data.rays.zero_()
-    kernel, threads = wide_kernel(renderer, lanes_of(processor_flags()))
-    renderer.device.launch(kernel, threads, [20, *renderer._inputs])
-    assert state(renderer) == scalar
+    films = []
+    for kind in (wrt.Renderer, WithHoles):
+        renderer = kind(make(), width=40, height=30, layers=("albedo", "normal", "material"))
+        assert can_attenuate_shadows(renderer._kernel._features) == (kind is WithHoles)
+        for _ in renderer.passes(spp=20):
+            pass
+        assert renderer.image().max() > 0.0
+        films.append({**renderer.film.state(), "rays": renderer.film.data.rays.numpy()})
+    assert {name: array.tobytes() for name, array in films[0].items()} == {k: a.tobytes() for k, a in films[1].items()}

@@ -63,22 +63,13 @@ def test_the_program_runs_and_the_full_moon_is_flat(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "moon.py"], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     codes = srgb_from_linear(wrt.load_image(tmp_path / "moon.png")) * 255.0
-    # From 220 radii away the camera does not see quite what the sun sees.
     y, x = np.meshgrid(*(2.0 * (np.arange(512) + 0.5) / 512.0 - 1.0,) * 2, indexing="ij")
-    ray = np.stack([x, -y, np.full_like(x, -1.0 / np.tan(np.radians(0.3)))], axis=-1)
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    along = -220.0 * ray[..., 2]
-    miss2 = 220.0**2 - along**2
-    t = along - np.sqrt(np.maximum(1.0 - miss2, 0.0))
-    normal = np.array([0.0, 0.0, 220.0]) + t[..., None] * ray
-    cos_i, cos_o = normal[..., 2], -(normal * ray).sum(axis=-1)
-    lit = (miss2 < 0.97) & (cos_i > 0.0)
-    albedo_of_moon = np.array([0.22, 0.2, 0.18])
-    radiance = 60.0 * (cos_i / (4.0 * np.pi * (cos_i + cos_o)))[..., None] * albedo_of_moon
-    assert lit.mean() > 0.4
-    assert np.abs(codes - 255.0 * srgb_from_linear(np.maximum(radiance, 0.0)))[lit].max() < 2.0
-    assert codes[miss2 > 1.02].max() == 0.0
-    assert np.abs(radiance[lit] / (60.0 * albedo_of_moon / (8.0 * np.pi)) - 1.0).max() < 0.02
+    # Radii of the moon from the axis; from 220 of them away the camera does not see quite what the sun sees.
+    off = np.hypot(x, y) * 220.0 * np.tan(np.radians(0.3))
+    expected = 255.0 * srgb_from_linear(60.0 * np.array([0.22, 0.2, 0.18]) / (8.0 * np.pi))
+    assert (off < 0.98).mean() > 0.4
+    assert np.abs(codes - expected)[off < 0.98].max() < 3.0
+    assert codes[off > 1.02].max() == 0.0
 
 
 @pytest.mark.parametrize("degrees", [0.0, 80.0])

@@ -64,7 +64,7 @@ def test_what_is_wrong_is_named(make: Callable[..., Any], value: Any, message: s
         make(value, "thing", **limits)
     text = str(caught.value)
     assert "\n" not in text
-    assert text.startswith(f"thing{message}" if message.startswith("[") else f"thing {message}")
+    assert text.startswith(f"thing {message}" if message[:1].isalpha() else f"thing{message}")
 
 
 def test_limits_of_numbers() -> None:

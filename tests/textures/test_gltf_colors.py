@@ -240,104 +240,45 @@ def test_mistakes_are_told() -> None:
             make()
 
 
-# --- Files of the Khronos group: the colours that glTF specifies, to 2 of 255 steps, where they are flat ---
-
-CORNERS = [(0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]
-STEPS = 2.0
-
-# What is looked at: the duck, larger than its own camera shows it; and of each of five boards a column, whose alpha
-# goes from 0 at the top to 1 at the bottom.
-DUCK: Window = (54, 40, (4, 1, 50, 38))
-BOARDS: dict[str, Window] = {
-    name: (1024, 768, (x, 282, x + 12, 486))
-    for name, x in {"OPAQUE": 180, "BLEND": 344, "MASK 0.25": 514, "MASK": 690, "MASK 0.75": 876}.items()
-}
-
-
-def prepared(source: Path, folder: Path, *, unlit: bool, fov: float | None = None) -> Path:
-    """Return a copy of a file without lighting (KHR_materials_unlit), or of another field of view, radians."""
-    tree, binary = split(source)
-    for material in tree["materials"] if unlit else ():
-        material.setdefault("extensions", {})["KHR_materials_unlit"] = {}
-    if fov is not None:
-        tree["cameras"][0]["perspective"]["yfov"] = fov
-    path = folder / source.name
-    path.write_bytes(joined(tree, binary))
-    return path
-
-
-def codes_of(scene: wrt.Scene, window: Window, path: Path, spp: int, **options: Any) -> tuple[Array, wrt.Renderer]:
-    """Render a window; return the numbers in the PNG file, and the renderer."""
-    width, height, crop = window
-    renderer = wrt.Renderer(scene, width=width, height=height, crop=crop, filter="box", **options)
-    for _ in renderer.passes(spp=spp):
-        pass
-    wrt.save_image(path, renderer.image())
-    return np.asarray(Image.open(path).convert("RGB"), np.float64), renderer
-
-
-def flat_colors(reference: Reference, window: Window) -> tuple[Array, Array]:
-    """Return (H, W, 3) codes that glTF specifies, and where they hold for all of a pixel and its neighbours."""
-    pictures = [reference.picture(window, shift) for shift in CORNERS]
-    codes = np.stack([255.0 * linear_to_srgb(color) for color, _ in pictures])
-    flat = np.ptp(codes, axis=0).max(axis=-1) <= 1.0
-    flat &= np.all([covered for _, covered in pictures], axis=0)
-    around = np.pad(codes[0], ((1, 1), (1, 1), (0, 0)), mode="edge")
-    h, w = flat.shape
-    near = np.stack([around[y : y + h, x : x + w] for y in range(3) for x in range(3)])
-    return codes.mean(axis=0), flat & (np.ptp(near, axis=0).max(axis=-1) <= 3.0)
-
-
-def steps(found: Array, expected: Array, flat: Array) -> Array:
-    return np.abs(found - expected).max(axis=-1)[flat]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("unlit", [True, False])
-def test_a_duck_is_its_texture(unlit: bool, assets: Path, tmp_path: Path, report: Report) -> None:
-    """Without light, and matt under a white sky: the radiance of that is the albedo, where only sky is seen.
+def test_a_matt_duck_under_a_white_sky_is_its_texture(assets: Path, tmp_path: Path, report: Report) -> None:
+    """The radiance is the albedo, to 2 of 255 steps where that is flat and only sky is seen.
 
     Where anything else of the duck is in the way, samples differ, by which such points are known.
     """
-    path = prepared(assets / "meshes" / "Duck.glb", tmp_path, unlit=unlit, fov=0.26)
-    expected, flat = flat_colors(Reference(path), DUCK)
+    tree, binary = split(assets / "meshes" / "Duck.glb")
+    tree["cameras"][0]["perspective"]["yfov"] = 0.26  # larger than its own camera shows it
+    path = tmp_path / "duck.glb"
+    path.write_bytes(joined(tree, binary))
+    window: Window = (54, 40, (4, 1, 50, 38))
+    shifts = [(0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]
+    pictures = [Reference(path).picture(window, shift) for shift in shifts]
+    codes = np.stack([255.0 * linear_to_srgb(color) for color, _ in pictures])
+    around = np.pad(codes[0], ((1, 1), (1, 1), (0, 0)), mode="edge")
+    near = np.stack([around[y : y + 37, x : x + 46] for y in range(3) for x in range(3)])
+    flat = (np.ptp(codes, axis=0).max(axis=-1) <= 1.0) & (np.ptp(near, axis=0).max(axis=-1) <= 3.0)
+    flat &= np.all([covered for _, covered in pictures], axis=0)
     scene = load_file(path)
     (shape,) = scene.shapes
     # Without levels, which reach beyond the seams of the coordinates and mix in what lies there.
-    texture = shape.material.radiance if unlit else shape.material.base_color
-    texture = dataclasses.replace(texture, filter="bilinear")
-    scene.shapes = [wrt.Shape(shape.mesh, wrt.Emissive(texture) if unlit else wrt.Diffuse(texture))]
-    scene.environment = None if unlit else wrt.ConstantEnvironment(1.0)
-    found, renderer = codes_of(scene, DUCK, tmp_path / "duck.png", 8 if unlit else 64, max_depth=2)
-    if not unlit:
-        flat &= np.sqrt(64.0 * renderer.variance()).max(axis=-1) < 0.01
-    off = steps(found, expected, flat)
-    report("flat pixels; largest difference in steps of 255", f"{flat.sum()}; {off.max():g}", f"<= {STEPS:g}")
-    assert flat.sum() > (300 if unlit else 100)
-    assert off.max() <= STEPS
+    texture = dataclasses.replace(shape.material.base_color, filter="bilinear")
+    scene.environment = wrt.ConstantEnvironment(1.0)
+
+    def off(pixels: Array) -> Array:
+        material = wrt.Diffuse(dataclasses.replace(texture, pixels=pixels))
+        scene.shapes = [wrt.Shape(shape.mesh, material)]
+        renderer = wrt.Renderer(scene, width=54, height=40, crop=window[2], filter="box", max_depth=2)
+        for _ in renderer.passes(spp=64):
+            pass
+        wrt.save_image(tmp_path / "duck.png", renderer.image())
+        found = np.asarray(Image.open(tmp_path / "duck.png").convert("RGB"), np.float64)
+        alone = np.sqrt(64.0 * renderer.variance()).max(axis=-1) < 0.01
+        return np.abs(found - codes.mean(axis=0)).max(axis=-1)[flat & alone]
+
+    found = off(texture.pixels)
+    report("flat pixels; largest difference in steps of 255", f"{len(found)}; {found.max():g}", "<= 2")
+    assert len(found) > 100
+    assert found.max() <= 2.0
     # Wrong partners: the texture mirrored, and sRGB taken for linear.
-    for pixels in (texture.pixels[:, ::-1], linear_to_srgb(np.float64(texture.pixels)).astype(np.float32)):
-        material = wrt.Emissive(dataclasses.replace(texture, pixels=pixels))
-        wrong = wrt.Scene([wrt.Shape(shape.mesh, material)], camera=scene.camera)
-        found, _ = codes_of(wrong, DUCK, tmp_path / "wrong.png", 2)
-        assert (steps(found, expected, flat) > STEPS).mean() > 0.9
-
-
-@pytest.mark.slow
-def test_alpha_modes_cover_as_the_specification_says(assets: Path, tmp_path: Path, report: Report) -> None:
-    path = prepared(assets / "meshes" / "AlphaBlendModeTest.glb", tmp_path, unlit=True)
-    reference, scene = Reference(path), load_file(path)
-    for name, window in BOARDS.items():
-        expected, flat = flat_colors(reference, window)
-        found, _ = codes_of(scene, window, tmp_path / "board.png", 256)
-        off = steps(found, expected, flat)
-        report(f"{name}: flat pixels; largest difference in steps", f"{flat.sum()}; {off.max():g}", f"<= {STEPS:g}")
-        assert flat.sum() > 50
-        assert off.max() <= STEPS
-        # Wrong partners: masks cut off elsewhere, and nothing but masks blended or opaque.
-        wrong = Reference(path)
-        for seen in wrong.seen:
-            seen.blend = not seen.blend and seen.cutoff is None
-            seen.cutoff = None if seen.cutoff is None else seen.cutoff + 0.1
-        off = steps(found, 255.0 * linear_to_srgb(wrong.picture(window)[0]), flat)
-        assert (off > STEPS).mean() > 0.05
+    assert (off(texture.pixels[:, ::-1]) > 2.0).mean() > 0.8
+    assert (off(linear_to_srgb(np.float64(texture.pixels)).astype(np.float32)) > 2.0).mean() > 0.8
