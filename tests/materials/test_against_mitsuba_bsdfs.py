@@ -112,7 +112,7 @@ def test_smooth_plastic(ior: float, exterior: float, nonlinear: bool, device: st
 
 
 @pytest.mark.parametrize("alpha", [0.1, 1.0])
-@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+@pytest.mark.parametrize("distribution", ["ggx", pytest.param("beckmann", marks=pytest.mark.slow)])
 def test_rough_coat(distribution: str, alpha: float, device: str) -> None:
     """A black base leaves the coat alone."""
     parts = {"alpha": alpha, "distribution": distribution, "masking": MASKING[distribution]}

@@ -165,6 +165,7 @@ def smooth_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     render_with([covering("diffuse", "dielectric:dispersive", composite="none")], monkeypatch)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("smooth_kernel")
 def test_a_prism_makes_three_spots(device: str, report: Report) -> None:
     """Each channel comes from the strip that Snell's law sends it to, with the energy of Fresnel's equations.
@@ -203,6 +204,7 @@ def test_a_prism_makes_three_spots(device: str, report: Report) -> None:
     assert (p > sidak(0.01, 3)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("smooth_kernel")
 def test_no_light_is_lost(device: str, report: Report) -> None:
     """A block that disperses cannot be seen in a white furnace, in no channel."""

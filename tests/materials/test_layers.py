@@ -75,7 +75,7 @@ def camera_rays(camera: Any, width: int, height: int) -> Array:
 # --- Against geometry ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("integrator", ["path", "aov"])
+@pytest.mark.parametrize("integrator", ["path", pytest.param("aov", marks=pytest.mark.slow)])
 def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
     scene = two_panes()
     layers = render(scene, integrator=integrator, device=device).layers()
@@ -249,6 +249,7 @@ def test_layers_change_nothing_of_the_picture(device: str) -> None:
     assert with_layers.rays == plain.rays + with_layers.paths
 
 
+@pytest.mark.slow
 def test_any_split_of_the_work_gives_the_same_layers(device: str, tmp_path: Path) -> None:
     scene = two_panes()
     options = {"integrator": "aov", "centred": False, "device": device}
@@ -415,6 +416,7 @@ def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
     np.testing.assert_array_equal(wrt.load_image(tmp_path / "a.exr"), renderer.image())
 
 
+@pytest.mark.slow
 def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "a.toml"
     scene.write_text(

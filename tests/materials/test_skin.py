@@ -70,7 +70,8 @@ SHAPES: dict[str, list[wrt.Mesh]] = {
 }
 
 
-@pytest.mark.parametrize("name", ["can", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ball", "box"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHAPES)
 def test_the_skin_behind_is_where_the_path_came_in(name: str, device: str) -> None:
     """Not on the far wall of the same can or ball, which the ray meets next."""
     rng, n = np.random.default_rng(6), 4000
