@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from conftest import Report
 from numpy.typing import NDArray
-from support.covering_kernels import covering
-from support.statistics import sidak, t_test_mean
 
 import wrt
+from support.covering_kernels import covering
+from support.statistics import sidak, t_test_mean
 from wrt.kernels.lights.shapes import BUILT_IN
 
 REFLECTANCE = 0.5
