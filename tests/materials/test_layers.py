@@ -249,25 +249,6 @@ def test_layers_change_nothing_of_the_picture(device: str) -> None:
     assert with_layers.rays == plain.rays + with_layers.paths
 
 
-@pytest.mark.slow
-def test_any_split_of_the_work_gives_the_same_layers(device: str, tmp_path: Path) -> None:
-    scene = two_panes()
-    options = {"integrator": "aov", "centred": False, "device": device}
-    whole = render(scene, 13, threads=1, **options).layers()
-    parts = render(scene, 5, threads=2, **options)
-    parts.save_checkpoint(tmp_path / "a.ckpt")
-    resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, device=device)
-    assert resumed.settings.layers == tuple(LAYERS)
-    for _ in resumed.passes(spp=13):
-        pass
-    found = resumed.layers()
-    assert list(found) == list(whole) == list(LAYERS)
-    for name in LAYERS:
-        np.testing.assert_array_equal(found[name], whole[name])
-    with pytest.raises(wrt.InputError, match="layers"):
-        wrt.Renderer(scene, width=32, height=24, integrator="aov").load_checkpoint(tmp_path / "a.ckpt")
-
-
 # --- Transparent pictures ----------------------------------------------------------------------------
 
 
@@ -336,20 +317,26 @@ def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
     assert backwards[9, 12].min() > 1.5 * hidden.image()[9, 12].max()  # its light is there
 
 
-def test_saving_and_resuming_keep_the_coverage(tmp_path: Path) -> None:
+def test_any_split_of_the_work_gives_the_same_layers_and_coverage(device: str, tmp_path: Path) -> None:
     scene = block(wrt.Diffuse(0.5))
-    seen(scene, 2, layers=("depth",)).save_checkpoint(tmp_path / "a.ckpt")
-    whole = seen(scene, 4, layers=("depth",))
-    resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene)
-    for _ in resumed.passes(spp=4):
+    options = {"centred": False, "transparent": True, "device": device}
+    whole = render(scene, 13, threads=1, **options)
+    render(scene, 5, threads=2, **options).save_checkpoint(tmp_path / "a.ckpt")
+    resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, device=device)
+    assert resumed.settings.layers == tuple(LAYERS)
+    for _ in resumed.passes(spp=13):
         pass
     np.testing.assert_array_equal(resumed.alpha(), whole.alpha())
-    with pytest.raises(wrt.InputError, match="transparent"):
-        wrt.Renderer(scene, layers=("depth",), width=24, height=18).load_checkpoint(tmp_path / "a.ckpt")
+    assert list(resumed.layers()) == list(whole.layers()) == list(LAYERS)
+    for name, values in whole.layers().items():
+        np.testing.assert_array_equal(resumed.layers()[name], values)
     resumed.save(tmp_path / "a.exr")
     channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
-    assert set(channels) == {"R", "G", "B", "A", "depth.Z"}
     np.testing.assert_array_equal(channels["A"].pixels, whole.alpha())
+    for name, given in (("layers", {"transparent": True}), ("transparent", {"layers": tuple(LAYERS)})):
+        other = wrt.Renderer(scene, width=32, height=24, sampler="independent", **given)
+        with pytest.raises(wrt.InputError, match=name):
+            other.load_checkpoint(tmp_path / "a.ckpt")
     with pytest.raises(wrt.InputError, match="transparent must be"):
         wrt.RenderSettings(transparent=2)  # type: ignore[arg-type]
 
