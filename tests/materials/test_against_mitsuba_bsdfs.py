@@ -111,8 +111,9 @@ def test_smooth_plastic(ior: float, exterior: float, nonlinear: bool, device: st
     np.testing.assert_allclose(ratio, np.broadcast_to((1.0 - rho * fit) / (1.0 - rho * integral), (N, 3)), rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [0.1, 1.0])
-@pytest.mark.parametrize("distribution", ["ggx", pytest.param("beckmann", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
 def test_rough_coat(distribution: str, alpha: float, device: str) -> None:
     """A black base leaves the coat alone."""
     parts = {"alpha": alpha, "distribution": distribution, "masking": MASKING[distribution]}

@@ -15,6 +15,7 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
+from support.composites import WITH_OPACITY
 from support.covering_kernels import covering, render_with
 from support.statistics import t_test_mean
 
@@ -32,9 +33,8 @@ MATERIALS.append(wrt.Plastic(0.4))
 @pytest.fixture(autouse=True)
 def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is small, one of all models."""
-    layered: dict[str, Any] = {"aovs": True, "opacity": True, "composite": "none"}
-    more = covering("diffuse", *(material.model for material in MATERIALS), **layered)
-    render_with([covering("diffuse", "mirror", "dielectric", **layered), more], monkeypatch)
+    models = (material.model for material in MATERIALS)
+    render_with([WITH_OPACITY, covering("diffuse", *models, aovs=True, opacity=True, composite="none")], monkeypatch)
 
 
 def render(scene: wrt.Scene, spp: int = 1, *, centred: bool = True, **options: Any) -> wrt.Renderer:
@@ -239,6 +239,7 @@ def test_a_moving_shape_moves_on_the_film(device: str) -> None:
 # --- The picture is the same -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_layers_change_nothing_of_the_picture(device: str) -> None:
     scene = two_panes()
     plain = render(scene, 8, centred=False, layers=(), device=device)
@@ -276,7 +277,7 @@ def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(devi
         cover = np.repeat(alpha[:, :, None], 3, axis=2)
         np.testing.assert_allclose(renderer.image(), radiance * cover, atol=1e-6)
         assert renderer.layers() == {}
-        opaque = seen(block(material), device=device, transparent=False)
+        opaque = seen(block(material), device=device, transparent=False, layers=("depth",))
         assert opaque.alpha() is None
         np.testing.assert_allclose(opaque.image(), renderer.image() + 0.8 * (1.0 - cover), atol=1e-5)
     # A ray passes the front and then the back of what is half there by one half each.

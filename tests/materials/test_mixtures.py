@@ -188,7 +188,7 @@ def test_values_and_densities_are_those_of_mitsuba(name: str, front: bool, devic
 @pytest.fixture
 def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     models = ("diffuse", "mirror", "dielectric", METAL.model)
-    render_with([WITH_OPACITY, covering(*models, opacity=True, composite="none")], monkeypatch)
+    render_with([WITH_OPACITY, covering(*models, aovs=True, opacity=True, composite="none")], monkeypatch)
 
 
 def ball_scene(material: wrt.Material, *, inside_out: bool = False) -> wrt.Scene:

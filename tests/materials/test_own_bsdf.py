@@ -72,7 +72,7 @@ def test_the_program_runs_and_the_full_moon_is_flat(tmp_path: Path) -> None:
     assert codes[off > 1.02].max() == 0.0
 
 
-@pytest.mark.parametrize("degrees", [0.0, 80.0])
+@pytest.mark.parametrize("degrees", [pytest.param(0.0, marks=pytest.mark.slow), 80.0])
 def test_its_model_is_right(degrees: float, device: str, report: Report) -> None:
     """Samples follow the density, weights are value over density, and the energy is the closed form, on both sides."""
     lunar = example().Lunar
@@ -90,6 +90,7 @@ def test_its_model_is_right(degrees: float, device: str, report: Report) -> None
     assert_finite(Case(lunar(1.0)), device)
 
 
+@pytest.mark.slow
 def test_it_is_a_material_like_any_other(tmp_path: Path, device: str) -> None:
     """In scene files with textures, in mixtures, among others; each with what it has by itself."""
     wrt.save_image(tmp_path / "map.npy", np.full((2, 2, 3), 0.6))
@@ -113,6 +114,7 @@ def test_it_is_a_material_like_any_other(tmp_path: Path, device: str) -> None:
         example().Lunar(1.5)
 
 
+@pytest.mark.slow
 def test_a_copy_of_lambert_is_lambert(device: str) -> None:
     """The same picture bit for bit: what is compiled is the same."""
 

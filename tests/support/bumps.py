@@ -12,6 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 import wrt
+from support.covering_kernels import covering
 from wrt.kernels import bsdf as models
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample, zero_pdf
 
@@ -55,6 +56,12 @@ class Probe(wrt.Material):
     @property
     def needs_tangents(self) -> bool:
         return self.tangents
+
+
+WITH_PROBES = covering(
+    "diffuse", "mirror", wrt.RoughConductor(f0=1.0, distribution="beckmann").model, *PROBES, composite="mixed"
+)
+"""Features of a kernel for anything made of these models, by the sampler "independent"."""
 
 
 @contextmanager

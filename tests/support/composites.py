@@ -13,8 +13,8 @@ from support.statistics import t_test_mean
 
 A, B, C = wrt.Diffuse((0.8, 0.1, 0.2)), wrt.Diffuse((0.1, 0.7, 0.3)), wrt.Mirror(0.6)
 BLACK = wrt.Diffuse(0.0)
-WITH_OPACITY = covering("diffuse", "mirror", "dielectric", opacity=True, composite="none")
-"""Features of a kernel for anything made of these models."""
+WITH_OPACITY = covering("diffuse", "mirror", "dielectric", aovs=True, opacity=True, composite="none")
+"""Features of a kernel for anything made of these models, with layers, by the sampler "independent"."""
 
 
 def expected_shares(material: wrt.Material, front: bool = True) -> dict[int, float]:
@@ -46,7 +46,8 @@ def chain(depth: int, weight: float = 0.4) -> wrt.Material:
 
 
 def render(scene: wrt.Scene, device: str, spp: int = 64, size: int = 16, **options: Any) -> wrt.Renderer:
-    renderer = wrt.Renderer(scene, sampler="independent", width=size, height=size, device=device, seed=5, **options)
+    options = {"sampler": "independent", "layers": ("alpha",), "seed": 5, **options}
+    renderer = wrt.Renderer(scene, width=size, height=size, device=device, **options)
     for _ in renderer.passes(spp=spp):
         pass
     return renderer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 from typing import Any
@@ -12,7 +13,8 @@ import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
-from support.covering_kernels import covering, render_with
+from support.composites import WITH_OPACITY
+from support.covering_kernels import render_with
 from support.kernels import upload
 
 import wrt
@@ -294,8 +296,8 @@ ALONG = wrt.PerspectiveCamera((0.0, 0.5, 3.5), (0.0, 0.0, 0.0), fov_degrees=25.0
 
 
 def picture(scene: wrt.Scene, device: str, spp: int, size: int = 24, **options: Any) -> Array:
-    options = {"layers": ("albedo", "alpha"), **options}
-    renderer = wrt.Renderer(scene, width=size, height=size, device=device, max_depth=2, **options)
+    options = {"layers": ("albedo", "alpha"), "sampler": "independent", "max_depth": 2, **options}
+    renderer = wrt.Renderer(scene, width=size, height=size, device=device, **options)
     for _ in renderer.passes(spp=spp):
         pass
     return renderer.image()[..., 1].astype(np.float64)
@@ -303,7 +305,7 @@ def picture(scene: wrt.Scene, device: str, spp: int, size: int = 24, **options: 
 
 @pytest.fixture
 def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([covering("diffuse", aovs=True, sampler=wrt.RenderSettings().sampler)], monkeypatch)
+    render_with([WITH_OPACITY, dataclasses.replace(WITH_OPACITY, sampler="sobol")], monkeypatch)
 
 
 @pytest.mark.usefixtures("one_kernel")
@@ -327,18 +329,21 @@ def test_one_sample_sees_the_mean_of_what_is_far_smaller_than_a_pixel(integrator
 def test_few_samples_have_less_noise_and_many_see_the_same(device: str, report: Report) -> None:
     """Along a floor that goes from magnified to much smaller than pixels, and is seen at an angle."""
     scenes = {name: floor(clouds(), ALONG, filter=name) for name in ("bilinear", "trilinear")}
-    true = picture(scenes["bilinear"], device, 4096, 32, seed=7)
+    true = picture(scenes["bilinear"], device, 4096, 32, seed=7, sampler="sobol")
+
+    def seen(name: str, spp: int, seed: int = 0) -> Array:
+        return picture(scenes[name], device, spp, 32, seed=seed, sampler="sobol")
 
     def error(found: Array) -> float:
         return float(np.sqrt(((found - true) ** 2).mean()) / true.mean())
 
     for spp in (1, 4):
-        bilinear, trilinear = (error(picture(scenes[name], device, spp, 32)) for name in scenes)
+        bilinear, trilinear = (error(seen(name, spp)) for name in scenes)
         report(f"{spp} samples: error with levels, without", trilinear, bilinear)
         assert trilinear < 0.9 * bilinear
     # The first sample alone, were it repeated, would leave the texture blurred.
-    many = error(picture(scenes["trilinear"], device, 1024, 32))
-    blurred = error(np.mean([picture(scenes["trilinear"], device, 1, 32, seed=seed) for seed in range(64)], axis=0))
+    many = error(seen("trilinear", 1024))
+    blurred = error(np.mean([seen("trilinear", 1, seed) for seed in range(64)], axis=0))
     assert many < min(0.005, blurred / 3.0)
 
 
@@ -353,7 +358,8 @@ def test_close_up_nothing_changes(device: str) -> None:
 @pytest.mark.usefixtures("one_kernel")
 def test_passes_leave_no_trace_and_layers_see_the_same(device: str) -> None:
     scene = floor(clouds(), ALONG, filter="trilinear")
-    renderer = wrt.Renderer(scene, width=16, height=16, device=device, max_depth=2, layers=("albedo", "alpha"))
+    options: dict[str, Any] = {"layers": ("albedo", "alpha"), "sampler": "independent", "max_depth": 2}
+    renderer = wrt.Renderer(scene, width=16, height=16, device=device, **options)
     for spp in (1, 2, 8):
         for _ in renderer.passes(spp=spp):
             pass

@@ -14,7 +14,18 @@ import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from scipy import stats
-from support.bumps import SQUARE, Probe, constant_map, encoded, lit, registered_probes, rendered, unit, with_uvs
+from support.bumps import (
+    SQUARE,
+    WITH_PROBES,
+    Probe,
+    constant_map,
+    encoded,
+    lit,
+    registered_probes,
+    rendered,
+    unit,
+    with_uvs,
+)
 from support.covering_kernels import covering, render_with
 from support.kernels import map_function, upload
 
@@ -128,7 +139,7 @@ def _probes() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """One of Beckmann's distribution, one of all models."""
-    render_with([covering("probe_variance", metal(0.1, None).model), covering(*models())], monkeypatch)
+    render_with([WITH_PROBES, covering(*models())], monkeypatch)
 
 
 # --- The pyramid -------------------------------------------------------------------------------------

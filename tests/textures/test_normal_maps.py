@@ -15,6 +15,7 @@ from support.bumps import (
     FRONT,
     PROBES,
     SQUARE,
+    WITH_PROBES,
     Probe,
     constant_map,
     encoded,
@@ -24,7 +25,7 @@ from support.bumps import (
     unit,
     with_uvs,
 )
-from support.covering_kernels import covering, render_with
+from support.covering_kernels import render_with
 from support.kernels import map_function
 
 import wrt
@@ -55,7 +56,7 @@ def _probes() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([covering("diffuse", "mirror", *PROBES, composite="mixed")], monkeypatch)
+    render_with([WITH_PROBES], monkeypatch)
 
 
 def square(matrix: object = ((1.0, 0.0), (0.0, 1.0))) -> wrt.Mesh:
