@@ -69,7 +69,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/dielectric.py",
         "(component(shares, channel) * eta * eta)",
         "(eta * eta)",
-        "tests/test_dispersion.py -k 'prism or lost'",
+        "tests/materials/test_dispersion.py -k 'prism or lost'",
     ),
     Mutant(
         "dispersion-density",
@@ -77,7 +77,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/dispersion.py",
         "density += share * pdf_one(",
         "density += pdf_one(",
-        "tests/test_dispersion.py -k density",
+        "tests/materials/test_dispersion.py -k three_indices",
     ),
     Mutant(
         "cauchy-line",
@@ -85,7 +85,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/materials/dispersion.py",
         "(wavelength**-2 - LINE_D**-2)",
         "(wavelength**-2 - LINE_C**-2)",
-        "tests/test_dispersion.py -k cauchy",
+        "tests/materials/test_dispersion.py -k cauchy",
     ),
     Mutant(
         "film-path",
@@ -93,7 +93,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/thin_film.py",
         "d = 2.0 * index * thickness * cos_film",
         "d = 2.0 * index * thickness / cos_film",
-        "tests/test_thin_film.py -k spectrum",
+        "tests/materials/test_thin_films.py -k spectrum",
     ),
     Mutant(
         "film-polarisation",
@@ -101,7 +101,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/thin_film.py",
         "(index * cos_i - cos_film) / (index * cos_i + cos_film)",
         "(cos_i - index * cos_film) / (cos_i + index * cos_film)",
-        "tests/test_thin_film.py -k 'spectrum or change'",
+        "tests/materials/test_thin_films.py -k 'spectrum or change'",
     ),
     Mutant(
         "film-on-clear",
@@ -109,6 +109,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/principled_base.py",
         "wp.cw_mul(b.color, wp.vec3(1.0) - boundary)",
         "b.color * (1.0 - wp.min(boundary))",
-        "tests/test_thin_film.py -k clear",
+        "tests/materials/test_thin_films.py -k clear",
     ),
 )

@@ -116,7 +116,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/widening.py",
         "alpha * alpha + 2.0 * variance",
         "alpha * alpha + variance",
-        "tests/test_normal_filtering.py",
+        "tests/textures/test_normal_filtering.py",
     ),
     Mutant(
         "bumpy-weight",
@@ -140,7 +140,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/textures/normal_maps.py",
         "(change[0] * v_x / u_x - change[1]) / v_y",
         "-change[1] / v_y",
-        "tests/test_normal_maps.py -k heights",
+        "tests/textures/test_normal_maps.py -k heights",
     ),
     Mutant(
         "burley-retro",
@@ -205,7 +205,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/materials/presets.py",
         "(0.972, 0.960, 0.915)",
         "(0.972, 0.690, 0.915)",
-        "tests/test_presets.py -k printed",
+        "tests/materials/test_presets.py -k printed",
     ),
     Mutant(
         "index-digit",
@@ -213,7 +213,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/materials/presets.py",
         '"diamond": (2.42, 2.42)',
         '"diamond": (2.24, 2.24)',
-        "tests/test_presets.py",
+        "tests/materials/test_presets.py",
     ),
     Mutant(
         "range-end",
@@ -221,7 +221,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/materials/presets.py",
         "sum(DIELECTRIC_F0[key]) / 2.0,) * 3",
         "DIELECTRIC_F0[key][0],) * 3",
-        "tests/test_presets.py -k scene",
+        "tests/materials/test_presets.py -k scene",
     ),
     Mutant(
         "flat-transmittance",

@@ -1,7 +1,8 @@
-"""Alpha of vertex colours, and second texture coordinates: as glTF has them, and in scenes of any kind."""
+"""Colours of glTF files: textures, alpha of vertex colours, second texture coordinates, against an own ray caster."""
 
 from __future__ import annotations
 
+import dataclasses
 import io
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Report
+from numpy.typing import NDArray
 from PIL import Image
-from support.gltf_rays import Reference, Window, joined, linear_to_srgb
+from support.covering_kernels import covering, render_with
+from support.gltf_rays import Reference, Window, joined, linear_to_srgb, split
 
 import wrt
 from wrt.backend.device import Device
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file
 from wrt.upload.scene_data import build_scene
+
+Array = NDArray[Any]
+
+# --- Squares -----------------------------------------------------------------------------------------
 
 POINTS = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "<f4")
 FACES = np.array([0, 1, 2, 0, 2, 3], "<u2")
@@ -28,13 +35,13 @@ WINDOW: Window = (48, 48, (4, 4, 44, 44))
 """All of it inside the front square."""
 
 
-def png(codes: np.ndarray) -> bytes:
+def png(codes: Array) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(codes).save(buffer, "PNG")
     return buffer.getvalue()
 
 
-def file_of(folder: Path, material: dict[str, Any], **attributes: np.ndarray) -> Path:
+def file_of(folder: Path, material: dict[str, Any], sampler: dict[str, int] | None = None, **attributes: Array) -> Path:
     """Return a GLB of a square in front of another, which is opaque, and a camera that looks at both.
 
     Texture 0 is CODES, texture 1 an orange.
@@ -42,13 +49,12 @@ def file_of(folder: Path, material: dict[str, Any], **attributes: np.ndarray) ->
     chunks = [FACES.tobytes(), POINTS.tobytes(), png(CODES), png(np.full((1, 1, 3), (255, 128, 64), np.uint8))]
     chunks += [values.tobytes() for values in attributes.values()]
     starts = np.cumsum([0] + [len(chunk) + -len(chunk) % 4 for chunk in chunks]).tolist()
-    kinds = {"f": 5126, "u": 5121}
-    accessors = [
+    accessors: list[dict[str, Any]] = [
         {"bufferView": 0, "componentType": 5123, "type": "SCALAR", "count": 6},
         {"bufferView": 1, "componentType": 5126, "type": "VEC3", "count": 4},
     ]
     for number, values in enumerate(attributes.values(), 4):
-        kind = {"componentType": kinds[values.dtype.kind], "normalized": values.dtype.kind == "u"}
+        kind = {"componentType": {"f": 5126, "u": 5121}[values.dtype.kind], "normalized": values.dtype.kind == "u"}
         accessors.append({"bufferView": number, "type": f"VEC{values.shape[1]}", "count": 4, **kind})
     named = dict(zip(attributes, range(2, 2 + len(attributes)), strict=True))
     unlit = {"extensions": {"KHR_materials_unlit": {}}}
@@ -68,7 +74,8 @@ def file_of(folder: Path, material: dict[str, Any], **attributes: np.ndarray) ->
             {"primitives": [{"attributes": far, "indices": 0, "material": 1}]},
         ],
         "materials": [{**unlit, **material}, behind],
-        "textures": [{"source": 0}, {"source": 1}],
+        "textures": [{"source": 0, **({} if sampler is None else {"sampler": 0})}, {"source": 1}],
+        "samplers": [sampler or {}],
         "images": [{"bufferView": 2, "mimeType": "image/png"}, {"bufferView": 3, "mimeType": "image/png"}],
         "accessors": accessors,
         "bufferViews": [
@@ -86,14 +93,12 @@ def textured(texture: dict[str, Any], **more: Any) -> dict[str, Any]:
     return {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}, **more}}
 
 
-CASES: dict[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = {
-    "blended": ({"alphaMode": "BLEND", **textured({})}, {"COLOR_0": COLORS}),
+CASES: dict[str, tuple[dict[str, Any], dict[str, Array]]] = {
     "cut off": ({"alphaMode": "MASK", "alphaCutoff": 0.3, **textured({})}, {"COLOR_0": COLORS}),
     "with a factor": (
         {"alphaMode": "BLEND", **textured({}, baseColorFactor=[1.0, 0.5, 0.7, 0.8])},
         {"COLOR_0": (COLORS / 255.0).astype("<f4")},
     ),
-    "opaque": (textured({}), {"COLOR_0": COLORS}),
     # The first set is that of the normal texture, which shows nowhere without light.
     "by the second set": (
         {"alphaMode": "BLEND", **textured({"texCoord": 1}), "normalTexture": {"index": 1}},
@@ -118,7 +123,7 @@ def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_pat
     found = 255.0 * linear_to_srgb(renderer.image().astype(np.float64))
     reference = Reference(path)
 
-    def codes(width: float) -> np.ndarray:
+    def codes(width: float) -> Array:
         # Beside the diagonal, on which the reference meets both triangles.
         shifts = [(x + 0.01, y) for x in (-width, 0.0, width) for y in (-width, 0.0, width)]
         return np.stack([linear_to_srgb(reference.picture(WINDOW, shift)[0]) for shift in shifts]) * 255.0
@@ -139,8 +144,7 @@ def test_textures_by_two_sets(tmp_path: Path) -> None:
     """Each by its own, with its own transform; the first is that of the normal texture."""
     transform = {"KHR_texture_transform": {"offset": [0.25, 0.0], "scale": [2.0, 1.0]}}
     material = textured({"texCoord": 1, "extensions": transform}, metallicRoughnessTexture={"index": 1})
-    material["normalTexture"] = {"index": 0}
-    material["extensions"] = {}
+    material |= {"normalTexture": {"index": 0}, "extensions": {}}
     shape = load_file(file_of(tmp_path, material, TEXCOORD_0=UVS, TEXCOORD_1=SECOND)).shapes[0]
     turned = np.concatenate([UVS, SECOND], axis=1) * (1, -1, 1, -1) + (0, 1, 0, 1)
     np.testing.assert_allclose(shape.mesh.uvs, turned, atol=1e-6)
@@ -154,64 +158,127 @@ def test_textures_by_two_sets(tmp_path: Path) -> None:
     assert shape.mesh.uvs.shape == (4, 2)
 
 
-def scene_of(uvs: np.ndarray, colors: np.ndarray, uv_set: int, alpha: bool) -> wrt.Scene:
+@pytest.mark.parametrize(
+    ("sampler", "filter"),
+    [
+        ({}, "bilinear"),
+        ({"minFilter": 9729, "magFilter": 9729}, "bilinear"),
+        ({"minFilter": 9985}, "trilinear"),
+        ({"minFilter": 9987, "magFilter": 9728}, "nearest"),
+    ],
+)
+def test_samplers_say_whether_they_want_levels(tmp_path: Path, sampler: dict[str, int], filter: str) -> None:
+    material = {**textured({}), "extensions": {}}
+    shape = load_file(file_of(tmp_path, material, sampler, TEXCOORD_0=UVS)).shapes[0]
+    assert shape.material.base_color.filter == filter
+
+
+def leaves(uvs: Array, colors: Array, uv_set: int, alpha: bool) -> wrt.Scene:
     """Return leaves by masks and opacities before a wall, lit by a lamp with a picture on it."""
-    rng = np.random.default_rng(3)
-    picture = rng.random((3, 5, 3)).astype(np.float32)
+    pixels = np.random.default_rng(3).random((3, 5, 3)).astype(np.float32)
     own = {"vertex_alpha" if alpha else "vertex_colors": True}
     faces = FACES.reshape(2, 3)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 0.5, 5.0), fov_degrees=40))
     opacities = [
         wrt.VertexColor(0.9, alpha=alpha),
         wrt.VertexColor(alpha=alpha, cutoff=0.4),
-        wrt.ImageTexture(picture, channel="g", uv_set=uv_set, **own),
-        wrt.ImageTexture(picture, channel="r", uv_set=uv_set, cutoff=0.3, **own),
+        wrt.ImageTexture(pixels, channel="g", uv_set=uv_set, **own),
+        wrt.ImageTexture(pixels, channel="r", uv_set=uv_set, cutoff=0.3, **own),
     ]
     for number, opacity in enumerate(opacities):
         place = POINTS * 0.4 + np.array([number - 1.5, 0.0, 0.3 * number], np.float32)
-        color = wrt.ImageTexture(picture, uv_set=uv_set, scale=2.0)
+        color = wrt.ImageTexture(pixels, uv_set=uv_set, scale=2.0)
         scene.add(wrt.Mesh(place, faces, uvs=uvs, colors=colors), material=wrt.Diffuse(color, opacity=opacity))
     scene.add(wrt.quad((-3, -2, -1), (6, 0, 0), (0, 4, 0)), material=wrt.Diffuse(0.6))
     lamp = wrt.Mesh(POINTS * (1, -1, 1) + np.array([0, 3, 4], np.float32), faces, uvs=uvs)
-    scene.add(lamp, emission=wrt.ImageTexture(picture, uv_set=uv_set, factor=4.0))
+    scene.add(lamp, emission=wrt.ImageTexture(pixels, uv_set=uv_set, factor=4.0))
     return scene
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
-def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(integrator: str, tmp_path: Path) -> None:
+def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The same numbers give the same bits, wherever they are kept; in a scene file too."""
+    kernel = covering("diffuse", opacity=True, composite="none", sampler=wrt.RenderSettings().sampler)
+    render_with([kernel], monkeypatch)
     alpha = (COLORS[:, 3:] / 255.0).astype(np.float32)
-    plain = scene_of(SECOND, np.repeat(alpha, 3, axis=1), 0, False)
+    plain = leaves(SECOND, np.repeat(alpha, 3, axis=1), 0, False)
     noise = np.random.default_rng(4).random((4, 3)).astype(np.float32)
-    extra = scene_of(np.concatenate([UVS, SECOND], axis=1), np.concatenate([noise, alpha], axis=1), 1, True)
+    extra = leaves(np.concatenate([UVS, SECOND], axis=1), np.concatenate([noise, alpha], axis=1), 1, True)
     assert [build_scene(scene, Device("cpu")).features.uv2_alpha for scene in (plain, extra)] == [False, True]
     wrt.save_scene(tmp_path / "scene.toml", extra)
     first, *others = (
-        wrt.render(scene, width=40, height=24, spp=4, integrator=integrator)
-        for scene in (plain, extra, wrt.load(tmp_path / "scene.toml"))
+        wrt.render(scene, width=40, height=24, spp=4) for scene in (plain, extra, wrt.load(tmp_path / "scene.toml"))
     )
     assert first.max() > 0.0
     for other in others:
         np.testing.assert_array_equal(other, first)
 
 
-def test_meshes_without_them_have_zeros_and_are_opaque() -> None:
+def test_meshes_without_alpha_and_opaque_materials_are_opaque(tmp_path: Path) -> None:
     mesh = wrt.Mesh(POINTS, FACES.reshape(2, 3))
     scene = wrt.Scene([wrt.Shape(mesh, wrt.Diffuse(opacity=wrt.VertexColor(alpha=True)))])
     np.testing.assert_array_equal(build_scene(scene, Device("cpu")).data.uv2_alpha.numpy(), [[0, 0, 1]] * 4)
+    opaque = load_file(file_of(tmp_path, textured({}), TEXCOORD_0=UVS, COLOR_0=COLORS)).shapes[0].material
+    assert opaque.opacity == 1.0
+    assert opaque.radiance.vertex_colors
 
 
 def test_mistakes_are_told() -> None:
-    faces = FACES.reshape(2, 3)
-    for options, message in (
-        ({"uvs": np.zeros((4, 3))}, r"uvs must be \(N, 2\) or \(N, 4\), not \(4, 3\)"),
-        ({"colors": np.zeros((4, 2))}, r"colors must be \(N, 3\) or \(N, 4\), not \(4, 2\)"),
+    faces, pixels = FACES.reshape(2, 3), np.zeros((1, 1, 3), np.float32)
+    for make, message in (
+        (lambda: wrt.Mesh(POINTS, faces, uvs=np.zeros((4, 3))), r"uvs must be \(N, 2\) or \(N, 4\), not"),
+        (
+            lambda: wrt.Mesh(POINTS, faces, colors=np.zeros((4, 2))),
+            r"colors must be \(N, 3\) or \(N, 4\), not",
+        ),
+        (lambda: wrt.ImageTexture(pixels, uv_set=2), r"uv_set must be .*1"),
+        (lambda: wrt.ImageTexture(pixels, vertex_colors=True, vertex_alpha=True), "either vertex_colors or vertex_al"),
     ):
         with pytest.raises(wrt.InputError, match=message):
-            wrt.Mesh(POINTS, faces, **options)
-    pixels = np.zeros((1, 1, 3), np.float32)
-    with pytest.raises(wrt.InputError, match=r"uv_set must be .*1"):
-        wrt.ImageTexture(pixels, uv_set=2)
-    with pytest.raises(wrt.InputError, match="either vertex_colors or vertex_alpha"):
-        wrt.ImageTexture(pixels, vertex_colors=True, vertex_alpha=True)
+            make()
+
+
+@pytest.mark.slow
+def test_a_matt_duck_under_a_white_sky_is_its_texture(assets: Path, tmp_path: Path, report: Report) -> None:
+    """The radiance is the albedo, to 2 of 255 steps where that is flat and only sky is seen.
+
+    Where anything else of the duck is in the way, samples differ, by which such points are known.
+    """
+    tree, binary = split(assets / "meshes" / "Duck.glb")
+    tree["cameras"][0]["perspective"]["yfov"] = 0.26  # larger than its own camera shows it
+    path = tmp_path / "duck.glb"
+    path.write_bytes(joined(tree, binary))
+    window: Window = (54, 40, (4, 1, 50, 38))
+    shifts = [(0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]
+    pictures = [Reference(path).picture(window, shift) for shift in shifts]
+    codes = np.stack([255.0 * linear_to_srgb(color) for color, _ in pictures])
+    around = np.pad(codes[0], ((1, 1), (1, 1), (0, 0)), mode="edge")
+    near = np.stack([around[y : y + 37, x : x + 46] for y in range(3) for x in range(3)])
+    flat = (np.ptp(codes, axis=0).max(axis=-1) <= 1.0) & (np.ptp(near, axis=0).max(axis=-1) <= 3.0)
+    flat &= np.all([covered for _, covered in pictures], axis=0)
+    scene = load_file(path)
+    (shape,) = scene.shapes
+    # Without levels, which reach beyond the seams of the coordinates and mix in what lies there.
+    texture = dataclasses.replace(shape.material.base_color, filter="bilinear")
+    scene.environment = wrt.ConstantEnvironment(1.0)
+
+    def off(pixels: Array) -> Array:
+        material = wrt.Diffuse(dataclasses.replace(texture, pixels=pixels))
+        scene.shapes = [wrt.Shape(shape.mesh, material)]
+        renderer = wrt.Renderer(scene, width=54, height=40, crop=window[2], filter="box", max_depth=2)
+        for _ in renderer.passes(spp=64):
+            pass
+        wrt.save_image(tmp_path / "duck.png", renderer.image())
+        found = np.asarray(Image.open(tmp_path / "duck.png").convert("RGB"), np.float64)
+        alone = np.sqrt(64.0 * renderer.variance()).max(axis=-1) < 0.01
+        return np.abs(found - codes.mean(axis=0)).max(axis=-1)[flat & alone]
+
+    found = off(texture.pixels)
+    report("flat pixels; largest difference in steps of 255", f"{len(found)}; {found.max():g}", "<= 2")
+    assert len(found) > 100
+    assert found.max() <= 2.0
+    # Wrong partners: the texture mirrored, and sRGB taken for linear.
+    assert (off(texture.pixels[:, ::-1]) > 2.0).mean() > 0.8
+    assert (off(linear_to_srgb(np.float64(texture.pixels)).astype(np.float32)) > 2.0).mean() > 0.8

@@ -10,17 +10,44 @@ import pytest
 import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
-from support.bsdfs import Case, albedo, assert_finite, assert_weights, chi_square, reciprocity_error, viewer
+from support.bsdfs import Case, albedo, viewer
 from support.kernels import upload
-from support.thin_films import SEEN, film_rgb
 
 import wrt
-from wrt.errors import InputError
-from wrt.io.measured.observer import WAVELENGTHS
+from wrt.io.measured.observer import D65, OBSERVER, WAVELENGTHS
 from wrt.kernels.bsdf.lobes.thin_film import film_change, film_reflectance, sensitivity
 
+Array = NDArray[np.float64]
+
 METALS = ((0.2, 3.5), (1.5, 6.5), (2.9, 3.0))
-DIELECTRICS = ((1.0, 0.0), (1.33, 0.0), (1.5, 0.0), (2.4, 0.0))
+DIELECTRICS = ((1.33, 0.0), (1.5, 0.0), (2.4, 0.0))
+FILM: dict[str, Any] = {"film_thickness": 350.0, "film_ior": 1.7}
+XYZ_TO_RGB = np.linalg.inv(
+    [[0.4123908, 0.3575843, 0.1804808], [0.2126390, 0.7151687, 0.0721923], [0.0193308, 0.1191948, 0.9505322]]
+)
+SEEN = (OBSERVER @ XYZ_TO_RGB.T) * D65[:, None]
+SEEN /= SEEN.sum(axis=0)
+"""(N, 3) weight of each wavelength in a channel of linear Rec. 709 under D65."""
+
+
+def film_rgb(cos_i: float, index: float, thickness: float, below: complex) -> Array:
+    """Return (3,) what linear Rec. 709 sees, unpolarised; thickness in nm, indices over that outside.
+
+    A layer turns the tangential fields by its characteristic matrix (Born and Wolf, section 1.6.2).
+    """
+    sine = np.sqrt(1.0 - cos_i**2)
+    cos_film = np.sqrt(1.0 - (sine / index) ** 2 + 0j)
+    # Time as e^{+iωt}, with indices n − ik: waves decay into what absorbs.
+    cos_below = np.conj(np.sqrt(1.0 - (sine / below) ** 2 + 0j))
+    below = np.conj(below)
+    delta = 2.0 * np.pi * index * thickness * cos_film / WAVELENGTHS
+    spectrum = np.zeros(len(WAVELENGTHS))
+    for admittance in (lambda n, c: n * c, lambda n, c: n / c):  # s, p
+        outside, film, base = admittance(1.0, cos_i), admittance(index, cos_film), admittance(below, cos_below)
+        electric = np.cos(delta) + 1j * np.sin(delta) / film * base
+        magnetic = 1j * film * np.sin(delta) + np.cos(delta) * base
+        spectrum += 0.5 * np.abs((outside * electric - magnetic) / (outside * electric + magnetic)) ** 2
+    return np.asarray(spectrum @ SEEN)
 
 
 @wp.kernel(module="test.thin_film", enable_backward=False)
@@ -39,7 +66,7 @@ def see(differences: wp.array(dtype=float), re_out: wp.array(dtype=wp.vec3), im_
     im_out[wp.tid()] = s.im
 
 
-def reflected(rows: NDArray[np.float64], device: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def reflected(rows: Array, device: str) -> tuple[Array, Array]:
     """Return (N, 3) reflectances of rows of cosine, index, thickness in nm, η and k, and the changes by the film."""
     out = [wp.zeros(len(rows), dtype=wp.vec3, device=device) for _ in range(2)]
     scaled = wp.array((rows * (1.0, 1.0, 1e-3, 1.0, 1.0)).astype(np.float32), dtype=float, device=device)
@@ -48,7 +75,7 @@ def reflected(rows: NDArray[np.float64], device: str) -> tuple[NDArray[np.float6
     return seen, change
 
 
-def grid(angles: Any, indices: Any, thicknesses: Any, below: Any) -> NDArray[np.float64]:
+def grid(angles: Any, indices: Any, thicknesses: Any, below: Any) -> Array:
     found = itertools.product(np.cos(np.radians(angles)), indices, thicknesses, below)
     return np.array([(mu, index, thickness, *base) for mu, index, thickness, base in found])
 
@@ -59,22 +86,19 @@ def test_what_channels_see_of_a_difference_of_paths(device: str, report: Report)
     out = [wp.zeros(len(d), dtype=wp.vec3, device=device) for _ in range(2)]
     wp.launch(see, len(d), [upload(d, wp.float32, device)], out, device=device)
     found = out[0].numpy() + 1j * out[1].numpy()
-    exact = np.exp(2j * np.pi * d[:, None] / (WAVELENGTHS / 1000.0)) @ SEEN
-    error = float(np.abs(found - exact).max())
+    error = float(np.abs(found - np.exp(2j * np.pi * d[:, None] / (WAVELENGTHS / 1000.0)) @ SEEN).max())
     report("largest error of a channel's transform", error, 0.0)
     np.testing.assert_allclose(found[0], 1.0, atol=1e-4)
     assert error < 0.02
 
 
-@pytest.mark.parametrize(("name", "below"), [("dielectrics", DIELECTRICS), ("metals", METALS)])
-def test_colours_are_those_of_the_whole_spectrum(name: str, below: Any, device: str, report: Report) -> None:
+@pytest.mark.parametrize("below", [((1.0, 0.0), *DIELECTRICS), METALS], ids=["dielectrics", "metals"])
+def test_colours_are_those_of_the_whole_spectrum(below: Any, device: str, report: Report) -> None:
     """Transfer matrices at 401 wavelengths, the CIE observer and D65, for both polarisations, clipped to 0 and 1."""
-    rows = grid(
-        (0.0, 30.0, 60.0, 75.0, 85.0), (1.1, 1.33, 1.6, 2.0, 2.4), (50.0, 100.0, 200.0, 400.0, 800.0, 2500.0), below
-    )
+    rows = grid((0.0, 30.0, 60.0, 85.0), (1.1, 1.33, 1.6, 2.4), (1.0, 50.0, 100.0, 200.0, 400.0, 2500.0), below)
     expected = [film_rgb(mu, index, thickness, complex(eta, k)) for mu, index, thickness, eta, k in rows]
     error = np.abs(reflected(rows, device)[0] - np.clip(expected, 0.0, 1.0))
-    report(f"films on {name}: largest error, and root of the mean square", error.max(), np.sqrt((error**2).mean()))
+    report("largest error, and root of the mean square", error.max(), np.sqrt((error**2).mean()))
     assert error.max() < 6e-3
     assert np.sqrt((error**2).mean()) < 1e-3
     # The colours differ by far more than that.
@@ -83,9 +107,8 @@ def test_colours_are_those_of_the_whole_spectrum(name: str, below: Any, device: 
 
 def test_no_film_is_no_change(device: str) -> None:
     """A film without thickness, or of the index outside, reflects as the surface below it, by Fresnel's equations."""
-    below = (*DIELECTRICS[1:], *METALS)
-    thin = grid((0.0, 45.0, 75.0), (1.33, 2.0), (0.0,), below)
-    like_air = grid((0.0, 45.0, 75.0, 88.0), (1.0,), (100.0, 900.0), below)
+    thin = grid((0.0, 45.0, 75.0), (1.33, 2.0), (0.0,), (*DIELECTRICS, *METALS))
+    like_air = grid((0.0, 45.0, 75.0, 88.0), (1.0,), (100.0, 900.0), (*DIELECTRICS, *METALS))
     for rows, tolerance in ((thin, 2e-3), (like_air, 2e-6)):
         mu, index = rows[:, 0], rows[:, 3] + 1j * rows[:, 4]
         cos_t = np.sqrt(1.0 - (1.0 - mu**2) / index**2)
@@ -93,80 +116,47 @@ def test_no_film_is_no_change(device: str) -> None:
         fresnel = 0.5 * (np.abs(r_s) ** 2 + np.abs(r_p) ** 2)
         found, change = reflected(rows, device)
         np.testing.assert_allclose(found, np.repeat(fresnel[:, None], 3, axis=1), atol=tolerance)
-        dielectric = rows[:, 4] == 0.0
-        np.testing.assert_allclose(change[dielectric], 0.0, atol=tolerance)
-
-
-@pytest.mark.parametrize("index", [1.2, 1.5, 2.2])
-def test_a_film_between_the_same_media_is_a_soap_bubble(index: float, device: str) -> None:
-    """Black where it is much thinner than a wave, as both faces cancel (Newton's black film)."""
-    rows = grid((0.0, 40.0), (index,), (1.0, 5.0), ((1.0, 0.0),))
-    found = reflected(rows, device)[0]
-    assert found.max() < 0.03
-    assert reflected(grid((0.0,), (index,), (110.0,), ((1.0, 0.0),)), device)[0].max() > 0.02
+        np.testing.assert_allclose(change[rows[:, 4] == 0.0], 0.0, atol=tolerance)
 
 
 # --- Materials --------------------------------------------------------------------------------------
 
-FILM = {"film_thickness": 350.0, "film_ior": 1.7}
-GOLD = wrt.Conductor(metal="gold")
-MATERIALS: dict[str, Any] = {
-    "principled": wrt.Principled(0.8, roughness=0.9, film=0.8, **FILM),
-    "principled metal": wrt.Principled((0.9, 0.6, 0.3), metallic=1.0, roughness=0.3, **FILM),
-    "rough metal": wrt.RoughConductor(0.3, metal="gold", **FILM),
-    "rough metal by its reflectance": wrt.RoughConductor(0.3, f0=(0.9, 0.6, 0.3), **FILM),
-}
+
+def mirrored(material: wrt.Material, degrees: float, device: str) -> Array:
+    """Return the value in the mirror direction."""
+    wo = viewer(degrees)[None]
+    return Case(material).evaluate(wo, wo * (-1.0, -1.0, 1.0), device)[0][0]
 
 
-def test_a_smooth_metal_has_the_colours_of_the_spectrum(device: str, report: Report) -> None:
+def test_a_smooth_metal_has_the_colours_of_the_spectrum(device: str) -> None:
     material = wrt.Conductor(metal="gold", **FILM)
+    indices = [complex(eta, k) for eta, k in zip(material.eta, material.k, strict=True)]
     for degrees in (0.0, 50.0, 80.0):
         found = Case(material).sample(viewer(degrees), np.full((1, 3), 0.5), device)["weight"][0]
         mu = float(np.cos(np.radians(degrees)))
-        indices = [complex(eta, k) for eta, k in zip(material.eta, material.k, strict=True)]
         expected = [film_rgb(mu, 1.7, 350.0, index)[channel] for channel, index in enumerate(indices)]
-        report(f"gold under a film at {degrees:g}°: green", float(found[1]), expected[1])
         np.testing.assert_allclose(found, np.clip(expected, 0.0, 1.0), atol=6e-3)
 
 
+@pytest.mark.slow
 def test_a_principled_surface_changes_as_the_spectrum_does(device: str) -> None:
-    """Schlick's reflectance, and what the film adds to Fresnel's by the spectrum."""
-    f0, wo = 0.3, viewer(40.0)[None]
-    mirrored = wo * (-1.0, -1.0, 1.0)
-    plain, filmed = (
-        Case(wrt.Principled(f0, metallic=1.0, roughness=0.3, **film)).evaluate(wo, mirrored, device)[0][0]
-        for film in ({}, FILM)
+    """Schlick's reflectance, and what the film adds to Fresnel's by the spectrum; without contrast nothing."""
+    f0, options = 0.3, {"metallic": 1.0, "roughness": 0.3}
+    plain, filmed, *none = (
+        mirrored(wrt.Principled(f0, **options, **film), 40.0, device)
+        for film in ({}, FILM, {"film_thickness": 300.0, "film_ior": 1.0}, {"film_thickness": 1e-4})
     )
-    mu = float(wo[0, 2])
+    mu = float(viewer(40.0)[2])
     schlick = f0 + (1.0 - f0) * (1.0 - mu) ** 5
-    index = (1.0 + np.sqrt(f0)) / (1.0 - np.sqrt(f0))
-    change = film_rgb(mu, 1.7, 350.0, complex(index)) - film_rgb(mu, 1.0, 350.0, complex(index))
+    index = complex((1.0 + np.sqrt(f0)) / (1.0 - np.sqrt(f0)))
+    change = film_rgb(mu, 1.7, 350.0, index) - film_rgb(mu, 1.0, 350.0, index)
     np.testing.assert_allclose(filmed / plain * schlick, np.clip(schlick + change, 0.0, 1.0), atol=6e-3)
-
-
-def test_a_film_of_no_contrast_is_none(device: str) -> None:
-    wo, wi = viewer(30.0)[None], viewer(50.0, 3.0)[None]
-    plain = Case(wrt.Principled(0.6, roughness=0.4)).evaluate(wo, wi, device)[0]
-    for film in ({"film_thickness": 300.0, "film_ior": 1.0}, {"film_thickness": 1e-4}):
-        found = Case(wrt.Principled(0.6, roughness=0.4, **film)).evaluate(wo, wi, device)[0]
-        np.testing.assert_allclose(found, plain, rtol=1e-4)
+    for found in none:
+        np.testing.assert_allclose(found, plain, rtol=3e-3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MATERIALS)
-def test_samples_and_reciprocity(name: str, device: str, report: Report) -> None:
-    case = Case(MATERIALS[name])
-    if name in ("principled metal", "rough metal"):
-        result = chi_square(case, 50.0, device, tests=2, samples=2**16, tolerance=3e-6)
-        report(f"{name}: samples against the density", result.statistic, result.dof, p=result.p)
-        assert result.passed, result.message
-    assert_weights(case, 50.0, device)
-    assert_finite(case, device)
-    assert reciprocity_error(case, device, n=5000) < 1e-3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("roughness", [0.05, 0.4, 0.8])
+@pytest.mark.parametrize("roughness", [0.05, 0.8])
 def test_a_white_surface_below_a_film(roughness: float, device: str, report: Report) -> None:
     """What the film does not reflect goes below: the surface stays white to some per cent, and makes no energy."""
     least, most = 1.0, 0.0
@@ -189,6 +179,16 @@ def test_a_clear_body_below_a_film_loses_nothing(device: str, report: Report) ->
         assert (np.abs(mean - 1.0) < 2e-3 + 4.0 * error).all()
 
 
+@pytest.mark.slow
+def test_all_features_together_have_place(device: str) -> None:
+    """A material with every layer has a row for each value; the film's index lies in that of the brush strokes."""
+    layers: dict[str, Any] = {"transmission": 0.5, "dispersion": 0.5, "anisotropy": 0.5, "coat": 0.5}
+    layers |= {"coat_roughness": 0.5, "sheen_color": 0.5, "roughness": 0.3}
+    material = wrt.Principled(**layers, film_thickness=200.0, film_ior=2.4)
+    assert len(material.slots) == 16 == Case(material).model.slots
+    assert (mirrored(material, 30.0, device) > 1.3 * mirrored(wrt.Principled(**layers), 30.0, device)).all()
+
+
 def test_mistakes() -> None:
     for values, message in (
         ({"film_thickness": -1.0}, "film_thickness"),
@@ -196,22 +196,7 @@ def test_mistakes() -> None:
         ({"film_thickness": 300.0, "multiple_bounces": True}, "multiple_bounces cannot have a film"),
     ):
         for make in (wrt.Principled, wrt.RoughConductor):
-            with pytest.raises(InputError, match=message):
+            with pytest.raises(wrt.InputError, match=message):
                 make(**values)
     assert wrt.Principled(film=0.0, film_thickness=300.0).model == wrt.Principled().model
     assert wrt.Conductor().model == "conductor"
-
-
-@pytest.mark.slow
-def test_all_features_together_have_place(device: str) -> None:
-    """A material with every layer has a row for each value, and its film still counts."""
-    layers = {"transmission": 0.5, "dispersion": 0.5, "anisotropy": 0.5, "coat": 0.5}
-    layers |= {"coat_roughness": 0.5, "sheen_color": 0.5}
-    material = wrt.Principled(**layers, roughness=0.3, film_thickness=200.0, film_ior=2.4)
-    assert len(material.slots) == 16 == Case(material).model.slots
-    wo = viewer(30.0)[None]
-    mirrored = wo * (-1.0, -1.0, 1.0)
-    value = Case(material).evaluate(wo, mirrored, device)[0]
-    without = Case(wrt.Principled(**layers, roughness=0.3)).evaluate(wo, mirrored, device)[0]
-    # The film's index lies in a row that says where the brush strokes go.
-    assert (value > 1.3 * without).all()

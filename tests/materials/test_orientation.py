@@ -1,0 +1,163 @@
+"""A mesh that does not say which way is up is shown standing where it can, and as it is in doubt."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from conftest import ROOT
+
+import wrt
+from wrt.io.load_mesh import load_shapes
+from wrt.meshes.many_triangles import terrain
+from wrt.studio.orientation import guess_up
+
+
+def up_of(*meshes: wrt.Mesh, default: str = "y") -> str:
+    return guess_up([wrt.Shape(mesh) for mesh in meshes], default)
+
+
+def turned(mesh: wrt.Mesh, degrees: float = 90.0) -> wrt.Mesh:
+    """Brings y to z."""
+    return mesh.rotated((1.0, 0.0, 0.0), degrees)
+
+
+def lathe(profile: list[tuple[float, float]], sides: int = 48) -> wrt.Mesh:
+    """A closed solid of (radius, y), turned about the y axis."""
+    angles = np.arange(sides) * (2.0 * np.pi / sides)
+    rings = [np.stack([r * np.cos(angles), np.full(sides, y), r * np.sin(angles)], axis=1) for r, y in profile]
+    k = np.arange(sides)
+    n = (k + 1) % sides
+    faces = []
+    for i in range(len(profile) - 1):
+        a, b = i * sides, (i + 1) * sides
+        faces += [np.stack([a + k, b + k, b + n], axis=1), np.stack([a + k, b + n, a + n], axis=1)]
+    last = (len(profile) - 1) * sides
+    faces.append(np.stack([np.zeros(sides - 2, int), k[1:-1], k[2:]], axis=1))
+    faces.append(last + np.stack([np.zeros(sides - 2, int), k[2:], k[1:-1]], axis=1))
+    return wrt.Mesh(np.concatenate(rings), np.concatenate(faces))
+
+
+CYLINDER = lathe([(0.5, 0.0), (0.5, 4.0)])
+VASE = lathe([(0.4, 0.0), (1.0, 1.0), (0.3, 2.0), (0.6, 2.4)])
+TABLE = [wrt.box((-1, 0.9, -0.6), (1, 1.0, 0.6))] + [
+    wrt.box((x - 0.05, 0.0, z - 0.05), (x + 0.05, 0.9, z + 0.05)) for x in (-0.8, 0.8) for z in (-0.45, 0.45)
+]
+SHEET = wrt.quad((0, 0, 0), (0, 0, 1), (1, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("name", "up"),
+    [
+        ("stanford-bunny.obj", "y"),
+        ("igea.ply", "y"),
+        ("spot.obj", "y"),
+        ("Duck.glb", "y"),
+        ("nefertiti.obj", "z"),
+        ("fuze/fuze.obj", "z"),
+    ],
+)
+def test_real_files_stand_as_they_are_meant(name: str, up: str, assets: Path) -> None:
+    """And when they are turned to the other axis, all that stand on a base do there (igea is cut off slantwise)."""
+    meshes = [shape.mesh for shape in load_shapes(assets / "meshes" / name, smooth_degrees=None)]
+    assert up_of(*meshes) == up
+    if name != "igea.ply":
+        there = [turned(mesh, -90.0 if up == "z" else 90.0) for mesh in meshes]
+        assert up_of(*there, default=up) == ("y" if up == "z" else "z")
+
+
+@pytest.mark.parametrize("parts", [[CYLINDER], [VASE], TABLE], ids=["cylinder", "vase", "table"])
+def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts: list[wrt.Mesh]) -> None:
+    """The same far away, and of another size."""
+    for default in ("y", "z"):
+        assert up_of(*parts, default=default) == "y"
+        assert up_of(*(turned(mesh).translated((-70.0, 30.0, 110.0)) for mesh in parts), default=default) == "z"
+        assert up_of(*(turned(mesh).scaled(1e-3) for mesh in parts), default=default) == "z"
+
+
+def test_land_lies_and_what_may_be_land_on_its_edge_is_named(tmp_path: Path) -> None:
+    """Set on its edge land would stand well, and in one valley it has no more than a point on the ground."""
+    land = terrain(20_000)
+    assert up_of(land) == "y"
+    assert up_of(turned(land), default="z") == "z"
+    land = terrain(2_000)
+    upright = turned(land)
+    flipped = wrt.Mesh(upright.vertices, upright.faces[:, ::-1])
+    for mesh, up, other in ((upright, "y", "z"), (flipped, "y", "z"), (land, "z", "y")):
+        says = (
+            f'it is thin along {other} and faces that way; if it is land, which lies, say up="{other}", or --up {other}'
+        )
+        arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
+        made = trimesh.Trimesh(**arrays, process=False)
+        file = tmp_path / ("land.ply" if up == "y" else "land.stl")
+        made.export(file)
+        np.savez(tmp_path / "land.npz", **arrays)
+        with pytest.warns(UserWarning, match=f"land.*: {says}"):
+            wrt.load(file)
+        for source in (mesh, made, tmp_path / "land.npz") if up == "y" else ():
+            with pytest.warns(UserWarning, match=says):
+                wrt.load(source)
+    steep = terrain(2_000).transformed(np.diag([1.0, 5.0, 1.0, 1.0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for mesh in (land, turned(SHEET), turned(steep), wrt.box((0, 0, 0), (1, 1, 0.01)), CYLINDER, wrt.sphere()):
+            wrt.load(mesh)
+        wrt.load(upright, up="y")
+        wrt.load(upright, up="z")
+
+
+def test_teapot_stands() -> None:
+    mesh = wrt.load_mesh(ROOT / "meshes" / "teapot.ply")
+    assert (up_of(mesh), up_of(turned(mesh))) == ("y", "z")
+
+
+def test_a_sheet_that_would_be_part_of_the_floor_is_stood_up() -> None:
+    assert up_of(SHEET) == up_of(SHEET, SHEET) == "z"
+    assert up_of(turned(SHEET), default="z") == up_of(turned(SHEET)) == "y"
+    assert up_of(SHEET, SHEET.translated((0.0, 0.01, 0.0))) == "y"
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        wrt.box((0, 0, 0), (1, 1, 1)),
+        wrt.box((0, 0, 0), (1, 1, 4)),
+        wrt.box((0, 0, 0), (1, 4, 1)),
+        wrt.box((0, 0, 0), (1, 0.01, 1)),
+        wrt.sphere(subdivisions=4),
+        CYLINDER.rotated((0.0, 0.0, 1.0), 90.0),
+    ],
+    ids=["cube", "beam", "tower", "plate", "ball", "along x"],
+)
+def test_in_doubt_the_default_stays(mesh: wrt.Mesh) -> None:
+    for default in ("y", "z"):
+        assert up_of(mesh, default=default) == default
+
+
+def test_many_small_faces_change_nothing() -> None:
+    """Of the size at which only every so many faces are looked at, in two parts."""
+    fine = lathe([(0.5, 0.05 * k) for k in range(1001)], sides=256)
+    assert len(fine.faces) > 500_000
+    half = len(fine.faces) // 2
+    parts = [wrt.Mesh(fine.vertices, fine.faces[:half]), wrt.Mesh(fine.vertices, fine.faces[half:])]
+    assert up_of(*(turned(mesh.scaled(0.1)) for mesh in parts)) == "y"  # a needle: it would not stand
+    assert up_of(*(turned(mesh.transformed(np.diag([1.0, 0.05, 1.0, 1.0]))) for mesh in parts)) == "z"
+
+
+def test_other_axes_and_meshes_without_area_are_left_alone() -> None:
+    assert up_of(turned(VASE), default="-y") == "-y"
+    assert up_of(wrt.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]])), default="z") == "z"
+
+
+def test_files_that_do_not_say_are_guessed_and_gltf_is_y(tmp_path: Path) -> None:
+    lying = turned(VASE)
+    tall = VASE.bounds[1, 1] - VASE.bounds[0, 1]
+    for suffix, height in {"obj": tall, "ply": tall, "stl": tall, "off": tall, "glb": 2.0}.items():
+        path = tmp_path / f"vase.{suffix}"
+        trimesh.Trimesh(lying.vertices, lying.faces, process=False).export(path)
+        for options, expected in (({}, height), ({"up": "y"}, 2.0)):
+            low, high = wrt.load(str(path), **options).shapes[0].mesh.bounds
+            assert high[1] - low[1] == pytest.approx(expected, rel=1e-3), suffix

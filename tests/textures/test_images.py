@@ -1,0 +1,385 @@
+"""Images over a surface: every way to lay, repeat, filter and cut them, against NumPy in double precision."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import NDArray
+from PIL import Image
+from support.composites import WITH_OPACITY
+from support.covering_kernels import render_with
+from support.kernels import upload
+
+import wrt
+from wrt.backend.device import Device
+from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.textures.textures import filtered_color, make_slot_color
+from wrt.scene.srgb import of_codes
+from wrt.scene.textures import TEXTURE_FILTERS, WRAPS
+from wrt.upload.materials import describe_materials
+from wrt.upload.scene_data import build_scene
+from wrt.upload.textures import texels
+from wrt.upload.textures.normal_maps import normals_of
+from wrt.upload.textures.pyramid import pyramid
+from wrt.upload.textures.texels import FEWEST_TEXELS, Texels, codes_of
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.float32]
+
+N = 20_000
+PIXELS = np.random.default_rng(1).random((5, 7, 3)).astype(np.float32)
+LAID: dict[str, Any] = {"scale": (0.7, 1.6), "rotation_degrees": 33.0, "wrap": ("mirror", "clamp")}
+slot_color = make_slot_color()
+
+
+@wp.kernel(enable_backward=False)
+def look_up(
+    scene: SceneData,
+    slot: int,
+    uvs: wp.array(dtype=wp.vec2),
+    footprints: wp.array(dtype=wp.vec4),
+    color_out: wp.array(dtype=wp.vec3),
+    filtered_out: wp.array(dtype=wp.vec3),
+):
+    i = wp.tid()
+    color_out[i] = slot_color(scene, scene.slots[slot], uvs[i], wp.vec4(), wp.vec3(0.25, 0.5, 1.0))
+    filtered_out[i] = filtered_color(scene, scene.images[1], uvs[i], footprints[i])
+
+
+def looked_up(texture: wrt.ImageTexture, uvs: Pixels, device: str, footprints: Pixels | None = None) -> Pixels:
+    """Return (N, 3) what a material reads of a texture; within footprints, where there are levels.
+
+    Another image and a constant lie before it in the tables.
+    """
+    before = wrt.Diffuse(wrt.ImageTexture(np.full((3, 2, 3), 9.0)))
+    data = uploaded(before, wrt.Diffuse(0.5), wrt.Diffuse(texture), device=device)
+    out = [wp.empty(len(uvs), dtype=wp.vec3, device=device) for _ in range(2)]
+    around = np.zeros((len(uvs), 4), np.float32) if footprints is None else footprints
+    inputs = [data, 2, upload(uvs, wp.vec2, device), upload(around, wp.vec4, device)]
+    wp.launch(look_up, len(uvs), inputs, out, device=device)
+    return out[0 if footprints is None else 1].numpy()
+
+
+def uploaded(*materials: wrt.Material, device: str = "cpu") -> SceneData:
+    data = SceneData()
+    describe_materials(list(materials)).upload(data, Device(device))
+    return data
+
+
+def beyond(i: NDArray[np.int64], n: int, wrap: str) -> NDArray[np.int64]:
+    """Return which texel stands at place i of an image n wide that goes on for ever."""
+    if wrap == "repeat":
+        return i % n
+    if wrap == "clamp":
+        return np.clip(i, 0, n - 1)
+    j = i % (2 * n)
+    return np.where(j < n, j, 2 * n - 1 - j)
+
+
+def expected(texture: wrt.ImageTexture, uvs: Pixels) -> tuple[Array, NDArray[np.bool_]]:
+    """Return (N, 3) values, and where they are sure: not within rounding of where the nearest texel changes."""
+    height, width = texture.pixels.shape[:2]
+    u, v = texture.placement @ np.column_stack([uvs.astype(np.float64), np.ones(len(uvs))]).T
+    u, v = (np.clip(w, 0.0, 1.0) if wrap == "clamp" else w for w, wrap in zip((u, v), texture.wrap, strict=True))
+    x, y = u * width - 0.5, (1.0 - v) * height - 0.5
+    sure = np.ones(len(uvs), bool)
+    if texture.filter == "nearest":
+        sure = inside_texel(x, u, texture.wrap[0]) & inside_texel(y, v, texture.wrap[1])
+        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
+    total = np.zeros((len(uvs), 3))
+    for dx, dy in itertools.product((0, 1), (0, 1)):
+        i, j = np.floor(x).astype(int) + dx, np.floor(y).astype(int) + dy
+        share = (1.0 - np.abs(x - i)) * (1.0 - np.abs(y - j))
+        total += share[:, None] * texture.pixels[beyond(j, height, texture.wrap[1]), beyond(i, width, texture.wrap[0])]
+    return total, sure
+
+
+def inside_texel(x: Array, u: Array, wrap: str) -> NDArray[np.bool_]:
+    """Return where x is not between two texels, or u is held at the image's edge."""
+    return (np.abs((x + 0.5) % 1.0 - 0.5) < 0.499) | ((wrap == "clamp") & ((u == 0.0) | (u == 1.0)))
+
+
+def coordinates(seed: int) -> Pixels:
+    """Return points in and around the unit square, its edges and corners among them."""
+    uvs = np.random.default_rng(seed).uniform(-2.3, 3.3, (N, 2)).astype(np.float32)
+    uvs[:9] = list(itertools.product((0.0, 1.0, 2.0), (0.0, 1.0, -1.0)))
+    return uvs
+
+
+@pytest.mark.parametrize("filter", TEXTURE_FILTERS)
+@pytest.mark.parametrize("wrap", [*zip(WRAPS, WRAPS, strict=True), *zip(WRAPS, (*WRAPS[1:], WRAPS[0]), strict=True)])
+def test_wraps_and_filters(wrap: tuple[str, str], filter: str, device: str) -> None:
+    texture = wrt.ImageTexture(PIXELS, **{**LAID, "wrap": wrap}, offset=(0.3, -0.2), filter=filter)
+    uvs = coordinates(2)
+    values, sure = expected(texture, uvs)
+    assert sure.mean() > 0.98
+    assert np.abs(looked_up(texture, uvs, device) - values)[sure].max() < 1e-5
+
+
+def test_placement_scales_then_turns_then_shifts() -> None:
+    texture = wrt.ImageTexture(PIXELS, scale=(2.0, 3.0), rotation_degrees=90.0, offset=(0.5, 0.25))
+    # (1, 0) scaled is (2, 0), turned counter-clockwise (0, 2).
+    assert texture.placement @ (1.0, 0.0, 1.0) == pytest.approx((0.5, 2.25))
+    assert texture.placement @ (0.0, 1.0, 1.0) == pytest.approx((-2.5, 0.25))
+
+
+def test_factors_vertex_colors_channels_and_cutoffs(device: str) -> None:
+    uvs = coordinates(3)
+    plain = looked_up(wrt.ImageTexture(PIXELS), uvs, device)
+    made = looked_up(wrt.ImageTexture(PIXELS, factor=(0.5, 0.25, 2.0), vertex_colors=True), uvs, device)
+    np.testing.assert_allclose(made, plain * np.float32((0.125, 0.125, 2.0)), rtol=1e-6)
+    green = looked_up(wrt.ImageTexture(PIXELS, channel="g", factor=0.5), uvs, device)
+    np.testing.assert_allclose(green, 0.5 * plain[:, [1, 1, 1]], rtol=1e-6)
+    mask = looked_up(wrt.ImageTexture(PIXELS, channel="g", factor=0.5, cutoff=0.25), uvs, device)
+    np.testing.assert_array_equal(mask, (green >= np.float32(0.25)).astype(np.float32))
+    assert 0.2 < mask.mean() < 0.8
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"wrap": "mirrored"}, "wrap must be one of repeat, mirror, clamp, not 'mirrored' (did you mean"),
+        ({"wrap": ("clamp",)}, "wrap must be one of repeat, mirror, clamp, or two of them for u and v"),
+        ({"filter": "cubic"}, "filter must be one of bilinear, nearest, trilinear, not 'cubic'"),
+        ({"scale": (1.0, 2.0, 3.0)}, "scale must be two numbers, not (1.0, 2.0, 3.0)"),
+        ({"factor": -1.0}, "factor must be at least 0"),
+        ({"cutoff": "half"}, "cutoff must be a number, not 'half'"),
+        ({"vertex_colors": 1}, "vertex_colors must be true or false, not 1"),
+        ({"pixels": Image.new("RGB", (2, 2), (200,) * 3)}, "pixels must be linear numbers, not codes up to 200; for"),
+        ({"pixels": "a.png"}, "pixels must be an array, such as wrt.load_image('a.png')"),
+    ],
+)
+def test_mistakes_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.ImageTexture(**{"pixels": PIXELS, "name": "wood", **options})
+    assert str(caught.value).startswith(f"texture wood: {message}")
+
+
+# --- Texels on the device: those of 8 bits take four bytes, and not one bit of their colours changes ---
+
+CODES = np.random.default_rng(5).integers(0, 256, (40, 33, 3), dtype=np.uint8)
+COLORS = of_codes(linear=False)[CODES]
+LINEAR = of_codes(linear=True)[CODES]
+FLOATS = np.random.default_rng(6).random((40, 33, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        COLORS * np.float32((0.3, 0.7, 1.1)),
+        normals_of(wrt.NormalMap(of_codes(linear=True)[np.maximum(CODES, 140)], scale=0.7)),
+        np.float32(1.0) - np.float32(0.6) * LINEAR,
+        np.full((40, 40, 3), 3.7e-12, np.float32),
+    ],
+    ids=["tinted", "normals", "inverted", "one value"],
+)
+def test_few_values_become_codes_that_give_the_same_bits(pixels: Pixels) -> None:
+    found = Texels([pixels])
+    assert len(found.colors) == 0
+    bytes_ = found.codes.astype("<u4").view(np.uint8).reshape(-1, 4)
+    decoded = np.stack([found.palettes[k][bytes_[:, k]] for k in range(3)], axis=1)
+    np.testing.assert_array_equal(decoded.view(np.uint32), pixels.reshape(-1, 3).view(np.uint32))
+
+
+def test_many_values_stay_as_they_are() -> None:
+    one_more = np.arange(300 * 4, dtype=np.float32) % 257
+    for pixels in (FLOATS, np.repeat(one_more, 3).reshape(40, 30, 3)):
+        found = Texels([pixels])
+        assert len(found.codes) == 0
+        np.testing.assert_array_equal(found.colors, pixels.reshape(-1, 3))
+    # Also where they begin late: what was looked at before is of no use then.
+    late = np.zeros(200_000, np.float32)
+    late[-257:] = np.arange(257)
+    assert codes_of(late) is None
+    fewer = codes_of(late[:-1])
+    assert fewer is not None
+    np.testing.assert_array_equal(fewer[1][fewer[0]], late[:-1])
+
+
+def test_how_many_texels_and_images_there_are_on_the_device() -> None:
+    """Codes take a word a texel, and equal palettes and pixels are there once; small and float images are not coded."""
+    matt = [wrt.Diffuse(wrt.ImageTexture(pixels)) for pixels in (COLORS, COLORS[::-1], COLORS[:5, :7], FLOATS)]
+    coded = uploaded(*matt[:2], wrt.Principled(roughness=wrt.ImageTexture(LINEAR, channel="g")))
+    assert (len(coded.texels), len(coded.texel_codes), len(coded.palettes)) == (0, 3 * 40 * 33, 2 * 3 * 256)
+    assert coded.texel_codes.dtype.__name__ == "uint32"
+    assert FEWEST_TEXELS > 5 * 7
+    plain = uploaded(*matt[2:])
+    assert (len(plain.texel_codes), len(plain.texels)) == (0, 5 * 7 + 40 * 33)
+    wrapped = uploaded(*(wrt.Diffuse(wrt.ImageTexture(PIXELS, wrap=wrap)) for wrap in WRAPS))
+    assert (len(wrapped.texels), len(wrapped.images)) == (5 * 7, 3)
+
+
+@pytest.mark.parametrize("filter", ["bilinear", "nearest"])
+def test_what_materials_read_is_the_same_to_the_bit(filter: str, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = CODES.copy()
+    changed[20, 20, 2] ^= 1
+    texture, other = (
+        wrt.ImageTexture(of_codes(linear=False)[codes], **LAID, filter=filter) for codes in (CODES, changed)
+    )
+    uvs = coordinates(7)
+    coded = looked_up(texture, uvs, device)
+    assert (coded != looked_up(other, uvs, device)).any()
+    monkeypatch.setattr(texels, "FEWEST_TEXELS", 10**9)
+    np.testing.assert_array_equal(coded, looked_up(texture, uvs, device))
+
+
+# --- Levels: few samples see their mean from afar, many see what there is without levels ---------------
+
+SIZE = 512
+BLACK, WHITE = 40, 220
+"""Codes of a checkerboard's squares, of a texel each."""
+MEAN = float(of_codes(linear=False)[[BLACK, WHITE]].astype(np.float64).mean())
+
+
+@functools.cache
+def checker() -> Pixels:
+    codes = np.where(np.indices((SIZE, SIZE)).sum(axis=0) % 2, WHITE, BLACK)
+    return np.repeat(of_codes(linear=False)[codes][..., None], 3, axis=2)
+
+
+@functools.cache
+def clouds() -> Pixels:
+    """Return an image that varies at all scales, as photographs do: its spectrum falls with the frequency."""
+    f = np.hypot(np.fft.fftfreq(SIZE)[:, None], np.fft.rfftfreq(SIZE)[None])
+    f[0, 0] = 1.0
+    waves = np.fft.rfft2(np.random.default_rng(4).normal(size=(SIZE, SIZE))) / f
+    values = np.fft.irfft2(waves, s=(SIZE, SIZE))
+    codes = np.clip(128.0 + 50.0 * (values - values.mean()) / values.std(), 0.0, 255.0).astype(np.uint8)
+    return np.repeat(of_codes(linear=False)[codes][..., None], 3, axis=2)
+
+
+@pytest.mark.parametrize("pixels", [clouds()[:40, :28], np.random.default_rng(3).random((9, 13, 3), np.float32)])
+def test_two_levels_are_mixed_by_the_narrower_axis(pixels: Pixels, device: str) -> None:
+    """By ellipses of all forms in a texture that is scaled and turned."""
+    texture = wrt.ImageTexture(pixels, **LAID, filter="trilinear")
+    levels = [pixels, *pyramid(pixels)]
+    assert levels[-1].shape[:2] == (1, 1)
+    uvs, rng = coordinates(8), np.random.default_rng(9)
+    # Two axes of an ellipse, in texture coordinates.
+    axes = rng.normal(size=(N, 2, 2)) * 2.0 ** rng.uniform(-8.0, 2.0, (N, 1, 1))
+    axes[:100] = 0.0
+    k = axes @ axes.transpose(0, 2, 1)
+    footprints = np.stack([k[:, 0, 0], k[:, 1, 1], k[:, 0, 1], np.abs(np.linalg.det(axes))], axis=1).astype(np.float32)
+    in_texels = np.diag([pixels.shape[1], pixels.shape[0]]) @ texture.placement[:, :2] @ axes
+    narrow = np.linalg.svd(in_texels, compute_uv=False)[:, 1]
+    level = np.clip(np.log2(np.maximum(narrow, 1e-9)), 0.0, len(levels) - 1.0)
+    assert (level == 0.0).mean() > 0.1
+    assert (level == len(levels) - 1.0).mean() > 0.02
+    colors = np.stack([expected(wrt.ImageTexture(each, **LAID), uvs)[0] for each in levels])
+    lower, rows = np.minimum(level.astype(int), len(levels) - 2), np.arange(N)
+    share = (level - lower)[:, None]
+    mixed = colors[lower, rows] * (1.0 - share) + colors[lower + 1, rows] * share
+    assert np.abs(looked_up(texture, uvs, device, footprints) - mixed).max() < 1e-4
+
+
+def floor(pixels: Pixels, camera: wrt.Camera, **options: Any) -> wrt.Scene:
+    """Return a square of 8 m in even light, on which an image lies once: what is seen of it is its colour."""
+    mesh = wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8))
+    mesh = wrt.Mesh(mesh.vertices, mesh.faces, uvs=np.float32([[0, 0], [1, 0], [1, 1], [0, 1]]))
+    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment(1.0))
+    scene.add(mesh, material=wrt.Diffuse(wrt.ImageTexture(pixels, **options)))
+    return scene
+
+
+def above(height: float) -> wrt.Camera:
+    return wrt.OrthographicCamera((0.1, 3, 0.1), (0.1, 0, 0.1), up=(0, 0, -1), view_height=height)
+
+
+ALONG = wrt.PerspectiveCamera((0.0, 0.5, 3.5), (0.0, 0.0, 0.0), fov_degrees=25.0)
+
+
+def picture(scene: wrt.Scene, device: str, spp: int, size: int = 24, **options: Any) -> Array:
+    options = {"layers": ("albedo", "alpha"), "sampler": "independent", "max_depth": 2, **options}
+    renderer = wrt.Renderer(scene, width=size, height=size, device=device, **options)
+    for _ in renderer.passes(spp=spp):
+        pass
+    return renderer.image()[..., 1].astype(np.float64)
+
+
+@pytest.fixture
+def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with([WITH_OPACITY, dataclasses.replace(WITH_OPACITY, sampler="sobol")], monkeypatch)
+
+
+@pytest.mark.usefixtures("one_kernel")
+@pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
+def test_one_sample_sees_the_mean_of_what_is_far_smaller_than_a_pixel(integrator: str, device: str) -> None:
+    """The mean of light, of which a checkerboard is a closed form; that of the codes would be a quarter darker."""
+    found = picture(
+        floor(checker(), above(6.0), filter="trilinear"),
+        device,
+        1,
+        integrator=integrator,
+        layers=() if integrator == "whitted" else ("alpha",),
+    )
+    np.testing.assert_allclose(found, MEAN, rtol=1e-5)
+    if integrator == "path":
+        assert picture(floor(checker(), above(6.0)), device, 1).std() / MEAN > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_kernel")
+def test_few_samples_have_less_noise_and_many_see_the_same(device: str, report: Report) -> None:
+    """Along a floor that goes from magnified to much smaller than pixels, and is seen at an angle."""
+    scenes = {name: floor(clouds(), ALONG, filter=name) for name in ("bilinear", "trilinear")}
+
+    def seen(name: str, spp: int, seed: int = 0) -> Array:
+        return picture(scenes[name], device, spp, 32, seed=seed, sampler="sobol")
+
+    true = seen("bilinear", 2048, 7)
+
+    def error(found: Array) -> float:
+        return float(np.sqrt(((found - true) ** 2).mean()) / true.mean())
+
+    for spp in (1, 4):
+        bilinear, trilinear = (error(seen(name, spp)) for name in scenes)
+        report(f"{spp} samples: error with levels, without", trilinear, bilinear)
+        assert trilinear < 0.9 * bilinear
+    # The first sample alone, were it repeated, would leave the texture blurred.
+    many = error(seen("trilinear", 1024))
+    blurred = error(np.mean([seen("trilinear", 1, seed) for seed in range(64)], axis=0))
+    assert many < min(0.005, blurred / 3.0)
+
+
+@pytest.mark.usefixtures("one_kernel")
+def test_close_up_nothing_changes(device: str) -> None:
+    near = above(24 * 8.0 / SIZE * 0.9)
+    images = [picture(floor(checker(), near, filter=name), device, 3) for name in ("bilinear", "trilinear")]
+    np.testing.assert_array_equal(*images)
+    assert images[0].std() > 0.05
+
+
+@pytest.mark.usefixtures("one_kernel")
+def test_passes_leave_no_trace_and_layers_see_the_same(device: str) -> None:
+    scene = floor(clouds(), ALONG, filter="trilinear")
+    options: dict[str, Any] = {"layers": ("albedo", "alpha"), "sampler": "independent", "max_depth": 2}
+    renderer = wrt.Renderer(scene, width=16, height=16, device=device, **options)
+    for spp in (1, 2, 8):
+        for _ in renderer.passes(spp=spp):
+            pass
+    np.testing.assert_array_equal(renderer.image()[..., 1], picture(scene, device, 8, 16))
+    seen = renderer.layers()["alpha"] == 1.0
+    assert seen.sum() > 100
+    # The way to the sky is free everywhere.
+    np.testing.assert_allclose(renderer.layers()["albedo"][seen], renderer.image()[seen], rtol=1e-5)
+
+
+def test_levels_are_made_where_they_are_wanted_and_are_there_once() -> None:
+    for options, wanted in (
+        ({"filter": "trilinear"}, True),
+        ({"filter": "nearest"}, False),
+        ({"filter": "trilinear", "cutoff": 0.5}, False),  # the mean of a mask is no mask
+    ):
+        built = build_scene(floor(checker(), ALONG, **options), Device("cpu"))
+        assert built.features.mipmapped == wanted
+    # Levels take a third of the texels; without them another record reads the same ones.
+    several = [wrt.ImageTexture(clouds(), filter="trilinear", scale=scale) for scale in (1.0, 2.0)]
+    data = uploaded(*map(wrt.Diffuse, (*several, wrt.ImageTexture(clouds()))))
+    assert (len(data.texel_codes), len(data.texels)) == (SIZE * SIZE, (SIZE * SIZE - 1) // 3)
