@@ -167,6 +167,7 @@ def test_limits(device: str) -> None:
     assert_same(tracer.closest_hit(origins, 4.0 * directions), near._replace(t=near.t / np.float32(4.0)))
 
 
+@pytest.mark.not_emulated
 def test_warp_arrays(device: str) -> None:
     scene = scene_of("mirrored", 9)
     tracer = tracer_of(scene, device)

@@ -127,6 +127,7 @@ def test_limits(mesh: wrt.Mesh, kind: str, count: int, device: str) -> None:
     np.testing.assert_array_equal(tracer.any_hit(*rays, t_max=own)[hit], even[hit])
 
 
+@pytest.mark.not_emulated
 def test_warp_arrays_come_back_as_warp_arrays(mesh: wrt.Mesh, device: str) -> None:
     tracer = wrt.Intersector(mesh, device=device)
     rays = camera_rays(80**2)
@@ -140,6 +141,7 @@ def test_warp_arrays_come_back_as_warp_arrays(mesh: wrt.Mesh, device: str) -> No
         np.testing.assert_array_equal(got.numpy(), wanted)
 
 
+@pytest.mark.not_emulated
 def test_limits_in_a_warp_array(mesh: wrt.Mesh, device: str) -> None:
     tracer = wrt.Intersector(mesh, device=device)
     rays = camera_rays(80**2)

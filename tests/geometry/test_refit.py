@@ -83,6 +83,7 @@ def test_answers_are_those_of_a_fresh_tree(device: str, report: Report) -> None:
         assert hits == 0 if name == "to one point" else hits > 500
 
 
+@pytest.mark.not_emulated
 def test_vertices_as_a_warp_array_are_not_copied(device: str) -> None:
     """A simulation may write them where they are, and call again."""
     tracer, points = wrt.Intersector(BALL, device=device), upload(BALL.vertices, wp.vec3, device)
@@ -174,6 +175,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.not_emulated
 @pytest.mark.parametrize("kind", ["NumPy", "Warp"])
 @pytest.mark.parametrize("placed", [False, True], ids=["one tree", "instances"])
 def test_what_is_refused_changes_nothing(placed: bool, kind: str, device: str) -> None:
@@ -197,6 +199,7 @@ def test_what_is_refused_changes_nothing(placed: bool, kind: str, device: str) -
     assert_same(tracer.closest_hit(*rays), before)
 
 
+@pytest.mark.not_emulated
 def test_instances_follow_their_mesh(device: str) -> None:
     """Each of the meshes by itself, before instances move and after."""
     meshes = [BALL, wrt.box()]

@@ -226,6 +226,7 @@ for attempt in range(30):
 """
 
 
+@pytest.mark.not_emulated
 @pytest.mark.slow
 def test_a_tree_is_built_where_sums_of_coordinates_overflow(device: str) -> None:
     """In a process of its own: assigning children to places once went on for ever."""

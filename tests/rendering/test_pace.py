@@ -8,6 +8,9 @@ import pytest
 import wrt
 from wrt.rendering.passes import BRIEF_PASS, LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
 
+# The emulator is too slow for what is said about seconds.
+pytestmark = pytest.mark.not_emulated
+
 
 def passes(target, sample, *, limit=math.inf, **how):
     """Return the samples of each pass, and its seconds, of a render whose samples each take as long."""
