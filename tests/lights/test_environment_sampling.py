@@ -10,7 +10,7 @@ import warp as wp
 from conftest import Report
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
-from support.kernels import map_function, uniforms, upload
+from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
 import wrt
@@ -19,62 +19,38 @@ from wrt.backend.warp_backend import initialize_warp
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
 from wrt.kernels.lights.environment import point_direction, point_towards, radiance_at
-from wrt.kernels.lights.environment_sampling import image_pdf, octahedral_node, sample_image
+from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.scene.scene_data import EnvironmentData, SceneData
 from wrt.upload.lights.environment import upload_environment
-from wrt.upload.lights.environment_sampling import COLUMNS, ROWS, coarsest_side, environment_tables, octahedral_nodes
+from wrt.upload.lights.environment_sampling import COLUMNS, ROWS
 from wrt.upload.scene_data import build_scene
 
 LIGHTS = make_lights(Features((), False, "image"))
 
 
 @wp.kernel(enable_backward=False)
-def look(
-    environment: EnvironmentData,
-    receiver: Receiver,
-    direction: wp.array(dtype=wp.vec3),
-    radiance_out: wp.array(dtype=wp.vec3),
-    pdf_out: wp.array(dtype=float),
-    uv_out: wp.array(dtype=wp.vec2),
-    back_out: wp.array(dtype=wp.vec3),
-):
+def look(environment: EnvironmentData, receiver: Receiver, d: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=wp.vec3)):
     i = wp.tid()
-    point = point_towards(environment, direction[i])
-    radiance_out[i] = radiance_at(environment, point.uv)
-    pdf_out[i] = image_pdf(environment, receiver, point)
-    uv_out[i] = point.uv
-    back_out[i] = point_direction(environment, point)
+    point = point_towards(environment, d[i])
+    out[0, i] = radiance_at(environment, point.uv)
+    out[1, i] = wp.vec3(point.uv[0], point.uv[1], image_pdf(environment, receiver, point))
+    out[2, i] = point_direction(environment, point)
 
 
 @wp.kernel(enable_backward=False)
-def draw_directions(
-    environment: EnvironmentData,
-    receiver: Receiver,
-    u: wp.array(dtype=wp.vec2),
-    direction_out: wp.array(dtype=wp.vec3),
-    pdf_out: wp.array(dtype=float),
-):
+def draw(environment: EnvironmentData, receiver: Receiver, u: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec4)):
     i = wp.tid()
     s = sample_image(environment, receiver, u[i])
-    direction_out[i] = s.wi
-    pdf_out[i] = s.pdf
+    out[i] = wp.vec4(s.wi[0], s.wi[1], s.wi[2], s.pdf)
 
 
 @wp.kernel(enable_backward=False)
-def choose_lights(
-    scene: SceneData,
-    receiver: Receiver,
-    u: wp.array(dtype=wp.vec4),
-    radiance_out: wp.array(dtype=wp.vec3),
-    pdf_out: wp.array(dtype=float),
-    expected_out: wp.array(dtype=float),
-):
+def choose_lights(scene: SceneData, receiver: Receiver, u: wp.array(dtype=wp.vec4), out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
     s = LIGHTS.sample_light(scene, receiver, u[i])
-    radiance_out[i] = s.radiance * wp.max(wp.dot(s.wi, receiver.normal), 0.0)
-    pdf_out[i] = s.pdf
-    expected_out[i] = LIGHTS.environment_light_pdf(scene, receiver, point_towards(scene.environment, s.wi))
+    pdf = LIGHTS.environment_light_pdf(scene, receiver, point_towards(scene.environment, s.wi))
+    out[i] = wp.vec3(s.radiance[0] * wp.max(wp.dot(s.wi, receiver.normal), 0.0), s.pdf, pdf)
 
 
 class Sky:
@@ -83,7 +59,7 @@ class Sky:
     def __init__(self, pixels: NDArray, device: str, degrees: float = 0.0, normal: ArrayLike | None = None) -> None:
         initialize_warp()
         self.device = device
-        self.data, self.flux = upload_environment(wrt.ImageEnvironment(pixels, rotation_degrees=degrees), device)
+        self.data, _ = upload_environment(wrt.ImageEnvironment(pixels, rotation_degrees=degrees), device)
         self.receiver = Receiver()
         self.receiver.receives = RECEIVES_ANYWHERE if normal is None else RECEIVES_FRONT
         self.normal = None if normal is None else np.divide(normal, np.linalg.norm(normal))
@@ -92,19 +68,17 @@ class Sky:
 
     def look(self, directions: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         """Return radiance, density, (u, v) and the direction of that (u, v)."""
-        n, types = len(directions), (wp.vec3, wp.float32, wp.vec2, wp.vec3)
-        out: list[Any] = [wp.empty(n, dtype=dtype, device=self.device) for dtype in types]
+        out = wp.empty((3, len(directions)), dtype=wp.vec3, device=self.device)
         given = [self.data, self.receiver, upload(directions, wp.vec3, self.device)]
-        wp.launch(look, n, given, out, device=self.device)
-        radiance, pdf, uv, back = (array.numpy().astype(np.float64) for array in out)
-        return radiance, pdf, uv, back
+        wp.launch(look, len(directions), given, [out], device=self.device)
+        radiance, point, back = out.numpy().astype(np.float64)
+        return radiance, point[:, 2], point[:, :2], back
 
     def sample(self, u: NDArray) -> tuple[NDArray, NDArray]:
-        out: list[Any] = [wp.empty(len(u), dtype=dtype, device=self.device) for dtype in (wp.vec3, wp.float32)]
-        given = [self.data, self.receiver, upload(u, wp.vec2, self.device)]
-        wp.launch(draw_directions, len(u), given, out, device=self.device)
-        wi, pdf = (array.numpy().astype(np.float64) for array in out)
-        return wi, pdf
+        out = wp.empty(len(u), dtype=wp.vec4, device=self.device)
+        wp.launch(draw, len(u), [self.data, self.receiver, upload(u, wp.vec2, self.device)], [out], device=self.device)
+        values = out.numpy().astype(np.float64)
+        return values[:, :3], values[:, 3]
 
     def green(self, d: NDArray) -> NDArray:
         """Return the irradiance per solid angle from directions, or the radiance where there is no normal."""
@@ -216,15 +190,17 @@ def test_the_environment_is_chosen_as_often_as_paths_are_told(device: str, repor
     receiver = Receiver()
     receiver.normal, receiver.receives = wp.vec3(0.0, 1.0, 0.0), RECEIVES_FRONT
     n = 2**16
-    out = [wp.empty(n, dtype=dtype, device=device) for dtype in (wp.vec3, float, float)]
-    wp.launch(choose_lights, n, [data, receiver, upload(uniforms(n, 4, seed=11), wp.vec4, device)], out, device=device)
-    radiance, pdf, expected = (array.numpy().astype(np.float64) for array in out)
+    out = wp.empty(n, dtype=wp.vec3, device=device)
+    wp.launch(
+        choose_lights, n, [data, receiver, upload(uniforms(n, 4, seed=11), wp.vec4, device)], [out], device=device
+    )
+    radiance, pdf, expected = out.numpy().astype(np.float64).T
     to_sky = pdf > 0.0
     assert 0.3 < to_sky.mean() < 0.9
     # On the edge of a bin, rounding finds the neighbour's density.
     close = np.abs(expected / np.maximum(pdf, 1e-9) - 1.0)[to_sky] < 1e-3
     assert close.mean() > 0.99
-    for name, values, true in (("sun", radiance[~to_sky, 0], 1.5), ("sky", radiance[to_sky, 0], np.pi * 0.7)):
+    for name, values, true in (("sun", radiance[~to_sky], 1.5), ("sky", radiance[to_sky], np.pi * 0.7)):
         estimates = np.concatenate([values, np.zeros(n - len(values))])
         error = float(estimates.std() / np.sqrt(n))
         report(f"irradiance of the {name}", float(estimates.mean()), true)
@@ -273,40 +249,6 @@ def test_even_points_stay_even(device: str, report: Report) -> None:
     assert ratio < 1.0 / 3.0
 
 
-def test_bins_are_as_fine_as_the_light_needs() -> None:
-    """Where all is even, cells need none; a small sun needs all of them."""
-    smooth = environment_tables(np.ones((256, 512), np.float32), np.eye(3))
-    sun = np.full((256, 512), 0.1, np.float32)
-    sun[60:63, 100:103] = 5e3
-    assert smooth.side == 1
-    assert smooth.flux == pytest.approx(4.0 * np.pi)
-    assert environment_tables(sun, np.eye(3)).side == 16
-    blocks = np.kron(np.random.default_rng(9).random((4 * ROWS, 4 * COLUMNS)), np.ones((2, 2)))
-    assert coarsest_side(blocks) == 4
-
-
-def test_each_normal_has_a_node_near(device: str, report: Report) -> None:
-    nodes = octahedral_nodes()
-    found = map_function(octahedral_node, nodes, device=device)
-    # On the folded edge two nodes are one normal.
-    np.testing.assert_allclose(nodes[found], nodes, atol=1e-6)
-    normals = directions(20_000, seed=10)
-    cosines = (nodes[map_function(octahedral_node, normals, device=device)] * normals).sum(axis=1)
-    # The net is widest in the middle of a face: steps of √6/8 there, half a diagonal from the nearest node.
-    report("furthest from a node, radians", float(np.arccos(cosines.min())))
-    assert np.arccos(cosines.min()) < 0.26
-
-
-@pytest.mark.parametrize("degrees", [0.0, -170.0, 720.5])
-def test_direction_and_uv_are_each_others_inverse(degrees: float, device: str) -> None:
-    d = directions(100_000, seed=5)
-    _, _, uv, back = Sky(noise(4, 8), device, degrees).look(d)
-    assert 0.0 <= uv.min() <= uv.max() <= 1.0
-    # The polar angle comes from its cosine, which holds it to eps / sin.
-    sine = np.maximum(np.sqrt(1.0 - d[:, 1] ** 2), 1e-3)
-    assert (np.linalg.norm(back - d, axis=1) < 1e-6 + 4.0 * np.finfo(np.float32).eps / sine).all()
-
-
 @pytest.mark.parametrize("degrees", [0.0, -35.0, 400.0])
 def test_texels_lie_where_the_description_says(degrees: float, device: str) -> None:
     """Row 0 is up; the middle is −z, columns to the right turn to +x; rotation goes counter-clockwise from above."""
@@ -321,6 +263,12 @@ def test_texels_lie_where_the_description_says(degrees: float, device: str) -> N
     radiance, _, uv, _ = Sky(pixels, device, degrees).look(d @ turn.T)
     np.testing.assert_allclose(radiance, pixels.reshape(-1, 3), rtol=1e-4, atol=5e-3)
     np.testing.assert_allclose(uv, np.stack([(column + 0.5) / width, (row + 0.5) / height], axis=1), atol=1e-5)
+    # Directions and (u, v) are each other's inverse. The polar angle comes from its cosine: it is good to eps / sin.
+    d = directions(100_000, seed=5)
+    _, _, uv, back = Sky(pixels, device, degrees).look(d)
+    assert 0.0 <= uv.min() <= uv.max() <= 1.0
+    sine = np.maximum(np.sqrt(1.0 - d[:, 1] ** 2), 1e-3)
+    assert (np.linalg.norm(back - d, axis=1) < 1e-6 + 4.0 * np.finfo(np.float32).eps / sine).all()
 
 
 def test_columns_wrap_and_rows_end(device: str) -> None:

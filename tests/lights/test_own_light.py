@@ -89,25 +89,20 @@ def kernel_of(model: LightModel) -> wp.Kernel:
     model_sample, model_pdf, meet, shines_back = model.sample, model.pdf, model.meet, model.shines_back
 
     @wp.kernel(module="unique", enable_backward=False)
-    def draw(
-        light: LightRecord,
-        shape: LightShape,
-        receiver: Receiver,
-        u: wp.array(dtype=wp.vec2),
-        way_out: wp.array(dtype=wp.vec3),
-        drawn_out: wp.array(dtype=float),
-        asked_out: wp.array(dtype=float),
-    ):
+    def draw(shape: LightShape, receiver: Receiver, u: wp.array(dtype=wp.vec2), out: wp.array2d(dtype=wp.vec3)):
         i = wp.tid()
+        light = LightRecord()
+        light.value = wp.vec3(1.0)
         s = model_sample(light, shape, receiver, u[i])
         ray = Ray()
         ray.origin = receiver.position
         ray.direction = s.wi
         t = meet(shape, ray)
-        way_out[i] = s.wi * t
-        drawn_out[i] = s.pdf
+        asked = 0.0
         if shines_back(light, shape, ray):
-            asked_out[i] = model_pdf(shape, receiver, s.wi, t)
+            asked = model_pdf(shape, receiver, s.wi, t)
+        out[0, i] = s.wi * t
+        out[1, i] = wp.vec3(s.pdf, asked, 0.0)
 
     return draw
 
@@ -117,17 +112,20 @@ def test_samples_follow_the_density(place: tuple[float, float, float], device: s
     """Over cells of the ring, between circles and radii; on its back it has no density."""
     initialize_warp()
     n, cells = 2**18, (16, 24)
-    light, shape, receiver = LightRecord(), LightShape(), Receiver()
-    light.value = wp.vec3(1.0)
+    shape, receiver = LightShape(), Receiver()
     for key, value in ring().shape().items():  # type: ignore[union-attr]
         setattr(shape, key, (wp.vec2 if key == "size" else wp.vec3)(*value))
-    receiver.position = wp.vec3(*place)
-    kernel = kernel_of(LIGHT_SHAPES.model_of("ring"))
-    out = [wp.zeros(n, dtype=dtype, device=device) for dtype in (wp.vec3, float, float)]
     u = upload(uniforms(n, 2, seed=int(place[0])), wp.vec2, device)
-    wp.launch(kernel, n, [light, shape, receiver, u], out, device=device)
-    way, drawn, asked = (array.numpy().astype(np.float64) for array in out)
-    np.testing.assert_allclose(drawn, asked, rtol=2e-4)
+
+    def drawn(position: tuple[float, float, float]) -> np.ndarray:
+        receiver.position = wp.vec3(*position)
+        out = wp.empty((2, n), dtype=wp.vec3, device=device)
+        wp.launch(kernel_of(LIGHT_SHAPES.model_of("ring")), n, [shape, receiver, u], [out], device=device)
+        return out.numpy().astype(np.float64)
+
+    way, densities = drawn(place)
+    asked = densities[:, 1]
+    np.testing.assert_allclose(densities[:, 0], asked, rtol=2e-4)
     x, y, z = (way + place).T
     np.testing.assert_allclose(y, HEIGHT, atol=1e-5)
     r2 = x * x + z * z
@@ -141,9 +139,7 @@ def test_samples_follow_the_density(place: tuple[float, float, float], device: s
     result = chi_square_test(counts, np.full(cells, n / counts.size), tests=2, samples=n, total_tolerance=2e-3)
     report(f"ring from {place}", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
-    receiver.position = wp.vec3(0.1, 2.0, 0.3)
-    wp.launch(kernel, n, [light, shape, receiver, u], out, device=device)
-    assert not out[1].numpy().any()
+    assert not drawn((0.1, 2.0, 0.3))[1].any()
 
 
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])

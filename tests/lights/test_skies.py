@@ -11,9 +11,9 @@ from conftest import ROOT, Report
 from numpy.typing import NDArray
 from support.covering_kernels import render_with
 from support.irradiance import EVERY_LIGHT, REFLECTANCE, floor_scene
+from support.media import mean_and_error, render
 
 import wrt
-from wrt.io.toml.reader import load_scene
 from wrt.scene.environment import image_directions
 from wrt.scene.skies import preetham
 from wrt.scene.skies.harmonics import harmonics
@@ -28,9 +28,6 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 def directions(n: int, seed: int) -> Array:
     d = np.random.default_rng(seed).normal(size=(n, 3))
     return d / np.linalg.norm(d, axis=1, keepdims=True)
-
-
-# --- Spherical harmonics ---------------------------------------------------------------------------
 
 
 def test_harmonics_are_orthonormal() -> None:
@@ -93,7 +90,9 @@ def test_harmonics_that_are_negative_are_black() -> None:
 
 
 @pytest.mark.parametrize("strategy", ["mis", pytest.param("light", marks=pytest.mark.slow)])
-def test_irradiance_of_harmonics(strategy: str, device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_irradiance_of_harmonics(
+    strategy: str, device: str, report: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of degree 2 by the clamped cosine's own harmonics, A0 = π, A1 = 2π/3, A2 = π/4 (ibid., equation 8), times the
     scale."""
     render_with([EVERY_LIGHT], monkeypatch)
@@ -101,14 +100,12 @@ def test_irradiance_of_harmonics(strategy: str, device: str, report: Report, mon
     coefficients[0] = 4.0
     scene = floor_scene()
     scene.environment = wrt.SphericalHarmonicsEnvironment(coefficients, scale=2.5)
-    renderer_options = {"width": 16, "height": 16, "max_depth": 2, "sampler": "independent", "device": device}
-    renderer = wrt.Renderer(scene, strategy=strategy, **renderer_options)
-    for _ in renderer.passes(spp=512):
-        pass
+    wrt.save_scene(tmp_path / "scene.toml", scene)
+    scene = wrt.load(tmp_path / "scene.toml")
+    renderer = render(scene, device, size=(16, 16), spp=512, max_depth=2, strategy=strategy)
     bands = np.repeat([math.pi, 2.0 * math.pi / 3.0, math.pi / 4.0], [1, 3, 5])[:, None]
     expected = 2.5 * (harmonics(2, np.array([[0.0, 1.0, 0.0]])) @ (bands * coefficients))[0] * REFLECTANCE / math.pi
-    measured = renderer.image().astype(np.float64).mean(axis=(0, 1))
-    error = np.sqrt(renderer.variance().sum(axis=(0, 1))) / 256.0
+    measured, error = mean_and_error(renderer)
     report(f"{strategy}: red green blue", str(measured), str(expected))
     assert (np.abs(measured - expected) < 3.5 * error).all()
     assert (3.5 * error < 0.02 * expected).all()
@@ -126,9 +123,6 @@ def test_coefficients_that_cannot_be_used(coefficients: object, message: str) ->
     with pytest.raises(wrt.InputError) as caught:
         wrt.SphericalHarmonicsEnvironment(coefficients)  # type: ignore[arg-type]
     assert message in str(caught.value)
-
-
-# --- Sun and sky -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("model", ["hosek-wilkie", "preetham"])
@@ -272,67 +266,6 @@ def test_the_sun_may_be_given_by_its_direction() -> None:
     for mistake in ({"sun_direction": (0, -1, 0)}, {"turbidity": 0.5}, {"model": "nishita"}, {"ground": 1}):
         with pytest.raises(wrt.InputError):
             wrt.SunSkyEnvironment(**mistake)  # type: ignore[arg-type]
-
-
-# --- Files and docs --------------------------------------------------------------------------------
-
-
-def test_every_light_can_be_said_in_a_scene_file(tmp_path: Path) -> None:
-    wrt.save_image(tmp_path / "screen.png", np.full((2, 2, 3), 1.0))
-    quad = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 0, 1]\n'
-    (tmp_path / "scene.toml").write_text(
-        f"""
-[environment]
-type = "spherical-harmonics"
-coefficients = [[1, 1, 1], [0.1, 0.2, -0.3], [0, 0, 0], [0.3, 0, 0]]
-scale = 2
-[materials.lamp]
-type = "emissive"
-radiance = {{ texture = "screen.png", factor = 20 }}
-[[lights]]
-type = "spot"
-position = [0, 3, 0]
-direction = [0, -1, 0]
-color = [1, 2, 3]
-falloff = "gltf"
-[[lights]]
-type = "directional"
-direction = [0, -1, 0]
-angle_degrees = 0.53
-[[lights]]
-type = "rectangle"
-origin = [0, 1, 0]
-edge_u = [1, 0, 0]
-edge_v = [0, 0, 1]
-power = 4
-two_sided = true
-[[lights]]
-type = "disk"
-center = [0, 1, 0]
-normal = [0, -2, 0]
-radiance = [1, 2, 3]
-[[lights]]
-type = "sphere"
-center = [0, 1, 0]
-radius = 0.25
-power = 3
-{quad}material = "lamp"
-{quad}emission = {{ texture = "screen.png", factor = [1, 2, 3] }}
-{quad}emission = {{ vertex_colors = true, factor = 5 }}
-"""
-    )
-    scene = load_scene(tmp_path / "scene.toml")
-    spot, sun, rectangle, disk, ball = scene.lights
-    assert spot == wrt.SpotLight((0, 3, 0), (0, -1, 0), color=(1, 2, 3), falloff="gltf")
-    assert sun == wrt.DirectionalLight((0, -1, 0), 1.0, angle_degrees=0.53)
-    assert rectangle.radiance == pytest.approx((2.0 / math.pi,) * 3)  # type: ignore[union-attr]
-    assert disk == wrt.DiskLight((0, 1, 0), (0, -1, 0), radiance=(1, 2, 3))
-    assert ball.radiance == pytest.approx((3.0 / (4.0 * math.pi**2 * 0.0625),) * 3)  # type: ignore[union-attr]
-    assert isinstance(scene.environment, wrt.SphericalHarmonicsEnvironment)
-    assert (scene.environment.degree, scene.environment.scale) == (1, 2.0)
-    lamp, textured, colored = (shape.emission for shape in scene.shapes)
-    assert (lamp.factor, textured.factor) == ((20.0, 20.0, 20.0), (1.0, 2.0, 3.0))  # type: ignore[union-attr]
-    assert colored == wrt.VertexColor(5.0)
 
 
 def test_the_exposure_that_the_docs_name_shows_a_day_well(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,6 @@ from wrt.kernels.media.phase import phase, sample_phase
 from wrt.kernels.sampling.warps import square_to_sphere
 from wrt.scene.medium import albedo_of_color, color_of_albedo
 
-# --- The phase function ---------------------------------------------------------------------------
-
 N = 2**19
 MEANS = (-0.95, 0.0, 1e-4, 0.8, 0.99)
 
@@ -65,9 +63,6 @@ def test_uniform_directions(device: str, report: Report) -> None:
     result = chi_square_test(counts, np.full(counts.shape, N / counts.size))
     report("sphere", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
-
-
-# --- Pictures -------------------------------------------------------------------------------------
 
 
 @pytest.fixture

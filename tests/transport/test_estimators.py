@@ -46,9 +46,6 @@ def check_mean(renderer: wrt.Renderer, claim: str, expected: float, report: Repo
     assert abs(mean - expected) < 3.0 * max(error, 1e-6 * expected)
 
 
-# --- Furnaces -------------------------------------------------------------------------------------
-
-
 def furnace(albedo: float) -> wrt.Scene:
     outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.3, -0.2, 0.5), target=(-0.4, 0.3, -1.0), fov_degrees=90))
@@ -91,9 +88,6 @@ def test_a_convex_body_under_a_constant_sky(material: wrt.Diffuse | wrt.Mirror, 
     scene.add(wrt.Mesh(ball.vertices, ball.faces), material=material)
     image = rendered(scene, device, 4, size=8).image()
     np.testing.assert_allclose(image, np.broadcast_to(2.0 * np.array(material.reflectance), image.shape), rtol=1e-5)
-
-
-# --- Sampling lights, following the BSDF, and both ------------------------------------------------
 
 
 def under_an_image() -> wrt.Scene:

@@ -33,9 +33,6 @@ def room() -> wrt.Scene:
     return scene
 
 
-# --- By name ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_integrators_are_chosen_by_name(tmp_path: Path) -> None:
     scene = room()
@@ -81,8 +78,6 @@ def test_direct_light_is_a_path_of_two_segments(device: str) -> None:
     assert direct._kernel.scalar is short._kernel.scalar
     assert rendered(room(), 8, device=device).image().mean() > 1.1 * direct.image().mean()
 
-
-# --- Ambient occlusion -----------------------------------------------------------------------------
 
 SIDE = 1000.0
 
@@ -153,8 +148,6 @@ def test_layers_change_nothing_of_occlusion(device: str) -> None:
     np.testing.assert_array_equal(plain, layered)
 
 
-# --- Clamping --------------------------------------------------------------------------------------
-
 ROUGH = wrt.RoughConductor(0.03, f0=0.9)
 
 
@@ -205,9 +198,6 @@ def test_clamping_keeps_colours(device: str) -> None:
     np.testing.assert_allclose(rendered(scene, 4, **options).image()[0, 0], 1.0 + albedo + albedo**2, rtol=1e-5)
     image = rendered(scene, 4, clamp_indirect=0.16, **options).image()
     np.testing.assert_allclose(image[0, 0], 1.0 + albedo + albedo**2 * (0.16 / 0.64), rtol=1e-5)
-
-
-# --- Roughening along the path ---------------------------------------------------------------------
 
 
 def test_regularization_is_the_roughness_that_it_says(device: str, report: Report) -> None:
