@@ -15,7 +15,6 @@ from support.covering_kernels import render_with
 from support.irradiance import (
     EVERY_LIGHT,
     POINTS,
-    REFLECTANCE,
     check,
     disk_irradiance,
     floor_scene,
@@ -252,18 +251,3 @@ def test_lights_are_seen_and_hide_what_is_behind_them(device: str) -> None:
     assert wrt.render(scene, **options).all()
     scene.add_light(lid)
     assert not wrt.render(scene, **options).any()
-
-
-@pytest.mark.parametrize("strategy", ["mis", *(pytest.param(s, marks=pytest.mark.slow) for s in ("light", "bsdf"))])
-def test_a_room_of_rectangle_lights_is_a_furnace(strategy: str, device: str, report: Report) -> None:
-    """Where radiance 1 arrives from everywhere, a matt box shows its albedo, once it is lit by light alone."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 1.9), (0.0, 0.0, 0.0), fov_degrees=12.0))
-    scene.add(wrt.box((-0.7, -0.7, -0.7), (0.7, 0.7, 0.7)), material=wrt.Diffuse(REFLECTANCE))
-    for axis in range(3):
-        u, v = np.roll([0.0, 4.0, 0.0], axis), np.roll([0.0, 0.0, 4.0], axis)
-        corner = -0.5 * (u + v) - np.roll([2.0, 0.0, 0.0], axis)
-        scene.add_light(wrt.RectangleLight(tuple(corner), tuple(u), tuple(v), radiance=1.0))
-        scene.add_light(wrt.RectangleLight(tuple(-corner), tuple(-v), tuple(-u), radiance=1.0))
-    spp = 1024
-    _, measured, variance = irradiance(scene, device, spp, strategy=strategy)
-    check(f"furnace, {strategy}", measured, variance, np.full_like(measured, math.pi), spp, report)

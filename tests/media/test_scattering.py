@@ -100,15 +100,6 @@ def test_white_in_a_furnace(boundary: type, thickness: float, g: float, device: 
 
 
 @pictures
-def test_a_furnace_with_absorption_is_not_white(device: str) -> None:
-    """Of an albedo of 0.99 it would be seen."""
-    scene = stage(**ASIDE)
-    scene.add(BLOCK, material=wrt.Null(interior=wrt.Medium.from_albedo(0.99, 10.0)))
-    mean, error = mean_and_error(render(scene, device, size=(24, 24), spp=64))
-    assert (mean < 1.0 - 5.0 * error).all()
-
-
-@pictures
 @pytest.mark.parametrize(
     ("g", "strategy"),
     [(0.7, "mis"), *(pytest.param(0.7, s, marks=pytest.mark.slow) for s in ("light", "bsdf"))],
