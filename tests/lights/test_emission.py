@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from support.covering_kernels import render_with
 from support.irradiance import EVERY_LIGHT
 from support.kernels import upload
+from support.media import render
 from support.statistics import image_z_test
 
 import wrt
@@ -61,25 +62,21 @@ def mosaic(pixels: NDArray[np.float32]) -> wrt.Scene:
     return scene
 
 
-@pytest.fixture
-def render(device: str, monkeypatch: pytest.MonkeyPatch):
-    """Return a function that renders a scene, and returns mean and variance."""
+@pytest.fixture(autouse=True)
+def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     render_with([EVERY_LIGHT], monkeypatch)
 
-    def rendered(scene: wrt.Scene, strategy: str = "mis", seed: int = 1) -> tuple[NDArray, NDArray]:
-        options = {"max_depth": 2, "device": device, "seed": seed, "strategy": strategy, "sampler": "independent"}
-        renderer = wrt.Renderer(scene, width=24, height=24, **options)
-        for _ in renderer.passes(spp=1024):
-            pass
-        return renderer.image(), renderer.variance()
 
-    return rendered
+def rendered(scene: wrt.Scene, device: str, strategy: str = "mis", seed: int = 1) -> tuple[NDArray, NDArray]:
+    """Return mean and variance."""
+    renderer = render(scene, device, size=(24, 24), spp=1024, max_depth=2, seed=seed, strategy=strategy)
+    return renderer.image(), renderer.variance()
 
 
 @pytest.mark.parametrize("strategy", ["mis", *(pytest.param(s, marks=pytest.mark.slow) for s in ("light", "bsdf"))])
-def test_a_textured_light_is_as_many_small_ones(strategy: str, render, report: Report) -> None:
-    expected = render(mosaic(picture()), seed=2)
-    result = image_z_test(*render(screen(picture()), strategy), *expected)
+def test_a_textured_light_is_as_many_small_ones(strategy: str, device: str, report: Report) -> None:
+    expected = rendered(mosaic(picture()), device, seed=2)
+    result = image_z_test(*rendered(screen(picture()), device, strategy), *expected)
     report(f"{strategy}: pixels that agree", result.pass_fraction, ">= 0.995", p=result.p_min)
     if strategy == "bsdf":
         # Some pixels do not find the light at all, and know nothing of their error: only the whole can be compared.
@@ -87,10 +84,10 @@ def test_a_textured_light_is_as_many_small_ones(strategy: str, render, report: R
         return
     assert result.agrees(), result.message
     for mistake in (picture()[::-1], picture()[:, ::-1], 1.03 * picture()):
-        assert not image_z_test(*render(screen(mistake), strategy), *expected).agrees()
+        assert not image_z_test(*rendered(screen(mistake), device, strategy), *expected).agrees()
 
 
-def test_vertex_colors_shine(render, report: Report) -> None:
+def test_vertex_colors_shine(device: str, report: Report) -> None:
     """Colours 0 to 1 along the light: halved by the factor, their mean is a quarter."""
     colors = np.repeat(np.float32([0, 1, 1, 0])[:, None], 3, axis=1)
     scene = floor()
@@ -98,7 +95,7 @@ def test_vertex_colors_shine(render, report: Report) -> None:
     means, _ = mean_emissions(scene.shapes[-1])
     assert means[:, 0].mean() == pytest.approx(4.0)
     steps = mosaic(np.tile((np.arange(32, dtype=np.float32)[None, :, None] + 0.5) / 8.0, (1, 1, 3)))
-    a, b = render(scene), render(steps, seed=3)
+    a, b = rendered(scene, device), rendered(steps, device, seed=3)
     seen = b[0].max(axis=2) > 0.9  # the light itself, which shows the steps
     assert 0 < seen.sum() < 200
     dark = ~seen

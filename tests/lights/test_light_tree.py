@@ -415,6 +415,7 @@ def room(*, glass: bool = False) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_fog_with_many_lights(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     """Over a floor in fog, the light tree and the choice by power have one mean, at surfaces and in the air."""
     render_with([replace(EVERY_LIGHT, media="scattering")], monkeypatch)

@@ -34,6 +34,8 @@ from wrt.kernels.scene.scene_data import LightRecord, LightShape
 from wrt.scene.lights import LIGHTS
 from wrt.upload.scene_data import build_scene
 
+pytestmark = pytest.mark.slow
+
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-light.md").read_text("utf-8"), re.M | re.S)
 
 INNER, OUTER, HEIGHT = 0.4, 0.7, 1.0
@@ -69,7 +71,6 @@ def ring() -> wrt.Light:
     return example().RingLight((0.0, HEIGHT, 0.0), (0.0, -1.0, 0.0), INNER, OUTER, radiance=1.0)
 
 
-@pytest.mark.slow
 def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
     (tmp_path / "ring.py").write_text(CODE, "utf-8")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

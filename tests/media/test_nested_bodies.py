@@ -41,9 +41,10 @@ def tinted_stage(**options: object) -> wrt.Scene:
 
 # How far the water reaches into the glass above it and into the ice: not at all, so that faces coincide, by a little
 # less than rays keep from surfaces, by as much, and by more.
-OVERLAPS = [0.0, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-6, 1e-5)), 1e-3]
+OVERLAPS = [0.0, 1e-6, 1e-5, 1e-3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", OVERLAPS)
 @pytest.mark.parametrize("degrees", [0.0, 70.0])
 def test_refraction_through_layers(degrees: float, overlap: float, device: str, report: Report) -> None:
@@ -84,6 +85,7 @@ def test_refraction_through_layers(degrees: float, overlap: float, device: str, 
     assert (np.abs(mean - seen((AIR, GLASS, AIR, ICE))) > tolerance).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", [*OVERLAPS, -1e-2])
 def test_no_seam_between_water_and_glass(overlap: float, device: str, report: Report) -> None:
     """Along a row of pixels across a ball of water in a hollow of glass no line is darker or brighter.
@@ -110,6 +112,7 @@ def test_no_seam_between_water_and_glass(overlap: float, device: str, report: Re
     assert (difference.max() < 5.0) == (overlap >= 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", [0.0, 1e-3])
 def test_nested_bodies_in_a_furnace_cannot_be_seen(overlap: float, device: str, report: Report) -> None:
     """Glass with water in its hollow and ice in the water, all without absorption, under an even sky."""
@@ -129,6 +132,7 @@ def test_nested_bodies_in_a_furnace_cannot_be_seen(overlap: float, device: str, 
     assert abs(mean[0] - 1.0) < 3.0 * max(error[0], 1e-6)
 
 
+@pytest.mark.slow
 def test_the_camera_under_water(device: str) -> None:
     """A camera in water, in which ice floats, sees the ice's boundary by the ratio of both indices, and the water's
     medium before it."""
@@ -159,6 +163,7 @@ def test_bodies_around_the_camera(height: float, expected: list[str], device: st
     assert found == [bodies[name] for name in reversed(expected)]
 
 
+@pytest.mark.slow
 def test_more_bodies_than_there_is_room_for(device: str) -> None:
     """Twelve boxes around one another: nothing breaks, and eight of them are known at once."""
     scene = stage(sky=1.0)

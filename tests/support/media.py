@@ -14,10 +14,12 @@ FAR = 1000.0
 """Where things stand that are there only for their materials."""
 
 KERNELS = [
-    Features(("dielectric", "diffuse", "null", "thin-dielectric"), False, "image", media=m, grid_media=g, nested=n)
+    Features(
+        ("dielectric", "diffuse", "mirror", "null", "thin-dielectric"), False, "image", media=m, grid_media=g, nested=n
+    )
     for m, g, n in itertools.product(("none", "absorbing", "scattering"), (False, True), (False, True))
 ]
-"""Features of kernels for the scenes of `stage`, by the sampler "independent": see `support/covering_kernels.py`."""
+"""Features of kernels for scenes like those of `stage`, by the sampler "independent": see `covering_kernels.py`."""
 
 
 def stage(

@@ -7,7 +7,6 @@ walls, so it is the geometric series 1 + a + a² + …
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,27 +14,18 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.covering_kernels import render_with
 from support.kernels import map_function
+from support.media import KERNELS, render
 from support.statistics import image_z_test, t_test_mean
 
 import wrt
-from wrt.kernels.features import Features
 from wrt.kernels.integrators.next_event import STRATEGY_BSDF, STRATEGY_LIGHT, STRATEGY_MIS, mis_weight
 
 Array = NDArray[np.float64]
 
-KERNEL = Features(("dielectric", "diffuse", "mirror"), False, "image")
-
 
 @pytest.fixture(autouse=True)
 def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([KERNEL], monkeypatch)
-
-
-def rendered(scene: wrt.Scene, device: str, spp: int, size: int = 32, **options: Any) -> wrt.Renderer:
-    renderer = wrt.Renderer(scene, sampler="independent", width=size, height=size, device=device, **options)
-    for _ in renderer.passes(spp=spp):
-        pass
-    return renderer
+    render_with(KERNELS, monkeypatch)
 
 
 def check_mean(renderer: wrt.Renderer, claim: str, expected: float, report: Report) -> None:
@@ -56,13 +46,13 @@ def furnace(albedo: float) -> wrt.Scene:
 
 @pytest.mark.parametrize("strategy", ["mis", *(pytest.param(s, marks=pytest.mark.slow) for s in ("light", "bsdf"))])
 def test_radiance_of_a_furnace(strategy: str, device: str, report: Report) -> None:
-    renderer = rendered(furnace(0.8), device, 512, max_depth=1000, strategy=strategy, seed=1)
+    renderer = render(furnace(0.8), device, size=(32, 32), spp=512, max_depth=1000, strategy=strategy, seed=1)
     check_mean(renderer, f"a = 0.8, {strategy}: radiance", 5.0, report)
 
 
 def test_bsdf_sampling_alone_is_exact_but_for_roulette(device: str) -> None:
     """Below the roulette depth a furnace has no variance at all: each path sees 1 + a + … + a^(d−1)."""
-    image = rendered(furnace(0.5), device, 16, size=8, max_depth=4, strategy="bsdf").image()
+    image = render(furnace(0.5), device, size=(8, 8), spp=16, max_depth=4, strategy="bsdf").image()
     np.testing.assert_allclose(image, 1.875, rtol=1e-6)
 
 
@@ -76,7 +66,8 @@ def test_a_glass_block_in_a_furnace_cannot_be_seen(device: str, report: Report) 
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera(origin=(1.8, 1.3, 3.0), fov_degrees=30)
     scene.add(wrt.box((-0.7, -0.5, -0.6), (0.7, 0.5, 0.6)), material=wrt.Dielectric(ior=1.5))
-    check_mean(rendered(scene, device, 256, max_depth=1000), "mean radiance through glass", 1.0, report)
+    renderer = render(scene, device, size=(32, 32), spp=256, max_depth=1000)
+    check_mean(renderer, "mean radiance through glass", 1.0, report)
 
 
 @pytest.mark.parametrize("material", [wrt.Diffuse((0.1, 0.2, 0.3)), wrt.Mirror(0.7)])
@@ -86,7 +77,7 @@ def test_a_convex_body_under_a_constant_sky(material: wrt.Diffuse | wrt.Mirror, 
     scene.camera = wrt.PerspectiveCamera(origin=(0.0, 0.0, 4.0), fov_degrees=10)
     ball = wrt.sphere(subdivisions=3)
     scene.add(wrt.Mesh(ball.vertices, ball.faces), material=material)
-    image = rendered(scene, device, 4, size=8).image()
+    image = render(scene, device, size=(8, 8), spp=4).image()
     np.testing.assert_allclose(image, np.broadcast_to(2.0 * np.array(material.reflectance), image.shape), rtol=1e-5)
 
 
@@ -108,7 +99,7 @@ def test_estimators_agree(name: str, device: str, report: Report) -> None:
     spp = {"mis": 256, "light": 256, "bsdf": 1024 if name == "image" else 2048}
     results = {}
     for seed, (strategy, count) in enumerate(spp.items()):
-        renderer = rendered(scene, device, count, max_depth=8, seed=seed + 10, strategy=strategy)
+        renderer = render(scene, device, size=(32, 32), spp=count, max_depth=8, seed=seed + 10, strategy=strategy)
         results[strategy] = renderer.image(), renderer.variance()
     for a, b in combinations(results, 2):
         test = image_z_test(*results[a], *results[b])

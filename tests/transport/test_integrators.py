@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT, Report
+from support.covering_kernels import render_with
+from support.media import KERNELS
 from support.statistics import t_test_mean
 
 import wrt
@@ -25,6 +27,11 @@ def rendered(scene: wrt.Scene, spp: int, size: int = 24, **options: Any) -> wrt.
     for _ in renderer.passes(spp=spp) if spp else ():
         pass
     return renderer
+
+
+@pytest.fixture(autouse=True)
+def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with(KERNELS, monkeypatch)
 
 
 def room() -> wrt.Scene:
@@ -56,6 +63,7 @@ def test_integrators_are_chosen_by_name(tmp_path: Path) -> None:
         wrt.load(file)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_knows_the_integrator(tmp_path: Path) -> None:
     options: dict[str, Any] = {"size": 4, "integrator": "ao"}
     first = rendered(room(), 3, **options)
@@ -100,6 +108,7 @@ def occlusion(scene: wrt.Scene, device: str, **options: Any) -> tuple[float, flo
     return mean, mean * (1.0 - mean) / n, n  # of samples that are 0 or 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [None, 5.0, 1.5, 1.0])
 def test_a_wall_hides_a_segment_of_the_sky(limit: float | None, device: str, report: Report) -> None:
     """Nusselt's analogue: directions that meet the wall within R project to the disk's segment beyond x/R.
@@ -119,6 +128,7 @@ def test_a_wall_hides_a_segment_of_the_sky(limit: float | None, device: str, rep
     assert t_test_mean(mean, variance, n, 1.0 - 0.95 * (1.0 - expected)) < 1e-4
 
 
+@pytest.mark.slow
 def test_what_is_not_opaque_hides_its_share(device: str) -> None:
     """A wall of opacity 0.3 hides 0.3 of a half, and glass all of it."""
     for wall, expected in ((wrt.Diffuse(opacity=0.3), 0.85), (wrt.ThinDielectric(), 0.5)):
@@ -126,6 +136,7 @@ def test_what_is_not_opaque_hides_its_share(device: str) -> None:
         assert t_test_mean(mean, variance, n, expected) > 0.01
 
 
+@pytest.mark.slow
 def test_an_open_plane_is_white_and_a_closed_box_is_black(device: str) -> None:
     assert occlusion(corner(), device)[0] == 1.0
     outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -162,6 +173,7 @@ def hall(metal: wrt.Material) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_clamping_takes_away_from_indirect_light_alone(device: str, report: Report) -> None:
     """In each sample, so in each pixel; the lower the limit the more; and a limit above all samples takes nothing."""
     scene = hall(ROUGH)
@@ -185,6 +197,7 @@ def test_clamping_takes_away_from_indirect_light_alone(device: str, report: Repo
     assert noise[2] < noise[1] < noise[0]
 
 
+@pytest.mark.slow
 def test_clamping_keeps_colours(device: str) -> None:
     """The strongest channel of an indirect sample is at the limit, the others in proportion."""
     outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -200,6 +213,7 @@ def test_clamping_keeps_colours(device: str) -> None:
     np.testing.assert_allclose(image[0, 0], 1.0 + albedo + albedo**2 * (0.16 / 0.64), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_regularization_is_the_roughness_that_it_says(device: str, report: Report) -> None:
     """What the metal gives the floor is what one of √(α² + r²) gives; where it is seen first, it is itself."""
     options: dict[str, Any] = {"max_depth": 3, "device": device}
@@ -217,6 +231,7 @@ def test_regularization_is_the_roughness_that_it_says(device: str, report: Repor
     assert after < 0.2 * before
 
 
+@pytest.mark.slow
 def test_regularization_changes_nothing_without_rough_surfaces(device: str) -> None:
     for metal in (wrt.Diffuse(0.5), wrt.Mirror(0.9)):
         plain, on = (rendered(hall(metal), 8, regularization=r, device=device).image() for r in (0.0, 0.5))

@@ -130,21 +130,25 @@ def test_a_slab_sums_what_its_faces_reflect_and_refract(degrees: float, device: 
 
 
 @pytest.mark.parametrize("limit", [0.2, 0.02, 0.002, 1e-6])
-def test_attenuation_prunes_the_tree_of_a_slab(limit: float, device: str) -> None:
+@pytest.mark.parametrize(
+    ("absorption", "degrees"),
+    [(0.0, 60.0), *(pytest.param(a, d, marks=pytest.mark.slow) for a, d in ((1, 0), (0.3, 60)))],
+)
+def test_attenuation_prunes_the_tree_of_a_slab(absorption: float, degrees: float, limit: float, device: str) -> None:
     """The squeeze of solid angles in glass does not count as attenuation, nor as gain; what is absorbed does.
 
     Beer's law, source 002: I(x) = I(0) exp(−b x).
     """
-    for absorption, degrees in ((0.0, 60.0), (1.0, 0.0), (0.3, 60.0)):
-        r = fresnel(np.cos(np.radians(degrees)), 1.5)
-        left = float(np.exp(-absorption / np.sqrt(1.0 - (np.sin(np.radians(degrees)) / 1.5) ** 2)))
-        radiance, rays = slab_tree(r, 64, limit, left)
-        medium = wrt.Medium(absorption=absorption) if absorption else None
-        renderer = rendered(slab(degrees, medium), device, max_depth=64, min_attenuation=limit)
-        assert renderer.rays == rays
-        np.testing.assert_allclose(renderer.image(), radiance, rtol=2e-5)
+    r = fresnel(np.cos(np.radians(degrees)), 1.5)
+    left = float(np.exp(-absorption / np.sqrt(1.0 - (np.sin(np.radians(degrees)) / 1.5) ** 2)))
+    radiance, rays = slab_tree(r, 64, limit, left)
+    medium = wrt.Medium(absorption=absorption) if absorption else None
+    renderer = rendered(slab(degrees, medium), device, max_depth=64, min_attenuation=limit)
+    assert renderer.rays == rays
+    np.testing.assert_allclose(renderer.image(), radiance, rtol=2e-5)
 
 
+@pytest.mark.slow
 def test_an_amber_cube_has_the_color_of_its_thickness(device: str) -> None:
     scene = scene_from((0.0, 0.0, 9.0), sky=1.0, bodies=True)
     scene.add(wrt.box((-0.5, -0.5, -1.0), (0.5, 0.5, 1.0)), material=wrt.Dielectric(ior=1.55, interior=AMBER))
@@ -164,6 +168,7 @@ def lamp_in_rough_glass(**view: Any) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_a_lamp_inside_tinted_rough_glass(device: str) -> None:
     """Seen straight through the face: I exp(−b r) / r² times the BTDF by Walter et al. (2007, equation 21).
 
@@ -183,6 +188,7 @@ def test_a_lamp_inside_rough_glass_shines_as_for_paths(device: str) -> None:
     np.testing.assert_allclose(tree, path, rtol=2e-3, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_media_dim_shadow_rays_and_shine(device: str) -> None:
     """A point light over a floor, and the camera, in a box of gas without a surface of its own."""
     gas = wrt.Medium(absorption=(0.1, 0.4, 0.9), emission=(0.5, 0.0, 0.2))
@@ -196,6 +202,7 @@ def test_media_dim_shadow_rays_and_shine(device: str) -> None:
     np.testing.assert_allclose(seen(scene, device)[0, 0], lit * np.exp(-2.0 * absorption) + along, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_bodies_that_overlap_go_by_priority(device: str) -> None:
     """Water that reaches into the wall of its glass: the boundary within the wall is not there."""
     tint = np.array((1.0, 0.5, 0.2))
@@ -211,6 +218,7 @@ def test_bodies_that_overlap_go_by_priority(device: str) -> None:
     np.testing.assert_allclose(found, a + straight + (1.0 - a) ** 2 * b, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_mixtures_and_opacity_are_all_of_their_parts(device: str) -> None:
     """A sheet of opacity 0.7, a quarter of it mirror and the rest matt, between a sky and a wall that shines."""
     scene = scene_from((0.0, 0.0, 3.0), sky=2.0, bodies=True)
