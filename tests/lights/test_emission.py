@@ -73,7 +73,8 @@ def rendered(scene: wrt.Scene, device: str, strategy: str = "mis", seed: int = 1
     return renderer.image(), renderer.variance()
 
 
-@pytest.mark.parametrize("strategy", ["mis", *(pytest.param(s, marks=pytest.mark.slow) for s in ("light", "bsdf"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 def test_a_textured_light_is_as_many_small_ones(strategy: str, device: str, report: Report) -> None:
     expected = rendered(mosaic(picture()), device, seed=2)
     result = image_z_test(*rendered(screen(picture()), device, strategy), *expected)

@@ -113,21 +113,17 @@ def under(light: wrt.Light | wrt.Shape | wrt.ImageEnvironment, eye: float = 0.9)
     return scene
 
 
-ALL_AT_ONCE = {"triangles", "sphere"}
-"""Lights that the quick tests ask of all three estimators."""
-
-
 @pytest.mark.parametrize(
     ("name", "strategy"),
     [
-        pytest.param(n, s, marks=[pytest.mark.slow] if s != "mis" and n not in ALL_AT_ONCE else [])
+        pytest.param(n, s, marks=[] if s == "mis" or (n, s) == ("triangles", "light") else [pytest.mark.slow])
         for n, case in CASES.items()
         for s in case.strategies
     ],
 )
 def test_irradiance_has_its_closed_form(name: str, strategy: str, device: str, report: Report) -> None:
     case = CASES[name]
-    spp = 4096 if strategy == "bsdf" or len(case.strategies) == 1 else 1024
+    spp = 4096 if strategy == "bsdf" else 1024
     where, measured, variance = irradiance(under(case.light), device, spp, strategy=strategy)
     expected = pixel_mean(case.exact, where)
     if variance.max() < 1e-10:

@@ -448,7 +448,7 @@ def test_the_tree_shows_what_power_shows(
     strategy: str, glass: bool, device: str, report: Report, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Against the choice by power, with each estimator: their densities must be those of their samples."""
-    models = ("rough-conductor", "rough-dielectric") if glass else ()
+    models = ("rough_conductor", "rough_dielectric") if glass else ()
     render_with([covering("diffuse", *models, opacity=True)] if glass else [EVERY_LIGHT], monkeypatch)
     tree, power = rendered("tree", strategy, device, 1, glass), rendered("power", "mis", device, 2, glass)
     spp = 1024 if glass else 256

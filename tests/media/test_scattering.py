@@ -20,14 +20,13 @@ from wrt.kernels.sampling.warps import square_to_sphere
 from wrt.scene.medium import albedo_of_color, color_of_albedo
 
 N = 2**19
-MEANS = (-0.95, 0.0, 1e-4, 0.8, 0.99)
 
 
 def henyey_greenstein(cosine: np.ndarray, g: float) -> np.ndarray:
     return (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 
 
-@pytest.mark.parametrize("g", MEANS)
+@pytest.mark.parametrize("g", [0.8, 1e-4, *(pytest.param(g, marks=pytest.mark.slow) for g in (-0.95, 0.0, 0.99))])
 def test_directions_follow_the_phase_function(g: float, device: str, report: Report) -> None:
     forward = np.broadcast_to([0.0, 0.0, 1.0], (N, 3))
     drawn = map_function(sample_phase, forward, np.full(N, g), uniforms(N, 2, seed=4), device=device)
@@ -36,12 +35,12 @@ def test_directions_follow_the_phase_function(g: float, device: str, report: Rep
     def expected(mean: float) -> np.ndarray:
         return N * integrate_pdf_over_bins(lambda d: henyey_greenstein(d[..., 2], mean), counts.shape)
 
-    result = chi_square_test(counts, expected(float(np.float32(g))), tests=len(MEANS))
+    result = chi_square_test(counts, expected(float(np.float32(g))), tests=5)
     report(f"g = {g:g}", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
     # With another mean cosine they do not.
     other = expected(g + 0.05 * (1.0 if g < 0.0 else -1.0))
-    assert not chi_square_test(counts, other, tests=len(MEANS), total_tolerance=1.0).passed
+    assert not chi_square_test(counts, other, tests=5, total_tolerance=1.0).passed
     cosine = np.linspace(-1.0, 1.0, 1001)
     value = map_function(phase, cosine, np.full(1001, g), device=device)
     formula = henyey_greenstein(np.float32(cosine).astype(np.float64), float(np.float32(g)))

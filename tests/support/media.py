@@ -13,10 +13,9 @@ from wrt.kernels.features import Features
 FAR = 1000.0
 """Where things stand that are there only for their materials."""
 
+MODELS = ("dielectric", "diffuse", "mirror", "null", "thin_dielectric")
 KERNELS = [
-    Features(
-        ("dielectric", "diffuse", "mirror", "null", "thin-dielectric"), False, "image", media=m, grid_media=g, nested=n
-    )
+    Features(MODELS, False, "image", light_tree=True, media=m, grid_media=g, nested=n)
     for m, g, n in itertools.product(("none", "absorbing", "scattering"), (False, True), (False, True))
 ]
 """Features of kernels for scenes like those of `stage`, by the sampler "independent": see `covering_kernels.py`."""

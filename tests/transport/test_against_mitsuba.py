@@ -29,7 +29,7 @@ pytestmark = pytest.mark.slow
 KERNELS = [
     covering("conductor", "diffuse", "mirror"),
     covering("dielectric", "diffuse"),
-    covering("diffuse", "mirror", "rough-conductor", "thin-dielectric", opacity=True),
+    covering("diffuse", "mirror", "rough_conductor", "thin_dielectric", opacity=True),
 ]
 
 
@@ -144,12 +144,12 @@ def composites(opacity: float = 0.4, weight: float = 0.7, swapped: bool = False,
     holes = wrt.Diffuse((0.8, 0.6, 0.2), opacity=noise(21, (4, 5), channel="g"))
     scene.add(wrt.quad((-0.1, 0.1, 0.9), (0.5, 0, 0.2), (0, 0.7, 0)), material=holes)
     scene.add(wrt.quad((-1.5, 1.6, -1.0), (2.0, 0, 0), (0, 0, 2.5)), material=wrt.Diffuse(0.5, opacity=opacity))
-    scene.add(ball((0.9, 0.5, 1.1), 0.25, 1), material=wrt.Mirror((0.9, 0.7, 0.5), opacity=0.6))
+    scene.add(ball((1.0, 0.3, 1.2), 0.25, 1), material=wrt.Mirror((0.9, 0.7, 0.5), opacity=0.6))
     metal = wrt.RoughConductor(0.4, masking="smith-separable")
     speckled = wrt.Mix(wrt.Diffuse((0.7, 0.2, 0.1)), metal, weight=noise(22, (4, 5), channel="g"))
     scene.add(wrt.quad((-0.3, 0, -0.6), (0.6, 0, 0.3), (0, 1.1, 0)), material=speckled)
     inner = wrt.Mix(wrt.Diffuse((0.1, 0.3, 0.8)), wrt.Diffuse(0.7, opacity=0.5), weight=0.6)
-    scene.add(ball((0.6, 0.35, 0.3), 0.35), material=wrt.Mix(metal, inner, weight=weight))
+    scene.add(ball((0.5, 0.45, 0.3), 0.45), material=wrt.Mix(metal, inner, weight=weight))
     sides = (wrt.Diffuse((0.2, 0.6, 0.2)), wrt.Mirror((0.9, 0.85, 0.8)))
     sheet = wrt.TwoSided(*(sides[::-1] if swapped else sides))
     scene.add(wrt.quad((1.3, 0.0, 0.1), (-0.4, 0, -0.8), (0, 1.0, 0)), material=sheet)
@@ -279,7 +279,7 @@ CASES = {
     "glass": Case(glass, ({"ior": 1.53}, {"inside": 1.2, "outside": 1.8}), 10, 512, 1024, leak_is_seen=True),
     "composites": Case(
         composites,
-        ({"opacity": 0.42}, {"weight": 0.75}, {"swapped": True}, {"tint": 0.15}),
+        ({"opacity": 0.42}, {"weight": 0.8}, {"swapped": True}, {"tint": 0.15}),
         *(64, 1024, 1024),
         leak_is_seen=True,
     ),
