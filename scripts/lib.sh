@@ -94,7 +94,8 @@ ensure_venv() { # [test]: makes .venv and installs wrt into it, with the test to
     local target=.
     if [[ $extra == test ]]; then target=".[test]"; fi
     step "installing wrt into .venv: pip install -e '$target' (a minute or two the first time)"
-    "$VENV_PYTHON" -m pip install --quiet --disable-pip-version-check -e "$target" ||
+    # Python compiles what it imports; compiling all that the test tools bring takes a third of the time.
+    "$VENV_PYTHON" -m pip install --quiet --disable-pip-version-check --no-compile -e "$target" ||
         fail "pip could not install wrt; it needs the network once"
     printf '%s %s\n' "$now" "$extra" >"$STAMP"
 }

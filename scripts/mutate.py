@@ -2,10 +2,10 @@
 
     python scripts/mutate.py [--only NAME ...] [--jobs N] [--timeout SECONDS] [--list]
 
-The faults stand in `mutants/`. Each has a copy of the tree and a kernel cache of its own, since kernels of a fault
-must not reach other runs. First the tests run without the fault, for a test that fails anyway notices nothing; what
-passed before in this run is not repeated. Results go to docs/measured/proofs/mutants.json, from which `proofs.py` makes
-docs/proofs.md. The status is 1 if a fault survives.
+The faults stand in `mutants/`. First their tests run without them, since a test that fails anyway notices nothing. Then
+each fault is planted in a copy of the tree, with a copy of the kernel cache, so that its kernels reach no other run.
+What the quick tests do not notice is tried again with the slow ones. Outcomes go to docs/measured/mutants.json and into
+the table of docs/proofs.md. The status is 1 if a fault survives.
 """
 
 from __future__ import annotations
@@ -18,64 +18,66 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from mutants import MUTANTS, Mutant
 
 ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "docs" / "measured" / "proofs" / "mutants.json"
+OUTCOMES = ROOT / "docs" / "measured" / "mutants.json"
+PAGE = ROOT / "docs" / "proofs.md"
+TABLE = "| fault | system | file | outcome |\n| --- | --- | --- | --- |\n"
+"""The head of the page's last table."""
 
 NOTICED, SURVIVED, NO_TESTS = "noticed", "survived", "no such tests"
 BROKEN, TIMED_OUT = "tests fail without it", "ran out of time"
 
 
 class Runner:
-    """Runs mutants, several at a time.
+    """Runs the tests of faults, several at a time.
 
     Attributes:
-        timeout: seconds that the tests of one mutant may take.
+        jobs: faults to try at a time.
+        timeout: seconds that the tests of one fault may take.
     """
 
-    def __init__(self, timeout: float) -> None:
-        self.timeout = timeout
-        self._before: dict[str, int | None] = {}
-        self._locks: dict[str, threading.Lock] = {}
-        self._lock = threading.Lock()
+    def __init__(self, folder: Path, jobs: int, timeout: float) -> None:
+        """Create a runner that keeps its copies of the tree in a folder."""
+        self.jobs, self.timeout = jobs, timeout
+        self._folder = folder
+        self._cache = folder / "cache"
+        self._cache.mkdir()
 
-    def outcome(self, mutant: Mutant) -> str:
-        """Return NOTICED, SURVIVED, NO_TESTS, BROKEN or TIMED_OUT."""
-        found = self._outcome(mutant, ())
-        # Only what the quick tests did not notice is worth the time of all of them.
-        return self._outcome(mutant, ("--all",)) if found in (SURVIVED, NO_TESTS) else found
+    def outcomes(self, mutants: Sequence[Mutant], options: str = "") -> Iterator[tuple[Mutant, str]]:
+        """Yield NOTICED, SURVIVED, NO_TESTS, BROKEN or TIMED_OUT for each fault, by its tests with pytest's options."""
+        with ThreadPoolExecutor(self.jobs) as pool:
+            tests = list(dict.fromkeys(f"{mutant.tests} {options}" for mutant in mutants))
+            before = dict(zip(tests, pool.map(self._status, tests), strict=True))
+            planted = pool.map(lambda mutant: self._outcome(mutant, options, before), mutants)
+            yield from zip(mutants, planted, strict=True)
 
-    def _outcome(self, mutant: Mutant, marks: tuple[str, ...]) -> str:
-        tests = shlex.join((*shlex.split(mutant.tests), *marks))
-        with self._lock:
-            lock = self._locks.setdefault(tests, threading.Lock())
-        with lock:
-            if tests not in self._before:
-                self._before[tests] = self._status(mutant, tests, planted=False)
-        if self._before[tests] != 0:
-            return {None: TIMED_OUT, 5: NO_TESTS}.get(self._before[tests], BROKEN)
-        status = self._status(mutant, tests, planted=True)
+    def _outcome(self, mutant: Mutant, options: str, before: dict[str, int | None]) -> str:
+        tests = f"{mutant.tests} {options}"
+        if before[tests] != 0:
+            return {None: TIMED_OUT, 5: NO_TESTS}.get(before[tests], BROKEN)
         # pytest ends with 1 if tests failed, with 2 if they cannot even be imported, and with 5 if there are none.
-        return {None: TIMED_OUT, 0: SURVIVED, 1: NOTICED}.get(status, BROKEN)
+        return {None: TIMED_OUT, 0: SURVIVED, 1: NOTICED}.get(self._status(tests, mutant), BROKEN)
 
-    def _status(self, mutant: Mutant, tests: str, *, planted: bool) -> int | None:
-        """Return pytest's status for the tests in a copy of the tree; None if they ran out of time."""
-        with tempfile.TemporaryDirectory(prefix="wrt-mutant-") as folder:
-            copy = Path(folder) / "tree"
-            copy_tree(copy)
-            if planted:
-                plant(mutant, copy)
-            environment = {**os.environ, "PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(Path(folder) / "cache")}
+    def _status(self, tests: str, mutant: Mutant | None = None) -> int | None:
+        """Return pytest's status for tests in a copy of the tree; None if they ran out of time."""
+        with tempfile.TemporaryDirectory(dir=self._folder) as folder:
+            tree, cache = Path(folder) / "tree", self._cache
+            copy_tree(tree)
+            if mutant is not None:
+                plant(mutant, tree)
+                cache = Path(folder) / "cache"
+                shutil.copytree(self._cache, cache)
+            environment = {**os.environ, "PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(cache)}
             command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "--no-header", *shlex.split(tests)]
             try:
                 done = subprocess.run(
-                    command, cwd=copy, env=environment, capture_output=True, timeout=self.timeout, check=False
+                    command, cwd=tree, env=environment, capture_output=True, timeout=self.timeout, check=False
                 )
             except subprocess.TimeoutExpired:
                 return None
@@ -105,6 +107,24 @@ def plant(mutant: Mutant, tree: Path) -> None:
     file.write_text(text.replace(mutant.old, mutant.new, 1), encoding="utf-8")
 
 
+def page(text: str, outcomes: dict[str, str]) -> str:
+    """Return the text of docs/proofs.md with a table of these outcomes at its end."""
+    rows = [
+        f"| {mutant.name} | {mutant.subject} | `{mutant.file}` | {outcomes.get(mutant.name, 'not tried yet')} |\n"
+        for mutant in MUTANTS
+    ]
+    return text.partition(TABLE)[0] + TABLE + "".join(rows)
+
+
+def keep(mutant: Mutant, outcome: str) -> None:
+    """Print an outcome and write it to OUTCOMES and PAGE."""
+    print(f"{mutant.name}: {outcome}", flush=True)
+    known = json.loads(OUTCOMES.read_text(encoding="utf-8")) if OUTCOMES.is_file() else {}
+    known = {each.name: known[each.name] for each in MUTANTS if each.name in known} | {mutant.name: outcome}
+    OUTCOMES.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), known), encoding="utf-8")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     names = [mutant.name for mutant in MUTANTS]
@@ -121,16 +141,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for mutant in chosen:
             print(f"{mutant.name}: {mutant.file}; {mutant.tests}")
         return 0
-    runner, outcomes = Runner(options.timeout), []
-    with ThreadPoolExecutor(options.jobs) as pool:
-        for mutant, outcome in zip(chosen, pool.map(runner.outcome, chosen), strict=True):
-            print(f"{mutant.name}: {outcome}", flush=True)
-            outcomes.append(outcome)
-            known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
-            known = {name: known[name] for name in names if name in known} | {mutant.name: outcome}
-            RESULTS.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    print(f"{outcomes.count(NOTICED)} of {len(outcomes)} noticed")
-    return 0 if outcomes.count(NOTICED) == len(outcomes) else 1
+    remaining = []
+    noticed = 0
+    with tempfile.TemporaryDirectory(prefix="wrt-mutants-") as folder:
+        runner = Runner(Path(folder), options.jobs, options.timeout)
+        for mutant, outcome in runner.outcomes(chosen):
+            if outcome in (SURVIVED, NO_TESTS):
+                remaining.append(mutant)
+            else:
+                keep(mutant, outcome)
+                noticed += outcome == NOTICED
+        for mutant, outcome in runner.outcomes(remaining, "--all"):
+            keep(mutant, outcome)
+            noticed += outcome == NOTICED
+    print(f"{noticed} of {len(chosen)} noticed")
+    return 0 if noticed == len(chosen) else 1
 
 
 if __name__ == "__main__":

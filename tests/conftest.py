@@ -45,12 +45,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "or emulated-cuda: kernel tests alone, as compiled for CUDA, on the CPU",
     )
     parser.addoption("--report", action="store_true", help="print what the tests measured")
-    parser.addoption("--record", type=Path, help="write outcomes and measured rows to this file, for scripts/proofs.py")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Table(shown=config.getoption("--report"), record=config.getoption("--record")))
+        if config.getoption("--report"):
+            config.pluginmanager.register(Table())
         if config.get_verbosity() == 0:
             config.pluginmanager.register(Progress(config))
     if config.getoption("--device") == EMULATED:

@@ -10,7 +10,7 @@ class Mutant(NamedTuple):
 
     Attributes:
         name: for the command line and the reports.
-        subject: the row of docs/proofs.md that it belongs to, see `proofs.py`.
+        subject: the row of docs/proofs.md that it belongs to.
         file: where the fault is, from the root of the repository.
         old: a text that occurs in the file.
         new: the text in its place.

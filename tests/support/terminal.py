@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -39,7 +37,7 @@ class Progress:
         self._total = len(ids)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Print the share, each fiftieth of it on a line of its own where lines cannot be replaced."""
+        """Print the share: on one line in a terminal, else on a line each 5 per cent."""
         self._failed += report.failed
         if report.when != "teardown" or not self._total:
             return
@@ -54,32 +52,20 @@ class Progress:
 
 
 class Table:
-    """The rows that tests reported: printed at the end if `shown`, and written to the file `record`, if given."""
+    """Prints the rows that tests reported."""
 
-    def __init__(self, *, shown: bool, record: Path | None) -> None:
-        self.rows: list[list[str]] = []
-        self._shown, self._record = shown, record
-        self._tests: dict[str, dict[str, object]] = {}
+    def __init__(self) -> None:
+        self._rows: list[list[str]] = [["claim", "measured", "expected", "p"]]
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Keep the rows of a test."""
         if report.when == "call":
-            rows = [row for name, row in report.user_properties if name == MEASURED]
-            self.rows += rows
-            if not report.skipped:
-                self._tests[report.nodeid] = {"passed": report.passed, "rows": rows}
-
-    def pytest_sessionfinish(self) -> None:
-        """Write the file."""
-        if self._record is not None:
-            self._record.write_text(json.dumps(self._tests), encoding="utf-8")
+            self._rows += [row for name, row in report.user_properties if name == MEASURED]
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Print the table."""
-        if not (self._shown and self.rows):
-            return
-        table = [["claim", "measured", "expected", "p"], *self.rows]
-        widths = [max(len(row[i]) for row in table) for i in range(4)]
+        """Print all rows."""
+        widths = [max(len(row[i]) for row in self._rows) for i in range(4)]
         terminalreporter.section("measured")
-        for row in table:
-            terminalreporter.write_line("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)))
+        for row in self._rows:
+            cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+            terminalreporter.write_line("  ".join(cells))
