@@ -322,7 +322,10 @@ def test_ambient_light_is_the_mean_of_the_environment(device: str) -> None:
 
 @pytest.mark.parametrize(
     ("material", "tolerance"),
-    [(wrt.Plastic(1.0), 0.02), (wrt.RoughConductor(alpha=0.3, f0=1.0, multiple_bounces=True), 0.05)],
+    [
+        (wrt.Plastic(1.0), 0.02),
+        pytest.param(wrt.RoughConductor(alpha=0.3, f0=1.0, multiple_bounces=True), 0.05, marks=pytest.mark.slow),
+    ],
 )
 def test_white_surfaces_send_back_all_ambient_light(material: wrt.Material, tolerance: float, device: str) -> None:
     """The mirrored ray of a coat and sixteen directions for the rest make 1 for what is white."""
