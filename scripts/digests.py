@@ -72,8 +72,7 @@ def check(kernels: list[str], lanes: int, pattern: str) -> int:
 def code(folder: Path, lanes: int) -> int:
     """Write the C++ of the kernels for every tested set of features, and of all other kernels."""
     import warp as wp
-    from support.feature_sets import FEATURES
-    from test_cuda_compile import declared_kernels
+    from support.feature_sets import FEATURES, declared_kernels
     from warp._src.context import ModuleBuilder
 
     from wrt.backend.warp_backend import initialize_warp

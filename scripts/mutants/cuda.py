@@ -11,7 +11,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/low_discrepancy.h",
         "columns[dimension - 2][__ffs(rest) - 1]",
         "columns[dimension - 2][__ffs(rest) & 31]",
-        "tests/test_emulated_cuda.py -k 'films_agree and moving'",
+        "tests/cuda/test_cuda_films.py --machinery -k 'films_agree and moving'",
     ),
     Mutant(
         "cuda-reversed-bits",
@@ -19,7 +19,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/low_discrepancy.h",
         "return __brev(bits);",
         "return __brev(bits) | 1u << 31;",
-        "tests/test_emulated_cuda.py -k 'films_agree and cornell'",
+        "tests/cuda/test_cuda_films.py --machinery -k 'films_agree and cornell'",
     ),
     Mutant(
         "cuda-contraction",
@@ -27,7 +27,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/vectors.h",
         "return __fmul_rn(a, b);",
         "return a * b;",
-        "tests/test_emulated_cuda.py -k edges",
+        "tests/cuda/test_cuda_hits.py --machinery -k edges",
     ),
     Mutant(
         "cuda-lowest-bit",
@@ -35,7 +35,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/vectors.h",
         "return __ffs(m) - 1;",
         "return 31 - __clz(m);",
-        "tests/test_emulated_cuda.py -k difficult",
+        "tests/cuda/test_cuda_hits.py --machinery -k difficult",
     ),
     Mutant(
         "cuda-near-side",
@@ -43,7 +43,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/boxes.h",
         "ray.near_shift[k] = slab.shift + slab.error;",
         "ray.near_shift[k] = slab.shift - 2.0f * slab.error;",
-        "tests/test_emulated_cuda.py -k sides",
+        "tests/cuda/test_cuda_hits.py --machinery -k sides",
     ),
     Mutant(
         "cuda-leaves-surface",
@@ -51,7 +51,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/gpu.h",
         "&& exceeds_error(s, d, ray.shear))",
         ")",
-        "tests/test_emulated_cuda.py -k edges",
+        "tests/cuda/test_cuda_hits.py --machinery -k edges",
     ),
     Mutant(
         "cuda-equal-distance",
@@ -59,7 +59,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/gpu.h",
         "d.t <= nearest.t && exceeds",
         "d.t < nearest.t && exceeds",
-        "tests/test_emulated_cuda.py -k coincident_triangles",
+        "tests/cuda/test_cuda_hits.py --machinery -k coincident_triangles",
     ),
     Mutant(
         "cuda-barycentric",
@@ -67,7 +67,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/native/gpu.h",
         "s.v * d.inverse_det, s.w * d.inverse_det",
         "s.v * d.inverse_det, s.u * d.inverse_det",
-        "tests/test_emulated_cuda.py -k 'hits_agree and single'",
+        "tests/cuda/test_cuda_hits.py --machinery -k 'hits_agree and single'",
     ),
     Mutant(
         "cuda-packets",
@@ -75,7 +75,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/intersector.py",
         "elif self.device.is_cpu and n >= SMALL_BATCH",
         "elif n >= SMALL_BATCH",
-        "tests/test_emulated_cuda.py -k 'hits_agree and packets'",
+        "tests/cuda/test_cuda_hits.py --machinery -k 'hits_agree and packets'",
     ),
     Mutant(
         "cuda-subtrees",
@@ -83,7 +83,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/accel/build/levels.py",
         "range(i, root_count[0], threads)",
         "range(i, root_count[0] - 1, threads)",
-        "tests/test_emulated_cuda.py -k 'trees and soup'",
+        "tests/cuda/test_cuda_hits.py --machinery -k 'trees and soup'",
     ),
     Mutant(
         "cuda-chunk-bins",
@@ -91,7 +91,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/accel/build/levels.py",
         "wp.atomic_min(level.bin_boxes, of, chunks.bin_boxes[k])",
         "level.bin_boxes[of] = chunks.bin_boxes[k]",
-        "tests/test_emulated_cuda.py -k 'trees and soup'",
+        "tests/cuda/test_cuda_hits.py --machinery -k 'trees and soup'",
     ),
     Mutant(
         "cuda-chunk-centres",
@@ -99,7 +99,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/accel/build/levels.py",
         "wp.atomic_min(centers, nodes[index].right, right_bounds)",
         "wp.atomic_min(centers, nodes[index].right, left_bounds)",
-        "tests/test_emulated_cuda.py -k 'trees and soup'",
+        "tests/cuda/test_cuda_hits.py --machinery -k 'trees and soup'",
     ),
     Mutant(
         "cuda-boxes-upwards",
@@ -107,7 +107,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/accel/build/upwards.py",
         "wp.max(nodes[left].upper, nodes[right].upper)",
         "nodes[right].upper",
-        "tests/test_emulated_cuda.py -k 'trees and soup'",
+        "tests/cuda/test_cuda_hits.py --machinery -k 'trees and soup'",
     ),
     Mutant(
         "cuda-cycles",
@@ -123,7 +123,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "if waits and WAITING * number_of(waiting) >= number_of(left):",
         "if waits:",
-        "tests/test_gpu_model.py -k counts_of_a_scene",
+        "tests/cuda/test_gpu_scripts.py --machinery -k half_of_them_wait",
     ),
     Mutant(
         "cuda-tiles",
@@ -131,7 +131,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/film/tiles.py",
         "left + in_tile % columns",
         "left + in_tile % TILE_WIDTH",
-        "tests/test_tiles.py -k each_pixel",
+        "tests/film/test_film.py -k each_pixel",
     ),
     Mutant(
         "cuda-emulated-ends",
@@ -139,7 +139,7 @@ FAULTS: tuple[Mutant, ...] = (
         "tests/support/emulated_cuda/lanes.h",
         "one.mask & ~ended",
         "one.mask",
-        "tests/test_emulated_votes.py -k have_ended",
+        "tests/cuda/test_emulator.py --machinery -k have_ended",
     ),
     Mutant(
         "cuda-next-sample",
@@ -147,7 +147,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "sampler.index = wp.uint32(index)",
         "sampler.index = wp.uint32(film.count[pixel])",
-        "tests/test_emulated_cuda.py -k 'films_agree and cornell'",
+        "tests/cuda/test_cuda_films.py --machinery -k 'films_agree and cornell'",
     ),
     Mutant(
         "cuda-invisible",
@@ -155,7 +155,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/regeneration.py",
         "path.depth = settings.max_depth",
         "path.depth = 0",
-        "tests/test_emulated_cuda.py -k 'films_agree and fisheye'",
+        "tests/cuda/test_cuda_films.py --machinery -k 'films_agree and fisheye'",
     ),
     Mutant(
         "cuda-ray-to-nowhere",
@@ -163,6 +163,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/integrators/shadow_rays.py",
         "wp.where(wp.max(share) > 0.0, distance, -1.0)",
         "wp.where(wp.max(share) > 0.0, -1.0, distance)",
-        "tests/test_emulated_cuda.py -k 'films_agree and lamps'",
+        "tests/cuda/test_cuda_films.py --machinery -k 'films_agree and lamps'",
     ),
 )

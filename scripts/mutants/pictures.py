@@ -12,7 +12,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/warps.py",
         "b0 = 0.5 * u[0]\n        return wp.vec2(b0, u[1] - b0)",
         "b0 = 0.5 * u[0]\n        return wp.vec2(b0, u[1])",
-        "tests/test_warps.py",
+        "tests/transport/test_warps.py",
     ),
     Mutant(
         "sphere-map",
@@ -20,7 +20,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/warps.py",
         "z = 1.0 - 2.0 * u[0]",
         "z = 1.0 - 1.96 * u[0]",
-        "tests/test_warps.py",
+        "tests/transport/test_warps.py",
     ),
     Mutant(
         "sampler-bits",
@@ -28,7 +28,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/sampler.py",
         "c: wp.uint32, d: wp.uint32) -> wp.vec4ui:",
         "c: wp.uint32, d_: wp.uint32) -> wp.vec4ui:\n    d = wp.uint32(0)",
-        "tests/test_sampler.py",
+        "tests/film/test_random_numbers.py",
     ),
     # Cameras
     Mutant(
@@ -46,7 +46,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/srgb.py",
         "** (1.0 / 2.4)",
         "** (1.0 / 2.2)",
-        "tests/test_image_files.py -k curve",
+        "tests/output/test_image_files.py -k curve",
     ),
     Mutant(
         "film-variance",
@@ -54,7 +54,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/film.py",
         "spread / (n - 1.0)",
         "spread / n",
-        "tests/test_film_statistics.py",
+        "tests/film/test_film.py",
     ),
     Mutant(
         "digest-without-emission",
@@ -62,7 +62,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/fingerprint.py",
         "[(shape.emission, shape.two_sided_emission) for shape in scene.shapes]",
         "[shape.emission for shape in scene.shapes]",
-        "tests/test_fingerprint.py",
+        "tests/files/test_fingerprint.py",
     ),
     Mutant(
         "checkpoint-without-rays",
@@ -78,6 +78,6 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/checkpoint.py",
         '    "max_depth",\n',
         "",
-        "tests/test_checkpoint.py",
+        "tests/rendering/test_checkpoint.py",
     ),
 )

@@ -12,7 +12,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/fresnel.py",
         "0.5 * (r_s * r_s + r_p * r_p)",
         "0.51 * (r_s * r_s + r_p * r_p)",
-        "tests/test_fresnel.py -k forms",
+        "tests/materials/test_fresnel.py -k forms",
     ),
     Mutant(
         "conductor-sine",
@@ -20,7 +20,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/fresnel.py",
         "t4 = t2 * sin2",
         "t4 = t2 * cos2",
-        "tests/test_fresnel.py -k conductor",
+        "tests/materials/test_fresnel.py -k conductor",
     ),
     Mutant(
         "schlick-power",
@@ -28,7 +28,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/fresnel.py",
         "(x2 * x2 * x)",
         "(x2 * x2)",
-        "tests/test_fresnel.py -k schlick",
+        "tests/materials/test_fresnel.py -k schlick",
     ),
     Mutant(
         "schlick-angle",
@@ -36,7 +36,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/dielectric.py",
         "if eta < 1.0:",
         "if eta > 1.0:",
-        "tests/test_fresnel.py -k lecture",
+        "tests/materials/test_fresnel.py -k lecture",
     ),
     Mutant(
         "radiance-in-glass",
@@ -44,7 +44,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/dielectric.py",
         "s.weight = bsdf.slots[TRANSMITTANCE] * (scale * scale)",
         "s.weight = bsdf.slots[TRANSMITTANCE]",
-        "tests/test_fresnel.py -k lecture",
+        "tests/materials/test_fresnel.py -k lecture",
     ),
     Mutant(
         "square-cosine",
@@ -52,7 +52,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/glossy.py",
         "(side * side * cos_a * cos_a * cos_a)",
         "(side * side * cos_a * cos_a)",
-        "tests/test_glossy.py -k density",
+        "tests/materials/test_glossy.py -k density",
     ),
     Mutant(
         "phong-exponent",
@@ -60,7 +60,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/glossy.py",
         "(bsdf.slots[EXPONENT][0] + 1.0)",
         "(bsdf.slots[EXPONENT][0] + 2.0)",
-        "tests/test_glossy.py -k phong",
+        "tests/materials/test_glossy.py -k phong",
     ),
     Mutant(
         "phong-norm",
@@ -68,7 +68,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/glossy.py",
         "(0.5 * INV_PI)",
         "(0.51 * INV_PI)",
-        "tests/test_glossy.py -k phong",
+        "tests/materials/test_glossy.py -k phong",
     ),
     Mutant(
         "ggx-norm",
@@ -76,7 +76,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/ggx.py",
         "1.0 / (PI * shape[0] * shape[1] * s * s)",
         "1.0 / (shape[0] * shape[1] * s * s)",
-        "tests/test_microfacet.py -k ggx",
+        "tests/materials/test_microfacets.py -k ggx",
     ),
     Mutant(
         "ggx-masking",
@@ -84,7 +84,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/ggx.py",
         "return 0.5 * t /",
         "return 0.49 * t /",
-        "tests/test_masking.py",
+        "tests/materials/test_microfacets.py -k smith",
     ),
     Mutant(
         "ggx-sampler",
@@ -92,7 +92,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/ggx.py",
         "(1.0 - u[1]) * (1.0 + w[2])))",
         "(1.0 - u[1]) * (1.02 + w[2])))",
-        "tests/test_microfacet.py -k ggx",
+        "tests/materials/test_microfacets.py -k ggx",
     ),
     Mutant(
         "beckmann-exponent",
@@ -100,7 +100,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/beckmann.py",
         "exponential(-e)",
         "exponential(-1.02 * e)",
-        "tests/test_microfacet.py -k beckmann",
+        "tests/materials/test_microfacets.py -k beckmann",
     ),
     Mutant(
         "blinn-exponent",
@@ -108,7 +108,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/blinn_phong.py",
         "(1.0 - inv_alpha2) * log1p",
         "(1.02 - inv_alpha2) * log1p",
-        "tests/test_microfacet.py -k blinn",
+        "tests/materials/test_microfacets.py -k blinn",
     ),
     Mutant(
         "widening-half",
@@ -124,7 +124,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/bumpy_ggx.py",
         "beckmann_weight(bumps, 1.964, -0.811, 0.441)",
         "beckmann_weight(bumps, 1.864, -0.811, 0.441)",
-        "tests/test_bumpy_ggx.py -k slopes",
+        "tests/materials/test_bumpy_ggx.py -k slopes",
     ),
     Mutant(
         "bumpy-choice",
@@ -132,7 +132,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/microfacet/bumpy_ggx.py",
         "chosen < found[0]",
         "chosen < 1.04 * found[0]",
-        "tests/test_bumpy_ggx.py -k follow",
+        "tests/materials/test_reflection_models.py -k 'follow and bumpy'",
     ),
     Mutant(
         "bump-shear",
@@ -148,7 +148,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/burley.py",
         "weight_o * weight_i * (back - 1.0)",
         "weight_o * weight_i * back",
-        "tests/test_burley.py -k values",
+        "tests/materials/test_burley.py -k values",
     ),
     Mutant(
         "burley-coat-density",
@@ -156,7 +156,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/burley.py",
         "half[2] / (4.0 * wp.dot(wo, half))",
         "half[2] / (4.0 * half[2])",
-        "tests/test_burley.py -k follow",
+        "tests/materials/test_reflection_models.py -k 'follow and burley'",
     ),
     Mutant(
         "oren-nayar-term",
@@ -164,7 +164,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/oren_nayar.py",
         "0.45 * s2 / (s2 + 0.09)",
         "0.45 * s2 / (s2 + 0.13)",
-        "tests/test_oren_nayar.py",
+        "tests/materials/test_oren_nayar.py",
     ),
     Mutant(
         "oren-nayar-energy",
@@ -172,7 +172,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/oren_nayar.py",
         "return wp.max(0.0, _C1 - INV_PI * g)",
         "return wp.max(0.0, _C1 + INV_PI * g)",
-        "tests/test_oren_nayar.py",
+        "tests/materials/test_reflection_models.py -k 'white and diffuse'",
     ),
     Mutant(
         "plastic-square",
@@ -180,7 +180,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/plastic.py",
         "transmitted(wi[2], eta) / (eta * eta)",
         "transmitted(wi[2], eta) / (1.02 * eta * eta)",
-        "tests/test_plastic.py -k albedo",
+        "tests/materials/test_plastic.py -k albedo",
     ),
     Mutant(
         "plastic-coat",
@@ -188,7 +188,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/rough_plastic.py",
         "share * INV_PI * wi[2] + (1.0 - share) * coat",
         "share * INV_PI * wi[2] + (1.02 - share) * coat",
-        "tests/test_plastic.py -k follow",
+        "tests/materials/test_reflection_models.py -k 'follow and plastic'",
     ),
     Mutant(
         "coupled-layers",
@@ -196,7 +196,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/principled.py",
         "wp.max(left_o, 0.0) * wp.max(left_i, 0.0)",
         "wp.max(left_o, 0.0) * wp.max(left_o, 0.0)",
-        "tests/test_principled_agreement.py -k integrals",
+        "tests/materials/test_principled.py -k integrals",
     ),
     # Constants
     Mutant(
@@ -229,7 +229,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/scene/materials/dielectrics.py",
         "4.0 * t**7",
         "4.0 * t**6",
-        "tests/test_rough_dielectric.py -k mean_transmittance",
+        "tests/materials/test_fresnel.py -k mean_reflectances",
     ),
     # Measured reflectances
     Mutant(
@@ -238,7 +238,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/bilinear.py",
         "t * (start + 0.5 * t * (end - start))",
         "t * (start + 0.45 * t * (end - start))",
-        "tests/test_measured.py -k weight_is_value_over_density",
+        "tests/materials/test_measured.py -k weight_is_value_over_density",
     ),
     Mutant(
         "measured-solid-angle",
@@ -246,7 +246,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/measured/__init__.py",
         "of_normals * 4.0 * wp.max(wp.dot(v.wo, m), _LEAST_COSINE)",
         "of_normals * 4.0 * wp.max(m[2], _LEAST_COSINE)",
-        "tests/test_measured.py -k 'follow_the_density and metal'",
+        "tests/materials/test_reflection_models.py -k 'follow and measured'",
     ),
     Mutant(
         "measured-area",
@@ -254,7 +254,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/measured/tables.py",
         "d / (4.0 * wp.max(area, _LEAST_AREA))",
         "d / (3.96 * wp.max(area, _LEAST_AREA))",
-        "tests/test_measured.py -k 'approaches_the_metal or mitsuba_says'",
+        "tests/materials/test_measured.py -k 'approaches_the_metal or mitsuba_says'",
     ),
     Mutant(
         "measured-half",
@@ -262,6 +262,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/measured/tables.py",
         "-arc_tangent(-v.wo[1], v.wo[0])",
         "arc_tangent(v.wo[1], v.wo[0])",
-        "tests/test_measured.py -k both_ends",
+        "tests/materials/test_measured.py -k both_ends",
     ),
 )

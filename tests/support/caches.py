@@ -1,4 +1,4 @@
-"""Copies of the kernel cache, for tests that need one of their own, but no empty one, which 12 s of CPU would fill."""
+"""Kernel caches for tests that need one of their own, but no empty one, which 12 s of CPU would fill."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import warp as wp
 from conftest import ROOT
 
 from wrt.backend.cache_folders import user_folder, warp_folder
@@ -26,11 +27,16 @@ def copy_of_warm_cache(cache: Path, but_for: tuple[str, ...] = ()) -> None:
         cache: a folder, to be named by XDG_CACHE_HOME.
         but_for: names of modules to leave out, or what they begin with.
     """
-    for headers in (user_folder() / "wrt").glob("headers-*"):
-        shutil.copytree(headers, cache / "wrt" / headers.name)
+    copy_of_headers(cache)
     for folder in _kernels():
         if not folder.name.startswith(tuple(f"wp_{name}" for name in but_for)):
             shutil.copytree(folder, cache / "warp" / folder.parent.name / folder.name)
+
+
+def copy_of_headers(cache: Path) -> None:
+    """Fill a cache folder with Warp's headers as they are precompiled, which takes 4 s of CPU."""
+    for headers in (user_folder() / "wrt").glob("headers-*"):
+        shutil.copytree(headers, cache / "wrt" / headers.name)
 
 
 @functools.cache
@@ -43,3 +49,28 @@ def _kernels() -> tuple[Path, ...]:
         (file,) = Path(notes).glob("wrt/builds-*.json")
         known = json.loads(file.read_bytes().partition(b"\n")[2])
     return tuple(Path(each["file"]).parent for each in known["files"].values())
+
+
+def without_notes(folder: Path) -> dict[str, str]:
+    """Return variables by which nothing is known to be compiled, though the usual cache has it."""
+    wp.init()
+    # Warp puts a folder of its version there itself.
+    kernels = Path(wp.config.kernel_cache_dir).parent
+    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "WARP_CACHE_PATH": str(kernels)}
+    return {**os.environ, **own}
+
+
+def render_small(folder: Path, environment: dict[str, str], output: str, *arguments: str) -> tuple[bool, str]:
+    """Render in a process; return whether it imported Warp, and what it said."""
+    command = ["-m", "wrt", "render", *arguments, "--size", "24x16", "--spp", "2", "--quiet", "-o", output]
+    process = subprocess.run(
+        [sys.executable, "-X", "importtime", *command],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = process.stderr.splitlines()
+    said = [line for line in lines if not line.startswith("import time:")]
+    return any(line.endswith(" warp._src.context") for line in lines), "\n".join(said)

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-import wrt
 from support.kernels import upload
 from wrt.kernels.camera.camera import Camera, shutter_time
 from wrt.kernels.camera.models import make_camera
@@ -51,26 +50,10 @@ def rays_kernel(
     visible_out[i] = wp.where(seen.visible, 1, 0)
 
 
-def camera_rays(
-    camera: wrt.Camera,
-    width: int,
-    height: int,
-    films: ArrayLike,
-    lenses: ArrayLike = (0.5, 0.5),
-    shutters: ArrayLike = 0.5,
-    *,
-    device: str = "cpu",
-) -> CameraRays:
-    """Return the rays through points of the film.
+def camera_rays(camera, width, height, films, lenses=(0.5, 0.5), shutters=0.5, *, device="cpu") -> CameraRays:
+    """Return the rays through (N, 2) points of the film, in pixels from the top left corner.
 
-    Args:
-        camera: any.
-        width: of the picture, pixels.
-        height: of the picture, pixels.
-        films: (N, 2) pixels from the top left corner.
-        lenses: (N, 2) or one pair of random numbers for the lens.
-        shutters: (N,) or one random number for the time.
-        device: where to run.
+    Random numbers for the lens and the time are one for each ray, or the same for all.
     """
     films = np.asarray(films, np.float32).reshape(-1, 2)
     n = len(films)
@@ -79,14 +62,7 @@ def camera_rays(
         upload(np.broadcast_to(np.asarray(lenses, np.float32), (n, 2)).copy(), wp.vec2, device),
         upload(np.broadcast_to(np.asarray(shutters, np.float32), n).copy(), float, device),
     ]
-    types = (wp.vec3, wp.vec3, float, wp.vec2, int)
-    out = [wp.empty(n, dtype=dtype, device=device) for dtype in types]
+    out = [wp.empty(n, dtype=dtype, device=device) for dtype in (wp.vec3, wp.vec3, float, wp.vec2, int)]
     wp.launch(rays_kernel, n, [build_camera(camera, width, height, device=device), *inputs], out, device=device)
-    origins, directions, times, footprints, visible = (array.numpy() for array in out)
-    return CameraRays(
-        origins.astype(np.float64),
-        directions.astype(np.float64),
-        times.astype(np.float64),
-        footprints.astype(np.float64),
-        visible.astype(bool),
-    )
+    *numbers, visible = (array.numpy() for array in out)
+    return CameraRays(*(array.astype(np.float64) for array in numbers), visible.astype(bool))

@@ -1,10 +1,10 @@
 """A headless Chromium, driven by its DevTools protocol."""
 
 import base64
-import contextlib
 import itertools
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -16,19 +16,9 @@ from websockets.sync.client import connect
 PROGRAM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 OPTIONS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-default-apps",
-    "--disable-sync",
-    "--no-first-run",
-    "--no-default-browser-check",
-    "--mute-audio",
-    "--hide-scrollbars",
-    "--remote-debugging-port=0",
+    "--headless=new --no-sandbox --disable-gpu --disable-dev-shm-usage --disable-background-networking "
+    "--disable-component-update --disable-default-apps --disable-sync --no-first-run --no-default-browser-check "
+    "--mute-audio --hide-scrollbars --remote-debugging-port=0"
 )
 
 
@@ -107,18 +97,13 @@ class Tab:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
 
-    def close(self):
-        with contextlib.suppress(Exception):
-            self.call("Page.close")
-        self._socket.close()
-
 
 class Browser:
     """A browser with a profile of its own; a context manager."""
 
     def __enter__(self):
         self._folder = tempfile.TemporaryDirectory(prefix="wrt-chromium-", ignore_cleanup_errors=True)
-        command = [PROGRAM, *OPTIONS, f"--user-data-dir={self._folder.name}", "about:blank"]
+        command = [PROGRAM, *shlex.split(OPTIONS), f"--user-data-dir={self._folder.name}", "about:blank"]
         nothing = subprocess.DEVNULL
         self._process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
         place = Path(self._folder.name) / "DevToolsActivePort"

@@ -1,50 +1,35 @@
 """What Warp arrays take: bytes alive, and the most that were at once."""
 
-from __future__ import annotations
-
 import contextlib
 import weakref
-from collections.abc import Iterator
-from typing import Any
+
+import warp as wp
+from warp._src.types import type_size_in_bytes
 
 
 class Allocated:
-    """Bytes of arrays that own their memory, or share it with NumPy; views of other arrays do not count.
+    """Bytes `alive` of arrays that own their memory or share it with NumPy, and their `peak`; views do not count."""
 
-    Attributes:
-        alive: bytes now.
-        peak: the most bytes alive at once.
-    """
-
-    def __init__(self) -> None:
-        """Count nothing yet."""
+    def __init__(self):
         self.alive = self.peak = 0
 
-    def add(self, array: Any) -> None:
+    def add(self, array):
         """Count an array until it is released."""
-        size = array.size * _element(array)
+        size = array.size * type_size_in_bytes(array.dtype)
         self.alive += size
         self.peak = max(self.peak, self.alive)
         weakref.finalize(array, self._remove, size)
 
-    def _remove(self, size: int) -> None:
+    def _remove(self, size):
         self.alive -= size
 
 
-def _element(array: Any) -> int:
-    from warp._src.types import type_size_in_bytes
-
-    return int(type_size_in_bytes(array.dtype))
-
-
 @contextlib.contextmanager
-def allocations() -> Iterator[Allocated]:
+def allocations():
     """Count the arrays that Warp makes within the context."""
-    import warp as wp
-
     counted, start = Allocated(), wp.array.__init__
 
-    def counting(self: Any, *arguments: Any, **options: Any) -> None:
+    def counting(self, *arguments, **options):
         start(self, *arguments, **options)
         if options.get("ptr") is None:
             counted.add(self)

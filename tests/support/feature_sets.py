@@ -1,9 +1,15 @@
-"""Sets of features that together have all that a render kernel can have."""
+"""Sets of features that together have all that a render kernel can have, and all other kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import importlib
+import pkgutil
+from collections.abc import Iterator, Sequence
+from types import ModuleType
 
+import warp as wp
+
+import wrt.kernels
 from wrt.kernels.features import Features
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
@@ -94,3 +100,19 @@ FEATURES = [
     Features(("diffuse", "null"), False, "constant", media="scattering", grid_media=True),
 ]
 FEATURES.append(other_models(FEATURES))
+
+
+def kernel_modules() -> Iterator[ModuleType]:
+    yield wrt.kernels
+    for found in pkgutil.walk_packages(wrt.kernels.__path__, "wrt.kernels."):
+        yield importlib.import_module(found.name)
+
+
+def declared_kernels() -> dict[str, wp.Kernel]:
+    """Return every kernel at the top level of a module of the package, by name."""
+    return {
+        f"{module.__name__}.{name}": value
+        for module in kernel_modules()
+        for name, value in vars(module).items()
+        if isinstance(value, wp.Kernel) and value.func.__module__ == module.__name__
+    }

@@ -18,9 +18,8 @@ SCENES = Path(__file__).resolve().parent.parent / "scenes" / "mitsuba"
 
 
 def write_files(folder: Path) -> None:
-    """Copy all scenes into a folder, and make the images and meshes that they name beside them."""
-    for file in SCENES.glob("*.xml"):
-        shutil.copy(file, folder)
+    """Copy all scenes into a folder, and make the images and further meshes that they name beside them."""
+    shutil.copytree(SCENES, folder, dirs_exist_ok=True)
     random = np.random.default_rng(12)
     sky = random.random((8, 16, 3)).astype(np.float32)
     sky[1:3, 5:8] = (12.0, 9.0, 6.0)
@@ -37,12 +36,9 @@ def write_files(folder: Path) -> None:
     for name, alpha in (("metal", (0.3, 0.3)), ("brushed", (0.5, 0.2))):
         with (folder / f"{name}_rgb.bsdf").open("wb") as file:
             save_measurement(file, rough_metal(alpha, 0.6, fine=24, viewers=7))
-    (folder / "house.obj").write_text(HOUSE)
     ball = wrt.sphere(subdivisions=3)
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
     (folder / "ball.obj").write_text("\n".join(lines))
-    (folder / "tent.ply").write_text(TENT)
-    (folder / "leaf.spd").write_text(LEAF)
 
 
 def write_vol(
@@ -63,84 +59,13 @@ def _write_png(path: Path, codes: np.ndarray) -> None:
     Image.fromarray(codes.astype(np.uint8)).save(path)
 
 
-LEAF = """\
-# Of a leaf, roughly.
-380 0.04
-480 0.05
-550 0.22
-600 0.10
-680 0.06
-740 0.45
-800 0.5
-"""
-
-HOUSE = """\
-mtllib none.mtl
-v -1 0 1
-v 1 0 1
-v 1 1 1
-v -1 1 1
-v -1 0 -1
-v 1 0 -1
-v 1 1 -1
-v -1 1 -1
-v 0 2 1
-v 0 2 -1
-vt 0 0
-vt 1 0
-vt 1 1
-vt 0 1
-vt 0.5 1.5
-usemtl brick
-f 1/1 2/2 3/3 4/4
-f 2/1 6/2 7/3 3/4
-f 6/1 5/2 8/3 7/4
-f 5/1 1/2 4/3 8/4
-f 4/1 3/2 9/5
-f 7/1 8/2 10/5
-f 3/1 7/2 10/3 9/4
-f 8/1 4/2 9/3 10/4
-"""
-"""Walls and a roof, without normals: sides share their corners, but not their texture coordinates."""
-
-TENT = """\
-ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-property float u
-property float v
-property float r
-property float g
-property float b
-element face 2
-property list uchar int vertex_indices
-end_header
--1 0 1 0 0 0.9 0.2 0.1
-1 0 1 1 0 0.1 0.8 0.2
-1 1.5 0 1 1 0.2 0.3 0.9
--1 1.5 0 0 1 0.8 0.8 0.1
-3 0 1 2
-3 0 2 3
-"""
-"""A slanted square with texture coordinates and colours."""
-
-
 def render_by_mitsuba(path: Path, *, spp: int, runs: int = 16, seed: int = 1, variant: str = VARIANT) -> Reference:
     """Return what a variant of Mitsuba makes of a scene file, by several runs with their own random numbers."""
     mi = load_mitsuba()
     mi.set_variant(variant)
     scene = mi.load_file(str(path))
-    images = np.stack(
-        [
-            np.array(mi.render(scene, spp=max(1, spp // runs), seed=1_000_003 * (seed + run)), dtype=np.float64)[
-                ..., :3
-            ]
-            for run in range(runs)
-        ]
-    )
+    seeds = [1_000_003 * (seed + run) for run in range(runs)]
+    images = np.stack([np.array(mi.render(scene, spp=max(1, spp // runs), seed=k), np.float64)[..., :3] for k in seeds])
     return Reference(images.mean(axis=0), images.var(axis=0, ddof=1) / runs, runs)
 
 

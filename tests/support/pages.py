@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import re
+import sys
+from typing import Any
 
 from conftest import ROOT
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
@@ -16,6 +23,10 @@ PAGES = {
     )
 }
 """By path from the repository: README, CHANGELOG, CONTRIBUTING and docs/."""
+
+
+def parsed(toml: str) -> dict[str, Any]:
+    return tomllib.loads(toml)
 
 
 def blocks(text: str, language: str) -> list[str]:

@@ -12,13 +12,12 @@ from wrt.io.toml.reader import load_scene
 from wrt.scene.srgb import linear_from_srgb
 
 FULL = """
-[settings]
-width = 320
-height = 200
-spp = 12
-max_depth = 5
-filter = "tent"
-exposure = -1.5
+settings = { width = 320, height = 200, spp = 12, max_depth = 5, filter = "tent", exposure = -1.5 }
+environment = { type = "image", file = "sky.exr", scale = 2, rotation_degrees = 90 }
+lights = [
+    { type = "point", position = [1, 2, 3], power = [10, 20, 30] },
+    { type = "directional", direction = [0, -2, 0], irradiance = 3 },
+]
 
 [camera]
 type = "perspective"
@@ -29,43 +28,12 @@ fov_degrees = 35
 aperture_radius = 0.01
 focus_distance = 2
 
-[environment]
-type = "image"
-file = "sky.exr"
-scale = 2
-rotation_degrees = 90
-
-[[lights]]
-type = "point"
-position = [1, 2, 3]
-power = [10, 20, 30]
-
-[[lights]]
-type = "directional"
-direction = [0, -2, 0]
-irradiance = 3
-
-[materials.wood]
-type = "diffuse"
-reflectance = { texture = "wood.png" }
-
-[materials.painted]
-type = "diffuse"
-reflectance = "vertex-colors"
-
-[materials.silver]
-type = "mirror"
-reflectance = [0.9, 0.8, 0.7]
-
-[materials.gold]
-type = "conductor"
-eta = [0.1, 0.4, 1.4]
-k = [4, 2.4, 1.6]
-
-[materials.water]
-type = "dielectric"
-ior = 1.33
-exterior_ior = 1.1
+[materials]
+wood = { type = "diffuse", reflectance = { texture = "wood.png" } }
+painted = { type = "diffuse", reflectance = "vertex-colors" }
+silver = { type = "mirror", reflectance = [0.9, 0.8, 0.7] }
+gold = { type = "conductor", eta = [0.1, 0.4, 1.4], k = [4, 2.4, 1.6] }
+water = { type = "dielectric", ior = 1.33, exterior_ior = 1.1 }
 
 [[shapes]]
 name = "floor"
@@ -76,7 +44,6 @@ edge_v = [2, 0, 0]
 material = "wood"
 emission = 4
 two_sided_emission = true
-
 [[shapes]]
 type = "box"
 low = [0, 0, 0]
@@ -85,7 +52,6 @@ material = "gold"
 scale = [1, 2, 1]
 rotate = [{ axis = [0, 1, 0], degrees = 90 }, { axis = [2, 0, 0], degrees = 90 }]
 translate = [10, 0, 0]
-
 [[shapes]]
 type = "sphere"
 center = [1, 1, 1]
@@ -93,22 +59,18 @@ radius = 0.5
 subdivisions = 2
 material = "water"
 emission = [1, 2, 3]
-
 [[shapes]]
 type = "polygon"
 corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-0.5, 0.5, 0]]
 material = "silver"
-
 [[shapes]]
 type = "polygons"
 polygons = [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]]
 material = "painted"
-
 [[shapes]]
 type = "mesh"
 file = "meshes/roof.obj"
 rotate = { axis = [0, 0, 1], degrees = 180 }
-
 [[shapes]]
 type = "mesh"
 file = "meshes/roof.obj"
@@ -118,38 +80,17 @@ material = "silver"
 """Every section, kind of shape and transform."""
 
 COMPOSITES = """
-[materials.sheet]                  # names materials that come later
-type = "two-sided"
-front = "leaf"
-back = "speckled"
-opacity = { texture = "data.png", channel = "b", linear = true }
-
-[materials.speckled]
-type = "mix"
-first = "leaf"
-second = "paint"
-weight = { texture = "data.png", channel = "g", linear = true }
-
-[materials.leaf]
-type = "diffuse"
-reflectance = { texture = "data.png" }
-opacity = 0.75
-
-[materials.paint]
-type = "mirror"
-reflectance = { texture = "data.png", channel = "r" }
-opacity = "vertex-colors"
-
-[materials.even]
-type = "mix"
-first = "paint"
-second = "paint"
-
-[materials.lamp]
-type = "emissive"
-radiance = [1, 2, 3]
-opacity = { texture = "data.png", channel = "b", linear = true }
+[materials]  # the first names materials that come later
+sheet = { type = "two-sided", front = "leaf", back = "speckled", opacity = DATA_B }
+speckled = { type = "mix", first = "leaf", second = "paint", weight = DATA_G }
+leaf = { type = "diffuse", reflectance = { texture = "data.png" }, opacity = 0.75 }
+paint = { type = "mirror", reflectance = { texture = "data.png", channel = "r" }, opacity = "vertex-colors" }
+even = { type = "mix", first = "paint", second = "paint" }
+lamp = { type = "emissive", radiance = [1, 2, 3], opacity = DATA_B }
 """
+for _channel in "bg":
+    _texture = f'{{ texture = "data.png", channel = "{_channel}", linear = true }}'
+    COMPOSITES = COMPOSITES.replace(f"DATA_{_channel.upper()}", _texture)
 """Materials made of others and partly there."""
 
 MOVING = """
@@ -171,6 +112,66 @@ keys = [
 QUAD = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\n'
 
 ROOF = "v -1 0 0\nv 0 0.1 0\nv 0 0.1 1\nv -1 0 1\nv 1 0 0\nv 1 0 1\nf 1 4 3 2\nf 2 3 6 5\n"
+
+RED = "[materials.red]\ntype = 'diffuse'\n"
+
+MISTAKES = {
+    QUAD * 3 + 'materal = "x"': "shapes[2].materal: unknown key (did you mean 'material'?)",
+    "[cammera]": "cammera: unknown key (did you mean 'camera'?)",
+    "camera = 3": "camera: must be a table, not 3",
+    "[camera]\nfov = 40": "camera.fov: unknown key",
+    "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be less than 180, not 200",
+    '[camera]\ntype = "fish"': "camera: type must be one of 'perspective', 'orthographic', 'panorama', 'fisheye', not",
+    '[camera]\ntype = "fisheye"\naperture_radius = 1': "camera.aperture_radius: unknown key",
+    "[camera]\norigin = [0, 0]": "camera: camera origin must be three numbers, not [0, 0]",
+    "[camera]\norigin = [0, 0, 0]": "camera: camera origin and target must differ",
+    "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",
+    "[settings]\nwidth = 8\ncrop = [0, 0, 9, 4]": "settings: crop must lie inside the picture: (9, 4) is beyond",
+    "[settings]\nwidth = 0": "settings: width must be between 1 and 65536, not 0",
+    "[environment]\nradiance = 1": "environment: the key 'type' is missing",
+    '[environment]\ntype = "constant"\nradiance = -1': "environment: radiance must be at least 0, not -1",
+    '[environment]\ntype = "image"\nfile = "none.hdr"': "environment.file: {folder}/none.hdr: no such file",
+    '[environment]\ntype = "image"\nfile = 5': "environment.file: must be a text, not 5",
+    "[[lights]]\ntype = 'pont'": "lights[0]: type must be one of 'point', 'spot', 'projector', 'directional', "
+    "'rectangle', 'disk', 'sphere', not 'pont' (did you mean",
+    "[[lights]]\ntype = 'point'\nintensity = 1": "lights[0]: the key 'position' is missing",
+    "[[lights]]\ntype = 'point'\nposition = [0, 0, 0]": "lights[0]: a point light takes one of intensity, power and",
+    f"{RED}reflectance = 1.5": "materials.red: reflectance must be at most 1, not 1.5",
+    f"{RED}reflectance = 'red'": "materials.red.reflectance: must be a number",
+    f"{RED}reflectance = {{ texture = 'no.png' }}": "materials.red.reflectance.texture: {folder}/no.png: no such file",
+    f"{RED}opacity = {{ texture = 'wood.png', chanel = 'g' }}": "materials.red.opacity.chanel: unknown key (did you",
+    f"{RED}opacity = {{ texture = 'wood.png', channel = ['r'] }}": (
+        "materials.red.opacity.texture: texture wood.png: channel must be one of r, g, b, not ['r']"
+    ),
+    f"{RED}opacity = {{ texture = 'wood.png', linear = 1 }}": "materials.red.opacity: linear must be true or false",
+    "[materials.both]\ntype = 'mix'\nfirst = 'gold'\n[materials.old]\ntype = 'mirror'": (
+        "materials.both.first: there is no [materials.gold] (did you mean 'old'?)"
+    ),
+    "[materials.both]\ntype = 'two-sided'\nback = { type = 'mirror' }": "materials.both.back: must be a text, not {{",
+    "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'two-sided'\nfront = 'a'": (
+        "materials.b.front: 'a' is made of itself"
+    ),
+    "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'emissive'": (
+        "materials.a: second must not emit light; give the shape an emission instead"
+    ),
+    "".join(
+        f"[materials.m{i}]\ntype = 'mix'\nfirst = 'm{i + 1}'\n" for i in range(300)
+    ): "materials.m7.first: materials are nested more than 7 deep",
+    "[[shapes]]\norigin = [0, 0, 0]": "shapes[0]: the key 'type' is missing",
+    "[[shapes]]\ntype = ['box']": "shapes[0]: type must be one of",
+    "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0]]": "shapes[0]: corners[1] must be three numbers",
+    "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0, 0]]": "shapes[0]: a polygon needs at least three",
+    "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: not a known mesh format",
+    "[[shapes]]\ntype = 'mesh'\nfile = 'meshes/roof.obj'\nsmooth = 1": "shapes[0]: smooth must be true or false, not 1",
+    QUAD + "scale = 0": "shapes[0]: scale must not be 0",
+    QUAD + "rotate = { axis = [0, 0, 0], degrees = 1 }": "shapes[0].rotate: axis must not be zero",
+    QUAD + "rotate = [{ axis = [0, 1, 0] }]": "shapes[0].rotate[0]: the key 'degrees' is missing",
+    QUAD + "translate = [0, inf, 0]": "shapes[0]: translate[1] must be finite, not inf",
+    QUAD + f"scale = 1{'0' * 400}": "shapes[0]: ",
+    "[camera\nx = 1": "not TOML: ",
+    "x = " + "[" * 5000: "not TOML: ",
+}
+"""Texts with a mistake, and how the message begins after the name of the file."""
 
 
 def write_beside(folder: Path) -> None:

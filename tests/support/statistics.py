@@ -32,9 +32,6 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 
-# --- Histograms -----------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class ChiSquareResult:
     """The outcome of `chi_square_test`."""
@@ -58,19 +55,11 @@ def chi_square_test(
 ) -> ChiSquareResult:
     """Test counts against expected counts by Pearson's χ² (Pearson 1900; Knuth TAOCP 2, 3.3.1).
 
-    Args:
-        observed: counts, any shape.
-        expected: expected counts, same shape.
-        alpha: significance of all `tests` together.
-        tests: how many such tests are made; each is held to `sidak(alpha, tests)`.
-        min_expected: cells expecting less are pooled, smallest first, until the pool expects this much:
-            the χ² distribution is a poor approximation below about 5 (Cochran 1954).
-        samples: how many samples were drawn, where a sampler may return none: the missing ones make
-            one more cell. By default all of them are in `observed`.
-        total_tolerance: greatest relative error of the sum of `expected`: a density that does not integrate
-            to 1 is wrong, whatever its shape.
-
-    Fails at once if a sample lies where the density is zero.
+    `alpha` is the significance of all `tests` together. Cells that expect less than `min_expected` are pooled, smallest
+    first: the χ² distribution is a poor approximation below about 5 (Cochran 1954). Of `samples`, those that are not
+    `observed` make one more cell, for samplers that may return none. `total_tolerance` is the greatest relative error
+    of the sum of `expected`: a density that does not integrate to 1 is wrong, whatever its shape. Fails at once if a
+    sample lies where the density is zero.
     """
     counts = np.asarray(observed, np.float64).ravel()
     means = np.asarray(expected, np.float64).ravel()
@@ -138,21 +127,11 @@ def integrate_pdf_over_bins(
     min_levels: int = 2,
     max_levels: int = 12,
 ) -> FloatArray:
-    """Integrate a density over solid angle in the cells of `sphere_histogram`.
+    """Return the probability of each cell of `sphere_histogram` for a density `pdf` of (N, 3) unit vectors.
 
-    Gauss-Legendre quadrature in (cos θ, φ), whose area element is that of the sphere; a rectangle is
-    split in four until that changes its integral by less than `tolerance`.
-
-    Args:
-        pdf: takes (N, 3) unit vectors and returns N densities per steradian.
-        resolution: cells in cos θ and φ.
-        tolerance: absolute, of the probability in a rectangle.
-        order: Gauss points a side.
-        min_levels: times a cell is split in any case, lest a step that clips a corner go unseen.
-        max_levels: most times a cell is split; a step in the density needs them.
-
-    Returns:
-        Array of the shape `resolution`: the probability of each cell.
+    Gauss-Legendre quadrature with `order` points a side in (cos θ, φ), whose area element is that of the sphere; a
+    rectangle is split in four until that changes its integral by less than `tolerance`: at least `min_levels` times,
+    lest a step that clips a corner go unseen, and at most `max_levels` times, which a step in the density needs.
     """
     rows, columns = resolution
     z = np.linspace(-1.0, 1.0, rows + 1)
@@ -193,17 +172,10 @@ def _gauss(pdf: Callable[[FloatArray], ArrayLike], rectangles: FloatArray, order
     return np.asarray(np.sum(values * weight[:, None] * weight[None, :] * area, axis=(1, 2)))
 
 
-# --- Means ----------------------------------------------------------------------------------------
-
-
 def t_test_mean(mean: ArrayLike, variance_of_mean: ArrayLike, n: ArrayLike, expected: ArrayLike) -> FloatArray:
-    """Return two-sided p-values of means of `n` samples against exact values (Student 1908).
+    """Return two-sided p-values of means of `n` >= 2 samples against exact values (Student 1908).
 
-    Args:
-        mean: estimates, any shape.
-        variance_of_mean: their estimated variances: the samples' unbiased variance divided by n.
-        n: samples behind each, at least 2.
-        expected: what they should be.
+    `variance_of_mean` is the samples' unbiased variance divided by n.
     """
     z = two_sample_z(mean, variance_of_mean, expected, 0.0, n_a=n)
     return np.asarray(2.0 * stats.norm.sf(np.abs(z)))

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
 
 import wrt
+from wrt.backend.lanes import lanes_of
+from wrt.backend.processor import processor_flags
 from wrt.rendering.wide_kernel import threads_of
 from wrt.scene.layers import LAYERS
+
+LANES = lanes_of(processor_flags())
+needs_lanes = pytest.mark.skipif(not LANES, reason="the processor has neither AVX-512 nor AVX2")
 
 VIEW: dict[str, Any] = {"origin": (0.2, 1.5, 5.0), "target": (0.0, 0.6, 0.0)}
 WIDE_OPEN: dict[str, Any] = {**VIEW, "aperture_radius": 0.1, "focus_distance": 5.0}
@@ -277,3 +285,29 @@ def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
 
     threads = threads_of(renderer.film.width, renderer.film.height, TILE)
     return _made_once(renderer._kernel._features, lanes), threads
+
+
+Bits = dict[str, NDArray[Any]]
+
+
+def bits(renderer: wrt.Renderer, kernel: wp.Kernel, threads: int, start: Bits, spp: Sequence[int]) -> Bits:
+    """Return what a kernel makes of a film by passes up to so many samples a pixel, going on from what is there."""
+    renderer.film.restore(start)
+    renderer.film.data.rays.zero_()
+    for target in spp:
+        wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+    return {**renderer.film.state(), "rays": renderer.film.data.rays.numpy().copy()}
+
+
+def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), lanes: int = 0, **options: Any) -> list[str]:
+    """Render a scene by both kernels, and return which arrays of the film differ in any bit.
+
+    With passes of fewer samples than lanes and of more, of which as many of a pixel are followed together.
+    """
+    renderer = wrt.Renderer(scene, **{"width": 45, "height": 31, "threads": 1, **options})
+    start = renderer.film.state()
+    one = bits(renderer, renderer._kernel.scalar, renderer.film.pixels, start, spp)
+    many = bits(renderer, *wide_kernel(renderer, lanes or LANES), start, spp)
+    assert one["total"].any()
+    assert one["count"].min() >= spp[-1]
+    return [name for name in one if one[name].tobytes() != many[name].tobytes()]

@@ -1,0 +1,82 @@
+"""docs/own-camera.md: its program runs, and a camera of one's own sees what its formula says."""
+
+import re
+import runpy
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import wrt
+from wrt.kernels.camera.perspective import MODEL as PINHOLE
+from wrt.scene.camera import CAMERAS
+
+(CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-camera.md").read_text("utf-8"), re.M | re.S)
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """What the page's program defines; it has run, but for its render, from a file since Warp reads it."""
+    path = tmp_path_factory.mktemp("own") / "stereographic.py"
+    path.write_text(CODE, "utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path.parent)
+        patch.setattr(wrt, "render", lambda scene, **size: np.full((8, 8, 3), 0.5))
+        program = runpy.run_path(str(path), run_name="__main__")
+    assert wrt.load_image(path.parent / "stereographic.png").shape == (8, 8, 3)
+    yield SimpleNamespace(**program)
+    CAMERAS.pop("stereographic", None)  # leave the register as it was found
+
+
+@pytest.mark.slow
+def test_it_sees_by_its_formula_and_projects_back(example, device):
+    """Inside a large ball: positions lie in the directions of the pixels, and what stands still moves by nothing."""
+    scene = wrt.Scene()
+    scene.add(wrt.sphere(radius=50.0, subdivisions=6))
+    motion = wrt.Motion([0.0, 1.0], [np.eye(4), np.eye(4)])
+    scene.camera = example.StereographicCamera((0, 0, 0), (0, 0, -1), motion=motion, shutter_close=1.0)
+    n = 24
+    how = {"integrator": "aov", "layers": ("position", "motion"), "filter": "box", "device": device}
+    renderer = wrt.Renderer(scene, width=n, height=n, **how)
+    for _ in renderer.passes(spp=64):
+        pass
+    layers = renderer.layers()
+    pixel = 4.0 * np.tan(np.radians(45.0)) / n
+    x, y = np.meshgrid((np.arange(n) + 0.5 - n / 2) * pixel, -(np.arange(n) + 0.5 - n / 2) * pixel)
+    angle, turn = 2.0 * np.arctan(np.hypot(x, y) / 2.0), np.arctan2(y, x)
+    expected = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), -np.cos(angle)], axis=-1)
+    seen = layers["position"] / np.linalg.norm(layers["position"], axis=-1, keepdims=True)
+    # The sample nearest to a pixel's middle is within a few hundredths of a pixel's width of it in most.
+    assert np.median(np.linalg.norm(seen - expected, axis=-1)) < 0.15 * pixel
+    assert np.abs(seen - expected).max() < pixel
+    np.testing.assert_allclose(layers["motion"], 0.0, atol=2e-3)
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_pinhole_is_the_pinhole(device):
+    class Copy(wrt.PerspectiveCamera):
+        type_name = "copy-of-perspective"
+
+    wrt.register_camera(Copy, PINHOLE)
+    try:
+        scene = wrt.load("cornell-box")
+        place = {"origin": scene.camera.origin, "target": scene.camera.target, "aperture_radius": 0.05}
+        images = []
+        for cls in (wrt.PerspectiveCamera, Copy):
+            scene.camera = cls(**place)
+            images.append(wrt.render(scene, width=16, height=16, spp=2, device=device))
+    finally:
+        del CAMERAS[Copy.type_name]
+    assert images[0].max() > 0.0
+    np.testing.assert_array_equal(*images)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("", "'' is empty or taken"), ("fisheye", "'fisheye' is empty or taken"), ("odd name", "a mod")],
+)
+def test_what_cannot_be_registered_is_refused(name, message):
+    cls = type("Own", (wrt.Camera,), {"type_name": name})
+    with pytest.raises(wrt.InputError, match=rf"^Own: .*{message}"):
+        wrt.register_camera(cls, PINHOLE)

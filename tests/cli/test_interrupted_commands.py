@@ -1,0 +1,171 @@
+"""Ctrl-C, SIGTERM and a kill: status and one line, no file half written, and the same bytes after a resume."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from support.commands import ENVIRONMENT, ROOM, SMALL, run, start, wait_for, without_progress
+
+from wrt.cli import main
+from wrt.cli.signals import Interrupts
+
+BOX = ["render", "cornell-box", "--size", "32x32"]
+
+
+@pytest.mark.slow
+def test_killed_and_resumed_gives_the_same_bytes(tmp_path: Path) -> None:
+    samples = 2048
+    command = [*BOX, "--spp", str(samples), "--checkpoint", "state", "--resume", "--save-every", "0.05"]
+    killed = start(tmp_path, *command, "-o", "resumed.npy")
+    wait_for(tmp_path / "state", killed)
+    killed.kill()
+    _, said = killed.communicate()
+    assert killed.returncode == -signal.SIGKILL
+    assert without_progress(said) == "wrt: no checkpoint state yet; starting from the beginning\n"
+
+    resumed = run(tmp_path, *command, "-o", "resumed.npy")
+    assert resumed.returncode == 0, resumed.stderr
+    found = re.match(r"wrt: resuming from state, (\d+) samples per pixel\n", resumed.stderr)
+    assert found, resumed.stderr
+    assert 0 < int(found[1]) < samples, "the kill came too late to prove anything"
+
+    whole = run(tmp_path, *BOX, "--spp", str(samples), "--threads", "1", "-o", "whole.npy")
+    assert whole.returncode == 0, whole.stderr
+    assert (tmp_path / "resumed.npy").read_bytes() == (tmp_path / "whole.npy").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_saves_picture_and_checkpoint(number: signal.Signals, status: int, tmp_path: Path) -> None:
+    command = [*BOX, "--spp", "100000000", "--checkpoint", "state", "-o", "out.png"]
+    process = start(tmp_path, *command, "--save-every", "0.3")
+    wait_for(tmp_path / "out.png", process)
+    process.send_signal(number)
+    out, said = process.communicate(timeout=60)
+    assert (process.returncode, out) == (status, "")
+    stopped = r"wrt: stopped: at ((\d+)(?: to \d+)?) samples per pixel; out\.png and state saved\n"
+    found = re.fullmatch(stopped, without_progress(said))
+    assert found, said
+    # Both hold what was there at the end, not what an earlier save left.
+    with Image.open(tmp_path / "out.png") as picture:
+        assert picture.size == (32, 32)
+        assert picture.text["Samples per pixel"] == found[2]  # type: ignore[attr-defined]
+    resumed = run(tmp_path, *BOX, "--spp", "1", "--checkpoint", "state", "--resume", "-o", "out.png")
+    assert resumed.returncode == 0
+    assert resumed.stderr.startswith(f"wrt: resuming from state, {found[1]} samples per pixel\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "state"]
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_inputs(tmp_path: Path) -> None:
+    for name in ("one.toml", "two.toml"):
+        (tmp_path / name).write_text(ROOM)
+    process = start(tmp_path, "render", "one.toml", "two.toml", *SMALL[:2], "--time", "1h", "--save-every", "0.2")
+    wait_for(tmp_path / "one.png", process)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    first, second = without_progress(said).splitlines()
+    assert re.fullmatch(r"wrt: stopped: at \d+(?: to \d+)? samples per pixel; one\.png saved", first)
+    assert second == "wrt: stopped: two.toml: not rendered"
+    assert not list(tmp_path.glob("two*.png"))
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_before_the_first_sample_leaves_no_file(
+    number: signal.Signals, status: int, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("wrt.api.load", lambda *_, **__: signal.raise_signal(number))
+    try:
+        assert main([*BOX, "--checkpoint", "state"]) == status
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "the handler found was not put back"
+    finally:
+        signal.signal(signal.SIGINT, handlers[0])
+    assert signal.getsignal(signal.SIGTERM) is handlers[1]
+    assert capsys.readouterr().err == "wrt: stopped: nothing was rendered yet\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_while_saving_waits_for_the_end_and_only_the_first_counts() -> None:
+    done: list[str] = []
+
+    def save() -> None:
+        signal.raise_signal(signal.SIGTERM)
+        done.append("saved")
+
+    with Interrupts() as interrupts:
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.hold(save)
+        assert done == ["saved"]
+        signal.raise_signal(signal.SIGTERM)  # an impatient second one
+        assert interrupts.exit_status == 143
+
+
+# The program sends itself the signal after a number of function calls from its first line on. What Python prints when
+# it is interrupted earlier is beyond the program's control.
+PROGRAM = """
+import sys, _signal
+left = int(sys.argv.pop(1))
+
+def count(frame, event, argument):
+    global left
+    left -= 1
+    if left == 0:
+        sys.setprofile(None)
+        _signal.raise_signal(_signal.SIGINT)
+
+_signal.signal(_signal.SIGINT, _signal.default_int_handler)
+import wrt
+assert _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler, "a library leaves signals alone"
+import importlib.util
+spec = importlib.util.find_spec("wrt.__main__")
+program = importlib.util.module_from_spec(spec)
+source = spec.loader.get_source("wrt.__main__")
+first, found, rest = source.partition("from wrt.cli import main")
+assert found
+exec(compile(first, "first", "exec"), vars(program))
+sys.setprofile(count)
+exec(compile(found + rest, "rest", "exec"), vars(program))
+program.run()
+"""
+
+MOMENTS = {
+    "scenes": (1, 300, 3000),
+    "render --help": (30, 10_000),
+    "info teapot": (3000, 30_000, 100_000),
+    "convert teapot teapot.toml": (10_000, 60_000, 300_000),
+    "render cornell-box --size 16x16 --spp 4": (1, 3000, 30_000, 60_000, 100_000, 300_000),
+}
+QUICK = (("scenes", 1), ("scenes", 300), ("info teapot", 30_000))
+
+
+@pytest.mark.parametrize(
+    ("command", "moment"),
+    [
+        pytest.param(command, moment, marks=() if (command, moment) in QUICK else pytest.mark.slow)
+        for command, moments in MOMENTS.items()
+        for moment in moments
+    ],
+)
+def test_no_traceback_at_any_moment(command: str, moment: int, tmp_path: Path) -> None:
+    program = [sys.executable, "-c", PROGRAM, str(moment), *command.split()]
+    result = subprocess.run(program, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert result.returncode in (0, 130, -signal.SIGINT), result.stderr
+    if moment == 1:
+        assert result.returncode == -signal.SIGINT, "the signal never came"
+    assert "Traceback" not in result.stderr
+    assert "ignored" not in result.stderr
+    said = without_progress(result.stderr)
+    if result.returncode == 130:
+        assert said.startswith("wrt: stopped: ")
+        assert said.count("\n") == 1
+    assert not [path.name for path in tmp_path.iterdir() if path.name.startswith(".")], "a file is left half written"

@@ -1,0 +1,152 @@
+"""`wrt materials` tells of every material what its class says; `wrt info` tells what is in a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import wrt
+from wrt.cli import main
+from wrt.describe.materials import WIDTH, explain_material, parameters_of
+from wrt.describe.scene import MOST_ROWS, scene_text
+from wrt.scene.materials import MATERIALS
+
+COMMON = {"opacity", "normal_map"}
+
+
+def sections(text: str) -> dict[str, list[str]]:
+    """Return the indented lines under each heading."""
+    found: dict[str, list[str]] = {}
+    for paragraph in text.split("\n\n"):
+        head, *rows = paragraph.split("\n")
+        if rows and all(row.startswith("  ") for row in rows):
+            found[head.partition(":")[0]] = rows
+    return found
+
+
+def test_the_list_has_every_material_and_every_parameter_in_columns(capsys) -> None:
+    assert main(["materials"]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= WIDTH
+    listed = sections(text)
+    assert list(listed) == [*MATERIALS, "every material"]
+    columns = set()
+    for name, rows in listed.items():
+        cls = MATERIALS.get(name, wrt.Material)
+        own = {field.name for field in dataclasses.fields(cls)} - (set() if cls is wrt.Material else COMMON)
+        found = [re.fullmatch(r"  (\w+)(\*?) +(\S+) +(\S.*)", row) for row in rows]
+        assert all(found), rows
+        assert {match[1] for match in found if match} == own
+        columns |= {match.start(group) for match in found if match for group in (3, 4)}
+    assert len(columns) == 2, "defaults and meanings each begin in one column"
+
+
+def test_one_material_is_explained_in_full() -> None:
+    """Nothing that the class says is left out: the same words in the same order, paragraph by paragraph."""
+    for name, cls in MATERIALS.items():
+        text = explain_material(name)
+        assert max(map(len, text.splitlines())) <= WIDTH
+        assert text.startswith(f"{name} (in Python wrt.{cls.__name__})\n")
+        description, _, attributes = (inspect.getdoc(cls) or "").replace("`", "").partition("\nAttributes:\n")
+        meanings = re.findall(r"^    [\w, ]+: (.*(?:\n        .*)*)", attributes, re.MULTILINE)
+        words = " ".join(text.split())
+        assert [said for said in (*description.split("\n\n"), *meanings) if " ".join(said.split()) not in words] == []
+        assert [parameter.name for parameter in parameters_of(cls) if not parameter.meaning] == [], name
+
+
+def test_defaults_are_written_as_in_scene_files() -> None:
+    shown = {p.name: (p.default, p.varies) for p in parameters_of(wrt.RoughConductor)}
+    expected = {"alpha": ("0.1", True), "distribution": ('"ggx"', False), "multiple_bounces": ("false", False)}
+    assert {name: shown[name] for name in (*expected, "metal")} == {**expected, "metal": ("none", False)}
+    mix = {p.name: p.default for p in parameters_of(wrt.Mix, inherited=False)}
+    assert mix == {"first": "diffuse", "second": "diffuse", "weight": "0.5"}
+
+
+def test_a_material_of_ones_own_is_listed_too(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Chalk(wrt.Diffuse):
+        """Soft white limestone.
+
+        Attributes:
+            dust: how much of it lies about; a share.
+            crumbs, size: of what fell off.
+        """
+
+        dust: float = 0.25
+        crumbs: tuple[float, ...] = (1.0, 2.0)
+        size: str = "small"
+
+        type_name: ClassVar[str] = "chalk"
+
+    monkeypatch.setitem(MATERIALS, "chalk", Chalk)
+    assert main(["materials"]) == 0
+    rows = [" ".join(row.split()) for row in sections(capsys.readouterr().out)["chalk"]]
+    assert rows == [
+        "reflectance* 0.18 fraction of light reflected per channel, 0 to 1",
+        "dust 0.25 how much of it lies about",
+        "crumbs [1.0, 2.0] of what fell off",
+        'size "small" of what fell off',
+    ]
+    assert main(["materials", "chalk"]) == 0
+    assert capsys.readouterr().out.startswith(f"chalk (in Python {__name__}.Chalk)\n\nSoft white limestone.\n\n  refl")
+
+
+def row(text: str, name: str) -> list[str]:
+    """Return the words of the only line that begins with `name`."""
+    (line,) = [line for line in text.splitlines() if line.split()[:1] == [name]]
+    return line.split()
+
+
+def test_a_scene_is_told_in_counts_and_tables() -> None:
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(fov_degrees=30.0), environment=wrt.ConstantEnvironment(0.5))
+    image = np.full((4, 8, 3), 0.5, np.float32)
+    floor = wrt.quad((0, 0, 0), (1, 0, 0), (0, 2, 0))
+    roughness = wrt.ImageTexture(image, "wood.png", channel="g")
+    paint = wrt.Principled(wrt.ImageTexture(image, "wood.png"), roughness=roughness)
+    scene.add(floor, material=paint, name="floor")
+    scene.add(floor, material=wrt.Mix(paint, wrt.Diffuse(0.25)), name="wall")
+    scene.add(wrt.sphere((0, 0, 0), 1.0, subdivisions=2), emission=2.0, name="lamp")
+    scene.add_light(wrt.PointLight((1.0, 2.0, 3.0), intensity=4.0))
+    text = scene_text(scene)
+    triangles, vertices = 4 + len(scene.shapes[2].mesh.faces), 4 + len(scene.shapes[2].mesh.vertices)
+    counts = f"3 shapes of 2 meshes, {triangles} triangles, {vertices} vertices, 4 materials, 1 texture;"
+    assert text.startswith(counts)
+    assert row(text, "floor") == ["floor", "2", "4", "uvs", "0"]
+    assert row(text, "lamp")[-2:] == ["emission", "3"]
+    assert row(text, "wood.png")[1:] == ["8", "x", "4", "base_color,", "roughness"]
+    for line in (
+        "camera      PerspectiveCamera: fov_degrees 30",
+        "environment ConstantEnvironment: radiance 0.5",
+        "0          principled  base_color from wood.png, roughness from wood.png (g)",
+        "1          mix         first 0, second 2",
+        "PointLight: position (1, 2, 3), intensity 4",
+    ):
+        assert line in text
+    for number in range(MOST_ROWS):
+        scene.add(floor, name=f"tile{number}")
+    text = scene_text(scene)
+    assert f"  tile{MOST_ROWS - 4} " in text
+    assert f"  tile{MOST_ROWS - 3} " not in text
+    assert "  and 3 more" in text
+
+
+@pytest.mark.filterwarnings("default")
+def test_info_prints_it(tmp_path: Path, capsys) -> None:
+    (tmp_path / "one.obj").write_text("mtllib no.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert main(["info", str(tmp_path / "one.obj")]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("1 shape of 1 mesh, 1 triangle, 3 vertices, 1 material, 0 textures;")
+    assert printed.err.count("\n") == 1
+    assert "wrt: warning:" in printed.err
+    mesh = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    for colors, reflectance in ({}, "(0.62, 0.6, 0.57)"), ({"colors": np.full((4, 3), 0.5)}, "vertex-colors"):
+        np.savez(tmp_path / "mesh.npz", vertices=mesh.vertices, faces=mesh.faces, **colors)
+        assert main(["info", str(tmp_path / "mesh.npz")]) == 0
+        assert f"diffuse  reflectance {reflectance}" in capsys.readouterr().out
+        assert f"diffuse  reflectance {reflectance}" in scene_text(wrt.load(tmp_path / "mesh.npz"))

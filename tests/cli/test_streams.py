@@ -1,0 +1,108 @@
+"""No command ends in a traceback if standard streams are closed, full, read by nobody or ASCII only."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.commands import ENVIRONMENT, ROOM, SMALL, run, without_progress
+
+from wrt.cli import main
+
+PRINTING = {
+    "--help": ["--help"],
+    "scenes": ["scenes"],
+    "one material": ["materials", "diffuse"],
+    "completion": ["completion", "bash"],
+    "info": ["info", "möbius.toml"],
+    "render --json": ["render", "möbius.toml", *SMALL, "--json"],
+}
+"""Commands whose result is their standard output; that of others is a file."""
+
+UNUSABLE = {"no file": ["render", "abßent.obj"], "no option": ["render", "x.obj", "--nö"]}
+WRITING = {"convert": ["convert", "teapot", "teapot.toml"], "render": ["render", "möbius.toml", *SMALL]}
+COMMANDS = {**PRINTING, **WRITING, **UNUSABLE}
+
+STATES = ("stdout full", "ascii:strict", "both closed", "stdout closed", "stderr closed", "stdout broken")
+STATES += ("both broken", "stderr full", "utf-16", "C")
+THOROUGH = {"--help": 10, "no file": 10, "render": 5, "render --json": 6}
+"""In how many states these commands are tried; others share their code, and are tried in the first two."""
+
+QUICK = {"--help": ("stdout full", "stdout closed", "stdout broken"), "no file": STATES[1:3]}
+
+SAID = {
+    "stdout closed": "standard output: Bad file descriptor",
+    "stdout full": "standard output: No space left on device",
+}
+
+
+@contextlib.contextmanager
+def streams(state: str) -> Iterator[dict[str, Any]]:
+    """Yield options of a process whose streams are in a state."""
+    what, _, how = state.partition(" ")
+    names = ("stdout", "stderr") if what == "both" else (what,)
+    if how == "closed":
+        yield {"before": lambda: [os.close({"stdout": 1, "stderr": 2}[name]) for name in names]}
+    elif how == "full":
+        with open("/dev/full", "wb", buffering=0) as device:
+            yield dict.fromkeys(names, device)
+    elif how == "broken":
+        reading, writing = os.pipe()
+        os.close(reading)
+        yield dict.fromkeys(names, writing)
+        os.close(writing)
+    elif state == "C":
+        yield {"env": {**ENVIRONMENT, "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}}
+    else:
+        yield {"env": {**ENVIRONMENT, "PYTHONIOENCODING": state}}
+
+
+@pytest.mark.parametrize(
+    ("command", "state"),
+    [
+        pytest.param(command, state, marks=() if state in QUICK.get(command, ()) else pytest.mark.slow)
+        for command in COMMANDS
+        for state in STATES[: THOROUGH.get(command, 2)]
+    ],
+)
+def test_streams_in_every_state(command: str, state: str, tmp_path: Path) -> None:
+    (tmp_path / "möbius.toml").write_text(ROOM)
+    with streams(state) as options:
+        done = run(tmp_path, *COMMANDS[command], text=False, **options)
+    for said in (done.stdout or b"", done.stderr or b""):
+        assert b"Traceback" not in said, said.decode(errors="replace")
+        assert b"Exception" not in said, said.decode(errors="replace")
+    lost = state.startswith(("stdout", "both")) and command in PRINTING
+    assert done.returncode == (2 if command in UNUSABLE else int(lost)), done.stderr
+    if lost and state.startswith("stdout"):
+        said = without_progress(done.stderr.decode()).splitlines()[command == "render --json" :]
+        assert said == ([f"wrt: error: {SAID[state]}"] if state in SAID else []), "a closed pipe is no error"
+    if command == "render":  # the picture, not text for standard error
+        assert (tmp_path / "möbius.png").read_bytes().startswith(b"\x89PNG")
+    if (command, state) == ("no file", "ascii:strict"):
+        assert done.stderr.startswith(rb"wrt: error: ab\xdfent.obj: no such file")
+
+
+@pytest.mark.parametrize("command", ["info", pytest.param("render", marks=pytest.mark.slow)])
+def test_names_that_are_no_text(command: str, tmp_path: Path) -> None:
+    name, arguments = os.fsdecode(b"m\xff\xe9.toml"), SMALL if command == "render" else ()
+    (tmp_path / name).write_text(ROOM)
+    done = run(tmp_path, command, *arguments, name, text=False)
+    assert done.returncode == 0, done.stderr
+    absent = run(tmp_path, command, *arguments, os.fsdecode(b"\xfe") + name, text=False)
+    assert absent.returncode == 2
+    assert absent.stderr.startswith(rb"wrt: error: \udcfem\udcff\udce9.toml: no such file")
+
+
+def test_nul_characters_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in COMMANDS.values():
+        for number in range(len(arguments) if arguments[0] != "--help" else 0):
+            assert main([*arguments[:number], arguments[number] + "\0x", *arguments[number + 1 :]]) == 2
+            said = capsys.readouterr().err
+            assert said.startswith("wrt: error: ")
+            assert "NUL" in said
+            assert said.count("\n") == 1

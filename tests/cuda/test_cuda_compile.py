@@ -1,0 +1,289 @@
+"""Every kernel compiles for CUDA. NVRTC comes with Warp, so no GPU is needed."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+import warp as wp
+from support.feature_sets import MODELS, SHADING, declared_kernels, kernel_modules, other_models
+from support.films_of_devices import FILMS, OPTIONS, film_cases
+
+import wrt
+import wrt.kernels
+from wrt.backend.warp_backend import initialize_warp
+from wrt.kernels import regeneration
+from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
+from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
+from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
+from wrt.kernels.features import Features
+from wrt.kernels.integrators import path
+from wrt.kernels.integrators.path import has_panes
+from wrt.kernels.integrators.registry import INTEGRATORS
+from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
+from wrt.kernels.media.bodies import make_count_crossings
+from wrt.kernels.regeneration import can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
+from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
+from wrt.scene.scene import SAMPLERS
+
+ARCHITECTURE = 75
+"""Turing, the oldest that Warp supports. test_cuda_films.py compiles for Hopper."""
+
+TABLE_KERNELS = (make_coat_kernel, make_missing_kernel, make_missing_dielectric_kernel)
+FACTORIES = {
+    ("wrt.kernels.render", "make_render_kernel"),
+    ("wrt.kernels.regeneration", "make_regenerating_kernel"),
+    ("wrt.kernels.media.bodies", "make_count_crossings"),
+    *((f.__module__, f.__name__) for f in TABLE_KERNELS),
+}
+"""Functions that make kernels; each is called below."""
+
+ALL_LIGHTS = (*LIGHT_SHAPES, "projector", "projector:spot")
+
+THREE = [
+    # A loop for each path, as with layers, and all that it asks of the features itself.
+    Features(
+        ("dielectric", "diffuse", "null"),
+        True,
+        "image",
+        opacity=True,
+        instances="still",
+        clamped=True,
+        aovs=True,
+        media="scattering",
+        grid_media=True,
+        nested=True,
+    ),
+    # One loop that begins paths together.
+    Features(
+        ("diffuse", "thin_dielectric"),
+        True,
+        "constant",
+        light_tree=True,
+        tangents=True,
+        composite="mixed",
+        uv2_alpha=True,
+        mipmapped=True,
+        regularized=True,
+        instances="deforming",
+        exact="quadrics",
+        light_shapes=ALL_LIGHTS,
+    ),
+    Features(("diffuse", "mirror"), False, "none", integrator="whitted"),
+]
+"""Together all features that are on or off, and the loops of all kinds of integrators."""
+
+COMPILED = [
+    *THREE,
+    Features(
+        ("diffuse", "null", "thin_dielectric"), False, "constant", aovs=True, media="absorbing", light_shapes=ALL_LIGHTS
+    ),
+    Features(("diffuse",), False, "none", composite="mixed", aovs=True),
+    Features(("diffuse",), False, "none", instances="moving", exact="spheres"),
+    Features(("diffuse",), False, "none", exact="quadrics", clamped=True, composite="mixed"),
+    *SHADING,
+    *(
+        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
+        for name in INTEGRATORS
+        if name not in ("path", "aov")
+    ),
+    Features(("diffuse",), False, "none", integrator="aov", aovs=True, guides=True),
+]
+"""What no kernel has that test_cuda_films.py compiles for its films; see test_every_feature_is_compiled."""
+
+COMPILED.append(other_models(COMPILED))
+MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
+
+
+def compile_for_cuda(module: wp.Module, folder: Path, mode: str = "release") -> str:
+    """Compile a module, check that no function is missing, and return its PTX."""
+    initialize_warp()
+    usual = module.options["mode"]
+    module.options["mode"] = mode
+    try:
+        paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
+    finally:
+        module.options["mode"] = usual
+    assert [path.suffix for path in paths] == [".ptx"]
+    text = paths[0].read_text()
+    assert f".target sm_{ARCHITECTURE}" in text
+    assert set(re.findall(r"^\.extern \.func .*?(\w+)$", text, re.MULTILINE)) <= {"vprintf", "__assertfail"}
+    return text
+
+
+@pytest.mark.parametrize(
+    "features",
+    [pytest.param(f, marks=pytest.mark.slow if f in THREE else pytest.mark.machinery, id=f.name) for f in COMPILED],
+)
+def test_render_kernels_compile(features: Features, tmp_path: Path) -> None:
+    kernel = make_gpu_render_kernel(features)
+    # NVRTC's optimizer takes up to a minute and refuses nothing that its front end accepts.
+    text = compile_for_cuda(kernel.module, tmp_path, mode="debug")
+    assert f".visible .entry {kernel.get_mangled_name()}" in text
+    assert "div.approx.ftz.f32" in text
+    assert "div.rn.f32" not in text
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_compile(name: str, tmp_path: Path) -> None:
+    text = compile_for_cuda(wp.get_module(name), tmp_path)
+    for kernel in declared_kernels().values():
+        if kernel.module.name == name:
+            assert f".visible .entry {kernel.get_mangled_name()}" in text
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("instances", ["none", "still", "deforming"])
+def test_kernels_that_look_around_compile(instances: str, tmp_path: Path) -> None:
+    compile_for_cuda(make_count_crossings(instances).module, tmp_path)
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("make_kernel", TABLE_KERNELS, ids=lambda make_kernel: make_kernel.__name__)
+def test_kernels_of_tables_compile(make_kernel: Callable[[str, str], wp.Kernel], tmp_path: Path) -> None:
+    compile_for_cuda(make_kernel("ggx", "smith").module, tmp_path)
+
+
+@wp.func_native("return __builtin_elementwise_max(a, 1.0f);")
+def clang_only(a: float) -> float: ...
+
+
+@wp.kernel(enable_backward=False, module="test_cuda_compile.wrong")
+def wrong(out: wp.array(dtype=float)):
+    out[0] = clang_only(out[0])
+
+
+@pytest.mark.slow
+def test_code_that_only_clang_knows_does_not_compile(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match=r"CUDA|NVRTC|compile"):
+        compile_for_cuda(wrong.module, tmp_path)
+
+
+# --- Nothing is left out ------------------------------------------------------------------------------
+
+VALUES = {
+    "environment": ("none", "constant", "image"),
+    "sampler": SAMPLERS,
+    "instances": ("none", "still", "moving", "deforming"),
+    "integrator": tuple(INTEGRATORS),
+    "media": ("none", "absorbing", "scattering"),
+    "composite": ("none", "sides", "mixed"),
+    "exact": ("none", "spheres", "quadrics"),
+    "models": MODELS,
+    "light_shapes": ALL_LIGHTS,
+}
+"""What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
+
+ASKED = "media", "grid_media", "nested", "opacity", "mixed", "clamped", "light_shapes", "geometry", "models"
+"""The features that the loops along a path ask for: the rest is in functions that both loops call."""
+
+CHOSEN = {"cameras", "slot_loop", "shadows_meet", "tiles"}
+"""Features from outside, and those that `make_gpu_render_kernel` chooses."""
+
+FLAGS = {field.name for field in fields(Features)} - {*VALUES, *CHOSEN}
+
+
+def values_of(features: Features) -> set[tuple[str, object]]:
+    """Return the names and values of features; tuples value by value."""
+    pairs = [(field.name, getattr(features, field.name)) for field in fields(features)]
+    return {(name, each) for name, value in pairs for each in (value if isinstance(value, tuple) else (value,))}
+
+
+@pytest.mark.machinery
+def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
+    """Here or for a film of test_cuda_films.py; and what the loops along a path ask for, in both loops."""
+    known, made = film_cases(), list(COMPILED)
+    for name in FILMS:
+        options = OPTIONS.get(name, known[name].options)
+        renderer = wrt.Renderer(known[name].make(), **{**options, "width": 8, "height": 8, "device": "cpu"})
+        made.append(renderer._kernel._features)
+    asked = {(name, value) for name, values in VALUES.items() for value in values}
+    asked |= {(name, value) for name in FLAGS for value in (False, True)}
+    assert set().union(*map(values_of, made)) >= asked
+    loops = [features for features in made if features.integrator == "path"]
+    for loop in ([each for each in loops if can_regenerate(each) is regenerates] for regenerates in (False, True)):
+        found = set().union(*map(values_of, loop))
+        assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
+        assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
+        assert {True, False} == {has_panes(features.models) for features in loop}
+
+
+def test_three_kernels_have_all_features_that_are_on_or_off() -> None:
+    on = {name for features in THREE for name in FLAGS if getattr(features, name)}
+    assert on >= FLAGS - {"guides"}
+
+
+def test_the_loop_asks_for_nothing_else() -> None:
+    asked: set[str] = set()
+    for module in (path, regeneration):
+        asked |= set(re.findall(r"\bfeatures\.(\w+)", Path(str(module.__file__)).read_text(encoding="utf-8")))
+    # The source of random numbers is a function too, bodies are media or nested, and layers have no such kernel.
+    assert asked - {"sampler", "bodies", "integrator", "aovs"} == set(ASKED)
+
+
+def test_no_kernel_is_left_out() -> None:
+    """What is written with @wp.kernel is in a module compiled above, or a factory called above."""
+
+    def is_kernel(decorator: ast.expr) -> bool:
+        called = decorator.func if isinstance(decorator, ast.Call) else decorator
+        return ast.unparse(called) == "wp.kernel"
+
+    top_level, made = set(), set()
+    for module in kernel_modules():
+        for node in ast.parse(Path(str(module.__file__)).read_text()).body:
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.FunctionDef) and any(is_kernel(d) for d in inner.decorator_list):
+                    if inner is node:
+                        top_level.add(f"{module.__name__}.{inner.name}")
+                    else:
+                        made.add((module.__name__, getattr(node, "name", "")))
+    assert top_level == set(declared_kernels())
+    assert made == FACTORIES
+
+
+# --- What a GPU adds to the features of a scene -------------------------------------------------------
+
+PLAIN = Features(("diffuse",), False, "none")
+
+
+def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
+    """A GPU refuses a launch of larger blocks than a kernel is bound to."""
+    for make in (make_render_kernel, make_regenerating_kernel):
+        kernel = make(PLAIN)
+        assert kernel.options["launch_bounds"] == CUDA_BOUNDS
+        assert CUDA_BOUNDS[0] == kernel.module.options["block_dim"]
+
+
+def test_kernels_for_gpus_alone_divide_approximately_whoever_made_them() -> None:
+    # No other test makes kernels of these features.
+    features = replace(PLAIN, clamped=True, regularized=True)
+    for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, tiles=True))):
+        assert kernel.module.options["fast_math"]
+    assert not make_render_kernel(features).module.options["fast_math"]
+
+
+def test_values_of_all_models_are_read_in_one_loop_and_shadow_rays_may_meet_holes() -> None:
+    assert make_gpu_render_kernel(PLAIN) is make_regenerating_kernel(replace(PLAIN, slot_loop=True))
+    holes = replace(PLAIN, textured=True, opacity=True)
+    assert make_gpu_render_kernel(holes) is make_regenerating_kernel(replace(holes, slot_loop=True, shadows_meet=True))
+    fog = replace(holes, media="absorbing")
+    negative = "media would count a way of negative length"
+    assert make_gpu_render_kernel(fog) is make_regenerating_kernel(replace(fog, slot_loop=True)), negative
+
+
+def test_threads_of_a_gpu_take_pixels_tile_by_tile_with_every_kernel() -> None:
+    for features in (replace(PLAIN, aovs=True), replace(PLAIN, integrator="ao"), replace(PLAIN, integrator="whitted")):
+        assert make_gpu_render_kernel(features) is make_render_kernel(replace(features, slot_loop=True, tiles=True))
+    of_paths = make_gpu_render_kernel(PLAIN, regenerates=False)
+    assert of_paths is make_render_kernel(replace(PLAIN, slot_loop=True, tiles=True))
+
+
+def test_no_source_asks_for_the_architecture() -> None:
+    for file in Path(wrt.kernels.__file__).parent.rglob("*.[hp]*"):
+        if file.suffix in (".h", ".py"):
+            assert not re.search(r"__CUDA_ARCH__\s*[<>=)]*\s*[<>=]", file.read_text(encoding="utf-8")), file

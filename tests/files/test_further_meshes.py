@@ -1,0 +1,264 @@
+"""3MF, COLLADA and STEP files give the objects, places, colours and textures that their text describes."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from PIL import Image
+from support.mesh_files import check_refused
+from support.meshes import area, write
+
+import wrt
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_file
+from wrt.scene.srgb import linear_from_srgb
+
+SCENES = ROOT / "tests/scenes/meshes"
+
+
+HEAD = '<?xml version="1.0"?><model unit="millimeter" xmlns:m="m"><resources>'
+SQUARE = "".join(f'<vertex x="{x}" y="{y}" z="0"/>' for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+COLORS = (
+    '<m:colorgroup id="2"><m:color color="#FF0000"/><m:color color="#00FF0080"/></m:colorgroup>'
+    '<basematerials id="3"><base name="a" displaycolor="#FFFFFF"/><base name="b" displaycolor="#000000FF"/>'
+    "</basematerials>"
+    '<m:compositematerials id="4" matid="3" matindices="0 1"><m:composite values="0.25 0.75"/></m:compositematerials>'
+)
+
+
+def archive(folder: Path, model: str, **others: bytes | str) -> Path:
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as opened:
+        for name, data in {"3D/3dmodel.model": model, **others}.items():
+            opened.writestr(name, data)
+    return write(folder, "a.3mf", held.getvalue())
+
+
+def loaded(folder: Path, model: str, **others: bytes | str) -> list[wrt.Shape]:
+    return load_file(archive(folder, model, **others)).shapes
+
+
+def item(objects: str, attributes: str = 'objectid="1"') -> str:
+    return f"{HEAD}{objects}</resources><build><item {attributes}/></build></model>"
+
+
+def model_of(first: str, second: str = "", resources: str = "", attributes: str = "") -> str:
+    """Return a square of triangles 0 1 2 and 0 2 3, with attributes of each."""
+    triangles = f'<triangle v1="0" v2="1" v3="2" {first}/><triangle v1="0" v2="2" v3="3" {second}/>'
+    mesh = f"<mesh><vertices>{SQUARE}</vertices><triangles>{triangles}</triangles></mesh>"
+    return item(f'{resources}<object id="1" {attributes}>{mesh}</object>')
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        (
+            ('pid="2" p1="0" p2="1" p3="0"', 'pid="4" p1="0"', COLORS),
+            [[(1, 0, 0, 1), (0, 1, 0, 128 / 255), (1, 0, 0, 1)], [(*linear_from_srgb(np.full(3, 0.25)), 1)] * 3],
+        ),
+        # The property of the object is that of its triangles.
+        (("", 'p1="1"', COLORS, 'pid="3" pindex="0"'), [[(1, 1, 1)] * 3, [(0, 0, 0)] * 3]),
+        # Colours that are all invisible are opaque: OpenSCAD has written such files.
+        (("", "", COLORS.replace("FFFFFF", "FF000000"), 'pid="3" pindex="0"'), [[(1, 0, 0)] * 3] * 2),
+    ],
+)
+def test_colors_of_triangles_and_corners(tmp_path, parts, expected):
+    (shape,) = loaded(tmp_path, model_of(*parts))
+    assert area(shape.mesh) == pytest.approx(1.0)
+    np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces], expected, atol=1e-6)
+
+
+def test_textures_and_properties_of_several_groups(tmp_path):
+    held = io.BytesIO()
+    Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]]], np.uint8)).save(held, "PNG")
+    resources = (
+        COLORS + '<m:texture2d id="5" path="/3D/Textures/t.png" contenttype="image/png" tilestyleu="clamp"/>'
+        '<m:texture2dgroup id="6" texid="5"><m:tex2coord u="0" v="0"/><m:tex2coord u="1" v="0.5"/></m:texture2dgroup>'
+        '<m:multiproperties id="7" pids="3 6"><m:multi pindices="0 0"/><m:multi pindices="0 1"/></m:multiproperties>'
+    )
+    model = model_of('pid="7" p1="0" p2="1" p3="1"', resources=resources)
+    shapes = loaded(tmp_path, model, **{"3D/Textures/t.png": held.getvalue()})
+    plain, shape = sorted(shapes, key=lambda each: isinstance(each.material.reflectance, wrt.ImageTexture))
+    assert area(plain.mesh) == pytest.approx(0.5)
+    image = shape.material.reflectance
+    assert image.wrap == ("clamp", "repeat")
+    np.testing.assert_array_equal(image.pixels[0], [(1, 0, 0), (0, 1, 0)])
+    np.testing.assert_allclose(shape.mesh.uvs[shape.mesh.faces][0], [(0, 0), (1, 0.5), (1, 0.5)])
+
+
+def test_components_in_another_part_are_placed(tmp_path):
+    other = '<component objectid="1" p:path="/3D/other.model"'
+    components = f'<components>{other} transform="0 1 0 -1 0 0 0 0 1 10 0 0"/>{other}/></components>'
+    outer = item(f'<object id="9">{components}</object>', 'objectid="9" transform="2 0 0 0 2 0 0 0 2 0 0 5"')
+    shapes = loaded(tmp_path, outer, **{"3D/other.model": model_of("")})
+    assert shapes[0].mesh is shapes[1].mesh
+    plain, turned = sorted(shape.mesh_at(0.0).bounds.tolist() for shape in shapes)
+    np.testing.assert_allclose(plain, [(0, 0, 5), (2, 2, 5)])
+    np.testing.assert_allclose(turned, [(18, 0, 5), (20, 2, 5)])  # x became y
+
+
+LEVELS = "".join(
+    f'<object id="{k}"><components>{2 * f"""<component objectid="{k + 1}"/>"""}</components></object>'
+    for k in range(1, 60)
+)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (model_of("").replace('v3="3"', 'v3="9"'), "names vertex 9"),
+        (model_of("").replace('v3="3"', 'v3="x"'), "not a whole 3MF file"),
+        (model_of("").replace('v3="3"', ""), "'v3' is missing"),
+        (model_of("")[:-9], "not a whole 3MF file"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]>' + model_of("")[21:], "document type"),
+        (item('<object id="1"><components><component objectid="1"/></components></object>'), "a component of itself"),
+        (item(""), "'1' is missing"),
+        (item(f'{LEVELS}<object id="60"/>'), "its shapes would take"),
+        ("\0" * (80 << 20), "its meshes would take"),
+    ],
+    ids=["vertex", "word", "missing", "cut", "doctype", "circle", "object", "doubling", "bomb"],
+)
+def test_damaged_models_are_refused_in_one_line(tmp_path, model, message):
+    check_refused(message, load_file, archive(tmp_path, model))
+
+
+def test_properties_that_are_not_there_are_told(tmp_path):
+    with pytest.warns(InputWarning, match="a property that is not there is left out"):
+        (shape,) = loaded(tmp_path, model_of('pid="2" p1="7"', 'pid="99" p1="0"', COLORS))
+    assert area(shape.mesh) == pytest.approx(1.0)
+
+
+COLLADA = (SCENES / "square.dae").read_text("utf-8")
+"""A quad from (0, 0, 0) to (1, 2, 3), moved by 7 along z; it leaves room for the instance."""
+
+BOUND = (
+    "<bind_material><technique_common><instance_material symbol='M' target='#m'/></technique_common></bind_material>"
+)
+GEOMETRY = COLLADA.replace("INSTANCE", f"<instance_geometry url='#g'>{BOUND}</instance_geometry>")
+OF_X = {
+    "camera": "<optics><technique_common><perspective><yfov>35</yfov><znear>1</znear><zfar>9</zfar></perspective>"
+    "</technique_common></optics>",
+    "light": "<technique_common><point><color>1 1 1</color></point></technique_common>",
+}
+
+
+def with_library(kind: str) -> str:
+    library = f"<library_{kind}s><{kind} id='x'>{OF_X[kind]}</{kind}></library_{kind}s>"
+    text = GEOMETRY.replace("<library_geometries>", f"{library}<library_geometries>")
+    return text.replace("</instance_geometry>", f"</instance_geometry><instance_{kind} url='#x'/>")
+
+
+NO_IMAGE = r"none\.png', which it refers to: no such file; it is left out"
+GREY = r"textures that lead to no image are grey \(1\)"
+LEFT_OUT = r"uses of materials that are not there are left out \(1\)"
+MORE = "</newparam><newparam sid='x'><sampler2D><source>y</source></sampler2D></newparam>\n<technique"
+POSE = "skins and morph targets are shown in their bind pose"
+
+
+@pytest.mark.parametrize(
+    ("text", "told", "shift"),
+    [
+        # Without a scene, the first is shown.
+        (GEOMETRY.replace('<scene><instance_visual_scene url="#w"/></scene>', ""), NO_IMAGE, (0, 0, 7)),
+        (GEOMETRY.replace("<init_from>none.png</init_from>", ""), GREY, (0, 0, 7)),
+        (GEOMETRY.replace("<init_from>i</init_from>", "<init_from>j</init_from>"), GREY, (0, 0, 7)),
+        (GEOMETRY.replace("<source>f</source>", "<source>g</source>"), GREY, (0, 0, 7)),
+        (GEOMETRY.replace('url="#e"', 'url="#f"'), LEFT_OUT, (0, 0, 7)),
+        (GEOMETRY.replace("target='#m'", "target='#n'"), LEFT_OUT, (0, 0, 7)),
+        (GEOMETRY.replace("</newparam>\n<technique", MORE), NO_IMAGE, (0, 0, 7)),
+        (GEOMETRY.replace("mesh>", "convex_mesh>"), NO_IMAGE, (0, 0, 7)),
+        (GEOMETRY.replace("geometry url='#g'", "controller url='#c'"), POSE, (5, 0, 0)),
+        (GEOMETRY.replace("geometry url='#g'", "controller url='#d'"), POSE, (0, 0, 7)),
+        (with_library("camera"), "cameras of COLLADA files are left out", (0, 0, 7)),
+        (with_library("light"), "lights of COLLADA files are left out", (0, 0, 7)),
+    ],
+)
+def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, told, shift):
+    pytest.importorskip("collada")
+    text = text.replace("</instance_geometry>", "</instance_controller>") if told == POSE else text
+    assert text != GEOMETRY
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
+    assert any(re.search(rf"a\.dae: .*{told}", str(each.message)) for each in caught)
+    assert len(shape.mesh.faces) == 2
+    np.testing.assert_allclose(shape.mesh.bounds, np.add([[0, 0, 0], [1, 2, 3]], shift), atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*none.png")
+@pytest.mark.parametrize(("axis", "height"), [("X", 1.0), ("Y", 2.0), ("Z", 3.0)])
+def test_collada_names_its_up_axis(tmp_path, axis, height):
+    """A plate tells of itself no axis."""
+    pytest.importorskip("collada")
+    for encoding in ("utf-8", "utf-16"):
+        text = GEOMETRY.replace("Y_UP", f"{axis}_UP").replace("2 3<", "2 3\n<")
+        path = write(tmp_path, "a.dae", text.encode(encoding))
+        assert np.ptp(wrt.load(path).shapes[0].bounds, axis=0)[1] == pytest.approx(height)
+    assert np.ptp(wrt.load(path, up="x").shapes[0].bounds, axis=0)[1] == pytest.approx(1.0)
+
+
+def test_collada_without_its_library_or_end_is_told(tmp_path, monkeypatch):
+    from trimesh.exchange.load import mesh_loaders
+
+    check_refused(r"a\.dae: ", load_file, write(tmp_path, "a.dae", GEOMETRY[: len(GEOMETRY) // 2]))
+    monkeypatch.delitem(mesh_loaders, "dae", raising=False)
+    words = r"\.dae files need further libraries: pip install 'wrt\[formats\]'"
+    check_refused(words, load_file, write(tmp_path, "box.dae", "<COLLADA>"))
+
+
+STEP_BALL = (SCENES / "ball.step").read_text("ascii")
+"""A ball of radius 10 around (5, 0, 0), in a unit to be named in place of PREFIX."""
+
+
+@pytest.mark.parametrize(
+    ("prefix", "unit"),
+    [(".MILLI.", 1e-3), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((".CENTI.", 1e-2), ("$", 1.0)))],
+)
+def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path, prefix, unit):
+    pytest.importorskip("cascadio")
+    (shape,) = load_file(write(tmp_path, "ball.stp", STEP_BALL.replace("PREFIX", prefix))).shapes
+    out = shape.mesh.vertices / unit - np.array([5.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.linalg.norm(out, axis=1), 10.0, rtol=1e-5)
+    np.testing.assert_allclose(shape.mesh.normals, out / 10.0, atol=1e-4)
+    # Between the vertices the surface is inside by at most the sagitta, so that the area is that of a ball to 1 %.
+    assert area(shape.mesh) == pytest.approx(400.0 * np.pi * unit**2, rel=0.01)
+    np.testing.assert_allclose(shape.material.base_color, linear_from_srgb(np.array([0.8, 0.4, 0.2])), atol=1e-3)
+
+
+@pytest.mark.slow
+def test_step_files_that_cannot_be_read_are_refused_in_one_line(tmp_path, monkeypatch, capfd):
+    pytest.importorskip("cascadio")
+    for text in ("ISO-10303-21;\nHEADER;\n", STEP_BALL[:600], "solid", STEP_BALL.replace("#20=", "#99=")):
+        check_refused(r"part\.step: ", load_file, write(tmp_path, "part.step", text))
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    path = write(tmp_path, "part.step", STEP_BALL)
+    check_refused(r"STEP files need Open CASCADE: pip install 'wrt\[step\]'", load_file, path)
+
+
+def test_a_step_file_of_another_name_is_told(tmp_path):
+    path = write(tmp_path, "part.cad", b"ISO-10303-21;\nHEADER;\n")
+    check_refused(r"it looks to be a STEP file; rename it to end in \.step", load_file, path)
+
+
+def test_a_contact_sheet_has_a_verdict_for_each_file(tmp_path, capsys):
+    import contact_sheet  # type: ignore[import-not-found]
+
+    triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    for name, text in (("good", triangle), ("empty", ""), ("told", "mtllib none.mtl\n" + triangle)):
+        write(tmp_path, f"{name}.obj", text)
+    options = ["--spp", "0", "--sheet", str(tmp_path / "sheet"), "--table", str(tmp_path / "files.md")]
+    assert contact_sheet.main([str(tmp_path), *options]) == 0
+    assert "3 files: 1 as it is, 1 refused, 1 with warnings" in capsys.readouterr().out
+    text = (tmp_path / "files.md").read_text("utf-8")
+    assert f"As they are: `{tmp_path.name}/good.obj`." in text
+    assert "told.obj` | with warnings | 'none.mtl', which it refers to: no such file" in text
+    with Image.open(tmp_path / "sheet-1.png") as sheet:
+        assert sheet.width == 3 * 128

@@ -1,0 +1,95 @@
+"""Damaged files never kill it: they are read, or refused in one line; and the fuzzer would notice if they did."""
+
+from __future__ import annotations
+
+import collections
+from random import Random
+
+import fuzz
+import pytest
+from conftest import ROOT
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+CORPUS = ROOT / "tests" / "corpus"
+PLANTED = "support.planted_readers:readers"
+FAULTS = {
+    "raise": "KeyError at planted_readers.py",
+    "sleep": "hang",
+    "spin": "hang",
+    "warn": "RuntimeWarning at planted_readers.py",
+    "fill": "MemoryError",
+    "print": "output from below: libfault: something is odd",
+    "crash": "crash: SIGSEGV",
+    "exit": "exit status 3",
+    "refuse without a name": "does not name the file",
+    "refuse in two lines": "not one short line",
+}
+
+
+@pytest.mark.slow
+def test_planted_faults_are_noticed():
+    faults = [*FAULTS, "refuse", "tell", "nothing"]
+    inputs = iter([(number, "png", fault.encode()) for number, fault in enumerate(faults)])
+    found = fuzz.run(inputs, make_readers=PLANTED, seconds=1.0, megabytes=128, wall_factor=4)
+    outcomes = {data.decode(): outcome for _, _, data, outcome in found}
+    for fault, reason in FAULTS.items():
+        assert outcomes[fault].verdict == "failed", fault
+        assert reason in outcomes[fault].reason
+    assert outcomes["refuse"].verdict == "refused"
+    assert outcomes["tell"].verdict == outcomes["nothing"].verdict == "fine"
+
+
+@pytest.mark.slow
+def test_what_once_failed_does_not_any_more_and_every_seed_is_read_without_a_warning():
+    files = [file for folder in ("failures", "seeds") for file in sorted((CORPUS / folder).iterdir())]
+    inputs = ((number, file.suffix[1:], file.read_bytes()) for number, file in enumerate(files))
+    # As textures of a mesh NumPy files are left out with a warning.
+    warned = {"npy": "not an image of a known format", "stl": "the STL file has no normals", "dae": "bind pose"}
+    for number, kind, _, outcome in fuzz.run(inputs):
+        said = f"{files[number].name}: {outcome.reason}"
+        if files[number].parent.name == "failures":
+            assert outcome.verdict != "failed", said
+        else:
+            assert outcome.verdict == "fine", said
+            assert (warned[kind] in said) if kind in warned else not outcome.reason, said
+
+
+@pytest.mark.slow
+def test_damaged_files_are_read_or_refused(report):
+    """Hypothesis makes the same inputs every time, and of one that fails the least damage that does it."""
+    corpus = fuzz.Corpus()
+    worker = fuzz.Worker("fuzz:readers", corpus.seeds, fuzz.SECONDS, fuzz.MEGABYTES)
+    count: collections.Counter[str] = collections.Counter()
+
+    @settings(
+        max_examples=300,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate, Phase.shrink],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.sampled_from(sorted(corpus.files)), st.randoms(use_true_random=False))
+    def read(kind: str, rng: Random) -> None:
+        seeds = corpus.files[kind]
+        worker.give(0, kind, fuzz.mutate(rng, kind, rng.choice(seeds), seeds))
+        outcome = worker.wait()
+        assert outcome.verdict in ("fine", "refused"), f"{kind}: {outcome.reason}"
+        count[outcome.verdict] += 1
+
+    try:
+        read()
+    finally:
+        worker.close()
+    report("damaged files", f"{count['fine']} read, {count['refused']} refused")
+    assert min(count["fine"], count["refused"]) > 20
+
+
+def test_a_seed_makes_the_same_inputs_of_all_kinds():
+    corpus = fuzz.Corpus()
+    kinds = sorted(corpus.files)
+    once, again = ([corpus.input(5, number, kinds) for number in range(60)] for _ in range(2))
+    assert once == again
+    assert len({data for _, data in once}) > 50
+    assert {kind for kind, _ in once} == set(kinds)

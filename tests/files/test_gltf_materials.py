@@ -1,0 +1,306 @@
+"""Materials of glTF files become the same in wrt: factors, textures, alpha, extensions, images of every kind."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.mesh_files import add, attributes, check_refused, check_values, data_uri, saved, values_of
+from support.meshes import gltf_box, write
+
+import wrt
+from wrt.errors import InputError, InputWarning
+from wrt.io.ktx2 import IDENTIFIER, open_ktx2
+from wrt.io.load_mesh import load_shapes
+from wrt.scene.srgb import linear_from_srgb
+
+UVS = np.array([[0.1, 0.2], [0.9, 0.3], [0.4, 0.8]], "<f4")
+CODES = np.random.default_rng(5).integers(0, 256, (3, 4, 4), dtype=np.uint8)
+"""An image with alpha."""
+NUMBERS, ALPHA = CODES[:, :, :3] / 255.0, CODES[:, :, 3] / 255.0
+COLORS = linear_from_srgb(NUMBERS)
+IMAGE = {"index": 0}
+
+
+def png(codes: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(codes).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def file_with(material: dict[str, Any], *, uvs: bool = True, colors: np.ndarray | None = None) -> dict[str, Any]:
+    """Return a triangle of one material. Texture 0 is the image CODES, texture 1 too, but held and not smoothed."""
+    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    if uvs:
+        attributes(tree)["TEXCOORD_0"] = add(tree, UVS)
+    if colors is not None:
+        attributes(tree)["COLOR_0"] = add(tree, colors)
+    return tree | {
+        "materials": [material],
+        "images": [{"uri": data_uri(png(CODES), "image/png")}],
+        "samplers": [{"wrapS": 33071, "wrapT": 33648, "magFilter": 9728}],
+        "textures": [{"source": 0}, {"source": 0, "sampler": 0}],
+    }
+
+
+def shape_of(folder: Path, tree: dict[str, Any]) -> wrt.Shape:
+    (shape,) = load_shapes(saved(folder, tree))
+    return shape
+
+
+def made(folder: Path, material: dict[str, Any], **options: Any) -> wrt.Principled:
+    result = shape_of(folder, file_with(material, **options)).material
+    assert isinstance(result, wrt.Principled)
+    return result
+
+
+def extensions(**values: dict[str, Any]) -> dict[str, Any]:
+    return {"extensions": {f"KHR_materials_{name}": value for name, value in values.items()}}
+
+
+def film(**values: Any) -> dict[str, Any]:
+    return extensions(iridescence={f"iridescence{name}": value for name, value in values.items()})
+
+
+def thick(least: float, most: float) -> dict[str, Any]:
+    images = {"Texture": IMAGE, "ThicknessTexture": IMAGE}
+    return film(Factor=0.5, **images, ThicknessMinimum=least, ThicknessMaximum=most)
+
+
+BASE = {"baseColorTexture": IMAGE, "baseColorFactor": [0.5, 0.25, 1.0, 0.75]}
+PBR = {**BASE, "metallicRoughnessTexture": {"index": 1}, "roughnessFactor": 0.5}
+SPECULAR = {"specularFactor": 0.8, "specularTexture": IMAGE, "specularColorFactor": [2.0, 1.0, 0.5]}
+COAT = {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.2, "clearcoatRoughnessTexture": IMAGE}
+SHEEN = {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": IMAGE, "sheenRoughnessFactor": 0.6}
+BRUSHED = {"anisotropyStrength": 0.7, "anisotropyRotation": 0.2}
+SHEET = {"transmission": {"transmissionFactor": 0.9, "transmissionTexture": IMAGE}}
+BODY = {"volume": {"thicknessFactor": 0.1}}
+DISPERSION = {"dispersion": {"dispersion": 0.36}}
+GLOSS = {"diffuseFactor": [0.2, 0.4, 0.6, 0.5], "specularFactor": [0.04, 0.4, 1.0], "glossinessFactor": 0.75}
+STRONG = extensions(emissive_strength={"emissiveStrength": 4.0})
+TINT = np.array([1.0, 10.0, 25.0])
+RED, GREEN, BLUE = np.moveaxis(NUMBERS, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("described", "expected"),
+    [
+        ({}, {"base_color": (1.0,) * 3, "metallic": 1.0, "roughness": 1.0, "ior": 1.5, "normal_map": None}),
+        ({"pbrMetallicRoughness": PBR, "occlusionTexture": {"index": 7}},
+         {"base_color": COLORS * [0.5, 0.25, 1], "roughness": 0.5 * GREEN, "metallic": BLUE, "opacity": 1.0}),
+        ({"alphaMode": "BLEND", "pbrMetallicRoughness": BASE}, {"opacity": 0.75 * ALPHA}),
+        ({"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": IMAGE}, {"emission": COLORS * [1.0, 0.5, 0.0]}),
+        ({"emissiveFactor": [1.0, 0.5, 0.25], **STRONG}, {"emission": (4.0, 2.0, 1.0)}),
+        (extensions(ior={"ior": 1.33}), {"ior": 1.33}),
+        (extensions(specular=SPECULAR), {"specular": 0.8 * ALPHA, "specular_color": (2.0, 1.0, 0.5)}),
+        (extensions(clearcoat=COAT), {"coat": 0.5, "coat_roughness": 0.2 * GREEN}),
+        (extensions(sheen=SHEEN), {"sheen_color": COLORS * [0.1, 0.2, 0.3], "sheen_roughness": 0.6}),
+        (extensions(anisotropy=BRUSHED), {"anisotropy": 0.7, "anisotropy_rotation": 0.2}),
+        # A volume is a body and no sheet; dispersion is that of a body.
+        (extensions(**SHEET), {"transmission": 0.9 * RED, "thin_walled": True}),
+        (extensions(**SHEET, **BODY), {"thin_walled": False, "interior": None, "dispersion": 0.0}),
+        (extensions(**SHEET, **BODY, **DISPERSION), {"dispersion": 0.36}),
+        (extensions(**SHEET, **DISPERSION), {"dispersion": 0.0}),
+        (extensions(**SHEET, **BODY, dispersion={}), {"dispersion": 0.0}),
+        # Iridescence is a film, whose index has another name in drafts.
+        (film(Factor=0.5), {"film": 0.5, "film_ior": 1.3, "film_thickness": 400.0}),
+        (film(Ior=2.0), {"has_film": False}),
+        (film(Factor=1.0, Ior=2.0), {"film_ior": 2.0}),
+        (film(Factor=1.0, IOR=1.7), {"film_ior": 1.7}),
+        (film(Factor=1.0, ThicknessMinimum=200.0, ThicknessMaximum=800.0), {"film_thickness": 800.0}),
+        (thick(200.0, 800.0), {"film": 0.5 * RED, "film_thickness": 200.0 + 600.0 * GREEN}),
+        (thick(800.0, 200.0), {"film_thickness": 800.0 - 600.0 * GREEN}),
+        # Specular and glossiness are a dielectric with a tint.
+        ({"alphaMode": "BLEND", **extensions(pbrSpecularGlossiness=GLOSS)},
+         {"base_color": (0.2, 0.4, 0.6), "metallic": 0, "opacity": 0.5, "roughness": 0.25, "specular_color": TINT}),
+        (extensions(pbrSpecularGlossiness={**GLOSS, "specularGlossinessTexture": IMAGE}),
+         {"roughness": 1.0 - 0.75 * ALPHA, "specular_color": COLORS * TINT}),
+    ],
+)  # fmt: skip
+def test_factors_textures_and_extensions(tmp_path, described, expected):
+    """Colours are of sRGB, numbers linear, each of its channel."""
+    check_values(made(tmp_path, described), **expected)
+
+
+def test_samplers_normal_maps_and_interiors(tmp_path):
+    described = {"pbrMetallicRoughness": {"baseColorTexture": IMAGE, "metallicRoughnessTexture": {"index": 1}}}
+    material = made(tmp_path, described | {"normalTexture": {"index": 1, "scale": 0.3}})
+    base, rough, normals = material.base_color, material.roughness, material.normal_map
+    assert (base.wrap, base.filter) == (("repeat", "repeat"), "bilinear")
+    assert (rough.wrap, rough.filter) == (("clamp", "mirror"), "nearest")
+    assert (normals.scale, normals.wrap) == (0.3, ("clamp", "mirror"))
+    np.testing.assert_allclose(normals.pixels, NUMBERS, atol=1e-6)
+    volume = {"volume": {"thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1.0]}}
+    absorption = np.array(made(tmp_path, extensions(**SHEET, **volume)).interior.absorption)
+    np.testing.assert_allclose(np.exp(-0.5 * absorption), [0.25, 0.5, 1.0], rtol=1e-6)  # what half a metre leaves
+    # One copy of what two textures, or two images of the same bytes, hold.
+    assert material.metallic.pixels is rough.pixels
+    described |= {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 1}}
+    tree = file_with(described) | {"textures": [{"source": 0}, {"source": 1}]}
+    tree["images"] *= 2
+    material = shape_of(tmp_path, tree).material
+    assert material.emission.pixels is material.base_color.pixels
+
+
+@pytest.mark.parametrize(
+    ("mode", "cutoff"), [({"alphaMode": "MASK"}, 0.5), ({"alphaMode": "MASK", "alphaCutoff": 0.2}, 0.2)]
+)
+def test_masks_and_textures_without_coordinates(tmp_path, mode, cutoff):
+    opacity = made(tmp_path, {"pbrMetallicRoughness": BASE, **mode}).opacity
+    assert opacity.cutoff == cutoff
+    np.testing.assert_allclose(values_of(opacity), 0.75 * ALPHA, atol=1e-6)
+    message = "the textures of material 0 are left out: its mesh has no texture coordinates"
+    for bare, expected in ((mode, 1.0), ({"alphaMode": "BLEND"}, 0.75)):
+        with pytest.warns(InputWarning, match=message):
+            assert made(tmp_path, {"pbrMetallicRoughness": BASE, **bare}, uvs=False).opacity == expected
+
+
+UNLIT = extensions(unlit={})
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tmp_path, double):
+    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1]}, **UNLIT}))
+    assert shape.material == wrt.Emissive((0.5, 0.25, 0.125))
+    assert shape.emission == (0.5, 0.25, 0.125)
+    for described in (UNLIT, {"emissiveFactor": [1, 1, 1]}):
+        assert shape_of(tmp_path, file_with({"doubleSided": double, **described})).two_sided_emission == double
+        for line, expected in (("", double), ("two_sided_emission = false", False)):
+            text = f'[[shapes]]\ntype = "mesh"\nfile = "a.gltf"\n{line}'
+            assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].two_sided_emission == expected
+    assert not shape_of(tmp_path, file_with({"doubleSided": True})).two_sided_emission
+
+
+@pytest.mark.parametrize("laid", [{}, {"baseColorTexture": IMAGE}])
+def test_vertex_colors_multiply(tmp_path, laid):
+    colors = np.array([[1.0, 0.5, 0.25]] * 3)
+    described = {"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 0.1, 1.0], **laid}}
+    shape = shape_of(tmp_path, file_with(described, colors=colors))
+    base = shape.material.base_color
+    assert (base.vertex_colors and base.factor == (1.0, 1.0, 1.0)) if laid else base == wrt.VertexColor()
+    np.testing.assert_allclose(shape.mesh.colors, colors * [0.5, 0.5, 0.1], rtol=1e-6)
+
+
+def test_texture_transforms_and_second_coordinates(tmp_path):
+    transform = {"offset": [0.2, -0.4], "rotation": 0.7, "scale": [2.0, 0.5]}
+    c, s = np.cos(0.7), np.sin(0.7)  # the matrices that the extension's text gives, v downwards
+    in_file = UVS * transform["scale"] @ np.array([[c, s], [-s, c]]).T + transform["offset"]
+    expected = in_file * [1, -1] + [0, 1]
+    placed = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
+    # One for all textures: in the mesh, where normal maps find it too.
+    for number in (0, 1):
+        tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {**placed, "texCoord": number}}}, uvs=False)
+        attributes(tree)[f"TEXCOORD_{number}"] = add(tree, UVS)
+        shape = shape_of(tmp_path, tree)
+        np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
+        assert shape.material.base_color.offset == (0.0, 0.0)
+    # Of several: each its own.
+    both = {"baseColorTexture": placed, "metallicRoughnessTexture": IMAGE}
+    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": both}))
+    np.testing.assert_allclose(shape.mesh.uvs, UVS * [1, -1] + [0, 1], atol=1e-6)
+    matrix = shape.material.base_color.placement
+    np.testing.assert_allclose(shape.mesh.uvs @ matrix[:, :2].T + matrix[:, 2], expected, atol=1e-6)
+    np.testing.assert_allclose(shape.material.roughness.placement, np.eye(2, 3))
+
+
+def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
+    tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": IMAGE, "baseColorFactor": [0.5, 0.5, 0.5, 1]}})
+    for uri, message in (
+        ("missing.png", r"missing\.png', which it refers to: no such file"),
+        (tree["images"][0]["uri"][:60], "image 0 left out: it cannot be decoded|a data URI in it is damaged"),
+        (data_uri(b"no image"), "image 0 left out: it cannot be decoded"),
+    ):
+        tree["images"][0]["uri"] = uri
+        with pytest.warns(InputWarning, match=message):
+            assert shape_of(tmp_path, tree).material.base_color == (0.5, 0.5, 0.5)
+    with pytest.warns(InputWarning, match="diffuse transmission of material 0 is left out"):
+        made(tmp_path, extensions(diffuse_transmission={}))
+    variants = {"KHR_materials_variants": {"variants": [{"name": "red"}, {"name": "blue"}]}}
+    with pytest.warns(InputWarning, match=r"material variants are left out \('red', 'blue'\)"):
+        shape_of(tmp_path, file_with({}) | {"extensions": variants})
+    tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {"index": 12}}})
+    check_refused("damaged or not as specified", load_shapes, saved(tmp_path, tree))
+
+
+QUARTERS = np.array([[[200, 40, 40, 255], [40, 180, 60, 255]], [[30, 60, 190, 255], [220, 210, 90, 96]]], np.uint8)
+"""Quarters of the pictures below, 24 by 16 pixels, which basisu 1.15 encoded."""
+
+ETC1S = base64.b64decode(
+    "q0tUWCAyMLsNChoKAAAAAAEAAAAYAAAAEAAAAAAAAAAAAAAAAQAAAAEAAAABAAAAaAAAADwAAACkAAAAJAAAAMgAAAAAAAAAoQAAAAAAAABpAQAA"
+    "AAAAABMAAAAAAAAAAAAAAAAAAAA8AAAAAAAAAAIAOACjAQIAAwMAAAAAAAAAAAAAAAA/AAAAAAAAAAAA/////0AAPw8AAAAAAAAAAP////8fAAAA"
+    "S1RYd3JpdGVyAEJhc2lzIFVuaXZlcnNhbCAxLjE1AAAGAAMANgAAAA0AAAA2AAAAAAAAAAAAAAAAAAAACwAAAAsAAAAIAAAAH0CUAAAAAACIA5Ku"
+    "A5gaMAAAAAjDLiCI2XIAMQAAAAAAQf6QFwIwBQAAAAAAAmUBqvLGRvQBrKqqqvr///9XVVVVBU3AhIABAABAEPYKzloYAFMABAAAAABIBiIgbsAA"
+    "AIMwTMVBDIw5gX4SA2ACQAAAAAAI2gQEAP8uX9PKL2L5TjsNV8drWrEKCAQ="
+)
+UASTC_ZSTANDARD = base64.b64decode(
+    "q0tUWCAyMLsNChoKAAAAAAEAAAAYAAAAEAAAAAAAAAAAAAAAAQAAAAEAAAACAAAAaAAAACwAAACUAAAAJAAAAAAAAAAAAAAAAAAAAAAAAAC4AAAA"
+    "AAAAAD0AAAAAAAAAgAEAAAAAAAAsAAAAAAAAAAIAKACmAQIAAwMAAAAAAAAAAAAAAAB/AwAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFzaXMg"
+    "VW5pdmVyc2FsIDEuMTUAACi1L/1ggACdAQD4FxkF5T/IxgCFluc/MBcB14PH9/9LrQOXW1oLLNp6AQcADSYQlPxMyTziKQCQzRzgBVw="
+)
+
+
+def ktx2_file(image: bytes) -> dict[str, Any]:
+    described = {"pbrMetallicRoughness": {"baseColorTexture": IMAGE, "metallicRoughnessTexture": IMAGE}}
+    tree = file_with({**described, "alphaMode": "BLEND"})
+    tree["extensionsRequired"] = ["KHR_texture_basisu"]
+    tree["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
+    tree["images"] = [{"uri": data_uri(image), "mimeType": "image/ktx2"}]
+    return tree
+
+
+@pytest.mark.parametrize(("data", "off"), [(ETC1S, 6), (UASTC_ZSTANDARD, 0)], ids=["etc1s", "uastc"])
+def test_ktx2_images_are_decoded_and_damaged_ones_left_out(tmp_path, data, off):
+    """ETC1S has base colours of 5 bits, UASTC exact ones."""
+    pytest.importorskip("opengl_basisu")
+    material = shape_of(tmp_path, ktx2_file(data)).material
+    opened = np.asarray(open_ktx2(data))
+    quarters = opened.reshape(2, 8, 2, 12, 4)
+    assert np.abs(quarters.astype(int) - QUARTERS[:, None, :, None]).max() <= off
+    np.testing.assert_allclose(material.base_color.pixels, linear_from_srgb(opened[:, :, :3] / 255.0), atol=1e-6)
+    np.testing.assert_allclose(material.opacity.pixels[:, :, 0], opened[:, :, 3] / 255.0, atol=1e-6)
+    random = np.random.default_rng(1)
+    for _ in range(200):
+        damaged = bytearray(data)
+        damaged[random.integers(12, len(data))] = random.integers(256)
+        with contextlib.suppress(InputError):
+            open_ktx2(bytes(damaged))
+    with pytest.warns(InputWarning, match="image 0 left out: it cannot be decoded"):
+        shape_of(tmp_path, ktx2_file(data[:-30]))
+
+
+def test_without_the_decoder_one_line_says_what_to_install(tmp_path, monkeypatch, recwarn):
+    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
+    tree = ktx2_file(ETC1S)
+    with pytest.warns(InputWarning) as caught:
+        assert shape_of(tmp_path, tree).material.base_color == (1.0, 1.0, 1.0)
+    (line,) = {str(each.message) for each in caught}
+    assert line.endswith("a.gltf: textures in KTX2 images are left out, which need a decoder: pip install 'wrt[ktx2]'")
+    with pytest.raises(InputError, match=r"needs a decoder: pip install 'wrt\[ktx2\]'"):
+        open_ktx2(ETC1S)
+    tree["textures"][0]["source"] = 1  # for programs without a decoder
+    tree["images"].append({"uri": data_uri(png(CODES))})
+    recwarn.clear()
+    assert shape_of(tmp_path, tree).material.base_color.pixels.shape == (3, 4, 3)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (IDENTIFIER, "truncated"),
+        (ETC1S[:20] + (2**20).to_bytes(4, "little") * 2 + ETC1S[28:], "too large"),
+        (ETC1S[:20] + bytes(4) + ETC1S[24:], "no flat image"),
+        (ETC1S[:36] + b"\6\0\0\0" + ETC1S[40:], "no flat image"),
+    ],
+)
+def test_headers_of_ktx2_are_checked_before_the_decoder(data, message):
+    with pytest.raises(InputError, match=message):
+        open_ktx2(data)

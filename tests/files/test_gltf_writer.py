@@ -1,0 +1,195 @@
+"""A scene written as GLB and read back is the same, as far as glTF holds it."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.outputs import run
+from support.same_scenes import differences
+
+import wrt
+from wrt.errors import InputError
+from wrt.io.load_mesh import load_file
+from wrt.scene.srgb import of_codes
+
+RNG = np.random.default_rng(5)
+CODES = RNG.integers(0, 256, (6, 5, 3))
+
+
+def picture(*, linear: bool) -> np.ndarray:
+    """Return pixels that an image of eight bits holds."""
+    return of_codes(linear=linear)[CODES]
+
+
+COLORS = wrt.ImageTexture(
+    picture(linear=False), scale=(2.0, 0.5), rotation_degrees=30.0, offset=(0.25, -0.5), wrap=("mirror", "clamp")
+)
+LAID = {"scale": COLORS.scale, "rotation_degrees": 30.0, "offset": COLORS.offset, "wrap": COLORS.wrap}
+NUMBERS = wrt.ImageTexture(picture(linear=True), channel="g", **LAID)
+QUAD = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+
+MATERIALS = {
+    "plain": wrt.Principled((0.2, 0.5, 0.75), metallic=0.25, roughness=0.75),
+    "textured": wrt.Principled(dataclasses.replace(COLORS, factor=(0.5, 1.0, 0.25)), roughness=NUMBERS),
+    "both numbers": wrt.Principled(COLORS, roughness=NUMBERS, metallic=dataclasses.replace(NUMBERS, channel="b")),
+    "glass": wrt.Principled(
+        1.0, roughness=0.0, transmission=1.0, ior=1.25, interior=wrt.Medium.from_color((0.5, 0.75, 1.0), 0.5)
+    ),
+    "prism": wrt.Principled(1.0, transmission=1.0, ior=2.5, dispersion=0.5),
+    "soap": wrt.Principled(
+        film=wrt.ImageTexture(picture(linear=True), channel="g"), film_thickness=350.0, film_ior=1.5
+    ),
+    "sheet": wrt.Principled(0.5, transmission=0.5, thin_walled=True, specular=0.5, specular_color=(1.5, 1.0, 0.5)),
+    "layers": wrt.Principled(coat=0.5, coat_roughness=0.25, sheen_color=(0.5, 0.25, 0.0), sheen_roughness=0.5),
+    "brushed": wrt.Principled(metallic=1.0, anisotropy=0.5, anisotropy_rotation=0.75),
+    "lamp": wrt.Principled(0.0, specular=0.0, emission=(8.0, 4.0, 2.0)),
+    "screen": wrt.Principled(0.0, emission=wrt.ImageTexture(picture(linear=False) / picture(linear=False).max())),
+    "veil": wrt.Principled(opacity=0.5),
+    "leaf": wrt.Principled(COLORS, opacity=wrt.ImageTexture(picture(linear=True), channel="r", cutoff=0.5, **LAID)),
+    "bumpy": wrt.Principled(normal_map=wrt.NormalMap(np.maximum(picture(linear=True), np.float32([0, 0, 0.5])), 0.5)),
+}
+EXACT = [name for name in MATERIALS if name not in ("screen", "bumpy")]
+
+
+def again(scene: wrt.Scene, path: Path) -> tuple[wrt.Scene, list[str]]:
+    """Write a scene, read it, and return it with the warnings of writing."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        wrt.save_scene(path, scene, force=True)
+    messages = [str(each.message) for each in caught]
+    return load_file(path), messages
+
+
+def same(a: object, b: object, name: str) -> None:
+    """Assert that values, images and parts are the same to the rounding of JSON and float32."""
+    if isinstance(a, wrt.ImageTexture):
+        assert isinstance(b, wrt.ImageTexture), name
+        channel = "rgb".index(a.channel) if a.channel else slice(None)
+        other = "rgb".index(b.channel) if b.channel else slice(None)
+        np.testing.assert_allclose(a.pixels[..., channel], b.pixels[..., other], atol=1e-7, err_msg=name)
+        np.testing.assert_allclose(a.placement, b.placement, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(a.factor, b.factor, atol=1e-6, err_msg=name)
+        assert (a.wrap, a.filter, a.cutoff) == (b.wrap, b.filter, b.cutoff), name
+    elif dataclasses.is_dataclass(a):
+        for field in dataclasses.fields(a):
+            if field.name != "name":
+                same(getattr(a, field.name), getattr(b, field.name), f"{name}.{field.name}")
+    elif a is None or isinstance(a, (str, bool)):
+        assert a == b, name
+    else:
+        np.testing.assert_allclose(b, a, rtol=1e-5, atol=1e-6, err_msg=name)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_materials_come_back(name: str, tmp_path: Path) -> None:
+    scene = wrt.Scene()
+    scene.add(QUAD, material=MATERIALS[name])
+    found, messages = again(scene, tmp_path / "a.glb")
+    assert messages == []
+    (read,), material = found.shapes, scene.shapes[0].material
+    images = {field.name: getattr(material, field.name) for field in dataclasses.fields(material)}
+    images = {key: value for key, value in images.items() if isinstance(value, wrt.ImageTexture)}
+    if any(image.scale != (1.0, 1.0) for image in images.values()):
+        # Textures that all lie alike move the coordinates of the mesh instead.
+        moved = QUAD.uvs @ COLORS.placement[:, :2].T + COLORS.placement[:, 2]
+        np.testing.assert_allclose(read.mesh.uvs, moved, atol=1e-6)
+        plain = {"scale": 1.0, "rotation_degrees": 0.0, "offset": (0.0, 0.0)}
+        images = {key: dataclasses.replace(image, **plain) for key, image in images.items()}
+        material = dataclasses.replace(material, **images)
+    same(material, read.material, name)
+    same(scene.shapes[0].emission, read.emission, name)
+
+
+def test_normals_screens_and_films_come_back_to_a_step_of_their_images(tmp_path: Path) -> None:
+    scene = wrt.Scene()
+    thickness = dataclasses.replace(NUMBERS, factor=(700.0,) * 3)
+    for k, material in enumerate((MATERIALS["bumpy"], MATERIALS["screen"], wrt.Principled(film_thickness=thickness))):
+        scene.add(QUAD.translated((2 * k, 0, 0)), material=material)
+    bumpy, screen, film = (shape.material for shape in again(scene, tmp_path / "a.glb")[0].shapes)
+    np.testing.assert_allclose(bumpy.normal_map.pixels, MATERIALS["bumpy"].normal_map.pixels, atol=1.0 / 510 + 1e-6)
+    assert bumpy.normal_map.scale == 0.5
+    shown = screen.emission.pixels * np.float32(screen.emission.factor)
+    np.testing.assert_allclose(shown, MATERIALS["screen"].emission.pixels, atol=0.005)
+    read = film.film_thickness
+    found = read.pixels[..., "rgb".index(read.channel)] * read.factor[0]
+    step = np.ptp(thickness.pixels) * 700.0 / 255.0
+    np.testing.assert_allclose(found, thickness.pixels[..., 1] * 700.0, atol=0.5 * step + 1e-3)
+
+
+def test_geometry_lights_and_camera_come_back(tmp_path: Path) -> None:
+    scene = wrt.Scene()
+    ball = wrt.sphere((0.1, 0.2, 0.3), 0.5, subdivisions=2)
+    colored = dataclasses.replace(ball, colors=RNG.random((len(ball.vertices), 3)).astype(np.float32))
+    place = np.diag([1.0, 2.0, 0.5, 1.0])
+    place[:3, 3] = 1.0, 2.0, 3.0
+    scene.add(colored, material=wrt.Principled(wrt.VertexColor()), name="ball")
+    paint = wrt.Principled(0.5)
+    for k in range(2):
+        quad = dataclasses.replace(QUAD, normals=np.tile(np.float32([0, 0, 1]), (4, 1)))
+        scene.add(quad, material=paint, transform=place + k * np.eye(4, k=3), name="placed")
+    scene.lights = [
+        wrt.PointLight((0, 1, 2), intensity=(1.0, 2.0, 4.0)),
+        wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, falloff="gltf", inner_degrees=10.0, outer_degrees=35.0),
+        wrt.DirectionalLight((1, 2, 3), irradiance=(0.5, 1.0, 0.25)),
+    ]
+    scene.camera = wrt.PerspectiveCamera((3, 2, 1), (0, 0.5, 0), fov_degrees=33.0)
+    found, messages = again(scene, tmp_path / "a.glb")
+    assert messages == []
+    np.testing.assert_allclose(found.camera.frame(), scene.camera.frame(), atol=1e-6)
+    assert found.camera.fov_degrees == pytest.approx(33.0)
+    found.camera = scene.camera  # whose target may lie farther away
+    assert {name: amount for name, amount in differences(scene, found).items() if amount > 1e-5} == {}
+
+
+def everything() -> wrt.Scene:
+    """A small room lit by a rectangle, with materials that glTF holds exactly."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 1.0, 3.4), (0, 0.6, 0), fov_degrees=40.0))
+    scene.add(wrt.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)), material=wrt.Diffuse(COLORS))
+    scene.add(wrt.quad((-2, 0, -1), (4, 0, 0), (0, 3, 0)), material=wrt.Diffuse((0.5, 0.4, 0.2)))
+    for x, material in ((-0.6, wrt.Principled((0.9, 0.6, 0.3), 1.0, 0.3)), (0.6, wrt.Principled(0.4, coat=1.0))):
+        scene.add(wrt.sphere((x, 0.5, 0), 0.5, subdivisions=3), material=material)
+    scene.add_light(wrt.RectangleLight((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1), radiance=6.0))
+    return scene
+
+
+@pytest.mark.slow
+def test_pictures_are_alike(tmp_path: Path, device: str) -> None:
+    scene = everything()
+    wrt.save_scene(tmp_path / "a.glb", scene)
+    found = wrt.load(tmp_path / "a.glb", frame=False)
+    assert len(found.shapes) == len(scene.shapes) + 1  # the lamp, and no studio
+    images = []
+    for each in (scene, found):
+        renderer = wrt.Renderer(each, width=48, height=36, device=device, seed=1, max_depth=4)
+        for _ in renderer.passes(spp=256):
+            pass
+        images.append((renderer.image(), renderer.variance()))
+    difference = images[0][0] - images[1][0]
+    error = np.sqrt((images[0][1] + images[1][1]).sum()) / difference.size
+    assert abs(difference.mean()) < 3.0 * error + 1e-4 * images[0][0].mean()
+
+
+def test_one_line_names_what_is_left_out(tmp_path: Path) -> None:
+    scene = everything()
+    scene.environment = wrt.ConstantEnvironment(0.5)
+    scene.add(QUAD, material=wrt.RoughConductor(0.2, metal="gold"))
+    scene.add_light(wrt.ProjectorLight((0, 1, 2), (0, 0, -1)))
+    (line,) = again(scene, tmp_path / "a.glb")[1]
+    for words in ("the environment", "metals by their refractive index", "lights of the type 'projector'"):
+        assert words in line
+    assert "\n" not in line
+
+
+def test_convert_writes_a_glb_and_replaces_nothing_without_leave(tmp_path: Path) -> None:
+    out = tmp_path / "box.glb"
+    out.write_bytes(b"mine")
+    assert run("convert", "cornell-box", str(out)) == 2
+    assert out.read_bytes() == b"mine"
+    assert run("convert", "cornell-box", str(out), "--force") == 0
+    assert len(load_file(out).shapes) == len(wrt.load("cornell-box").shapes)
+    with pytest.raises(InputError, match=r"\.toml or \.glb"):
+        wrt.save_scene(tmp_path / "a.gltf", wrt.load("cornell-box"))

@@ -1,0 +1,267 @@
+"""wrt replaces no file that it has read or did not write; it writes files whole, and never into devices and pipes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.outputs import SMALL, assert_only_added, contents, run, write_obj
+
+import wrt
+from wrt.io.images import PICTURE, save_image
+from wrt.io.safe_write import write_atomically
+from wrt.rendering.render_kernel import RenderKernel
+
+pytestmark = pytest.mark.filterwarnings("ignore:the picture is black")
+
+SAVE = "import sys, wrt, numpy; wrt.save_image(sys.argv[1], numpy.full((4, 8, 3), 0.5))"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Renders trace nothing: what they write is black."""
+    monkeypatch.setattr(RenderKernel, "compile", lambda *_: None)
+    monkeypatch.setattr(RenderKernel, "launch", lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def save_elsewhere(name: str) -> None:
+    """Save a picture in another process: files that this one has written may be replaced."""
+    subprocess.run([sys.executable, "-c", SAVE, name], check=True)
+
+
+# --- Files that are replaced, and that are not -----------------------------------------------------
+
+
+def test_the_default_name_steps_aside_for_a_texture(folder, capsys):
+    write_obj(folder)
+    before = contents(folder)
+    assert run("render", "fuze.obj", *SMALL[:-1]) == 0
+    assert_only_added(before, folder, "fuze-render.png")
+    assert "fuze.png must not be overwritten; the picture will be fuze-render.png" in capsys.readouterr().err
+    # A second render replaces the first one's picture.
+    assert run("render", "fuze.obj", *SMALL) == 0
+    assert_only_added(before, folder, "fuze-render.png")
+
+
+def test_a_texture_that_wrt_rendered_is_one_all_the_same(folder):
+    write_obj(folder)
+    (folder / "fuze.png").unlink()
+    save_elsewhere("fuze.png")
+    before = contents(folder)
+    assert run("render", "fuze.obj", *SMALL) == 0
+    assert run("render", "fuze.obj", "-o", "fuze.png", "--force", *SMALL) == 2
+    assert_only_added(before, folder, "fuze-render.png")
+
+
+def test_the_environment_is_not_replaced_under_any_name(folder, capsys):
+    (folder / "sub").mkdir()
+    save_elsewhere("env.exr")
+    os.symlink("env.exr", "link.exr")
+    os.link("env.exr", "hard.exr")
+    (folder / "a.toml").write_text('[environment]\ntype = "image"\nfile = "env.exr"\n[[shapes]]\ntype = "box"\n')
+    before = contents(folder)
+    for name in ("env.exr", "link.exr", "hard.exr", "sub/../env.exr"):
+        for force in ((), ("--force",)):
+            assert run("render", "a.toml", "-o", name, *SMALL, *force) == 2
+            assert f"{name}: would replace a file that was read" in capsys.readouterr().err
+            assert_only_added(before, folder)
+
+
+def test_python_keeps_to_the_rule_as_well(folder):
+    mesh = write_obj(folder)
+    before = contents(folder)
+    renderer = wrt.Renderer(wrt.load(mesh), width=8, height=8)
+    for write in (
+        lambda: wrt.save_image("fuze.png", np.zeros((8, 8, 3))),
+        lambda: renderer.save("fuze.png", force=True),
+        lambda: renderer.save_checkpoint(mesh),
+    ):
+        with pytest.raises(wrt.InputError, match="would replace a file that was read"):
+            write()
+    assert_only_added(before, folder)
+
+
+def test_what_was_read_and_is_gone_or_empty_may_be_written(folder):
+    save_image("a.npy", np.zeros((2, 2, 3)))
+    Path("a.npy").rename("b.npy")
+    wrt.load_image("b.npy")
+    Path("b.npy").unlink()
+    save_image("b.npy", np.ones((2, 2, 3)))
+    save_image("b.npy", np.zeros((2, 2, 3)))
+    assert wrt.load_image("b.npy").max() == 0.0
+    Path("a.png").touch()
+    save_image("a.png", np.zeros((2, 2, 3)))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
+def test_a_picture_replaces_a_picture_of_wrt_alone(suffix, folder, capsys):
+    name = f"a{suffix}"
+    save_elsewhere(name)  # pictures are recognized by their metadata
+    assert run("render", "cornell-box", "-o", name, *SMALL) == 0
+    foreign = {
+        ".png": lambda: Image.new("RGB", (4, 4)).save(name),
+        ".exr": lambda: Path(name).write_bytes(b"v/1\x01 somebody else's"),
+        ".npy": lambda: np.save(name, np.zeros((4, 4, 3), np.float32)),
+    }
+    foreign[suffix]()
+    before = contents(folder)
+    assert run("render", "cornell-box", "-o", name, *SMALL) == 2
+    assert f"{name}: already exists and is not a picture that wrt has made" in capsys.readouterr().err
+    assert_only_added(before, folder)
+    assert run("render", "cornell-box", "-o", name, *SMALL, "--force") == 0
+    assert contents(folder) != before
+
+
+def test_default_names_step_aside_for_files_and_for_one_another(folder):
+    Image.new("RGB", (4, 4)).save("cornell-box.png")
+    Path("cornell-box-render.png").write_bytes(b"notes")
+    shutil.copy(write_obj(folder), "fuze-render.obj")
+    Path("out").mkdir()
+    Path("out/fuze.png").write_bytes(b"notes")
+    before = contents(folder)
+    assert run("render", "cornell-box", *SMALL, "--force") == 0
+    assert run("render", "fuze.obj", "fuze-render.obj", *SMALL) == 0
+    assert run("render", "fuze.obj", "fuze-render.obj", "-o", "out/", *SMALL) == 0
+    pictures = ("fuze-render.png", "fuze-render-render.png")
+    assert_only_added(before, folder, "cornell-box-render-2.png", *pictures, *(f"out/{name}" for name in pictures))
+    assert run("render", "fuze.obj", "-o", "out/", "--force", *SMALL) == 0
+    assert Path("out/fuze.png").read_bytes() != b"notes"
+
+
+def test_a_checkpoint_replaces_a_checkpoint_alone(folder, capsys):
+    options = ("render", "cornell-box", "--checkpoint", "a.ckpt", "-o", "a.png", *SMALL)
+    assert run(*options) == 0
+    assert run(*options) == 0
+    np.savez("a.npz", header=np.zeros(3))
+    save_image("a.npy", np.zeros((2, 2, 3)))
+    for content in (b"v 0 0 0\n", b"PK\3\4 an archive", Path("a.npz").read_bytes(), Path("a.npy").read_bytes()):
+        Path("a.ckpt").write_bytes(content)
+        before = contents(folder)
+        for force in ((), ("--force",)):
+            assert run(*options, *force) == 2
+            assert "a.ckpt: already exists and is not a checkpoint; name another file" in capsys.readouterr().err
+            assert_only_added(before, folder)
+
+
+# --- How files are written -------------------------------------------------------------------------
+
+
+def make_special(kind: str, path: Path) -> None:
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "socket":
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind(str(path))
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "loop":
+        path.symlink_to(path.name)
+    else:
+        try:
+            os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))  # as /dev/null
+        except PermissionError:
+            pytest.skip("making device nodes takes root")
+
+
+PLACES = ("a.png", "a.exr", "a.npy", "a.toml", "a.ckpt", "fuze-render.png")
+
+
+@pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder", "loop"])
+def test_what_is_no_file_is_refused_in_every_place(kind, linked, folder, capsys):
+    write_obj(folder)
+    for name in PLACES:
+        make_special(kind, folder / (f"to-{name}" if linked else name))
+        if linked:
+            (folder / name).symlink_to(f"to-{name}")
+
+    def modes() -> list[tuple[str, int]]:
+        return sorted((path.name, path.lstat().st_mode) for path in folder.iterdir())
+
+    before = modes()
+    render = ("render", "fuze.obj", *SMALL, "-o")
+    commands = [(*render, f"a{suffix}") for suffix in (".png", ".exr", ".npy")]
+    commands += [(*render, "b.png", "--checkpoint", "a.ckpt"), (*render, "b.png", "--checkpoint", "a.ckpt", "--resume")]
+    commands += [("convert", "fuze.obj", "a.toml"), ("render", "a.toml", "-o", "b.png"), ("info", "a.toml")]
+    for command in commands:
+        for force in ((), ("--force",)) if command[0] != "info" else ((),):
+            assert run(*command, *force) == 2, command
+            error = capsys.readouterr().err
+            assert error.count("\n") == 1
+            assert error.startswith("wrt: error: a."), error
+            assert modes() == before
+
+
+def test_links_are_followed(folder):
+    (folder / "disk").mkdir()
+    names = ("a.ckpt", "a.png", "a.toml")
+    for name in names:
+        (folder / name).symlink_to(f"disk/{name}")
+    for _ in range(2):
+        assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 0
+    assert run("convert", "cornell-box", "a.toml") == 0
+    assert sorted(os.listdir(folder / "disk")) == list(names)
+    assert all((folder / name).is_symlink() for name in names)
+
+
+def test_permissions_are_kept_and_a_write_protected_file_is_left_alone(folder, capsys):
+    save_image("a.png", np.zeros((2, 2, 3)))
+    (folder / "a.png").chmod(0o640)
+    save_image("a.png", np.ones((2, 2, 3)))
+    assert stat.S_IMODE((folder / "a.png").stat().st_mode) == 0o640
+    (folder / "a.png").chmod(0o444)
+    before = contents(folder)
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 2
+    assert "a.png: is write-protected" in capsys.readouterr().err
+    assert_only_added(before, folder)
+
+
+WRITING = """
+import sys, time
+from pathlib import Path
+from wrt.io.images import PICTURE
+from wrt.io.safe_write import write_atomically
+
+def write(temporary):
+    temporary.write_bytes(b"half")
+    print("writing", flush=True)
+    time.sleep(60)
+
+write_atomically(Path(sys.argv[1]), write, PICTURE)
+"""
+
+
+def test_leftovers_of_killed_writes_are_removed_and_no_others(folder):
+    (folder / ".wrt-notes.part").write_text("mine")
+    command = [sys.executable, "-c", WRITING, "a.png"]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE) as killed,
+        subprocess.Popen(command, stdout=subprocess.PIPE) as living,
+    ):
+        for process in (killed, living):
+            assert process.stdout.readline() == b"writing\n"
+        killed.kill()
+        killed.wait()
+        assert len(list(folder.glob(".wrt-????????-????????.part.png"))) == 2
+        write_atomically(folder / "b.png", lambda file: file.write_bytes(b"whole"), PICTURE)
+        left = [path.name for path in folder.glob(".wrt-*.part*")]
+        living.kill()
+    assert len(left) == 2  # the file that is still being written, and the file that is not wrt's
+    assert ".wrt-notes.part" in left
+    assert (folder / "b.png").read_bytes() == b"whole"
+
+
+def test_names_as_long_as_they_may_be(folder):
+    name = "a" * 251 + ".png"
+    write_atomically(folder / name, lambda file: file.write_bytes(b"x"), PICTURE)
+    assert os.listdir(folder) == [name]

@@ -1,0 +1,252 @@
+"""Scene files give the scene they describe; every mistake in them is told by file and key, in one line."""
+
+from __future__ import annotations
+
+import re
+import typing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.scene_files import COMPOSITES, FULL, MISTAKES, MOVING, QUAD, ROOF, scene_of, write_beside
+
+import wrt
+from wrt.io.images import save_image
+from wrt.io.toml.reader import load_scene
+from wrt.scene.materials import MATERIALS
+from wrt.scene.materials.composite import MAX_NESTING
+from wrt.scene.srgb import linear_from_srgb
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_beside(tmp_path)
+    return tmp_path
+
+
+def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
+    scene = scene_of(folder, FULL)
+    assert scene.settings == wrt.RenderSettings(320, 200, 12, 5, "tent", exposure=-1.5)
+    assert scene.camera == wrt.PerspectiveCamera(
+        (0, 1, 3), (0, 0.5, 0), (0, 0, -1), 35.0, aperture_radius=0.01, focus_distance=2.0
+    )
+    assert isinstance(scene.environment, wrt.ImageEnvironment)
+    np.testing.assert_array_equal(scene.environment.pixels, 7.0)
+    assert (scene.environment.scale, scene.environment.rotation_degrees) == (2.0, 90.0)
+    point, sun = scene.lights
+    assert (point.position, point.power) == ((1.0, 2.0, 3.0), (10.0, 20.0, 30.0))
+    assert sun == wrt.DirectionalLight((0, -1, 0), 3.0)
+
+    floor, box, ball, pentagon, several, own, flat = scene.shapes
+    assert (floor.name, floor.emission, floor.two_sided_emission) == ("floor", (4.0, 4.0, 4.0), True)
+    np.testing.assert_allclose(floor.material.reflectance.pixels, linear_from_srgb(100 / 255), rtol=1e-6)
+    assert box.material == wrt.Conductor((0.1, 0.4, 1.4), (4, 2.4, 1.6))
+    # (1, 2, 3) is scaled to (1, 4, 3), turned about y to (3, 4, -1), then about x to (3, 1, 4).
+    np.testing.assert_allclose(box.mesh.bounds, [[10, 0, 0], [13, 1, 4]], atol=1e-5)
+    assert ball.material == wrt.Dielectric(1.33, 1.1)
+    assert ball.emission == (1.0, 2.0, 3.0)
+    assert len(ball.mesh.faces) == 20 * 4**2
+    assert pentagon.material == flat.material == wrt.Mirror((0.9, 0.8, 0.7))
+    assert len(pentagon.mesh.faces) == len(several.mesh.faces) == 3
+    assert several.material.reflectance == wrt.VertexColor()
+    ridge = np.abs(own.mesh.vertices[:, 0]) < 1e-6
+    np.testing.assert_allclose(own.mesh.normals[ridge], [[0, -1, 0]] * ridge.sum(), atol=1e-6)
+    assert flat.mesh.normals is None
+
+
+def test_materials_made_of_others_and_partly_there(folder):
+    codes = np.array([[[10, 100, 200]]], np.uint8)
+    save_image(folder / "data.png", linear_from_srgb(codes / 255))
+    names = ("sheet", "speckled", "leaf", "paint", "even", "lamp")
+    scene = scene_of(folder, COMPOSITES + "".join(f'{QUAD}material = "{name}"\n' for name in names))
+    sheet, speckled, leaf, paint, even, lamp = (shape.material for shape in scene.shapes)
+    assert isinstance(sheet, wrt.TwoSided)
+    assert isinstance(speckled, wrt.Mix)
+    # One object a name, wherever it is used: it is uploaded once.
+    assert (sheet.front, sheet.back, speckled.first, speckled.second) == (leaf, speckled, leaf, paint)
+    assert sheet.back.first is leaf
+    assert even.first is even.second is paint
+    assert (even.weight, leaf.opacity, paint.opacity) == (0.5, 0.75, wrt.VertexColor())
+    # Numbers as they are in the file, where it says so; else decoded like colours. Pixels of a file are read once.
+    for texture, channel, linear in (
+        (sheet.opacity, "b", True),
+        (speckled.weight, "g", True),
+        (leaf.reflectance, None, False),
+        (paint.reflectance, "r", False),
+    ):
+        assert (texture.channel, texture.name) == (channel, "data.png")
+        expected = codes / 255 if linear else linear_from_srgb(codes / 255)
+        np.testing.assert_allclose(texture.pixels, expected, rtol=1e-6)
+    assert sheet.opacity.pixels is speckled.weight.pixels
+    assert leaf.reflectance.pixels is paint.reflectance.pixels
+    assert lamp.opacity is sheet.opacity
+    assert scene.shapes[5].emission == (1.0, 2.0, 3.0)
+    assert [shape.emits for shape in scene.shapes] == [False] * 5 + [True]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in MATERIALS if kind != "measured"])  # which needs a file
+def test_every_material_has_opacity_and_textures_wherever_values_vary(folder, kind):
+    cls = MATERIALS[kind]
+    head = f'{QUAD}material = "m"\n[materials.m]\ntype = "{kind}"\n'
+    assert scene_of(folder, f"{head}opacity = 0.5\n").shapes[0].material == cls(opacity=0.5)
+    varying = [key for key, hint in typing.get_type_hints(cls).items() if wrt.ImageTexture in typing.get_args(hint)]
+    assert "opacity" in varying
+    for key in varying:
+        scene = scene_of(folder, f'{head}{key} = {{ texture = "wood.png", linear = true }}\n')
+        made = getattr(scene.shapes[0].material, key)
+        assert isinstance(made, wrt.ImageTexture), key
+        np.testing.assert_allclose(made.pixels, 100 / 255, rtol=1e-6)
+
+
+def test_materials_may_be_nested_as_deep_as_kernels_go(folder):
+    links = "".join(f"[materials.m{i}]\ntype = 'mix'\nfirst = 'm{i + 1}'\n" for i in range(MAX_NESTING))
+    scene = scene_of(folder, f"{links}[materials.m{MAX_NESTING}]\ntype = 'mirror'\n{QUAD}material = 'm0'\n")
+    material = scene.shapes[0].material
+    for _ in range(MAX_NESTING):
+        material = material.first
+    assert material == wrt.Mirror()
+
+
+def test_defaults(folder):
+    scene = scene_of(folder, "# nothing yet\n")
+    assert (scene.shapes, scene.camera, scene.settings) == ([], None, wrt.RenderSettings())
+    box = scene_of(folder, '[environment]\ntype = "constant"\n[[shapes]]\ntype = "box"\n')
+    assert box.environment == wrt.ConstantEnvironment(1.0)
+    assert box.shapes[0].material == wrt.Diffuse()
+
+
+def test_a_mesh_keeps_its_own_materials_unless_given_one(folder):
+    (folder / "two.mtl").write_text("newmtl a\nKd 0.1 0.2 0.3\nnewmtl b\nKd 0.4 0.5 0.6\n")
+    *points, left, right = ROOF.splitlines()
+    (folder / "two.obj").write_text("\n".join(["mtllib two.mtl", *points, "usemtl a", left, "usemtl b", right]))
+    shape = '[[shapes]]\ntype = "mesh"\nfile = "two.obj"\n'
+    own = scene_of(folder, shape)
+    assert [s.material.reflectance for s in own.shapes] == [(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]
+    (given,) = scene_of(folder, shape + 'material = "m"\n[materials.m]\ntype = "mirror"\n').shapes
+    assert len(given.mesh.faces) == 4
+    assert given.material == wrt.Mirror()
+
+
+def test_a_camera_that_moves(folder):
+    """It turns about where it stands, unless told about what."""
+    camera = scene_of(folder, MOVING + QUAD).camera
+    assert isinstance(camera, wrt.FisheyeCamera)
+    assert (camera.shutter_open, camera.shutter_close, camera.shutter_ramp) == (1.0, 3.0, 0.5)
+    assert camera.motion.center == (1.0, 2.0, 3.0)
+    point = np.array([1.0, 2.0, 4.0, 1.0])
+    for time, expected in ((0.0, (1, 2, 4)), (2.0, (2, 2, 3)), (3.5, (2, 2, 7)), (9.0, (2, 2, 7))):
+        np.testing.assert_allclose((camera.motion.at(time) @ point)[:3], expected, atol=1e-12)
+    own = scene_of(folder, MOVING.replace("[camera.motion]", "[camera.motion]\ncenter = [0, 0, 0]") + QUAD).camera
+    np.testing.assert_allclose((own.motion.at(2.0) @ point)[:3], (4, 2, -1), atol=1e-12)
+
+
+def test_the_number_of_triangles_can_be_replaced(folder):
+    text = '[[shapes]]\ntype = "many-triangles"\ntriangles = 4000\n'
+    counts = [len(scene_of(folder, text, n).shapes[0].mesh.faces) for n in (None, 1000, 9000)]
+    assert counts == pytest.approx([4000, 1000, 9000], rel=0.1)
+    with pytest.raises(wrt.InputError, match=r"scene\.toml: a number of triangles was given"):
+        scene_of(folder, QUAD, 1000)
+
+
+PLACES = """
+[[shapes]]
+type = "box"
+translate = [0, 1, 0]
+instances = [
+    { translate = [1, 0, 0], scale = 2.0 },
+    { rotate = { axis = [0, 1, 0], degrees = 90 }, motion = { times = [0, 2], translate = [4, 0, 0] } },
+]
+[[shapes]]
+type = "sphere"
+subdivisions = 0
+instances = "places.npy"
+[[shapes]]
+type = "box"
+motion = { times = [1, 3], rotate = { axis = [0, 0, 1], degrees = 720 }, center = [1, 0, 0] }
+[[shapes]]
+type = "box"
+motion = { keys = [{ time = 0.5 }, { time = 1.5, scale = 3.0, translate = [0, 2, 0] }] }
+[[shapes]]
+type = "mesh"
+file = "low.obj"
+smooth = false
+scale = 2.0
+deformation = { files = ["low.obj", "high.obj"], times = [0.0, 1.0] }
+"""
+
+
+def test_shapes_in_many_places_that_move_and_change_their_form(folder) -> None:
+    matrices = np.tile(np.eye(4), (3, 1, 1))
+    matrices[:, 0, 3] = 1.0, 2.0, 3.0
+    np.save(folder / "places.npy", matrices)
+    for name, height in (("low", 1.0), ("high", 3.0)):
+        (folder / f"{name}.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 {height} 0\nf 1 2 3\n")
+    first, second, *placed, spinning, growing, changing = scene_of(folder, PLACES).shapes
+    assert first.mesh is second.mesh
+    assert placed[0].mesh is placed[1].mesh is placed[2].mesh
+    assert first.mesh.bounds[0, 1] == 0.5  # the shape's own transform comes first
+    np.testing.assert_allclose(first.bounds, [[0.0, 1.0, -1.0], [2.0, 3.0, 1.0]])
+    turned = wrt.Motion.rotation((0, 1, 0), 90.0).transforms[-1]
+    expected = wrt.Motion.translation((2.0, 0.0, 0.0)).transforms[-1] @ turned
+    np.testing.assert_allclose(second.transform_at(1.0), expected, atol=1e-12)
+    np.testing.assert_array_equal([shape.transform for shape in placed], matrices)
+    quarter = wrt.Motion.rotation((0, 0, 1), 90.0, center=(1.0, 0.0, 0.0)).transforms[-1]
+    np.testing.assert_allclose(spinning.transform_at(1.25), quarter, atol=1e-12)
+    half = np.diag([2.0, 2.0, 2.0, 1.0])
+    half[1, 3] = 1.0
+    np.testing.assert_allclose(growing.transform_at(1.0), half, atol=1e-12)
+    np.testing.assert_allclose(changing.mesh_at(0.5).bounds[1], [2.0, 4.0, 0.0])
+
+
+# --- Mistakes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", MISTAKES, ids=range(len(MISTAKES)))
+def test_mistakes_are_told_by_file_and_key_in_one_line(folder, text):
+    with pytest.raises(wrt.InputError) as caught:
+        scene_of(folder, text)
+    message = str(caught.value)
+    assert message.startswith(f"{folder / 'scene.toml'}: " + MISTAKES[text].format(folder=folder))
+    assert "\n" not in message
+    assert message.count("scene.toml") == 1
+
+
+def test_syntax_errors_give_line_and_column_and_what_is_no_text_is_refused(folder):
+    with pytest.raises(wrt.InputError, match=r"scene\.toml: not TOML: .*line 3, column 10"):
+        scene_of(folder, "[settings]\nwidth = 5\nheight = = 5\n")
+    (folder / "scene.toml").write_bytes(b"a = '\xff'")
+    with pytest.raises(wrt.InputError, match=r"scene\.toml: not UTF-8 text: byte 5 is 0xff"):
+        load_scene(folder / "scene.toml")
+
+
+MOTIONS = {
+    "keys = []": "camera.motion: motion times must be one or more finite numbers",
+    "keys = [{ translate = [0, 0, 1] }]": "camera.motion.keys[0]: the key 'time' is missing",
+    "keys = [{ time = 1 }, { time = 1 }]": "camera.motion: motion times must ascend",
+    "keys = [{ time = 0 }, { time = 1e308 }]": "camera.motion: motion times must be one or more finite numbers",
+    "keys = [{ time = 1, turn = 3 }]": "camera.motion.keys[0].turn: unknown key",
+    "keys = [{ time = 1, scale = 2 }]": "camera: camera motion must be rigid",
+    "center = [0, 0, 0]": "camera.motion: the key 'keys' is missing",
+}
+IN_PLACES = {
+    "instances = [{ translat = [1, 0, 0] }]": "shapes[0].instances[0].translat: unknown key",
+    "instances = []": "instances must not be empty",
+    'instances = "none.npy"': "none.npy: no such file",
+    'instances = "bad.npy"': "bad.npy: not a NumPy file",
+    'instances = "flat.npy"': "must be (N, 4, 4) matrices, not an array of (3,)",
+    "motion = 3": "motion: must be a table",
+    "motion = { times = [0] }": "times must be two",
+    "motion = { keys = [{ time = 1.0 }, { time = 0.0 }] }": "motion: motion times must ascend",
+    "motion = { times = [0, 1] }\ninstances = [{}]": "both motion and instances",
+    'deformation = { files = ["bad.npy"], times = [0.0, 1.0] }': "two arrays of one length",
+}
+
+
+def test_motions_and_places_that_cannot_be(folder):
+    (folder / "bad.npy").write_text("no array")
+    np.save(folder / "flat.npy", np.zeros(3))
+    cases = [(f"[camera.motion]\n{keys}\n{QUAD}", f"scene.toml: {message}") for keys, message in MOTIONS.items()]
+    cases += [(f'[[shapes]]\ntype = "box"\n{keys}\n', message) for keys, message in IN_PLACES.items()]
+    for text, message in cases:
+        with pytest.raises(wrt.InputError, match=re.escape(message)):
+            scene_of(folder, text)

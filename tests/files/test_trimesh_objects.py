@@ -1,0 +1,393 @@
+"""A trimesh object loads like the file that it was loaded from, or would be saved to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from conftest import ROOT
+from PIL import Image
+from support.mesh_files import saved
+from support.meshes import gltf_box, volume, write
+from support.same_scenes import differences
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import MultiMaterial, PBRMaterial, SimpleMaterial
+
+import wrt
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import from_trimesh, load_file, load_object
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
+from wrt.scene.srgb import linear_from_srgb
+
+SEEDS = ROOT / "tests" / "corpus" / "seeds"
+LOADERS = pytest.mark.parametrize("loader", [trimesh.load, trimesh.load_scene], ids=["load", "load_scene"])
+
+HALF_A_STEP = 0.5 / 255 + 2.0**-24
+"""Largest error of a value from 0 to 1 that was rounded to 8 bits by trimesh and then to single precision."""
+
+ASSETS: dict[str, dict[str, float]] = {
+    **{name: {} for name in ("stanford-bunny.obj", "nefertiti.obj", "spot.obj", "igea.ply", "fuze/fuze.obj")},
+    # trimesh normalizes normals in double precision.
+    "AlphaBlendModeTest.glb": {"normals": 2e-7},
+    # trimesh drops samplers, so the image has no levels. It keeps the camera without the
+    # scale of its parent node: the camera is left out, and the duck framed like any other.
+    "Duck.glb": {"material.base_color.filter": np.inf, "camera": np.inf},
+}
+"""What may differ between each file and its object, and by how much."""
+
+SAMPLES: dict[str, dict[str, float]] = {
+    **{name: {} for name in ("teapot.ply", "big.ply", "strips.ply", "text.ply", "text.stl", "box.stl", "box.off")},
+    # trimesh has the second triangles of all quads behind the first ones; they are compared by their number.
+    "quads.off": {"vertices": 1.0, "normals": 2.0},
+    # trimesh takes options before the image's name as part of the name, and so finds no image for map_Kd.
+    "textured.obj": {"material.base_color": np.inf},
+}
+
+
+def check(path: Path, made: object, allowed: dict[str, float]) -> None:
+    """Compare the scenes of a file and an object."""
+    for name, amount in differences(wrt.load(path), wrt.load(made)).items():
+        bounds = [bound for key, bound in allowed.items() if name == key or name.startswith(f"{key}.")]
+        assert bounds, f"{name} differs by {amount}"
+        assert amount <= max(bounds), f"{name} differs by {amount}, which may be {max(bounds)}"
+
+
+@pytest.mark.slow
+@LOADERS
+@pytest.mark.filterwarnings("ignore:trimesh. its camera is left out:wrt.errors.InputWarning")
+@pytest.mark.filterwarnings("ignore:.*Duck.glb. its camera shows the mesh at 34%:UserWarning")
+@pytest.mark.parametrize("name", ASSETS)
+def test_assets_both_ways(name, loader, assets):
+    path = assets / "meshes" / name
+    check(path, loader(path), ASSETS[name])
+    there = {str(path.relative_to(assets / "meshes")) for path in (assets / "meshes").rglob("*.*")}
+    assert {name for name in there if not name.endswith((".mtl", ".jpg"))} == set(ASSETS)
+
+
+@LOADERS
+@pytest.mark.filterwarnings("ignore:.*the STL file has no normals:wrt.errors.InputWarning")
+@pytest.mark.parametrize("name", SAMPLES)
+def test_samples_both_ways(name, loader):
+    path = ROOT / "meshes" / name if name == "teapot.ply" else SEEDS / name
+    check(path, loader(path), SAMPLES[name])
+
+
+@pytest.mark.parametrize("name", ["scene.gltf", "scene.glb"])
+def test_what_trimesh_loses_of_a_scene(name):
+    # trimesh drops nodes with orthographic cameras and loses their children: here the only light. It also
+    # drops extensions of materials, scales of normal maps, second coordinates, transforms of textures, and samplers.
+    with pytest.warns(InputWarning, match=r"trimesh: node '3' is left out: nothing leads to it"):
+        made = load_object(trimesh.load(SEEDS / name))
+    file = load_file(SEEDS / name)
+    assert (len(file.lights), made.lights) == (1, [])
+    found = differences(wrt.Scene(file.shapes), wrt.Scene(made.shapes))
+    lost = {"uvs", "material.coat", "material.normal_map.scale", "material.normal_map.wrap"}
+    textures = ("base_color", "metallic", "roughness", "opacity")
+    lost |= {f"material.{value}.{key}" for value in textures for key in ("scale", "offset", "wrap", "filter", "uv_set")}
+    rounded = {"material.base_color.factor", "material.opacity.factor", "colors"}
+    assert set(found) <= lost | rounded, found
+    assert max(found.get(name, 0.0) for name in rounded) <= HALF_A_STEP
+
+
+def image(color: tuple[int, ...], mode: str = "RGB") -> Image.Image:
+    """Return an image whose right half is darker, so that its mean is no pixel of it."""
+    pixels = np.empty((4, 4, len(color)), np.uint8)
+    pixels[:, :2], pixels[:, 2:] = color, np.array(color) // 2
+    return Image.fromarray(pixels, mode)
+
+
+def box(**fields) -> trimesh.Trimesh:
+    made = trimesh.creation.box()
+    return trimesh.Trimesh(made.vertices, made.faces, process=False, **fields)
+
+
+def laid(material) -> trimesh.Trimesh:
+    mesh = box()
+    mesh.visual = TextureVisuals(uv=np.linspace(0, 1, 16).reshape(8, 2), material=material)
+    return mesh
+
+
+EMISSION = {"emissiveTexture": image((250, 200, 9)), "emissiveFactor": [1.0, 0.5, 0.25], "doubleSided": True}
+PBR = {
+    "nothing": {},
+    "factors": {"baseColorFactor": [255, 51, 102, 255], "metallicFactor": 0.25, "roughnessFactor": 0.5},
+    "base colour": {"baseColorTexture": image((200, 100, 50)), "baseColorFactor": [255, 51, 255, 255]},
+    "numbers": {"metallicRoughnessTexture": image((0, 100, 200)), "roughnessFactor": 0.75, **EMISSION},
+    "others": {"normalTexture": image((120, 140, 250)), "occlusionTexture": image((10, 10, 10))},
+    "emission without factor": {"emissiveTexture": image((250, 200, 9))},
+    "mask": {"baseColorTexture": image((90, 90, 90, 200), "RGBA"), "alphaMode": "MASK", "alphaCutoff": 0.45},
+    "blend": {"baseColorFactor": [255, 128, 64, 51], "alphaMode": "BLEND"},
+    "alpha that does not count": {"baseColorFactor": [255, 255, 255, 51]},
+}
+
+
+def colored(material) -> trimesh.Trimesh:
+    mesh = laid(material)
+    mesh.visual.vertex_attributes["color"] = np.tile(np.uint8([[200, 100, 50, 128]]), (8, 1))
+    return mesh
+
+
+def turned() -> trimesh.Trimesh:
+    """Return a box whose normals are computed, and so rounded: a file has them on purpose."""
+    mesh = box()
+    assert mesh.vertex_normals.shape == (8, 3)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(0.3, (1, 2, 3)))
+    return mesh
+
+
+def ball() -> trimesh.Trimesh:
+    """Return what stands on no axis more than on another, so that the type of the file decides."""
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
+    mesh.vertices *= (1.0, 1.001, 1.002)
+    return mesh
+
+
+VALUES = {"diffuse": [255, 204, 153, 255], "specular": [51, 51, 51, 255], "glossiness": 250.0}
+ALPHA = {"vertex_colors": np.arange(32, dtype=np.uint8).reshape(8, 4) * 8}
+CLEAR = {"vertex_colors": [[9, 99, 199, 0]] * 8}
+MADE = {  # An object, and the type of its file
+    **{case: (laid(PBRMaterial(**values)), "glb") for case, values in PBR.items()},
+    "colours that multiply": (colored(PBRMaterial(**PBR["blend"])), "glb"),
+    "simple material": (laid(SimpleMaterial(image=image((200, 100, 50)), **VALUES)), "obj"),
+    "alpha of vertices": (box(**ALPHA), "ply"),
+    "alpha that is zero everywhere": (box(**CLEAR), "ply"),
+}
+
+
+@pytest.mark.parametrize("case", MADE)
+def test_an_object_is_what_its_file_is(case, tmp_path):
+    mesh, suffix = MADE[case]
+    path = tmp_path / f"box.{suffix}"
+    mesh.export(path)
+    found = differences(load_file(path), load_object(mesh))  # the studio of glTF has another light
+    # But for single precision and the digits of decimals
+    assert all(amount < 1e-6 for amount in found.values()), found
+
+
+LOADED = {
+    "alpha of vertices": (box(**ALPHA), ("ply", "glb")),
+    "normals": (turned(), ("glb", "ply", "obj")),
+    "axis": (ball(), ("stl", "off", "obj", "ply", "glb")),
+}
+
+
+@pytest.mark.parametrize(("case", "suffix"), [(case, suffix) for case in LOADED for suffix in LOADED[case][1]])
+def test_an_object_is_the_file_that_it_was_loaded_from(case, suffix, tmp_path):
+    mesh, path = LOADED[case][0], tmp_path / f"box.{suffix}"
+    mesh.export(path, **({"include_normals": True} if case == "normals" and suffix != "ply" else {}))
+    again = trimesh.load(path, process=case == "axis")
+    found = differences(wrt.load(path), wrt.load(again))
+    assert all(amount < 2e-7 for amount in found.values()), found
+    (shape,) = load_object(again).shapes
+    if case == "normals":
+        assert len(shape.mesh.vertices) == 8
+    elif case == "axis":
+        axis = "z" if suffix in ("stl", "off") else "y"
+        lows = {up: wrt.load(again, up=up).shapes[0].bounds for up in ("y", "z", None)}
+        np.testing.assert_allclose(lows[None], lows[axis], rtol=1e-6)
+        assert not np.allclose(lows["y"], lows["z"], rtol=1e-5)
+    else:  # in glTF, alpha counts only if a material enables it, and here there is no material
+        assert shape.mesh.colors.shape[1] == (4 if suffix == "ply" else 3)
+
+
+def test_values_of_objects():
+    (shape,) = load_object(MADE["colours that multiply"][0]).shapes  # linear, and the alphas apart
+    expected = np.array([200, 100 * 128 / 255, 50 * 64 / 255, 128]) / 255
+    np.testing.assert_allclose(shape.mesh.colors[0], expected, rtol=1e-6)
+    made = load_object(MADE["simple material"][0]).shapes[0].material
+    assert made.roughness == pytest.approx(0.5)
+    np.testing.assert_allclose(made.specular_color, 0.4)
+    (shape,) = load_object(box(**CLEAR)).shapes
+    assert (shape.mesh.colors.shape[1], shape.material.opacity) == (3, 1.0)
+    assert len(from_trimesh(turned())[0].mesh.vertices) == 24
+    given = np.tile([0.0, 0.6, 0.8], (8, 1))
+    np.testing.assert_allclose(from_trimesh(box(vertex_normals=given))[0].mesh.normals, given, atol=1e-6)
+
+
+TRIANGLE = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
+
+
+def test_what_is_changed_after_loading_counts(tmp_path):
+    write(tmp_path, "a.mtl", "newmtl a\nKd 0.123 0.456 0.789\nKs 0.5 0.5 0.5\nNs 10\nillum 2\nd 0.5\n")
+    mesh = trimesh.load(write(tmp_path, "a.obj", TRIANGLE))
+    kept = load_object(mesh).shapes[0].material
+    assert kept.base_color == (0.123, 0.456, 0.789)  # not rounded to 8 bits, as the attribute is
+    assert kept.opacity == 0.5
+    mesh.visual.material.diffuse = np.array([255, 0, 51, 255], np.uint8)
+    mesh.visual.material.glossiness = 1000.0
+    changed = load_object(mesh).shapes[0].material
+    np.testing.assert_allclose(changed.base_color, (1.0, 0.0, 0.2))
+    assert changed.roughness == 0.0
+
+
+def test_maps_besides_the_color_come_from_beside_the_file(tmp_path):
+    image((128, 128, 255)).save(tmp_path / "n.png")
+    write(tmp_path, "a.mtl", "newmtl a\nKd 1 1 1\nnorm n.png\nmap_Ke gone.png\n")
+    path = write(tmp_path, "a.obj", TRIANGLE)
+    mesh = trimesh.load(path)
+    with pytest.warns(InputWarning, match=r"gone\.png"):
+        made = wrt.load(mesh)
+    with pytest.warns(InputWarning, match=r"gone\.png"):
+        assert differences(wrt.load(path), made) == {}
+    assert isinstance(made.shapes[0].material.normal_map, wrt.NormalMap)
+    with pytest.raises(wrt.InputError, match=r"'gone\.png', which a material names, cannot be looked up"):
+        wrt.load(mesh.copy(), strict=True)  # a copy does not know its file
+
+
+def test_several_materials_of_one_mesh_and_one_image_of_several():
+    picture = image((0, 100, 200))
+    materials = [PBRMaterial(metallicFactor=value, metallicRoughnessTexture=picture) for value in (0.25, 0.75)]
+    mesh = laid(MultiMaterial(materials))
+    mesh.visual.face_materials = [0] * 5 + [1] * 7
+    shapes = from_trimesh(mesh)
+    assert [len(shape.mesh.faces) for shape in shapes] == [5, 7]
+    assert [shape.material.metallic.factor for shape in shapes] == [(0.25,) * 3, (0.75,) * 3]
+    assert len({id(values.pixels) for s in shapes for values in (s.material.metallic, s.material.roughness)}) == 1
+    mesh.visual.face_materials = None
+    with pytest.warns(InputWarning, match="does not say which of its 2 materials each face has"):
+        (shape,) = from_trimesh(mesh)
+    assert isinstance(shape.material, wrt.Diffuse)
+
+
+def test_codes_are_decoded_and_transforms_that_mirror_keep_fronts_in_front():
+    (seen,) = from_trimesh(box(vertex_colors=np.full((8, 4), 128, np.uint8)))
+    np.testing.assert_allclose(seen.mesh.colors, [[linear_from_srgb(128 / 255)] * 3 + [128 / 255]] * 24, rtol=1e-6)
+    assert seen.material.opacity.alpha
+    (seen,) = from_trimesh(box(face_colors=[[255, 0, 0, 51]] * 12))
+    np.testing.assert_allclose(seen.mesh.colors, [[1.0, 0.0, 0.0, 0.2]] * 36, rtol=1e-6)
+    scene, mirror = trimesh.Scene(), np.diag([-1.0, 1.0, 1.0, 1.0])
+    mirror[0, 3] = 7.0
+    scene.add_geometry(box(), transform=mirror)
+    (moved,) = from_trimesh(scene)
+    np.testing.assert_allclose(moved.mesh.bounds, [[6.5, -0.5, -0.5], [7.5, 0.5, 0.5]])
+    assert volume(moved.mesh.translated([-7, 0, 0])) == pytest.approx(1.0)
+    for plain in (box(), laid(None)):
+        assert from_trimesh(plain)[0].material.reflectance == DEFAULT_REFLECTANCE
+
+
+def test_cameras_and_lights_of_a_scene():
+    scene = trimesh.Scene(box())
+    assert wrt.load(scene).camera.fov_degrees == 24.0  # framed by wrt: trimesh creates a camera only on request
+    matrix = trimesh.transformations.rotation_matrix(0.5, (0, 1, 0))
+    matrix[:3, 3] = 1.0, 2.0, 3.0
+    scene.camera = trimesh.scene.Camera(resolution=(80, 60), fov=(60, 45))
+    scene.camera_transform = matrix
+    assert len(scene.lights) == 2  # trimesh creates two when asked for lights
+    made = wrt.load(scene)
+    assert made.lights == []
+    assert made.camera.fov_degrees == pytest.approx(45.0)
+    np.testing.assert_allclose(made.camera.origin, (1, 2, 3))
+    np.testing.assert_allclose(np.subtract(made.camera.target, made.camera.origin), -matrix[:3, 2])
+    lighting, white = trimesh.scene.lighting, [255, 255, 255, 255]
+    scene.lights = [
+        lighting.PointLight(name="lamp", color=[255, 51, 0, 255], intensity=8.0),
+        lighting.SpotLight(name="spot", color=white, intensity=2.0, innerConeAngle=0.1, outerConeAngle=0.5),
+        lighting.DirectionalLight(name="sun", color=white, intensity=3.0),
+    ]
+    for light in scene.lights:
+        scene.graph[light.name] = matrix
+    lamp, spot, sun = wrt.load(scene).lights
+    np.testing.assert_allclose(lamp.intensity, (8.0, 1.6, 0.0))
+    np.testing.assert_allclose(lamp.position, (1, 2, 3))
+    np.testing.assert_allclose(spot.direction, -matrix[:3, 2])
+    assert np.radians(spot.outer_degrees) == pytest.approx(0.5)
+    np.testing.assert_allclose(sun.irradiance, 3.0)
+    with pytest.raises(wrt.InputError, match="an up axis is for files without lights and cameras"):
+        wrt.load(scene, up="z")
+
+
+def test_lights_that_trimesh_carries_on_from_gltf(tmp_path):
+    light = {"type": "point", "intensity": 7.0, "color": [1.0, 0.5, 0.25]}
+    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])) | {
+        "nodes": [
+            {"mesh": 0, "children": [1]},
+            {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}},
+            {"camera": 0, "translation": [0, 0, 5]},
+        ],
+        "extensions": {"KHR_lights_punctual": {"lights": [light]}},
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.6, "znear": 0.1, "aspectRatio": 1.5}}],
+        "scenes": [{"nodes": [0, 2]}],
+        "scene": 0,
+    }
+    path = saved(tmp_path, tree)
+    file, made = wrt.load(path), wrt.load(trimesh.load(path))
+    # The camera's node must not be mistaken for a parent of the camera; the light's may be.
+    assert differences(file, made).keys() <= {"camera", "camera.origin", "camera.target"}
+    np.testing.assert_allclose([light.position for light in made.lights], [(1, 2, 3)])
+
+
+def test_what_has_no_triangles_or_coordinates_is_told():
+    cloud = trimesh.PointCloud(np.zeros((3, 3)))
+    scene = trimesh.Scene(box())
+    scene.add_geometry(cloud, geom_name="dust")
+    scene.add_geometry(trimesh.load_path(np.array([[0, 0, 0], [1, 1, 1.0]])), geom_name="way")
+    dust = r"trimesh: 'dust' is left out: a PointCloud has no triangles; wrt\.spheres shows points$"
+    with (
+        pytest.warns(InputWarning, match=dust),
+        pytest.warns(InputWarning, match="trimesh: 'way' is left out: a Path3D has no triangles$"),
+    ):
+        assert len(from_trimesh(scene)) == 1
+    with pytest.raises(wrt.InputError, match=r"a P.* has no triangles"):
+        wrt.render(scene, strict=True, width=8, height=8, spp=1)
+    for nothing in (cloud, trimesh.Scene([cloud])):
+        with pytest.warns(InputWarning), pytest.raises(wrt.InputError, match="no triangles in it"):
+            wrt.load(nothing)
+    mesh = box()
+    material = PBRMaterial(baseColorFactor=[255, 0, 0, 255], baseColorTexture=image((9, 9, 9)))
+    mesh.visual = TextureVisuals(material=material)
+    with pytest.warns(InputWarning, match="^trimesh: the textures of material 0 are left out: its mesh has no texture"):
+        (shape,) = from_trimesh(mesh)
+    assert shape.material.base_color == (1.0, 0.0, 0.0)
+
+
+def test_axes_are_for_everything_that_is_rendered():
+    block = wrt.box((0, 0, 0), (1, 2, 3))
+    mesh = trimesh.Trimesh(block.vertices, block.faces, process=False)
+    small = {"width": 16, "height": 12, "spp": 1}
+    for source in (block, mesh):
+        picture = wrt.render(source, up="z", **small)
+        np.testing.assert_array_equal(picture, wrt.render(wrt.load(source, up="z"), **small))
+        assert not np.array_equal(picture, wrt.render(source, up="x", **small))
+        assert np.ptp(wrt.load(source, up="z").shapes[0].bounds, axis=0)[1] == pytest.approx(3.0)
+    cone = trimesh.creation.cone(radius=1.0, height=4.0)  # along z: what lies on its side is set up
+    heights = [np.ptp(wrt.load(cone, up=up).shapes[0].bounds, axis=0)[1] for up in (None, "y")]
+    np.testing.assert_allclose(heights, [4.0, 2.0], rtol=0.01)
+
+
+def test_options_of_other_sources_are_refused(tmp_path):
+    mesh, scene = box(), wrt.load(wrt.box((0, 0, 0), (1, 2, 3)))
+    for call, said in (
+        (lambda: wrt.render(scene, up="z"), r"^Scene: an up axis is for meshes, not for scenes$"),
+        (lambda: wrt.render(mesh, up="w"), "up must be one of"),
+        (lambda: wrt.load(mesh, triangles=1000), "a number of triangles is for scenes with a procedural mesh"),
+        (lambda: wrt.render(mesh, parameters={"a": 1}), "parameters are only for Mitsuba scenes"),
+        (lambda: from_trimesh(5), "not int"),
+        *(
+            (lambda source=source: wrt.load_mesh(source), f"not {type(source).__name__}; wrt.Mesh takes arrays")
+            for source in (None, b"a.obj", np.zeros((3, 3)), scene)
+        ),
+        # Where a scene is needed, the function that makes one is named.
+        (lambda: wrt.Renderer(mesh), "a renderer needs a wrt.Scene, not Trimesh; wrt.load makes one"),
+        (lambda: wrt.turntable("a.obj", frames=2), "a turntable needs a wrt.Scene, not str; wrt.load makes one"),
+        (lambda: wrt.save_scene(tmp_path / "a.toml", mesh), r"a\.toml needs a wrt.Scene, not Trimesh"),
+        (lambda: wrt.save_scene(tmp_path / "a.glb", "a.obj"), r"a\.glb needs a wrt.Scene, not str"),
+        (lambda: wrt.save_scene(scene, tmp_path / "a.toml"), "a scene file is written to a path, not to Scene"),
+        (lambda: wrt.Scene().add(mesh), r"must be a wrt\.Mesh, not Trimesh; wrt\.load_mesh makes one"),
+        (lambda: wrt.Scene("a.obj"), r"shapes must be a list of wrt\.Shape, .*; wrt\.load makes a scene of a file"),
+    ):
+        with pytest.raises(wrt.InputError, match=said):
+            call()
+
+
+def test_a_mesh_is_made_of_an_object_as_of_a_file(tmp_path):
+    block, placed = trimesh.creation.box((1, 2, 3)), trimesh.Scene()
+    for x in (0.0, 5.0):
+        placed.add_geometry(block, transform=trimesh.transformations.translation_matrix((x, 0, 0)))
+    for made in (block, placed):
+        made.export(path := tmp_path / "a.stl")
+        mesh, file = wrt.load_mesh(made), wrt.load_mesh(path)
+        np.testing.assert_allclose(mesh.bounds, file.bounds, atol=1e-6)
+        assert len(mesh.faces) == len(file.faces)
+    assert wrt.load_mesh(block, smooth_degrees=None).normals is None

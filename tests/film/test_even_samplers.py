@@ -1,0 +1,244 @@
+"""Samplers that spread a pixel's numbers evenly: uniform, independent where they must be, even as they promise."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.stats import qmc
+from support.kernels import draw, map_function
+from support.statistics import chi_square_test, sidak
+
+from wrt.kernels.sampling import low_discrepancy as ld
+from wrt.scene.scene import SAMPLERS
+
+EVEN = SAMPLERS[1:]
+CAMERA, TIME, LIGHT, BSDF = 0, 1, 6, 8
+"""Blocks of the film and the lens, of the time, and of the first vertex."""
+ALPHA = 0.01
+BINS = 61
+
+
+def samples(sampler, block, pixels, count, device, seed=5):
+    """Return (pixels, count, 4) float64 numbers of the first samples of some pixels."""
+    pixel = np.atleast_1d(pixels)[:, None]
+    return draw(seed, pixel, np.arange(count)[None], block, device, sampler=sampler).astype(np.float64)
+
+
+def is_net(points, shapes):
+    """Return whether each cell of each grid of 2^a x 2^b = n cells has exactly one of (..., n, 2) points."""
+    cells = (np.floor(points[..., 0] * 2**a) * 2**b + np.floor(points[..., 1] * 2**b) for a, b in shapes)
+    return all((np.sort(cell, axis=-1) == np.arange(points.shape[-2])).all() for cell in cells)
+
+
+def elementary(m):
+    return [(a, m - a) for a in range(m + 1)]
+
+
+def test_sobols_dimensions_are_the_published_ones(device):
+    """Against SciPy's, which come in the order of the Gray code."""
+    n = 2**12
+    expected = qmc.Sobol(5, scramble=False, bits=32).random(n)
+    index = np.arange(n, dtype=np.uint32)
+    index ^= index >> 1
+    digits = [index, map_function(ld.second_dimension, index, device=device)]
+    digits += [map_function(ld.further_dimension, index, np.full(n, d, np.int32), device=device) for d in (2, 3, 4)]
+    for dimension, reversed_digits in enumerate(digits):
+        found = map_function(ld.reverse_bits, np.asarray(reversed_digits), device=device) / 2.0**32
+        np.testing.assert_array_equal(found, expected[:, dimension], err_msg=f"dimension {dimension}")
+
+
+def test_scrambling_keeps_digits_apart_that_are_apart(device):
+    """Two numbers share as many digits after it as before, so each flip hangs on the digits before it alone."""
+    rng = np.random.default_rng(0)
+    a, b, seed = rng.integers(0, 2**32, (3, 100_000), dtype=np.uint64).astype(np.uint32)
+    before = b << rng.integers(0, 32, len(a)).astype(np.uint32)
+    after = map_function(ld.scramble, a, seed, device=device) ^ map_function(
+        ld.scramble, a ^ before, seed, device=device
+    )
+    np.testing.assert_array_equal(after & (~after + 1), before & (~before + 1))
+
+
+def test_morton_codes_interleave(device):
+    x, y = np.random.default_rng(1).integers(0, 2**16, (2, 1000)).astype(np.uint32)
+    bits = np.arange(16, dtype=np.uint64)
+    spread = [
+        (((v[:, None] >> bits) & 1) << (2 * bits)).sum(axis=1) for v in (x.astype(np.uint64), y.astype(np.uint64))
+    ]
+    np.testing.assert_array_equal(map_function(ld.morton_code, x, y, device=device), spread[0] + 2 * spread[1])
+
+
+@pytest.mark.parametrize("block", [LIGHT, BSDF])
+def test_sobol_pairs_have_one_point_in_every_elementary_interval(block, device):
+    """Of a prefix of 2^m, and of every later run of as many that starts at a multiple of it."""
+    u = samples("sobol", block, np.arange(40), 2**10, device)
+    for m in range(1, 11):
+        runs = u.reshape(40, -1, 2**m, 4)[:, :8]
+        assert is_net(runs[..., :2], elementary(m)), m
+        assert is_net(runs[..., 2:], elementary(m)), m
+    assert not is_net(u[:, 1:9, :2], elementary(3))  # seven of eight points and a stray one are no net
+
+
+def test_what_the_camera_draws_is_even_in_each_dimension_and_on_the_film(device):
+    u = samples("sobol", CAMERA, np.arange(40), 2**8, device)
+    u = np.concatenate([u, samples("sobol", TIME, np.arange(40), 2**8, device)[..., :1]], axis=2)
+    for m in range(1, 9):
+        assert is_net(u[:, : 2**m, :2], elementary(m))
+        strata = np.sort(np.floor(u[:, : 2**m] * 2**m), axis=1)
+        np.testing.assert_array_equal(strata, np.broadcast_to(np.arange(2**m)[:, None], strata.shape))
+
+
+@pytest.mark.parametrize("block", [CAMERA, LIGHT])
+def test_stratified_pairs_have_one_point_in_every_cell(block, device):
+    u = samples("stratified", block, np.arange(40), 4**5, device)
+    for k in range(1, 6):
+        runs = u.reshape(40, -1, 4**k, 4)[:, :8]
+        assert is_net(runs[..., :2], [(k, k)])
+        assert is_net(runs[..., 2:], [(k, k)])
+    within = np.modf(u[:, : 4**3] * 2**3)[0]
+    counts = np.bincount((within.ravel() * BINS).astype(int), minlength=BINS)
+    assert chi_square_test(counts, np.full(BINS, within.size / BINS)).passed, "not uniform within the cells"
+
+
+def square_p(a, b):
+    cells = (a * BINS).astype(np.int64) * BINS + (b * BINS).astype(np.int64)
+    return chi_square_test(np.bincount(cells.ravel(), minlength=BINS**2), np.full(BINS**2, a.size / BINS**2)).p
+
+
+@pytest.mark.parametrize("sampler", EVEN)
+@pytest.mark.parametrize("axis", ["pixel", pytest.param("seed", marks=pytest.mark.slow)])
+def test_numbers_and_pairs_are_uniform_over_pixels_and_seeds(sampler, axis, device, report):
+    """For samples early and late; of the camera, where no index is shuffled, and of a vertex."""
+    n, p = 2**18, {}
+    for block, index in itertools.product((CAMERA, LIGHT), (0, 5, 1_000_003)):
+        names = {"seed": 3, "pixel": 77, axis: np.arange(n)}
+        u = draw(names["seed"], names["pixel"], index, block, device, sampler=sampler)
+        for i in range(4):
+            p[block, index, i] = chi_square_test(np.bincount((u[:, i] * 1021).astype(int)), np.full(1021, n / 1021)).p
+        for i, j in itertools.combinations(range(4), 2):
+            p[block, index, i, j] = square_p(u[:, i], u[:, j])
+    worst = min(p, key=p.__getitem__)
+    report(f"{sampler}, along {axis}: least uniform of {len(p)}: {worst}", p[worst], p=p[worst])
+    assert p[worst] > sidak(ALPHA, len(p) * len(EVEN) * 2)
+
+
+def together_p(rows):
+    return {(i, j): square_p(rows[i], rows[j]) for i, j in itertools.combinations(range(len(rows)), 2)}
+
+
+@pytest.mark.parametrize("sampler", EVEN)
+def test_numbers_of_several_blocks_fill_the_square_together(sampler, device, report):
+    """Over the samples of one pixel: numbers that are even by themselves must not move in step."""
+    blocks = [samples(sampler, block, 4321, 2**18, device)[0] for block in (CAMERA, LIGHT, BSDF, 10)]
+    p = together_p([u[:, i] for u in blocks for i in range(4)])
+    worst = min(p, key=p.__getitem__)
+    report(f"{sampler}: least uniform of {len(p)} pairs: {worst}", p[worst], p=p[worst])
+    assert p[worst] > sidak(ALPHA, len(p) * len(EVEN))
+
+
+def test_numbers_in_step_are_found(device):
+    """The radical inverse scrambled twice, its indices not shuffled."""
+    index = np.arange(2**18, dtype=np.uint32)
+    scrambled = (
+        map_function(ld.scramble, index, np.full_like(index, s), device=device) for s in (123456789, 2345678901)
+    )
+    assert together_p([map_function(ld.reverse_bits, each, device=device) / 2.0**32 for each in scrambled])[0, 1] < 1e-6
+
+
+def inside_disk(u):
+    return (u[..., 0] ** 2 + u[..., 1] ** 2 < 1.0).astype(np.float64)
+
+
+@pytest.mark.parametrize("sampler", ["stratified", "sobol"])
+def test_errors_of_pixels_blocks_and_seeds_are_independent(sampler, device, report):
+    pixel = np.arange(2**14)
+
+    def error(pixels, block, seed):
+        return inside_disk(samples(sampler, block, pixels, 16, device, seed)).mean(axis=1) - np.pi / 4.0
+
+    others = {
+        "next pixel": (pixel + 1, LIGHT, 5),
+        "pixel below": (pixel + 768, LIGHT, 5),
+        "next seed": (pixel, LIGHT, 6),
+        "other block": (pixel, BSDF, 5),
+        "next vertex": (pixel, LIGHT + 4, 5),
+    }
+    here = error(pixel, LIGHT, 5)
+    for name, there in others.items():
+        r, p = stats.pearsonr(here, error(*there))
+        report(f"{sampler}: correlation with the {name}", float(r), 0.0, p=float(p))
+        assert p > sidak(ALPHA, 2 * len(others))
+
+
+SLOPES = {
+    "independent": ((-1.1, -0.9), (-1.1, -0.9)),
+    "stratified": ((-2.2, -1.8), (-1.7, -1.4)),
+    "sobol": ((-3.2, -2.5), (-1.8, -1.4)),
+    "blue-noise": ((-2.2, -1.9), (-1.8, -1.4)),
+}
+"""Powers of N by which the variance of a smooth function falls, and that of a step. 1/N for independent samples; N^-2
+and N^-1.5 for jittered grids (Mitchell 1996); N^-3, but for a logarithm, for scrambled nets on smooth functions (Owen
+1997), and N^-1.5 on steps. The pixels of blue noise shift one net instead of scrambling it, which breaks its balance at
+the border: N^-2."""
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_variance_over_seeds_falls_as_fast_as_it_should(sampler, device, report):
+    counts = 4 ** np.arange(2, 6)
+    seeds = np.arange(800)[:, None]
+    u = draw(seeds, 5, np.arange(counts[-1])[None], LIGHT, device, sampler=sampler).astype(np.float64)
+    smooth = np.exp(-3.0 * ((u[..., 0] - 0.4) ** 2 + (u[..., 1] - 0.6) ** 2))
+    for name, values, (low, high) in zip(("smooth", "disk"), (smooth, inside_disk(u)), SLOPES[sampler], strict=True):
+        variance = [values[:, :n].mean(axis=1).var() for n in counts]
+        found = float(np.polyfit(np.log(counts), np.log(variance), 1)[0])
+        report(f"{sampler}: variance on {name} falls as N to the", found, f"{low} to {high}")
+        assert low < found < high
+
+
+def test_film_and_lens_are_even_together(device, report):
+    """An edge out of focus is a step across both: the camera's four numbers are one point, and not two pairs."""
+
+    def variance(block, normal):
+        u = samples("sobol", block, np.arange(2000), 256, device)
+        return float((u @ normal < 0.55 * sum(normal)).mean(axis=1).var())
+
+    for name, normal, limit in (
+        ("upright", (1.0, 0.0, 0.8, 0.0), 0.5),
+        ("level", (0.0, 1.0, 0.0, 0.8), 0.5),
+        ("slanting", (1.0, 0.6, 0.8, 0.5), 1.0),
+    ):
+        ratio = variance(CAMERA, normal) / variance(LIGHT, normal)
+        report(f"variance of {name} edges, one point over two pairs", ratio, f"< {limit}")
+        assert ratio < limit
+
+
+def low_frequencies(sampler, count, device):
+    """Return the power of the error at frequencies below 0.08 a pixel, over that of all; 1 for white noise."""
+    side = 64
+    x, y = np.meshgrid(np.arange(side, dtype=np.uint32), np.arange(side, dtype=np.uint32))
+    pixel = (y * side + x).ravel()
+    if sampler == "blue-noise":
+        pixel = map_function(ld.morton_code, x.ravel(), y.ravel(), device=device)
+    f = np.hypot(*np.meshgrid(np.fft.fftfreq(side), np.fft.fftfreq(side)))
+    low, every = 0.0, 0.0
+    for seed in range(8):
+        error = inside_disk(samples(sampler, LIGHT, pixel, count, device, seed)).mean(axis=1) - np.pi / 4.0
+        power = np.abs(np.fft.fft2(error.reshape(side, side))) ** 2
+        low += power[(f > 0.0) & (f < 0.08)].mean()
+        every += power[f > 0.0].mean()
+    return low / every
+
+
+@pytest.mark.parametrize(
+    ("sampler", "count", "least", "most"),
+    [
+        ("independent", 1, 0.85, 1.15),
+        ("sobol", 1, 0.85, 1.15),
+        ("blue-noise", 1, 0.0, 0.5),
+        ("blue-noise", 4, 0.0, 0.7),
+    ],
+)
+def test_errors_of_blue_noise_have_few_low_frequencies(sampler, count, least, most, device, report):
+    found = low_frequencies(sampler, count, device)
+    report(f"{sampler}, {count} samples: power at low frequencies", found, f"{least} to {most}")
+    assert least < found < most

@@ -1,0 +1,176 @@
+"""What passes need of a film is counted on the device: the film is fetched when somebody asks for it, and only then."""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+import warp as wp
+from support.device_memory import allocations
+from support.emulated_cuda.backend import emulated_cuda
+
+import wrt
+from wrt.backend.device import Device
+from wrt.rendering.film import Film, Tally
+
+GPU = "cuda:0"
+WIDTH, HEIGHT = 96, 64
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def gpu():
+    with emulated_cuda(optimization=0) as backend:
+        yield backend
+
+
+@pytest.fixture
+def fetched(gpu, monkeypatch):
+    """Return the bytes of every array whose numbers the host reads, as they are read."""
+    sizes, numpy = [], wp.array.numpy
+    monkeypatch.setattr(wp.array, "numpy", lambda array: sizes.append(array.capacity) or numpy(array))
+    return sizes
+
+
+def renderer_of(width=WIDTH, height=HEIGHT):
+    """Return a renderer of a floor under a lamp: most of the picture is dark, and a little of it is noisy."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 5), (0, 0, 0)))
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)))
+    scene.add(wrt.sphere((0, 1, 0), 0.5, subdivisions=2))
+    scene.add_light(wrt.RectangleLight((-0.5, 3, -0.5), (1, 0, 0), (0, 0, 1), radiance=8.0))
+    return wrt.Renderer(scene, width=width, height=height, device=GPU)
+
+
+@pytest.mark.machinery
+def test_passes_fetch_no_film(fetched):
+    renderer = renderer_of()
+    fetched.clear()
+    done = list(renderer.passes(spp=6))
+    assert done[-1].spp == renderer.spp == 6
+    assert done[-1].noise is not None
+    assert done[-1].rays_per_second > 0.0
+    # A number for each row, and four for every 256 pixels.
+    assert max(fetched) <= 8 * 4 * (WIDTH * HEIGHT // 256) + 8 * HEIGHT < 4 * WIDTH * HEIGHT
+    fetched.clear()
+    renderer.image()
+    assert sorted(fetched) == [4 * WIDTH * HEIGHT, 24 * WIDTH * HEIGHT]
+    # A target of noise looks at it at powers of two alone.
+    renderer = renderer_of()
+    fetched.clear()
+    spp = [progress.spp for progress in renderer.passes(noise=0.008, adaptive=True, pass_seconds=1e-9)]
+    observed = [n for n in range(4, max(spp) + 1) if n & (n - 1) == 0]
+    assert len(spp) > 3 * len(observed)
+    large = [size for size in fetched if size >= 4 * WIDTH * HEIGHT]
+    assert sorted(large) == sorted([4 * WIDTH * HEIGHT, 24 * WIDTH * HEIGHT] * len(observed))
+
+
+@pytest.mark.machinery
+def test_a_frame_of_a_simulation_waits_for_no_other_stream(gpu, monkeypatch):
+    """`wp.array.numpy` waits for all streams of a GPU; a frame reads numbers only by `fetch`, which waits for one."""
+    renderer = renderer_of()
+    vertices = renderer.scene.shapes[1].mesh.vertices
+    numpy, fetch, inside = wp.array.numpy, type(gpu).fetch, []
+
+    def by_fetch(self, array, **how):
+        inside.append(True)
+        try:
+            return fetch(self, array, **how)
+        finally:
+            inside.pop()
+
+    def only_by_fetch(self):
+        assert inside, "the host reads an array by itself"
+        return numpy(self)
+
+    monkeypatch.setattr(type(gpu), "fetch", by_fetch)
+    monkeypatch.setattr(wp.array, "numpy", only_by_fetch)
+    for _ in range(2):
+        renderer.update_vertices(1, vertices)
+        assert [progress.spp for progress in renderer.passes(spp=2)] == [1, 2]
+        image, film = renderer.device_image(), renderer.device_film()
+        renderer.film.snapshot()
+    monkeypatch.undo()
+    assert image.numpy().any()
+    assert (film["count"].numpy() == 2).all()
+
+
+@pytest.mark.machinery
+def test_later_passes_take_no_memory_of_a_gpu(gpu):
+    """Nor release any, for which a GPU ends all work of all streams first."""
+    renderer = renderer_of(24, 16)
+    passes = renderer.passes(spp=40, pass_seconds=1e-9)
+    for _ in range(3):
+        next(passes)
+        renderer.film.snapshot()()
+    with allocations() as counted:
+        for progress in passes:
+            image = renderer.film.snapshot()()
+            assert renderer.film.tally().samples == progress.spp * renderer.film.pixels
+            assert progress.noise == renderer.film.noise()
+    assert counted.peak == 0
+    assert progress.pass_index > 10
+    np.testing.assert_array_equal(image, renderer.image())
+
+
+def test_snapshots_that_are_still_needed_keep_their_picture(gpu):
+    film = Film(20, 10, Device(GPU))
+    film.data.count.numpy()[:] = 1  # the emulated GPU's memory
+    kept = []
+    for value in (1.0, 2.0, 3.0):
+        film.data.total.numpy()[:] = value
+        kept.append(film.snapshot())
+    assert [float(each().mean()) for each in kept] == [1.0, 2.0, 3.0]
+    first = kept[0]()
+    with allocations() as counted:
+        for gone, value in ((0, 4.0), (1, 5.0)):
+            kept[gone] = None  # frees the image of one
+            film.data.total.numpy()[:] = value
+            kept[gone] = film.snapshot()
+    assert counted.peak == 0
+    assert [float(each().mean()) for each in kept] == [4.0, 5.0, 3.0]
+    assert (first == 1.0).all()
+
+
+@pytest.mark.parametrize("place", ["cpu", GPU])
+def test_the_film_on_the_device_outlives_its_renderer(place, gpu):
+    film = Film(20, 10, Device(place))
+    owner = weakref.ref(film.data.count)
+    shared = film.on_device()
+    del film
+    gc.collect()
+    assert owner() is not None
+    del shared
+    gc.collect()
+    assert owner() is None
+
+
+@pytest.mark.parametrize("size", [(1, 1), (257, 1), (40, 33)])
+@pytest.mark.parametrize("share", [None, 0.0, 0.5, 1.0])
+def test_counts_are_those_of_the_host(size, share, gpu):
+    film, pixels = Film(*size, Device(GPU)), size[0] * size[1]
+    count = RNG.integers(0, 2**31 - 1, pixels, dtype=np.int32)
+    rays = RNG.integers(0, 2**40, pixels, dtype=np.int64)
+    film.data.count.numpy()[:] = count
+    film.data.rays.numpy()[:] = rays
+    chosen = None
+    if share is not None:
+        chosen = RNG.random(pixels) < share
+        chosen[RNG.integers(pixels)] = True
+        count, rays = count[chosen], rays[chosen]
+    expected = Tally(int(count.sum(dtype=np.int64)), int(rays.sum()), int(count.min()), int(count.max()))
+    assert film.tally(chosen) == expected
+
+
+@pytest.mark.parametrize("place", ["cpu", GPU])
+def test_hidden_pixels_take_no_samples_and_keep_their_own(place, gpu):
+    film = Film(20, 10, Device(place))
+    own = RNG.integers(0, 9, 200, dtype=np.int32)
+    film.data.count.numpy()[:] = own
+    first, second = RNG.random((2, 200)) < 0.4
+    for hidden in (first, second, second, first):
+        with film.leaving_out(hidden, 50):
+            np.testing.assert_array_equal(film.fetch("count"), np.where(hidden, 50, own))
+        np.testing.assert_array_equal(film.fetch("count"), own)
+    with pytest.raises(KeyboardInterrupt), film.leaving_out(first, 50):
+        raise KeyboardInterrupt
+    np.testing.assert_array_equal(film.fetch("count"), own)

@@ -1,0 +1,222 @@
+"""The helpers that decide over all other statistical tests hold their level and have power."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.statistics import (
+    chi_square_test,
+    image_z_test,
+    integrate_pdf_over_bins,
+    sidak,
+    sidak_combined,
+    sphere_histogram,
+    t_test_mean,
+    two_sample_z,
+)
+
+KS_LIMIT = 1e-3
+"""Kolmogorov-Smirnov p-values below this say that a helper is not calibrated."""
+
+
+def cosine_directions(rng, n):
+    """Cosine-weighted directions by Malley's method."""
+    r, phi = np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)
+    return np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(1.0 - r * r)], axis=1)
+
+
+def cosine_pdf(d):
+    return np.maximum(d[:, 2], 0.0) / np.pi
+
+
+def test_sidak_agrees_with_its_formula_and_inverse():
+    assert sidak(0.01, 1) == pytest.approx(0.01, rel=1e-12)
+    assert sidak(0.05, 10) == pytest.approx(1.0 - 0.95**0.1, rel=1e-12)
+    assert float(sidak_combined(sidak(0.01, 10**6), 10**6)) == pytest.approx(0.01, rel=1e-9)
+    with pytest.raises(ValueError, match="significance"):
+        sidak(1.0, 3)
+
+
+def test_p_of_chi_square_is_uniform_under_the_null(report):
+    rng = np.random.default_rng(1)
+    weights = rng.random(40) ** 3
+    weights /= weights.sum()
+    p = [chi_square_test(rng.multinomial(20_000, weights), 20_000 * weights).p for _ in range(400)]
+    ks = stats.kstest(p, "uniform").pvalue
+    report("p-values are uniform", float(np.mean(p)), 0.5, p=ks)
+    assert ks > KS_LIMIT
+
+
+TENTH = np.full(10, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("observed", "expected", "options", "passes", "message"),
+    [
+        # 2 % in half of the cells of a million samples.
+        (np.random.default_rng(2).multinomial(10**6, np.tile([0.0102, 0.0098], 50)), TENTH[0] ** 2, {}, False, "p "),
+        ([503, 497, 0], [500.0, 500.0, 0.0], {}, True, "p "),
+        ([502, 497, 1], [500.0, 500.0, 0.0], {}, False, "where the density is zero"),
+        (TENTH, 1.02 * TENTH, {}, False, "integrates to 1.02"),
+        (TENTH, np.nan * TENTH, {}, False, "not finite"),
+        # Missing samples are a cell of their own.
+        (0.8 * TENTH, 0.8 * TENTH, {"samples": 1000}, True, "p "),
+        (TENTH, 0.8 * TENTH, {"samples": 1000}, False, "p "),
+        # p = 0.0016: more tests lower the limit.
+        ([550, 450], [500.0, 500.0], {}, False, "p "),
+        ([550, 450], [500.0, 500.0], {"tests": 100}, True, "p "),
+    ],
+)
+def test_chi_square_decides(observed, expected, options, passes, message):
+    result = chi_square_test(observed, np.broadcast_to(expected, np.shape(observed)), **options)
+    assert result.passed is passes
+    assert message in result.message
+
+
+def test_small_cells_are_pooled_until_they_expect_five():
+    expected = np.concatenate([np.full(30, 0.1), [100.0, 100.0]])
+    observed = np.zeros(32)
+    observed[[3, 30, 31]] = 3, 100, 100
+    # The thirty expect 3 together, which is still too few: the pool takes one large cell as well.
+    result = chi_square_test(observed, expected)
+    assert (result.dof, result.statistic) == (1, pytest.approx(0.0))
+    assert chi_square_test(observed, expected, min_expected=2.0).dof == 2
+
+
+def test_cells_integrate_densities_smooth_and_with_steps():
+    uniform = integrate_pdf_over_bins(lambda d: np.full(len(d), 0.25 / np.pi), (7, 11))
+    np.testing.assert_allclose(uniform, np.full((7, 11), 1.0 / 77.0), rtol=1e-12)
+    for n in (0, 1, 20):  # lobes with a step at the horizon
+        edges = np.maximum(np.linspace(-1.0, 1.0, 10), 0.0) ** (n + 1)
+        exact = np.repeat(np.diff(edges)[:, None] / 5, 5, axis=1)
+
+        def lobe(d, n=n):
+            return np.where(d[:, 2] > 0.0, (n + 1) / (2.0 * np.pi) * np.abs(d[:, 2]) ** n, 0.0)
+
+        np.testing.assert_allclose(integrate_pdf_over_bins(lobe, (9, 5)), exact, atol=1e-7)
+    # A tilted cap: a hundredth of the noise of a million samples, which is what the cells are compared with.
+    cap = integrate_pdf_over_bins(lambda d: np.where(d @ [0.48, 0.6, 0.64] > 0.5, 1.0 / np.pi, 0.0), (9, 15))
+    assert cap.sum() == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
+    n, resolution = 1_000_000, (25, 51)
+    expected = n * integrate_pdf_over_bins(cosine_pdf, resolution)
+    right = cosine_directions(np.random.default_rng(3), n)
+    result = chi_square_test(sphere_histogram(right, resolution), expected)
+    report("cosine sampler against its density", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+    wrong = right * [1.02, 1.0, 1.0]
+    wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
+    for other in (wrong, right[:, [0, 2, 1]]):
+        assert not chi_square_test(sphere_histogram(other, resolution), expected).passed
+    with pytest.raises(ValueError, match="unit length"):
+        sphere_histogram([[0.0, 0.0, 1.1]])
+    with pytest.raises(ValueError, match="finite"):
+        sphere_histogram([[0.0, 0.0, np.nan]])
+
+
+def test_student_p_is_uniform_even_for_five_samples(report):
+    x = np.random.default_rng(5).normal(3.0, 2.0, (3000, 5))
+    p = t_test_mean(x.mean(axis=1), x.var(axis=1, ddof=1) / 5, 5, 3.0)
+    ks = stats.kstest(p, "uniform").pvalue
+    report("p-values are uniform at n = 5", float(p.mean()), 0.5, p=ks)
+    assert ks > KS_LIMIT
+    np.testing.assert_allclose(p, stats.ttest_1samp(x, 3.0, axis=1).pvalue, rtol=1e-6)
+
+
+def test_means_are_told_apart():
+    x = np.random.default_rng(6).exponential(1.0, 100_000)
+    assert t_test_mean(x.mean(), x.var(ddof=1) / len(x), len(x), 1.0) > 0.01
+    assert t_test_mean(x.mean(), x.var(ddof=1) / len(x), len(x), 1.02) < 1e-6
+    # Without variance only the exact value passes.
+    assert t_test_mean(2.0, 0.0, 10, 2.0) == 1.0
+    assert t_test_mean(2.0, 0.0, 10, 2.0001) < 1e-290
+    assert two_sample_z(1.0, 0.16, 2.0, 0.09) == pytest.approx(-2.0, rel=1e-6)
+    assert two_sample_z(1.0, 0.0, 2.0, 1e-12) == -37.0
+    with pytest.raises(ValueError, match="finite"):
+        two_sample_z(1.0, np.nan, 2.0, 1.0)
+
+
+def test_welch_scores_are_unit_normal_for_unequal_small_samples(report):
+    rng = np.random.default_rng(7)
+    a, b = rng.normal(1.0, 1.0, (4000, 12)), rng.normal(1.0, 3.0, (4000, 30))
+    variances = a.var(axis=1, ddof=1) / 12, b.var(axis=1, ddof=1) / 30
+    z = two_sample_z(a.mean(axis=1), variances[0], b.mean(axis=1), variances[1], n_a=12, n_b=30)
+    ks = stats.kstest(z, "norm").pvalue
+    report("scores are unit normal", float(z.std()), 1.0, p=ks)
+    assert ks > KS_LIMIT
+
+
+# --- Pictures --------------------------------------------------------------------------------------
+
+
+def noisy_picture(rng, truth, samples, noise="skewed"):
+    """Mean and variance of the mean of `samples` samples: normal, or skewed as radiance is."""
+    shape = (*truth.shape, samples)
+    if noise == "skewed":
+        x = rng.gamma(0.5, truth[..., None] / 0.5, shape)
+    else:
+        x = truth[..., None] * rng.normal(1.0, 1.0, shape)
+    return x.mean(axis=-1), x.var(axis=-1, ddof=1) / samples
+
+
+def truth_picture(rng, size=32):
+    truth = 0.2 + rng.random((size, size, 3))
+    truth[:4, :4] = 0.0  # a black corner: neither picture has noise there
+    return truth
+
+
+@pytest.mark.parametrize(("noise", "samples"), [("normal", 16), pytest.param("skewed", 256, marks=pytest.mark.slow)])
+def test_levels_of_pictures_hold_under_the_null(noise, samples, report):
+    rng = np.random.default_rng(8)
+    values = []
+    for _ in range(80):
+        truth = truth_picture(rng, 16)
+        a, b = (noisy_picture(rng, truth, samples, noise) for _ in range(2))
+        result = image_z_test(*a, *b, n_a=samples, n_b=samples)
+        values.append((result.p_min, result.block_p, result.spread_p, result.mean_p))
+        assert result.pass_fraction > 0.998
+        assert result.agrees(significance=1e-4), result.message
+    # Skewed samples have fewer far outliers once divided by their own standard error, which only
+    # makes the test of pixels more lenient: there, p-values must not be smaller than uniform ones.
+    side = "two-sided" if noise == "normal" else "greater"
+    for name, column in zip(("pixel", "block", "spread", "mean"), np.array(values).T, strict=True):
+        ks = stats.kstest(column, "uniform", alternative=side).pvalue
+        report(f"{name} p-values are uniform", float(column.mean()), 0.5, p=ks)
+        assert ks > KS_LIMIT
+
+
+def test_wrong_pictures_are_found(report):
+    rng = np.random.default_rng(9)
+    truth = truth_picture(rng)
+    right = noisy_picture(rng, truth, 256)
+    # 2 % more light is found though every pixel passes.
+    result = image_z_test(*noisy_picture(rng, 1.02 * truth, 256), *right, n_a=256, n_b=256)
+    report("picture 2 % too bright", result.relative_difference[0], 0.02, p=result.mean_p)
+    assert result.pass_fraction > 0.998
+    assert result.mean_p < 1e-6
+    assert not result.agrees()
+    # A wrong region with the right mean.
+    region = truth.copy()
+    region[8:16, 8:16] *= 1.15
+    region[16:24, 8:16] *= 0.85
+    result = image_z_test(*noisy_picture(rng, region, 256), *right, n_a=256, n_b=256)
+    assert result.spread_p < 1e-6
+    assert not result.agrees()
+    # One channel of one pixel.
+    mean, variance = noisy_picture(rng, truth, 256)
+    assert image_z_test(mean, variance, *right).p_min > 0.01
+    mean[10, 20, 1] *= 3.0
+    assert image_z_test(mean, variance, *right).p_min < 1e-6
+
+
+def test_pixels_without_noise_must_agree_to_rounding():
+    ones, zeros = np.ones((8, 8, 3)), np.zeros((8, 8, 3))
+    assert image_z_test(ones, zeros, ones * (1.0 + 2e-6), zeros).agrees()
+    result = image_z_test(ones, zeros, ones * 1.001, zeros)
+    assert result.pass_fraction == 0.0
+    assert not result.agrees()
+    with pytest.raises(ValueError, match="alike"):
+        image_z_test(ones, ones, ones[:2], ones)
+    with pytest.raises(ValueError, match="finite"):
+        image_z_test(ones, ones * np.nan, ones, ones)

@@ -1,0 +1,260 @@
+"""Every material at the ends of its parameters: finite, no light made, no fireflies; alone and in pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from support.bsdfs import Case, assert_finite, viewer
+from support.kernels import uniforms
+
+import wrt
+from wrt.scene.materials import MATERIALS, Material
+
+LEAST, MOST = 1e-4, 1.0
+SPP = 16
+TILE = 8
+"""Pixels along a side of what the picture gives to each material."""
+
+
+Choice = list[dict[str, Any]]
+
+
+def each(name: str, *values: Any) -> Choice:
+    return [{name: value} for value in values or (0.0, 1.0)]
+
+
+def every(make: type, *choices: Choice) -> list[Material]:
+    """Return the material for each combination of values."""
+    return [make(**dict(item for part in chosen for item in part.items())) for chosen in product(*choices)]
+
+
+STEPS = [
+    {"ior": ior, "exterior_ior": exterior}
+    for ior, exterior in ((1.0, 1.0), (1.0001, 1.0), (1.5, 1.0), (4.0, 1.0), (1.0, 1.5), (1.0, 4.0))
+]
+"""Indices the same, nearly so, common, high, and inverted."""
+NOTHING = {"specular_reflectance": 0.0, "specular_transmittance": 0.0}
+DIFFUSE, F0S, COLORS, ROUGHNESSES, METALS = map(each, ("reflectance", "f0", "base_color", "roughness", "metallic"))
+ALPHAS = each("alpha", LEAST, MOST)
+BRUSHED = each("alpha", LEAST, MOST, (LEAST, MOST), (MOST, LEAST))
+ABC = each("alpha", (0.1, 0.0), (0.1, 100.0), (1e8, 0.0), (1e8, 3.0))
+SGD = each("alpha", (1e-5, 0.0), (1e-5, 10.0), (10.0, 0.0), (1.0, 1.0))
+LAYERED = {"coat": 1.0, "coat_roughness": 1.0, "sheen_color": 1.0, "anisotropy": 1.0, "multiple_bounces": True}
+BURLEY = {"coat": 1.0, "coat_gloss": 1.0, "sheen": 1.0, "sheen_tint": 1.0, "specular_tint": 1.0, "anisotropy": 1.0}
+LEAF = {"transmission": 0.5, "diffuse_transmission": 1.0, "thin_walled": True}
+BLIND = wrt.Measured.example().measurement
+"""Its facets face all ways alike. Black, it has visible normals at one node alone and brightness at another."""
+VNDF, LUMINANCE = np.zeros((1, 2, 6, 6)), np.zeros((1, 2, 2, 2))
+VNDF[:, :, 3, 4], LUMINANCE[..., 1, 0] = 1.0, 1.0
+BLACK = dataclasses.replace(BLIND, vndf=VNDF, luminance=LUMINANCE, rgb=np.zeros_like(BLIND.rgb))
+
+MODELS: dict[str, list[Material]] = {
+    "matt": [
+        *every(wrt.Diffuse, DIFFUSE),
+        *every(wrt.Mirror, DIFFUSE),
+        *every(wrt.OrenNayar, DIFFUSE, each("sigma", 0.0, 1e-4, 0.5 * math.pi)),
+        *every(wrt.Glossy, DIFFUSE, [*each("side", 1e-12, 1e-4, 100.0), *each("exponent", 0.0, 1e5)]),
+        *every(wrt.Conductor, [*F0S, {"eta": 1.0, "k": 0.0}, {"eta": 1e-3, "k": 100.0}]),
+    ],
+    "smooth boundaries": [
+        *every(wrt.Dielectric, STEPS, [{}, NOTHING]),
+        *every(wrt.ThinDielectric, STEPS, [{}, NOTHING]),
+        *every(wrt.Plastic, STEPS, [*DIFFUSE, {"reflectance": 1.0, "nonlinear": True}]),
+    ],
+    "rough metals": [
+        *every(wrt.RoughConductor, F0S, each("distribution", "ggx", "beckmann"), BRUSHED),
+        *every(wrt.RoughConductor, F0S, [{"distribution": "blinn-phong"}, {"multiple_bounces": True}], ALPHAS),
+        *every(wrt.RoughConductor, F0S, [{"distribution": "abc", "masking": "cook-torrance"}], ABC),
+        *every(wrt.RoughConductor, F0S, [{"distribution": "sgd", "masking": "cook-torrance"}], SGD),
+        wrt.RoughConductor(MOST, f0=1.0, distribution="beckmann", multiple_bounces=True),
+        *(wrt.RoughConductor(LEAST, eta=1.0, k=0.0), wrt.RoughConductor(MOST, eta=1e-3, k=100.0)),
+    ],
+    "rough glass": [
+        *every(
+            wrt.RoughDielectric,
+            [STEPS[0], {"ior": 1.0011}, STEPS[2], STEPS[4]],
+            [*each("distribution", "ggx", "beckmann", "blinn-phong"), {"multiple_bounces": True}],
+            ALPHAS,
+        ),
+        *(wrt.RoughDielectric(alpha=(LEAST, MOST)), wrt.RoughDielectric(alpha=LEAST, **NOTHING)),
+    ],
+    "rough plastic": [
+        *every(wrt.RoughPlastic, [STEPS[0], STEPS[2], STEPS[4]], DIFFUSE, ALPHAS),
+        *every(wrt.RoughPlastic, [{"reflectance": 1.0, "distribution": "beckmann", "nonlinear": True}], ALPHAS),
+        wrt.RoughPlastic(1.0, alpha=LEAST, nonlinear=True, multiple_bounces=True),
+    ],
+    "principled": [
+        *every(wrt.Principled, COLORS, ROUGHNESSES, METALS, [{}, {"ior": 1.0, **LAYERED}]),
+        *every(wrt.Principled, COLORS, ROUGHNESSES, each("ior", 1.0, 1.5), [{"transmission": 1.0}]),
+        *every(wrt.Principled, COLORS, ROUGHNESSES, [{"transmission": 1.0, "thin_walled": True}]),
+        *every(wrt.Principled, COLORS, ROUGHNESSES, [{"ior": 0.0, "specular_color": 1.0}]),
+        wrt.Principled(1.0, sheen_color=1.0, sheen_roughness=1.0),
+    ],
+    # Without `flatness`, whose published term grows without limit as both directions approach the surface.
+    "burley": [
+        *every(wrt.Burley, COLORS, ROUGHNESSES, METALS, [{}, {"ior": 1.0, **BURLEY}]),
+        *every(wrt.Burley, COLORS, ROUGHNESSES, [{"ior": 1.0, "transmission": 1.0}, {"transmission": 1.0}, LEAF]),
+    ],
+    "measured": [
+        *map(wrt.Measured, (BLIND, BLACK)),
+        wrt.Measured(dataclasses.replace(BLACK, ndf=np.zeros_like(BLIND.ndf), sigma=np.zeros_like(BLIND.sigma))),
+    ],
+}
+SHARP, ROUGH = wrt.RoughConductor(LEAST, f0=1.0), wrt.RoughDielectric(alpha=LEAST)
+COMPOSITES: list[Material] = [
+    *(wrt.Mix(SHARP, wrt.Diffuse(1.0), weight=weight) for weight in (0.0, 1.0)),
+    *(wrt.Mix(wrt.Mirror(1.0), ROUGH, weight=0.5), wrt.Null(), wrt.Emissive(1.0)),
+    *(wrt.TwoSided(SHARP, wrt.Mirror(1.0, opacity=0.0)), wrt.TwoSided(wrt.Diffuse(0.0), wrt.Diffuse(1.0))),
+    *(dataclasses.replace(material, opacity=o) for material in (wrt.Diffuse(1.0), SHARP, ROUGH) for o in (0.0, 1.0)),
+]
+"""These choose among others when a ray meets them, so they are in pictures alone."""
+ALL = [material for group in (*MODELS.values(), COMPOSITES) for material in group]
+
+
+def leaves(material: Material) -> Iterator[Material]:
+    if not material.parts:
+        yield material
+    for part in material.parts:
+        yield from leaves(part)
+
+
+def test_every_material_is_there() -> None:
+    assert {type(part) for material in ALL for part in (material, *leaves(material))} == set(MATERIALS.values())
+
+
+def brightest(material: Material, *, inverted: bool) -> float:
+    """Return the radiance that may be seen: 1, times n² in a body (Nicodemus 1963)."""
+    if isinstance(material, wrt.Burley):
+        return 1.0 + 1.5 + 1.0  # its highlights, a white base at grazing angles, and its sheen are simply added
+    if inverted and isinstance(material, (wrt.Dielectric, wrt.RoughDielectric)):
+        return max(1.0, material.relative_ior**-2)
+    return 1.0
+
+
+def tolerance(material: Material) -> float:
+    """Return by how much the mean may exceed 1: tables interpolate, half vectors lose digits near the horizon."""
+    return 0.01 if any(part.table_key for part in leaves(material)) else 3e-3
+
+
+BRIGHTEST_SAMPLE = 20.0
+"""Values over densities stay below 2 for a single lobe, and below 17 where one that is seldom chosen counts much."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_models_at_their_extremes(name: str, device: str, report: Report) -> None:
+    """Energy is what is left of the weight's mean over η²; single weights are as large as good samplings have them."""
+    largest = 0.0
+    for material in MODELS[name]:
+        body = isinstance(material, (wrt.Dielectric, wrt.RoughDielectric)) or getattr(material, "transmission", 0.0)
+        for front in (True, False) if body else (True,):
+            case = Case(material, front)
+            assert_finite(case, device, n=4_000)
+            limit = brightest(material, inverted=False)
+            for degrees in (30.0, 85.0, 89.9):
+                found = case.sample(viewer(degrees), uniforms(2**12, 3, seed=7), device)
+                energy = found["weight"].astype(np.float64).max(axis=1) * found["eta"].astype(np.float64) ** 2
+                largest = max(largest, float(energy.max()) / limit)
+                error = 5.0 * energy.std() / math.sqrt(len(energy))
+                assert energy.mean() <= limit + tolerance(material) + error, f"{case} at {degrees}°"
+                assert energy.max() < BRIGHTEST_SAMPLE * limit, f"{case} at {degrees}°"
+    report("the largest weight", largest, f"< {BRIGHTEST_SAMPLE}")
+
+
+# --- Pictures ---------------------------------------------------------------------------------------
+
+LIGHT_MADE = wrt.Emissive(1.02)
+"""A planted fault, the last of the materials."""
+SHOWN = [*ALL, LIGHT_MADE]
+COLUMNS = 15
+
+
+def balls() -> wrt.Scene:
+    """A ball of each material under a sky of radiance 1, and a small lamp of the same radiance in front."""
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    rows = math.ceil(len(SHOWN) / COLUMNS)
+    scene.camera = wrt.OrthographicCamera((0.0, 0.0, 9.0), (0.0, 0.0, 0.0), view_height=float(rows))
+    for number, material in enumerate(SHOWN):
+        y, x = divmod(number, COLUMNS)
+        ball = wrt.sphere(radius=0.45, subdivisions=2).translated((x + 0.5 - COLUMNS / 2, rows / 2 - y - 0.5, 0.0))
+        # What may be brighter than the sky would light others: Burley's materials are far away here.
+        away = 1000.0 if isinstance(material, wrt.Burley) else 0.0
+        scene.add(ball.translated((0.0, 0.0, away)), material=material)
+    scene.add(wrt.quad((-1, 10, 1), (2, 0, 0), (0, 0, 2)), emission=1.0, material=wrt.Diffuse(0.0))
+    return scene
+
+
+def strips() -> wrt.Scene:
+    """A strip of each material seen at 89.99° from its normal, with a lamp above them all."""
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    rise, width = math.radians(0.01), 1.0 / len(SHOWN)
+    height = width / COLUMNS * TILE  # as many pixels as there are
+    scene.camera = wrt.OrthographicCamera((0.0, 20.0 * rise, 20.0), (0.0, 0.0, 0.0), view_height=height)
+    depth = 2.0 * height / rise
+    for number, material in enumerate(SHOWN):
+        strip = wrt.quad((number * width - 0.5, 0.0, depth), (width, 0, 0), (0, 0, -2.0 * depth))
+        scene.add(strip, material=material)
+    scene.add(wrt.quad((-0.2, 0.3, -0.2), (0.4, 0, 0), (0, 0, 0.4)), emission=1.0, material=wrt.Diffuse(0.0))
+    return scene
+
+
+def samples(scene: wrt.Scene, width: int, height: int, device: str) -> NDArray[np.float64]:
+    """Return (SPP, height, width, 3) radiances; none was thrown away."""
+    renderer = wrt.Renderer(
+        scene, width=width, height=height, sampler="independent", device=device, seed=7, max_depth=32, filter="box"
+    )
+    totals = [np.zeros((height, width, 3))]
+    for spp in range(1, SPP + 1):
+        for _ in renderer.passes(spp=spp):
+            pass
+        totals.append(renderer.film.state()["total"].astype(np.float64).reshape(height, width, 3))
+    assert renderer.film.rejected == 0
+    return np.diff(totals, axis=0)
+
+
+def check_tile(x: NDArray[np.float64], material: Material, limit: float) -> list[str]:
+    """Return what is wrong with (samples, channels) radiances of one material."""
+    error = x.std(axis=0, ddof=1) / math.sqrt(len(x))
+    checks = {
+        "infinite": np.isfinite(x).all(),
+        "negative": (x >= -1e-6).all(),
+        "firefly": (x <= BRIGHTEST_SAMPLE * limit).all(),
+        "light made": (x.mean(axis=0) <= limit + tolerance(material) + 5.0 * error).all(),
+    }
+    return [f"{material}: {fault}" for fault, fine in checks.items() if not fine]
+
+
+@functools.cache
+def pictures(device: str) -> tuple[list[NDArray], list[NDArray]]:
+    """Return (samples, 3) radiances of each material as a ball and as a strip."""
+    rows = math.ceil(len(SHOWN) / COLUMNS)
+    seen = samples(balls(), COLUMNS * TILE, rows * TILE, device)
+    tiles = seen.reshape(SPP, rows, TILE, COLUMNS, TILE, 3).transpose(1, 3, 0, 2, 4, 5).reshape(-1, SPP * TILE**2, 3)
+    flat = samples(strips(), len(SHOWN) * COLUMNS, TILE, device).reshape(SPP, TILE, len(SHOWN), COLUMNS, 3)
+    return list(tiles), list(flat.transpose(2, 0, 1, 3, 4).reshape(len(SHOWN), -1, 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grazing", [False, True])
+def test_pictures_of_the_extremes(grazing: bool, device: str, report: Report) -> None:
+    shown = pictures(device)[grazing]
+    wrong, largest = [], 0.0
+    for x, material in zip(shown, SHOWN, strict=False):
+        limit = brightest(material, inverted=grazing)
+        largest = max(largest, float(x.max()) / limit)
+        found = check_tile(x, material, limit)
+        if material is LIGHT_MADE:
+            assert found, "light that is made out of nothing is not noticed"
+        else:
+            wrong += found
+    report(f"of {sum(map(len, shown))} samples the brightest", largest)
+    assert not wrong, "\n".join(wrong)

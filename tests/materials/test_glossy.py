@@ -1,0 +1,144 @@
+"""Gloss by a jittered mirror direction: what is drawn is a square, and its density is exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from support.bsdfs import EPS, Case, albedo, assert_weights, hemisphere, viewer
+from support.kernels import uniforms
+from support.statistics import chi_square_test
+
+import wrt
+
+COLOR = (0.9, 0.5, 0.0)
+SQUARES = [(0.01, 45.0), (0.1, 0.0), (0.1, 89.0), (1.0, 45.0), (1.0, 80.0)]
+"""Sides and degrees of incidence; the last but two and the last are cut by the horizon."""
+
+
+def rounded(degrees: float) -> NDArray:
+    return viewer(degrees).astype(np.float32).astype(np.float64)
+
+
+def square_of(wo: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the mirrored direction, and U and V of the square around it: V lies in the plane of incidence."""
+    r = wo * np.array([-1.0, -1.0, 1.0])
+    across = np.array([wo[1], -wo[0], 0.0]) if wo[0] or wo[1] else np.array([0.0, 1.0, 0.0])
+    u = across / np.linalg.norm(across)
+    return r, u, np.cross(r, u)
+
+
+@pytest.mark.parametrize(("side", "degrees"), SQUARES)
+def test_directions_fill_the_square_evenly(side: float, degrees: float, device: str, report: Report) -> None:
+    """The lecture's own words: r' = r + u U + v V with u and v uniform in ±a/2; what falls below is absorbed."""
+    n = 2**19
+    wo = rounded(degrees)
+    case = Case(wrt.Glossy(COLOR, side), front=degrees < 60.0)
+    found = case.sample(wo, uniforms(n, 3, seed=40 + int(degrees)), device)
+    up = found["weight"][:, 0] > 0.0
+    np.testing.assert_array_equal(found["weight"][up], np.broadcast_to(np.float32(COLOR), (up.sum(), 3)))
+    assert not found["weight"][~up].any()
+    assert not found["pdf"][~up].any()
+    r, u, v = square_of(wo)
+    wi = found["wi"][up].astype(np.float64)
+    place = np.stack([wi @ u, wi @ v], axis=1) / (wi @ r)[:, None] / side
+    assert np.abs(place).max() <= 0.5 + 1e-6 / side
+    cells = 31
+    # Rounding may take one just over the edge.
+    counts = np.histogram2d(*np.clip(place, -0.5, 0.5).T, bins=cells, range=[[-0.5, 0.5]] * 2)[0]
+    # The share of each cell above the horizon, which cuts it along a line of constant v.
+    edges = np.linspace(-0.5, 0.5, cells + 1)
+    horizon = -r[2] / (side * v[2]) if v[2] != 0.0 else -np.inf
+    low, high = edges[:-1], edges[1:]
+    above = np.clip((high - horizon) * cells, 0.0, 1.0) if v[2] >= 0.0 else np.clip((horizon - low) * cells, 0.0, 1.0)
+    expected = np.broadcast_to(above, (cells, cells)) * (n / cells**2)
+    result = chi_square_test(counts, expected, tests=len(SQUARES), samples=n)
+    report(f"a = {side}, {degrees:g}°", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+    # Where the whole square is above the horizon, nothing is lost.
+    mean, _ = albedo(Case(wrt.Glossy(1.0, side)), degrees, device, samples=2**15)
+    assert (mean == 1.0).all() == (0.5 * side * np.sin(np.radians(degrees)) < np.cos(np.radians(degrees)))
+
+
+@pytest.mark.parametrize(("side", "degrees"), SQUARES)
+def test_the_density_is_that_of_the_square(side: float, degrees: float, device: str, report: Report) -> None:
+    """Per solid angle 1 / (a² cos³α), 0 outside; over the whole square it integrates to 1 less what is below."""
+    wo = rounded(degrees)
+    case = Case(wrt.Glossy(1.0, side))
+    assert_weights(case, degrees, device)
+    r, u, v = square_of(wo)
+    node, weight = np.polynomial.legendre.leggauss(64)
+    x, y = (a.ravel() for a in np.meshgrid(node, node, indexing="ij"))
+    point = r + 0.5 * side * (x[:, None] * u + y[:, None] * v)
+    distance = np.linalg.norm(point, axis=1)
+    wi = point / distance[:, None]
+    pdf = case.evaluate(wo, wi, device)[1]
+    up = wi[:, 2] > 1e-6
+    np.testing.assert_allclose(pdf[up], (distance**3 / side**2)[up], rtol=2e-6 / side + 1e-5)
+    outside = r + 0.5 * side * (1.0 + 1e-5 / side) * np.array([u, v, -u, -v])
+    outside /= np.linalg.norm(outside, axis=1)[:, None]
+    assert not case.evaluate(wo, outside, device)[1].any()
+    # dω = dA cosα / d² = dA / d³; the horizon is a step, so only squares that it does not cut come out exactly.
+    total = float(np.sum(np.outer(weight, weight).ravel() * pdf * (0.5 * side) ** 2 / distance**3))
+    report(f"a = {side}, {degrees:g}°: integral", total, 1.0)
+    assert total <= 1.0 + 2e-6 / side + 1e-5
+    if up.all():
+        assert total == pytest.approx(1.0, abs=2e-6 / side + 1e-5)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 80.0])
+@pytest.mark.parametrize("exponent", [1.0, 20.0, 5000.0])
+def test_density_of_phong_is_its_formula(exponent: float, degrees: float, device: str) -> None:
+    """(n + 1) / 2π cosⁿα; cosⁿ⁺¹α of samples is uniform where the horizon cuts nothing off."""
+    wo = rounded(degrees)
+    case = Case(wrt.Glossy(COLOR, exponent=exponent))
+    found = case.sample(wo, uniforms(2**17, 3, seed=45 + int(degrees)), device)
+    up = found["weight"][:, 0] > 0.0
+    np.testing.assert_array_equal(found["weight"][up], np.broadcast_to(np.float32(COLOR), (up.sum(), 3)))
+    wi = found["wi"][up].astype(np.float64)
+    less = 0.5 * ((wi - square_of(wo)[0]) ** 2).sum(axis=1)
+    expected = (exponent + 1.0) / (2.0 * np.pi) * np.exp(exponent * np.log1p(-less))
+    np.testing.assert_allclose(case.evaluate(wo, wi, device)[1], expected, rtol=1e-3)
+    np.testing.assert_allclose(found["pdf"][up], expected, rtol=1e-3)
+    if degrees == 0.0 or exponent == 5000.0:
+        counts = np.histogram(np.exp((exponent + 1.0) * np.log1p(-less)), bins=100, range=(0.0, 1.0))[0]
+        assert chi_square_test(counts, np.full(100, len(wi) / 100), tests=4).passed
+
+
+def test_it_is_not_reciprocal(device: str, report: Report) -> None:
+    """f(wo, wi) cosθi and f(wi, wo) cosθo are equal inside both squares, so f itself is off by the cosines."""
+    case = Case(wrt.Glossy(1.0, 0.2))
+    wo = hemisphere(2000, seed=42)
+    wi = case.sample(wo, uniforms(len(wo), 3, seed=43), device)["wi"].astype(np.float64)
+    there, back = case.evaluate(wo, wi, device)[0][:, 0], case.evaluate(wi, wo, device)[0][:, 0]
+    both = (there > 0.0) & (back > 0.0)
+    assert both.mean() > 0.9
+    np.testing.assert_allclose(there[both], back[both], rtol=1e-5)
+    report("largest f(wo, wi) / f(wi, wo)", float((wo[both, 2] / wi[both, 2]).max()), "1 were it reciprocal")
+
+
+def test_it_looks_the_same_when_turned(device: str) -> None:
+    """The square follows the plane of incidence, so the surface has no direction of its own."""
+    case, u = Case(wrt.Glossy(1.0, 0.3)), uniforms(1000, 3, seed=44)
+    first = case.sample(viewer(50.0, 0.0), u, device)["wi"]
+    for azimuth in (1.0, -2.0):
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        turned = first @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        np.testing.assert_allclose(case.sample(viewer(50.0, azimuth), u, device)["wi"], turned, atol=8.0 * EPS)
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({"side": 0.0}, "side"),
+        ({"side": 101.0}, "side"),
+        ({"reflectance": 2.0}, "reflectance"),
+        ({"exponent": -1.0}, "exponent"),
+        ({"side": 0.1, "exponent": 10.0}, "side or by exponent"),
+    ],
+)
+def test_impossible_values_are_refused(bad: dict, message: str) -> None:
+    with pytest.raises(wrt.InputError, match=message):
+        wrt.Glossy(**bad)
+    assert wrt.Glossy().side == 0.1

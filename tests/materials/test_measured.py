@@ -1,0 +1,411 @@
+"""Measured reflectances: sampling follows the tables, a tabulated metal is that metal, and Mitsuba says the same."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import NDArray
+from support.bsdfs import ANGLES, Case, albedo, assert_finite, hemisphere, viewer
+from support.kernels import uniforms
+from support.measurements import ISOTROPIC, arbitrary, azimuths, facets, rough_metal, warped
+from support.scene_files import QUAD
+from support.wide_scenes import wide_kernel
+
+import wrt
+from wrt.backend.lanes import lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.io.measured.measurement import load_measurement, save_measurement
+from wrt.io.measured.observer import WAVELENGTHS
+from wrt.io.measured.tensor_file import write_tensors
+from wrt.io.mitsuba.spectra import reflected
+from wrt.scene.materials.measured import Measurement
+
+N = 1000
+METALS = {"metal": (0.3, 0.3), "brushed metal": (0.5, 0.3)}
+F0 = 0.6
+
+TABLES = {
+    "isotropic": arbitrary(ISOTROPIC),
+    "circle": arbitrary(azimuths(1, 7)),
+    "half": arbitrary(azimuths(2, 5)),
+    "quarter": arbitrary(azimuths(4, 4)),
+    "two azimuths": arbitrary(np.array([-3.0, -1.8], np.float32)),
+    "values alone": arbitrary(ISOTROPIC, jacobian=False, seed=1),
+}
+
+
+@functools.cache
+def metal(name: str, fine: int, viewers: int) -> Case:
+    return Case(wrt.Measured(rough_metal(METALS[name], F0, fine=fine, viewers=viewers)))
+
+
+def analytic(name: str) -> Case:
+    alpha = METALS[name][0] if name == "metal" else METALS[name]
+    return Case(wrt.RoughConductor(alpha, f0=F0, masking="smith-separable"))
+
+
+CASES = {
+    **{name: Case(wrt.Measured(tables)) for name, tables in TABLES.items()},
+    **{name: metal(name, 24, 7) for name in METALS},
+}
+
+
+# --- Sampling ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_weight_is_value_over_density(name: str, device: str) -> None:
+    """`sample` knows the points of the squares, the others find them by the direction.
+
+    That loses digits where facets face straight up, as x is the root of their angle; hence those within 1° are left
+    out.
+    """
+    for degrees in ANGLES:
+        wo = viewer(degrees)
+        found = CASES[name].sample(wo, uniforms(40_000, 3, seed=1), device)
+        wi = found["wi"].astype(np.float64)
+        np.testing.assert_allclose(np.linalg.norm(wi, axis=1), 1.0, atol=2e-6)
+        facet = (wo + wi) / np.linalg.norm(wo + wi, axis=1, keepdims=True)
+        drawn = (found["pdf"] > 0.0) & (facet[:, 2] < np.cos(np.radians(1.0)))
+        assert drawn.sum() > 8_000
+        value, pdf, _ = CASES[name].evaluate(wo, wi[drawn], device)
+        np.testing.assert_allclose(found["pdf"][drawn], pdf, rtol=2e-3)
+        np.testing.assert_allclose(found["weight"][drawn], value / pdf[:, None], rtol=2e-3, atol=1e-5)
+        assert not found["weight"][found["pdf"] == 0.0].any()
+
+
+def test_the_warp_is_that_of_its_definition(device: str) -> None:
+    """With uniform brightness, facets of samples are where bisection of the integrals puts them."""
+    tables = TABLES["isotropic"]
+    even = dataclasses.replace(tables, luminance=np.ones_like(tables.luminance))
+    u = uniforms(N, 3, seed=9)
+    found = Case(wrt.Measured(even)).sample(np.array([0.0, 0.0, 1.0]), u, device)
+    m = facets(*warped(tables.vndf[0, 0].astype(np.float64), u[:, :2].astype(np.float64)).T)
+    expected = 2.0 * m[:, 2:] * m - np.array([0.0, 0.0, 1.0])
+    above = expected[:, 2] > 1e-4
+    assert above.sum() > N / 4
+    np.testing.assert_allclose(found["wi"][above], expected[above], atol=2e-5)
+
+
+def test_a_slice_without_light_is_sampled_evenly(device: str) -> None:
+    tables = TABLES["isotropic"]
+    nothing = {name: np.zeros_like(getattr(tables, name)) for name in ("vndf", "luminance", "rgb")}
+    dark = Case(wrt.Measured(dataclasses.replace(tables, **nothing)))
+    assert_finite(dark, device)
+    found = dark.sample(viewer(30.0), uniforms(N, 3, seed=10), device)
+    assert (found["pdf"] > 0.0).any()
+    assert not found["weight"].any()
+
+
+# --- A metal, measured -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["metal", pytest.param("brushed metal", marks=pytest.mark.slow)])
+def test_a_measured_metal_approaches_the_metal(name: str, device: str, report: Report) -> None:
+    """Errors of linear interpolation fall with the square of the distance of nodes."""
+    wo, wi = hemisphere(20_000, seed=40), hemisphere(20_000, seed=41)
+    expected = analytic(name).evaluate(wo, wi, device)[0]
+    errors, one_sided = [], []
+    for fine, viewers in ((12, 5), (24, 9), (48, 17)):
+        case = metal(name, fine, viewers)
+        value, back = case.evaluate(wo, wi, device)[0], case.evaluate(wi, wo, device)[0]
+        errors.append(float(np.abs(value - expected).sum() / expected.sum()))
+        one_sided.append(float(np.abs(value * wo[:, 2:] - back * wi[:, 2:]).sum() / (value * wo[:, 2:]).sum()))
+        report(f"{name}, {fine} nodes: error, and difference of both ways", errors[-1], one_sided[-1])
+    for each in (errors, one_sided):
+        assert each[0] > 2.5 * each[1] > 2.5**2 * each[2]
+    assert errors[-1] < 0.01
+    assert one_sided[-1] < 0.015
+    for degrees in ANGLES[:3]:
+        found, error = albedo(metal(name, 48, 17), degrees, device, samples=2**16)
+        like, like_error = albedo(analytic(name), degrees, device, samples=2**16)
+        assert (found <= 1.0).all()
+        np.testing.assert_allclose(found, like, atol=5e-3 + 4.0 * float(np.hypot(error, like_error).max()))
+
+
+def test_only_anisotropic_ones_follow_the_texture(device: str) -> None:
+    for name, tables in TABLES.items():
+        assert wrt.Measured(tables).needs_tangents == (name in ("circle", "half", "quarter"))
+    wo, wi = hemisphere(N, seed=42), hemisphere(N, seed=43)
+    c, s = np.cos(1.1), np.sin(1.1)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    for name in ("isotropic", "circle"):
+        one, other = CASES[name].evaluate(wo, wi, device)[0], CASES[name].evaluate(wo @ turn, wi @ turn, device)[0]
+        assert np.allclose(one, other, rtol=1e-4) == (name == "isotropic")
+
+
+@pytest.mark.parametrize(
+    ("name", "signs"), [("half", (-1.0, -1.0)), ("quarter", (-1.0, 1.0)), ("quarter", (1.0, -1.0))]
+)
+def test_the_rest_of_the_circle_is_like_what_was_measured(name: str, signs: tuple[float, float], device: str) -> None:
+    wo, wi = hemisphere(N, seed=44), hemisphere(N, seed=45)
+    mirrored = np.array([*signs, 1.0])
+    one, other = CASES[name].evaluate(wo, wi, device), CASES[name].evaluate(wo * mirrored, wi * mirrored, device)
+    np.testing.assert_allclose(one[0], other[0], rtol=1e-6)
+    np.testing.assert_allclose(one[1], other[1], rtol=1e-6)
+
+
+def test_viewers_at_both_ends_of_a_half(device: str) -> None:
+    """Exactly along the axis, where the azimuth could be either end."""
+    wi = hemisphere(N, seed=46)
+    for x in (0.6, -0.6):
+        along = CASES["half"].evaluate(np.array([x, 0.0, 0.8]), wi, device)[0]
+        beside = CASES["half"].evaluate(np.array([x, 1e-6, 0.8]), wi, device)[0]
+        np.testing.assert_allclose(along, beside, rtol=1e-3)
+
+
+# --- Mitsuba -----------------------------------------------------------------------------------------
+
+
+def saved(folder: Path, tables: Measurement) -> Path:
+    file = folder / "tables_rgb.bsdf"
+    with file.open("wb") as handle:
+        save_measurement(handle, tables)
+    return file
+
+
+def ask_mitsuba(file: Path, wo: NDArray, wi: NDArray, u: NDArray) -> tuple[NDArray, ...]:
+    """Return Mitsuba's values and densities, and the directions, densities and weights of its samples."""
+    from support.mitsuba_scene import load_mitsuba
+
+    mi = load_mitsuba()
+    bsdf = mi.load_dict({"type": "measured", "filename": str(file)})
+    context, surface = mi.BSDFContext(), mi.SurfaceInteraction3f()
+    rows = []
+    for out, towards, (x, y, choice) in zip(wo.tolist(), wi.tolist(), u.tolist(), strict=True):
+        surface.wi = mi.Vector3f(*out)
+        direction = mi.Vector3f(*towards)
+        drawn, weight = bsdf.sample(context, surface, choice, mi.Point2f(y, x))
+        value = bsdf.eval(context, surface, direction)
+        rows.append([*value, bsdf.pdf(context, surface, direction), *drawn.wo, drawn.pdf, *weight])
+    found = np.array(rows, np.float64)
+    return found[:, :3], found[:, 3], found[:, 4:7], found[:, 7], found[:, 8:]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_mitsuba_says_the_same(name: str, tmp_path: Path, device: str, report: Report) -> None:
+    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+    case = CASES[name]
+    assert isinstance(case.material, wrt.Measured)
+    file = saved(tmp_path, case.material.measurement)
+    n = 500
+    wo, wi = (hemisphere(n, seed).astype(np.float32) for seed in (50, 51))
+    if case.material.measurement.is_isotropic:
+        # Mitsuba (up to 3.9) does not set how much of the circle these cover, and mirrors directions by what happens
+        # to be in memory; but not those of this quarter.
+        wo[:, :2] = -np.abs(wo[:, :2])
+    u = uniforms(n, 3, seed=52)
+    value, pdf, direction, density, weight = ask_mitsuba(file, wo, wi, u)
+    found, found_pdf, _ = case.evaluate(wo, wi, device)
+    drawn = case.sample(wo, u, device)
+    # A metal's facets are few away from its highlight, where sums of many in single precision are all that is left.
+    scale = 1e-5 if name in TABLES else 1e-4
+    report(f"{name}: largest difference of values", float(np.abs(found / np.maximum(value, 1e-9) - 1.0).max()), 0.0)
+    np.testing.assert_allclose(found, value, rtol=2.0 * scale, atol=1e-7)
+    np.testing.assert_allclose(found_pdf, pdf, rtol=2.0 * scale, atol=1e-7)
+    above = (drawn["pdf"] > 0.0) & (direction[:, 2] > 1e-4)
+    assert above.sum() > n / 4
+    np.testing.assert_allclose(drawn["wi"][above], direction[above], atol=20.0 * scale)
+    close = 2e-3 if name in TABLES else 1e-2
+    assert np.mean(np.abs(drawn["pdf"][above] / density[above] - 1.0) < close) > 0.99
+    assert np.mean(np.abs(drawn["weight"][above] - weight[above]).max(axis=1) < close * weight[above].max()) > 0.99
+
+
+# --- Files -------------------------------------------------------------------------------------------
+
+
+def fields_of(tables: Measurement) -> dict[str, NDArray[Any]]:
+    names = ("phi_i", "theta_i", "ndf", "sigma", "vndf", "luminance", "rgb")
+    return {
+        "description": np.frombuffer(b"made", np.uint8),
+        **{name: np.array(getattr(tables, name)) for name in names},
+        "jacobian": np.ones(1, np.uint8),
+    }
+
+
+def written(file: Path, fields: dict[str, NDArray[Any]]) -> Path:
+    with file.open("wb") as handle:
+        write_tensors(handle, fields)
+    return file
+
+
+def same(a: Measurement, b: Measurement) -> bool:
+    return a.jacobian == b.jacobian and all(
+        np.array_equal(getattr(a, name), getattr(b, name)) for name in fields_of(a) if name[0] not in "dj"
+    )
+
+
+def test_files_are_mitsubas_and_are_read_back_bit_for_bit(tmp_path: Path) -> None:
+    for tables in TABLES.values():
+        assert same(load_measurement(saved(tmp_path, tables)), tables)
+    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+    from mitsuba.python import tensor_io
+
+    tables = TABLES["half"]
+    tensor_io.write(str(tmp_path / "theirs.bsdf"), **fields_of(tables))
+    assert same(load_measurement(tmp_path / "theirs.bsdf"), tables)
+    read = tensor_io.read(str(saved(tmp_path, tables)))
+    assert all(np.array_equal(read[name], values) for name, values in fields_of(tables).items() if name[0] != "d")
+
+
+def spectral(tmp_path: Path, wavelengths: NDArray[Any], spectrum: NDArray[Any]) -> Measurement:
+    """Return a measurement that reflects one spectrum everywhere."""
+    fields = fields_of(TABLES["isotropic"])
+    shape = fields.pop("rgb").shape
+    fields["wavelengths"] = wavelengths.astype(np.float32)
+    spectra = np.broadcast_to(spectrum[None, None, :, None, None], (*shape[:2], len(spectrum), *shape[3:]))
+    fields["spectra"] = np.array(spectra, np.float32)
+    return load_measurement(written(tmp_path / "tables_spec.bsdf", fields))
+
+
+def test_spectra_become_colours_as_other_reflectances_do(tmp_path: Path) -> None:
+    even = np.linspace(360.0, 1000.0, 195)
+    np.testing.assert_allclose(spectral(tmp_path, even, np.full(195, 0.7)).rgb, 0.7, rtol=1e-6)
+    spectrum = 0.5 + 0.4 * np.sin(even / 40.0)
+    found = spectral(tmp_path, even, spectrum).rgb
+    expected = reflected(np.interp(WAVELENGTHS, even, spectrum))
+    np.testing.assert_allclose(found[0, 1, :, 3, 4], expected, rtol=1e-5)
+    # Beyond what was measured the last value holds, as in Mitsuba; a pure green is outside of the colours.
+    narrow = spectral(tmp_path, np.array([500.0, 600.0]), np.array([0.3, 0.3])).rgb
+    np.testing.assert_allclose(narrow, 0.3, rtol=1e-6)
+    green = spectral(tmp_path, np.array([500.0, 515.0, 530.0]), np.array([0.0, 1.0, 0.0])).rgb
+    assert green[0, 0, 0].max() == 0.0
+    assert green[0, 0, 1].min() > 0.0
+
+
+BAD: list[tuple[str, Any, str]] = [
+    ("vndf", None, "it lacks 'vndf'"),
+    ("rgb", None, "it lacks 'rgb'"),
+    ("ndf", lambda x: x.astype(np.float64), "must be of float32 numbers"),
+    ("luminance", lambda x: x[..., :5], "must have the shape (5, 4, 5, 5)"),
+    ("rgb", lambda x: x[:, :, :2], "rgb must have the shape (5, 4, 3, 9, 9)"),
+    ("rgb", lambda x: x[0], "must have five dimensions"),
+    ("sigma", lambda x: x[:1], "at least two nodes"),
+    ("rgb", lambda x: x * np.float32(np.inf), "not finite"),
+    ("luminance", lambda x: -x, "finite numbers from 0"),
+    ("theta_i", lambda _: np.zeros(0, np.float32), "must be a list of angles"),
+    ("theta_i", lambda x: x[::-1], "ascending angles"),
+    ("phi_i", lambda x: x / 3.0, "1/6"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "said"), BAD, ids=[said for _, _, said in BAD])
+def test_bad_tables_are_refused_in_one_line(name: str, change: Any, said: str, tmp_path: Path) -> None:
+    fields = fields_of(TABLES["half"])
+    table = fields.pop(name)
+    if change is not None:
+        fields[name] = change(table)
+    file = written(tmp_path / "bad.bsdf", fields)
+    with pytest.raises(wrt.InputError) as caught:
+        load_measurement(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    polarised = {name: np.zeros(1, np.float32) for name in ("theta_h", "theta_d", "phi_d", "wvls", "M")}
+    with pytest.raises(wrt.InputError, match="polarised measurement"):
+        load_measurement(written(tmp_path / "polarised.bsdf", polarised))
+
+
+def tensor_file() -> bytes:
+    handle = io.BytesIO()
+    save_measurement(handle, TABLES["isotropic"])
+    return handle.getvalue()
+
+
+def with_bytes(at: bytes, offset: int, new: bytes) -> bytes:
+    data = tensor_file()
+    start = data.index(at) + len(at) + offset
+    return data[:start] + new + data[start + len(new) :]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"tensor", "not a tensor file"),
+        (tensor_file()[:20], "ends within the list"),
+        (tensor_file()[:-4000], "but it is shorter"),
+        (tensor_file()[:12] + b"\2" + tensor_file()[13:], "version 2.0"),
+        (with_bytes(b"vndf", 2, b"\x63"), "the type 99"),
+        (with_bytes(b"vndf", 0, b"\xff\xff"), "65535 dimensions"),
+        (with_bytes(b"vndf", 11, bytes(8) + b"\xff" * 8), "but it is shorter"),
+        (with_bytes(b"vndf", 3, b"\xff" * 8), "but it is shorter"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(data: bytes, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "damaged.bsdf"
+    file.write_bytes(data)
+    with pytest.raises(wrt.InputError, match=said) as caught:
+        load_measurement(file)
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+# --- Scenes ------------------------------------------------------------------------------------------
+
+
+def test_scene_files(tmp_path: Path) -> None:
+    tables = TABLES["half"]
+    saved(tmp_path, tables)
+    quad = f'{QUAD}material = "paint"\n'
+    text = '[materials.paint]\ntype = "measured"\nmeasurement = "tables_rgb.bsdf"\nopacity = 0.5\n'
+    other = text.replace("paint", "other")
+    (tmp_path / "scene.toml").write_text(text + other + quad + quad.replace("paint", "other"))
+    scene = wrt.load(tmp_path / "scene.toml")
+    first, second = (shape.material for shape in scene.shapes)
+    assert isinstance(first, wrt.Measured)
+    assert first.measurement is second.measurement  # a file is read once
+    assert same(first.measurement, tables)
+    assert first.opacity == 0.5
+    wrt.save_scene(tmp_path / "again.toml", scene)
+    assert same(wrt.load(tmp_path / "again.toml").shapes[0].material.measurement, tables)
+    (tmp_path / "bad.toml").write_text(text.replace("tables", "no"))
+    with pytest.raises(wrt.InputError, match=r"bad\.toml: materials\.paint\.measurement: .*no_rgb.bsdf: no such file"):
+        wrt.load(tmp_path / "bad.toml")
+    with pytest.raises(wrt.InputError, match=r"must be a wrt\.Measurement, not str"):
+        wrt.Measured("paint.bsdf")
+
+
+def mitsuba_scene(folder: Path, kind: str, name: str = "tables_rgb.bsdf") -> Path:
+    file = folder / "scene.xml"
+    bsdf = f'<bsdf type="{kind}"><string name="filename" value="{name}"/></bsdf>'
+    file.write_text(f'<scene version="3.0.0"><shape type="rectangle">{bsdf}</shape></scene>')
+    return file
+
+
+def test_scenes_of_mitsuba(tmp_path: Path) -> None:
+    saved(tmp_path, TABLES["quarter"])
+    (shape,) = wrt.load(mitsuba_scene(tmp_path, "measured"), strict=True).shapes
+    assert isinstance(shape.material, wrt.TwoSided)
+    assert same(shape.material.front.measurement, TABLES["quarter"])
+    assert shape.material.back == wrt.Diffuse(0.0)
+    with pytest.raises(wrt.InputError, match=r"scene\.xml: line 1: .*other\.bsdf: no such file"):
+        wrt.load(mitsuba_scene(tmp_path, "measured", "other.bsdf"))
+    with pytest.warns(UserWarning, match="Mueller matrices are not read; grey stands in for it"):
+        wrt.load(mitsuba_scene(tmp_path, "measured_polarized"))
+
+
+@pytest.mark.machinery
+def test_the_wide_kernel_has_the_same_bits() -> None:
+    lanes = lanes_of(processor_flags())
+    if not lanes:
+        pytest.skip("the processor has neither AVX-512 nor AVX2")
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.5, 5.0), (0.0, 0.0, 0.0), fov_degrees=35.0))
+    scene.environment = wrt.ConstantEnvironment((0.5, 0.6, 0.7))
+    scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=7.0, two_sided_emission=True)
+    for x, name in ((-0.75, "metal"), (0.75, "circle")):
+        scene.add(wrt.sphere((x, 0.0, 0.0), subdivisions=3), material=CASES[name].material)
+    renderer = wrt.Renderer(scene, width=45, height=31, threads=1)
+    start, films = renderer.film.state(), []
+    for kernel, threads in ((renderer._kernel.scalar, renderer.film.pixels), wide_kernel(renderer, lanes)):
+        renderer.film.restore(start)
+        for spp in (3, 22):
+            wp.launch(kernel, dim=threads, inputs=[0, spp, *renderer._inputs], device="cpu")
+        films.append({name: array.tobytes() for name, array in renderer.film.state().items()})
+    assert films[0] == films[1]

@@ -1,0 +1,192 @@
+"""What would make a published figure wrong: scenes, verdicts, errors, laws, timings, tables; and planted faults."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from xml.etree import ElementTree
+
+import benchmark
+import mutate
+import numpy as np
+import pytest
+from benchmarks import agreement, figures, measure, render, report, scaling, scenes
+from conftest import ROOT, Report
+from peers import peer
+from peers.mitsuba_worker import square_text
+from peers.picture_tests import image_z_test
+from support import statistics
+
+import wrt
+from wrt.backend.device import Device
+from wrt.upload.scene_data import build_scene
+
+SMALL = scenes.Budget(share=0.01, assets=Path("/nowhere"))
+
+
+# --- Scenes ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_peers_get_the_same_scene(tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
+    for name, case in scenes.CASES.items():
+        scene, folder = case.scene(16, SMALL), tmp_path / name
+        folder.mkdir()
+        peer.prepare(peer.OWN, scene, folder)
+        read = wrt.load(folder / "scene.toml")
+        assert read.settings == scene.settings
+        assert (scene.settings.width, scene.settings.filter) == (16, "box")
+        assert build_scene(read, Device("cpu")).features == build_scene(scene, Device("cpu")).features
+        if name == "motion":
+            with pytest.raises(NotImplementedError, match="motion"):
+                peer.prepare(peer.PEERS["mitsuba-llvm"], scene, folder)
+        else:
+            peer.prepare(peer.PEERS["mitsuba-llvm"], scene, folder)
+            tree = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
+            assert tree["integrator"]["max_depth"] == case.depth
+
+
+def test_scene_files_of_others_are_rendered_alike(tmp_path: Path) -> None:
+    """Mitsuba's text has the size and the filter, also where another file has the film."""
+    sizes = '<integer name="width" value="$width"/><integer name="height" value="32"/>'
+    film = f'<film type="hdrfilm">{sizes}<rfilter type="gaussian"/></film>'
+    (tmp_path / "camera.xml").write_text(f'<scene><sensor type="perspective">{film}</sensor></scene>')
+    file = tmp_path / "box.xml"
+    file.write_text(
+        '<scene version="3.0.0"><default name="width" value="64"/><include filename="camera.xml"/>'
+        '<integrator type="path"/><shape type="rectangle"/></scene>'
+    )
+    found = ElementTree.fromstring(square_text(file, 24, box=True)).find("sensor/film")
+    assert found is not None
+    assert [entry.get("value") for entry in found.iterfind("integer")] == ["24", "24"]
+    assert [entry.get("type") for entry in found.iterfind("rfilter")] == ["box"]
+    assert 'rfilter type="gaussian"' in square_text(file, 24)
+
+
+# --- Verdicts, errors, laws and timings --------------------------------------------------------------
+
+
+def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.ndarray:
+    truth = 1.0 + np.sin(np.arange(64.0))[:, None, None] * np.cos(np.arange(64.0))[None, :, None] * np.ones(3)
+    return factor * truth * (1.0 + noise * np.random.default_rng(seed).normal(size=(count, 64, 64, 3)))
+
+
+@pytest.mark.parametrize(("exact", "other"), [(True, 1.02), (False, 1.08)])
+def test_same_pictures_agree_and_others_do_not(exact: bool, other: float) -> None:
+    assert statistics.image_z_test is image_z_test
+    assert agreement.agreement(stack(1.0, 1), stack(1.0, 2), exact=exact).agrees
+    result = agreement.agreement(stack(1.0, 1), stack(other, 3), exact=exact)
+    assert not result.agrees
+    assert result.mean_difference == pytest.approx(1.0 - other, abs=0.005)
+    assert result.block_difference == pytest.approx(other - 1.0, rel=0.3)
+
+
+def test_a_difference_in_one_place_is_seen_by_pixels() -> None:
+    theirs = stack(1.0, 4, noise=0.01)
+    theirs[:, 10:16, 10:18] *= 1.2
+    result = agreement.agreement(stack(1.0, 5, noise=0.01), theirs, exact=True)
+    assert not result.agrees
+    assert abs(result.mean_difference) < agreement.SMALL
+
+
+def test_errors_are_free_of_the_noise_of_references(report: Report) -> None:
+    """A picture of 10 % noise against two of 30 %: against one of them the error would be 32 %."""
+    truth = np.ones((256, 256, 3))
+    rng = np.random.default_rng(6)
+    image = truth + 0.1 * rng.normal(size=truth.shape)
+    references = [truth + 0.3 * rng.normal(size=truth.shape) for _ in range(2)]
+    errors = render.squared_errors(image, references)
+    report("squared error", errors["rmse"], 0.01)
+    # Of each product the standard deviation is about sqrt(3 · 0.01² + 2 · 0.01 · 0.09 + 0.09²).
+    assert errors["rmse"] == pytest.approx(0.01, abs=4.0 * 0.1 / np.sqrt(truth.size))
+    assert render.squared_errors(truth, references)["rmse"] == pytest.approx(0.0, abs=4.0 * 0.09 / np.sqrt(truth.size))
+
+
+def test_laws_and_means_are_found() -> None:
+    x = np.array([1e3, 1e4, 1e5, 1e6])
+    assert measure.law_of_power(x, 5.0 * x**-0.2) == pytest.approx((5.0, -0.2, 1.0))
+    assert measure.line_through(x, 200.0 + 7e-5 * x) == pytest.approx((200.0, 7e-5, 1.0))
+    points = [{"triangles": n, "paths_per_second": 1e6, "peak_bytes": 2e8 + 70 * n} for n in x]
+    assert scaling.laws("triangles", points)["memory"].startswith("200 MB + 70 bytes · triangles")
+    assert measure.geometric_mean([0.5, 2.0, 8.0]) == pytest.approx(2.0)
+
+
+@pytest.mark.slow
+def test_a_renderer_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bits are those of this process; seconds of CPU count over as many cores as are given, and not on a GPU."""
+    scene = scenes.CASES["cornell"].scene(24, SMALL)
+    peer.prepare(peer.OWN, scene, tmp_path)
+    with peer.Session(peer.OWN, tmp_path, peer.Environments(), threads=1, cpus=4) as session:
+        assert session.about["threads"] == 1
+        image, seconds = session.picture(2, 5, tmp_path / "image.npy")
+        assert seconds > 0.0
+        assert session.peak_memory() > 50e6
+        monkeypatch.setattr(session, "ask", lambda **_: {"seconds": 1.0, "cpu_seconds": 8.0})
+        assert session.render(8, 3) == 2.0
+        monkeypatch.undo()
+    renderer = wrt.Renderer(scene, seed=5)
+    for _ in renderer.passes(spp=2):
+        pass
+    np.testing.assert_array_equal(image, renderer.image())
+    with pytest.raises(SystemExit, match="GPU"):
+        benchmark.main(["render", "--cpu-seconds", "--device", "cuda", "--peers", "mitsuba-llvm"])
+
+
+# --- Pages -------------------------------------------------------------------------------------------
+
+
+def test_commands_of_the_pages_are_understood() -> None:
+    pages = [ROOT / "docs" / "performance.md", *sorted((ROOT / "docs" / "notes").glob("*.md"))]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    lines = re.findall(r"^python scripts/benchmark\.py (.*)$", text, re.MULTILINE)
+    assert len(lines) >= 7
+    for line in lines:
+        benchmark.command_line().parse_args(shlex.split(line, comments=True))
+
+
+def test_pages_show_what_was_measured() -> None:
+    """The tables of the docs are those of docs/measured."""
+    for name in {path.stem for path in measure.MEASURED_FOLDER.glob("*.json")} - {mutate.OUTCOMES.stem}:
+        result = figures.result_of(name)
+        assert result["benchmark"] == name
+        for section in report.SECTIONS[name]:
+            page = section.page.read_text(encoding="utf-8")
+            assert f"<!-- {section.name} -->\n{section.text(result).strip()}\n<!-- end of {section.name} -->" in page
+
+
+@pytest.mark.slow
+def test_plots_of_what_was_measured_are_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="plots need matplotlib")
+    for draw in figures.MEASURED.values():
+        draw(tmp_path / "plot.png")
+        assert (tmp_path / "plot.png").stat().st_size > 5_000
+
+
+# --- Planted faults ----------------------------------------------------------------------------------
+
+
+def test_every_fault_can_be_planted_and_the_page_has_its_outcome() -> None:
+    """A refactoring that moves a line must move its fault."""
+    names = [mutant.name for mutant in mutate.MUTANTS]
+    assert len(set(names)) == len(names) >= 40
+    for mutant in mutate.MUTANTS:
+        assert mutant.old in (ROOT / mutant.file).read_text(encoding="utf-8"), mutant.name
+        assert mutant.old != mutant.new
+        files = [word for word in shlex.split(mutant.tests) if word.startswith("tests/")]
+        assert files
+        assert all((ROOT / file).is_file() for file in files), mutant.name
+    page = mutate.PAGE.read_text(encoding="utf-8")
+    assert page == mutate.page(page, json.loads(mutate.OUTCOMES.read_text(encoding="utf-8")))
+
+
+def test_a_fault_is_noticed_only_by_tests_that_pass_without_it(tmp_path: Path, monkeypatch) -> None:
+    outcomes = {(0, 0): "survived", (0, 1): "noticed", (0, 2): "tests fail without it", (1, 1): "tests fail without it"}
+    outcomes |= {(5, 1): "no such tests", (0, None): "ran out of time"}
+    runner = mutate.Runner(tmp_path, 1, 1.0)
+    for statuses, outcome in outcomes.items():
+        monkeypatch.setattr(runner, "_status", lambda tests, mutant=None, both=statuses: both[mutant is not None])
+        ((_, found),) = runner.outcomes(mutate.MUTANTS[:1])
+        assert found == outcome

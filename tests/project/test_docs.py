@@ -1,0 +1,278 @@
+"""README and docs are true: examples run, commands parse, links lead somewhere, messages are those of the code."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import reference
+from conftest import ROOT
+from support.covering_kernels import covering, render_with
+from support.pages import PAGES, blocks, inline_code, parsed, slug, without_code
+
+import wrt
+from wrt.cli.arguments.options import EXAMPLES, make_parser, parse
+from wrt.io.measured.measurement import save_measurement
+from wrt.io.toml import scene_keys
+from wrt.io.toml.reader import load_scene
+from wrt.meshes import scene_names
+
+README = PAGES["README.md"]
+SCENE_FORMAT = PAGES["docs/scene-format.md"]
+
+
+def write_files(folder: Path) -> None:
+    """Write every file that an example names."""
+    np.save(folder / "cloud.npy", np.ones((2, 3, 4), np.float32))
+    ball = wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=2)
+    lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
+    shutil.copy(ROOT / "meshes" / "teapot.ply", folder)
+    for name in ("bunny", "tree", "flag0", "flag1"):
+        (folder / f"{name}.obj").write_text("\n".join(lines) + "\n")
+    rng = np.random.default_rng(0)
+    for name in ("wood", "robot", "robot-orm", "leaf", "leaf-mask", "letters"):
+        wrt.save_image(folder / f"{name}.png", rng.uniform(0.0, 1.0, (4, 4, 3)))
+    with (folder / "felt_rgb.bsdf").open("wb") as file:
+        save_measurement(file, wrt.Measured.example().measurement)
+    wrt.save_image(folder / "robot-bumps.png", np.full((4, 4, 3), (0.2, 0.2, 1.0)))
+    wrt.save_image(folder / "sky.exr", rng.uniform(0.0, 2.0, (4, 8, 3)))
+
+
+# --- Examples --------------------------------------------------------------------------------------
+
+# Other tests run these pages: the first three are programs, the next quotes a kernel, the last shows a widget.
+OWN = ("docs/own-bsdf.md", "docs/own-camera.md", "docs/own-light.md", "docs/spmd.md", "docs/view.md")
+MODELS = ("conductor", "dielectric", "oren_nayar", "plastic", "diffuse", "rough_conductor:ggx:smith:conductor")
+PROGRAMS = [(page, code) for page, text in PAGES.items() if page not in OWN for code in blocks(text, "python")]
+
+
+@pytest.mark.slow
+def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch, capsys) -> None:
+    """With small pictures of few samples: what examples show is large as a rule."""
+    start, passes = wrt.Renderer.__init__, wrt.Renderer.passes
+
+    def small_start(self: wrt.Renderer, scene: wrt.Scene, **options: Any) -> None:
+        if not options.get("width") or options["width"] > 64:
+            options = {**options, "width": 16, "height": 12}
+        start(self, scene, **options)
+
+    def few_passes(self: wrt.Renderer, *, spp: int | None = None, noise: float | None = None, **_: Any) -> Any:
+        few = spp if spp is not None and spp <= 16 else (spp or 64) // 64
+        return passes(self, spp=few) if noise is None else passes(self, noise=noise)
+
+    monkeypatch.setattr(wrt.Renderer, "__init__", small_start)
+    monkeypatch.setattr(wrt.Renderer, "passes", few_passes)
+    render_with([covering(*MODELS, sampler="sobol"), covering(*MODELS[-2:], sampler="sobol", aovs=True)], monkeypatch)
+    write_files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert len([page for page, _ in PROGRAMS if page == "README.md"]) >= 2
+    for page, code in PROGRAMS:
+        exec(compile(code, page, "exec"), {})
+        written = re.findall(r'save(?:_image|_checkpoint)?\(f?"([^"]+)"', code)
+        assert written
+        for name in written:
+            files = list(tmp_path.glob(re.sub(r"\{[^}]*\}", "*", name)))
+            assert files, f"{page}: {name} was not written"
+            for file in files:
+                if file.suffix in (".png", ".exr"):
+                    assert wrt.load_image(file).any(), f"{page}: {name} is black"
+    said = capsys.readouterr().out
+    assert re.fullmatch(r"(\d+ of 4 samples per pixel\n)+\d+ samples per pixel, noise 0\.0\d+\n", said)
+
+
+def test_names_of_wrt_in_python_examples_exist() -> None:
+    for page, text in PAGES.items():
+        for code in blocks(text, "python"):
+            for node in ast.walk(ast.parse(code)):
+                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "wrt":
+                    assert hasattr(wrt, node.attr), f"{page}: wrt.{node.attr}"
+
+
+@pytest.mark.slow
+def test_the_scene_file_renders(tmp_path: Path) -> None:
+    complete = blocks(SCENE_FORMAT, "toml")[0]
+    write_files(tmp_path)
+    (tmp_path / "room.toml").write_text(complete)
+    assert set(parsed(complete)) == set(scene_keys.SECTIONS) - {"medium"}
+    image = wrt.render(tmp_path / "room.toml", width=24, height=16, spp=4)
+    assert np.isfinite(image).all()
+    assert (image.max(axis=2) > 0.0).mean() > 0.9
+
+
+def test_scene_files_and_parts_of_them_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also a mistake gives the message that the page shows."""
+    write_files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for page, text in PAGES.items():
+        if not page.startswith("docs/own-"):  # what these name is registered by their programs
+            for part in blocks(text, "toml"):
+                Path("room.toml").write_text(part)
+                load_scene(Path("room.toml"))
+    (shown,) = re.findall(r"^    (room\.toml: .*)$", SCENE_FORMAT, re.MULTILINE)
+    Path("room.toml").write_text(blocks(SCENE_FORMAT, "toml")[0].replace('material = "glass"', 'materal = "glass"'))
+    with pytest.raises(wrt.InputError) as caught:
+        wrt.load("room.toml")
+    assert str(caught.value) == shown
+
+
+# --- Commands --------------------------------------------------------------------------------------
+
+
+def commands(text: str) -> list[str]:
+    lines = [line for block in blocks(text, "sh") for line in block.splitlines()]
+    return [code.strip() for code in [*lines, *inline_code(text)]]
+
+
+def options_of(parser: argparse.ArgumentParser) -> set[str]:
+    found: set[str] = set()
+    for action in parser._actions:
+        found |= set(action.option_strings)
+        if isinstance(action, argparse._SubParsersAction):
+            found |= {option for command in action.choices.values() for option in options_of(command)}
+    return found
+
+
+def test_commands_of_wrt_parse() -> None:
+    count = 0
+    for page, text in {**PAGES, "wrt --help": "".join(f"`{line.strip()}`\n" for line in EXAMPLES.splitlines())}.items():
+        for command in commands(text):
+            if re.match(r"(python -m )?wrt ", command):
+                arguments = shlex.split(command, comments=True)[command.startswith("python") * 2 + 1 :]
+                count += 1
+                try:
+                    parse(arguments)
+                except SystemExit:
+                    assert "--help" in arguments or "--version" in arguments
+                except wrt.InputError as error:
+                    pytest.fail(f"{page}: {command}: {error}")
+    assert count > 100
+
+
+def test_options_and_commands_of_the_repository_exist() -> None:
+    of_tests = re.findall(r'addoption\(\s*"(--[a-z-]+)"', (ROOT / "tests" / "conftest.py").read_text())
+    known = options_of(make_parser()) | set(of_tests)
+    for page, text in PAGES.items():
+        for command in commands(text):
+            program, _, rest = command.partition(" ")
+            if program.startswith("scripts/") and " " not in program:
+                assert (ROOT / program).exists(), f"{page}: {command}"
+            if program.startswith(("scripts/", "--")):
+                script = (ROOT / program).read_text() if (ROOT / program).is_file() else ""
+                for option in re.findall(r"--[a-z][a-z-]*", program + " " + rest.partition("#")[0]):
+                    assert option in known or option in script, f"{page}: {command}: {option}"
+
+
+# --- References, paths and links -------------------------------------------------------------------
+
+
+def test_every_public_name_is_in_the_reference(capsys: pytest.CaptureFixture[str]) -> None:
+    """It is listed, and mkdocstrings shows its docstring; generated parts are current."""
+    page = PAGES["docs/python.md"]
+    listed = set(re.findall(r"^\| \[`(\w+)`\]", page, re.MULTILINE))
+    detailed = {path.rpartition(".")[2] for path in re.findall(r"^::: ([\w.]+)$", page, re.MULTILINE)}
+    assert listed == detailed == {name for name in wrt.__all__ if not name.startswith("__")}
+    assert reference.main(["--check"]) == 0, capsys.readouterr().out
+
+
+def test_every_page_is_in_the_navigation_and_is_reached_by_links() -> None:
+    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2].partition("\nexclude_docs:")[0]
+    shown = [page.removeprefix("docs/") for page in PAGES if page != "README.md"]
+    assert sorted(re.findall(r": ([\w/.-]+\.md)$", nav, re.MULTILINE)) == sorted(shown)
+    found, queue = set(), ["README.md"]
+    while queue:
+        page = queue.pop()
+        if page in found or page not in PAGES:
+            continue
+        found.add(page)
+        targets = re.findall(r"\]\(([^)#\s]+)", without_code(PAGES[page]))
+        queue += [os.path.normpath(Path(page).parent / target) for target in targets if "://" not in target]
+    assert found == set(PAGES), set(PAGES) - found
+
+
+def test_names_and_paths_in_the_text_exist() -> None:
+    for page, text in PAGES.items():
+        for code in inline_code(text):
+            if found := re.match(r"wrt\.(\w+)", code):
+                module = (ROOT / found[1], ROOT / "wrt" / found[1], ROOT / "wrt" / f"{found[1]}.py")
+                assert hasattr(wrt, found[1]) or any(path.exists() for path in module), f"{page}: {code}"
+            path = code.split(" ")[0]
+            if re.match(r"(wrt|kernels|meshes|scripts|tests|docs)/", path) and "NAME" not in path:
+                assert (ROOT / path).exists(), f"{page}: {code}"
+
+
+def test_links_and_pictures_lead_somewhere() -> None:
+    for page, raw in PAGES.items():
+        text = without_code(raw)
+        targets = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'(?:src|href)="([^"]+)"', text)
+        for target in targets:
+            if target.startswith("https://"):
+                continue
+            file, _, anchor = target.partition("#")
+            path = (ROOT / page).parent / file if file else ROOT / page
+            assert path.is_file(), f"{page}: {target}"
+            if anchor:
+                headings = re.findall(r"^#+ (.+)$", without_code(path.read_text(encoding="utf-8")), re.MULTILINE)
+                assert anchor in {slug(heading) for heading in headings}, f"{page}: {target}"
+
+
+def test_architecture_names_every_folder() -> None:
+    files = [path for top in ("wrt", "kernels") for path in (ROOT / top).rglob("*") if path.is_file()]
+    folders = {path.parent.relative_to(ROOT).as_posix() for path in files if "__pycache__" not in path.parts}
+    folders = {folder for folder in folders if not folder.startswith(("wrt/kernels", "wrt/meshes"))}
+    named = re.findall(r"^\| `([\w/]+)` \|", PAGES["docs/architecture.md"], re.MULTILINE)
+    assert sorted(named) == sorted(folders)
+
+
+def names_in(path: Path) -> set[str]:
+    """Return what a file defines: functions, classes, their methods and constants; in a header every name."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return set(re.findall(r"\w+", text))
+    nodes = list(ast.walk(ast.parse(text)))
+    names = {node.name for node in nodes if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    targets = [target for node in nodes if isinstance(node, ast.Assign) for target in node.targets]
+    return names | {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def test_questions_lead_to_what_answers_them() -> None:
+    where = re.findall(r"^\| (.+\?) \| `(.+)` \| `(.+)` \|$", PAGES["docs/where-to-look.md"], re.MULTILINE)
+    assert len(where) >= 12
+    for question, path, name in where:
+        assert name in names_in(ROOT / path), question
+
+
+def test_the_readme_shows_built_in_scenes_and_the_changelog_has_the_version() -> None:
+    pictures = re.findall(r'src="docs/pictures/([\w-]+)\.png"', README)
+    assert pictures
+    assert set(pictures) <= set(scene_names())
+    assert all(f"`wrt render {name}`" in README for name in pictures)
+    assert re.search(rf"\b{re.escape(wrt.__version__)}\b", PAGES["CHANGELOG.md"])
+
+
+def messages_of(path: Path) -> set[str]:
+    """Return the texts of a file, with … in the place of what is filled in."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.JoinedStr):
+            found.add("".join(str(v.value) if isinstance(v, ast.Constant) else "…" for v in node.values))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.add(node.value)
+    return found
+
+
+def test_messages_that_are_explained_are_those_of_the_code() -> None:
+    """The parts between … of each message stand in one text of the code, in their order."""
+    shown = re.findall(r"^\| `([^`]*[…:][^`]*)` \|", PAGES["docs/troubleshooting.md"], re.MULTILINE)
+    assert len(shown) >= 20
+    texts = {text for path in (ROOT / "wrt").rglob("*.py") for text in messages_of(path)}
+    for message in shown:
+        pattern = ".*".join(re.escape(part) for part in message.split("…"))
+        assert any(re.search(pattern, text) for text in texts), message

@@ -1,0 +1,191 @@
+"""What is installed is whole, `import wrt` works wherever it is started, and the Dockerfile names what there is."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import zipfile
+from importlib.metadata import EntryPoint, entry_points, requires
+from pathlib import Path
+
+import pytest
+import setuptools
+from conftest import ROOT
+from support.pages import parsed
+
+import wrt
+from wrt.backend import cache_folders
+from wrt.cli.arguments.options import make_parser
+
+SOURCES = ("wrt", "kernels", "meshes")
+
+
+def source_files(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+
+
+def installed_name(path: Path) -> str:
+    """Return where a file of the source tree belongs in an installed package."""
+    relative = path.relative_to(ROOT)
+    return relative.as_posix() if relative.parts[0] == "wrt" else f"wrt/{relative.as_posix()}"
+
+
+def test_every_folder_with_python_files_is_a_package_and_others_are_none() -> None:
+    folders = {path.parent for source in SOURCES for path in source_files(ROOT / source) if path.suffix == ".py"}
+    assert all((folder / "__init__.py").is_file() for folder in folders)
+    names = [installed_name(folder).replace("/", ".") for folder in folders]
+    assert sorted(names) == sorted(setuptools.find_packages(str(ROOT), include=["wrt*"]))
+    for name in ("kernels", "meshes"):
+        assert (ROOT / "wrt" / name).readlink() == Path("..", name)
+    for name in ("wrt.wrt", "wrt.tests", "wrt.scripts", "wrt.docs"):
+        assert importlib.util.find_spec(name) is None
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a wheel built from a copy of the source tree, which the build would litter."""
+    folder = tmp_path_factory.mktemp("wheel")
+    for source in SOURCES:
+        unused = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / source, folder / "tree" / source, ignore=unused, symlinks=True)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, folder / "tree")
+    build = ["pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    command = [sys.executable, "-m", *build, "--wheel-dir", str(folder), str(folder / "tree")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    (built,) = folder.glob("wrt-*.whl")
+    return built
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_source_file_and_no_other(wheel: Path) -> None:
+    expected = {installed_name(path) for source in SOURCES for path in source_files(ROOT / source)}
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        metadata = archive.read(next(name for name in names if name.endswith(".dist-info/METADATA"))).decode()
+    assert {name for name in names if not name.split("/")[0].endswith(".dist-info")} == expected
+    sky = "wrt/scene/skies/data/hosek_wilkie"
+    assert {"wrt/py.typed", "wrt/__init__.pyi", "wrt/meshes/cornell-box.toml", f"{sky}.npz"} <= set(names)
+    for file in ("LICENSE", f"{sky}.LICENSE"):
+        assert any(name.endswith(f".dist-info/licenses/{file}") for name in names)
+    assert "License-Expression: Apache-2.0 AND BSD-3-Clause" in metadata
+    assert "Requires-Python: >=3.10" in metadata
+
+
+# Says where wrt, its kernels and its meshes were found, in a Python that knows of no editable installation.
+WHERE = """
+import sys
+sys.meta_path[:] = [finder for finder in sys.meta_path if "__editable__" not in getattr(finder, "__module__", "")]
+import wrt
+heavy = {"numpy", "warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO"} & set(sys.modules)
+assert not heavy, heavy
+import wrt.kernels, wrt.kernels.film.film, wrt.meshes
+assert wrt.Mesh.__module__ == "wrt.scene.mesh"
+print(wrt.__file__, wrt.kernels.__file__, wrt.meshes.scene_path("cornell-box"), sep="\\n")
+"""
+FOUND = ["wrt/__init__.py", "wrt/kernels/__init__.py", "wrt/meshes/cornell-box.toml"]
+
+
+def packages_found(*, cwd: Path, python_path: Path | None) -> list[Path]:
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONSAFEPATH")}
+    if python_path is not None:
+        environment["PYTHONPATH"] = str(python_path)
+    command = [sys.executable, "-c", WHERE]
+    result = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    return [Path(line).resolve() for line in result.stdout.splitlines()]
+
+
+def test_the_source_tree_works_without_installation_and_import_is_light() -> None:
+    assert packages_found(cwd=ROOT, python_path=None) == [(ROOT / name).resolve() for name in FOUND]
+
+
+@pytest.mark.slow
+def test_an_installed_copy_works_alone_and_beside_the_source_tree(wheel: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "installed")  # as `pip install --target` leaves it
+    installed = tmp_path / "installed"
+    assert packages_found(cwd=tmp_path, python_path=installed) == [installed / name for name in FOUND]
+    # The tree's wrt/ hides the installed one from a Python started in it.
+    assert packages_found(cwd=ROOT, python_path=installed) == [(ROOT / name).resolve() for name in FOUND]
+
+
+def test_every_public_name_can_be_imported_and_no_other() -> None:
+    """Importing a submodule sets the attribute of its name, so a public name that is a module would be hidden."""
+    names: dict[str, object] = {}
+    exec("from wrt import *", names)
+    assert set(names) - {"__builtins__"} == set(wrt.__all__) == set(dir(wrt))
+    assert {"Renderer", "Scene", "__version__", "register_material", "render"} <= set(names)
+    assert not {path.stem for path in (ROOT / "wrt").iterdir() if path.suffix == ".py" or path.is_dir()} & set(names)
+    with pytest.raises(AttributeError, match="module 'wrt' has no attribute 'rendr'"):
+        wrt.rendr  # noqa: B018
+
+
+@pytest.mark.slow
+def test_type_checkers_see_the_public_names(tmp_path: Path) -> None:
+    script = tmp_path / "uses.py"
+    script.write_text("from wrt import Scene\nreveal_type(Scene().shapes)\nimport wrt\nwrt.rendr\n")
+    cache = f"--cache-dir={tmp_path / 'cache'}"
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", cache, str(script)]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert 'note: Revealed type is "list[wrt.scene.scene.Shape]"' in result.stdout, result.stdout
+    assert 'error: Module has no attribute "rendr"' in result.stdout
+    assert "Found 1 error" in result.stdout
+
+
+# --- Dockerfile ------------------------------------------------------------------------------------
+
+DOCKERFILE = (ROOT / "Dockerfile").read_text()
+PROJECT = parsed((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def value_of(instruction: str) -> str:
+    (value,) = re.findall(rf"^{instruction} (.*)$", DOCKERFILE, re.MULTILINE)
+    return str(value)
+
+
+def test_the_dockerfile_installs_what_there_is_on_a_supported_python() -> None:
+    folder, extras = re.findall(r"'(/\w+)\[(.+)\]'", value_of("RUN pip install"))[0]
+    assert value_of("COPY") == f". {folder}"
+    assert set(extras.split(",")) <= set(PROJECT["optional-dependencies"])
+    # What is not copied must not be needed: the sources, and the files that pyproject.toml names.
+    left_out = (ROOT / ".dockerignore").read_text().split()
+    assert not {*SOURCES, "pyproject.toml", PROJECT["readme"]} & set(left_out)
+    (minor,) = re.findall(r"^FROM python:3\.(\d+)-slim$", DOCKERFILE, re.MULTILINE)
+    assert int(minor) >= int(PROJECT["requires-python"].removeprefix(">=3."))
+
+
+def test_the_dockerfile_keeps_kernels_in_a_folder_for_all_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    (made,) = re.findall(r"^RUN mkdir -m 1777 (\S+)$", DOCKERFILE, re.MULTILINE)
+    for name in ("HOME", "XDG_CACHE_HOME", "WARP_CACHE_PATH"):
+        monkeypatch.delenv(name, raising=False)
+    for pair in value_of("ENV").split():
+        monkeypatch.setenv(*pair.split("="))
+    assert cache_folders.user_folder() == Path(made)
+    assert Path(made) in cache_folders.warp_folder().parents
+    assert Path(made) in cache_folders.wrt_folder().parents
+
+
+def test_commands_of_the_dockerfile_are_commands() -> None:
+    """Those of wrt have options that there are, and those of Dask belong to what the extra installs."""
+    pytest.importorskip("distributed")
+    lines = re.findall(r"^# +docker run .*? wrt (.*)$", DOCKERFILE, re.MULTILINE)
+    part, worker, usage = [*map(shlex.split, lines), json.loads(value_of("CMD"))]
+    assert [part[0], worker[0], usage] == ["wrt", "dask", ["wrt", "--help"]]
+    module, function = PROJECT["scripts"]["wrt"].split(":")
+    assert callable(getattr(importlib.import_module(module), function))
+    assert make_parser().parse_args(part[1:]).part is not None
+    assert [script.name for script in entry_points(group="console_scripts") if script.name == "dask"] == ["dask"]
+    found: list[EntryPoint] = [each for each in entry_points(group="dask_cli") if each.name == worker[1]]
+    assert [each.value.split(".")[0] for each in found] == ["distributed"]
+    options = {name for option in found[0].load().params for name in option.opts}
+    assert {word for word in worker if word.startswith("--")} <= options
+    assert [text for text in requires("distributed") or () if re.match(r"dask\b", text)]

@@ -1,0 +1,272 @@
+"""Checkpoints: whole or not there, and only for the scene and the settings they belong to."""
+
+import dataclasses
+import gc
+import json
+import os
+import re
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+from support.small_scenes import LAMP, assert_same_arrays, block_scene, finish, image_of
+
+import wrt
+from wrt.rendering.checkpoint import FORMAT, identity_of, read_checkpoint, write_checkpoint
+from wrt.scene.layers import LAYERS
+
+HEADER = {"width": 2, "scene": {"geometry": "abc"}, "text": "größer", "none": None, "float": 0.1}
+ARRAYS = {
+    "total": np.random.default_rng(0).random((4, 3)),
+    "count": np.arange(4, dtype=np.int32),
+    "empty": np.zeros((0, 3), np.float32),
+}
+
+
+def renderer_of(scene=None, **options):
+    """Return a renderer with layers, so that one kernel serves all tests here."""
+    layers = ("normal", "alpha", "depth", "uv", "object")
+    return wrt.Renderer(
+        scene or block_scene(), **{"width": 6, "height": 4, "max_depth": 3, "layers": layers, **options}
+    )
+
+
+@pytest.fixture(scope="module")
+def film():
+    return finish(renderer_of(), 3)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "film"
+
+
+def refusal(call, *arguments):
+    """Return the message of a refusal in one line, which begins with the last argument that is a path."""
+    with pytest.raises(wrt.InputError) as caught:
+        call(*arguments)
+    text = str(caught.value)
+    assert "\n" not in text
+    (path,) = (str(argument) for argument in arguments if isinstance(argument, os.PathLike))
+    assert text.startswith(f"{path}: ")
+    return text
+
+
+def test_round_trip(path):
+    write_checkpoint(path, HEADER, ARRAYS)
+    header, arrays = read_checkpoint(path)
+    assert header == {"format": FORMAT, **HEADER}
+    assert_same_arrays(arrays, ARRAYS)
+    assert [array.dtype for array in arrays.values()] == [array.dtype for array in ARRAYS.values()]
+    assert os.listdir(path.parent) == ["film"]  # the name is taken as it is, and nothing is left beside it
+
+
+def test_a_film_goes_on_where_it_was(path, device):
+    renderer = finish(renderer_of(device=device, seed=5, filter="tent"), 3)
+    renderer.save_checkpoint(path)
+    resumed = wrt.Renderer.resume(path, block_scene(), device=device)
+    assert (resumed.spp, resumed.width, resumed.height, resumed.seed) == (3, 6, 4, 5)
+    assert resumed.settings.filter == "tent"
+    np.testing.assert_array_equal(resumed.image(), renderer.image())
+    np.testing.assert_array_equal(resumed.variance(), renderer.variance())
+    np.testing.assert_array_equal(image_of(resumed, 7), image_of(renderer, 7))
+
+
+@pytest.mark.parametrize("failure", [OSError(28, "No space left"), MemoryError(), KeyboardInterrupt()], ids=repr)
+@pytest.mark.parametrize("place", ["np.savez", "os.replace"])
+def test_a_failed_write_leaves_the_old_file(failure, place, path, monkeypatch):
+    write_checkpoint(path, HEADER, ARRAYS)
+    before = path.read_bytes()
+
+    def fail(file, *_, **__):
+        if place == "np.savez":
+            file.write(b"half a file")
+        raise failure
+
+    monkeypatch.setattr(np if place == "np.savez" else os, place[3:], fail)
+    if isinstance(failure, KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt):
+            write_checkpoint(path, {**HEADER, "width": 3}, ARRAYS)
+    else:
+        assert "cannot be written" in refusal(write_checkpoint, path, {**HEADER, "width": 3}, ARRAYS)
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["film"]
+
+
+def test_paths_that_cannot_be_written_or_read(tmp_path):
+    assert "directory" in refusal(write_checkpoint, tmp_path, HEADER, ARRAYS)
+    assert "does not exist" in refusal(write_checkpoint, tmp_path / "nowhere" / "film", HEADER, ARRAYS)
+    for path in (tmp_path / "missing", tmp_path):
+        assert "no such checkpoint file" in refusal(read_checkpoint, path)
+
+
+FOREIGN = {
+    "empty": b"",
+    "text": b"[camera]\norigin = [0, 1, 2]\n",
+    "picture": b"\x89PNG\r\n\x1a\n" + bytes(100),
+    "pickle": {"header": np.array([{"format": FORMAT}], dtype=object)},
+    "no header": {"total": np.zeros(3)},
+    "header no JSON": {"header": np.array("{")},
+    "header bytes": {"header": np.array(b"\xff\xfe")},
+    "another format": {"header": np.array(json.dumps({"format": FORMAT + 1}))},
+    "picture of objects": {"header": np.array(json.dumps({"format": FORMAT})), "total": np.array([None])},
+}
+
+
+@pytest.mark.parametrize("name", [*FOREIGN, "zip", "array"])
+def test_foreign_files_are_refused(name, path):
+    if name == "zip":
+        with zipfile.ZipFile(path, "w") as file:
+            file.writestr("hello.txt", "hello")
+    else:
+        with path.open("wb") as file:
+            content = FOREIGN.get(name)
+            if isinstance(content, bytes):
+                file.write(content)
+            else:
+                np.savez(file, **content) if content else np.save(file, np.zeros(3))
+    refusal(read_checkpoint, path)
+
+
+def test_truncated_files_are_refused(path):
+    write_checkpoint(path, HEADER, ARRAYS)
+    data = path.read_bytes()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for length in [*range(0, len(data), 13), len(data) - 1]:
+            path.write_bytes(data[:length])
+            refusal(read_checkpoint, path)
+        gc.collect()
+    assert [str(w.message) for w in caught] == []  # a file left open is a ResourceWarning as soon as it is collected
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("flip", [0xFF, pytest.param(0x01, marks=pytest.mark.slow)])
+def test_damaged_files(flip, path):
+    """With any one byte changed, a checkpoint is refused, or read right where the byte does not count."""
+    write_checkpoint(path, HEADER, ARRAYS)
+    data = path.read_bytes()
+    refusals = []
+    for i in range(len(data)):
+        path.write_bytes(data[:i] + bytes([data[i] ^ flip]) + data[i + 1 :])
+        try:
+            header, arrays = read_checkpoint(path)
+        except wrt.InputError as error:
+            refusals.append(str(error))
+        else:
+            # What may change unseen is a name in the archive: then an array is missing, which the film refuses.
+            for name in set(arrays) & set(ARRAYS):
+                np.testing.assert_array_equal(arrays[name], ARRAYS[name])
+            assert header == {"format": FORMAT, **HEADER}
+    gc.collect()
+    assert len(refusals) > len(data) / 3
+    assert all(re.fullmatch(rf"{re.escape(str(path))}: [^\n]+", text) for text in refusals)
+
+
+CHANGES = {
+    "geometry": {"shapes": [wrt.Shape(wrt.box((0, 0, 0), (1, 1, 1)), wrt.Diffuse(0.5)), LAMP]},
+    "materials": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.25)), LAMP]},
+    "emission": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.5)), dataclasses.replace(LAMP, emission=1.0)]},
+    "lights": {"lights": [wrt.PointLight((1.0, 2.0, 3.0), intensity=5.0)]},
+    "environment": {"environment": wrt.ImageEnvironment(np.ones((4, 8, 3), np.float32))},
+    "camera": {"camera": wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0))},
+}
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_a_scene_that_differs_is_refused_by_its_parts(film, path):
+    film.save_checkpoint(path)
+    for part, change in CHANGES.items():
+        text = refusal(wrt.Renderer.resume, path, block_scene(**change))
+        assert text == f"{path}: cannot resume, these differ: the scene's {part}"
+    both = block_scene(**CHANGES["lights"], **CHANGES["camera"])
+    text = refusal(wrt.Renderer.resume, path, both)
+    assert text.endswith("these differ: the scene's lights, the scene's camera")
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+@pytest.mark.parametrize(
+    ("key", "there", "here"),
+    [
+        ("width", 6, 8),
+        ("height", 4, 5),
+        ("seed", 0, 1),
+        ("max_depth", 3, 4),
+        ("filter", "blackman-harris", "box"),
+        ("sampler", "sobol", "stratified"),
+        ("strategy", "mis", "bsdf"),
+        ("crop", None, [1, 0, 6, 3]),
+    ],
+)
+def test_settings_that_differ_are_named(key, there, here, film, path):
+    film.save_checkpoint(path)
+    other = renderer_of(**{key: here})
+    before = other.film.state()
+    text = refusal(other.load_checkpoint, path)
+    assert text == f"{path}: cannot resume, these differ: {key} ({there} there, {here} here)"
+    assert_same_arrays(other.film.state(), before)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    # Another version may round otherwise, and then a resumed picture is not the picture.
+    [
+        *({"wrt": "0.0.1"}, {"warp": "0.0.1"}, {"width": "six"}, {"height": -1}, {"width": 1e9}, {"seed": None}),
+        *({"filter": []}, {"sampler": "random"}, {"max_depth": "deep"}, {"scene": None}, {"scene": {}}),
+    ],
+    ids=str,
+)
+def test_other_versions_and_nonsense_in_the_header_are_refused(damage, film, path):
+    write_checkpoint(path, {**identity_of(film), **damage}, film.film.state())
+    text = refusal(wrt.Renderer.resume, path, block_scene())
+    assert "0.0.1" not in str(damage) or f"these differ: {next(iter(damage))} (0.0.1 there, " in text
+
+
+@pytest.mark.parametrize("name", ["total", "total_of_squares", "count", "rejected"])
+def test_wrong_arrays_are_refused(name, film, path):
+    for change in (lambda array: None, lambda array: array[:-1], lambda array: array.astype(np.float32)):
+        state = film.film.state()
+        state[name] = change(state[name])
+        kept = {key: array for key, array in state.items() if array is not None}
+        write_checkpoint(path, identity_of(film), kept)
+        assert repr(name) in refusal(wrt.Renderer.resume, path, block_scene())
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("count", -1, "'count' is -1 samples"),
+        ("count", 2, "do not match their squares"),
+        ("rejected", 4, "'rejected' is below 0 or above"),
+        ("total", np.nan, "not finite"),
+        ("total", 1e30, "do not match their squares"),
+        ("total_of_squares", -1.0, "negative"),
+        ("total_of_squares", 1e-9, "do not match their squares"),
+        ("layer_sums", 1e6, "the layer '(normal|alpha)' has impossible values"),
+        ("layer_nearest", np.nan, "has values that are not numbers"),
+        ("layer_object_number", 3, "not one of the scene's 2"),
+        ("layer_off_middle", -1.0, "'off_middle'"),
+    ],
+)
+def test_impossible_numbers_are_refused(name, value, reason, film, path):
+    """Like an edited archive: its checksums are right, its numbers are wrong."""
+    film.save_checkpoint(path)
+    before = film.film.state()
+    header, arrays = read_checkpoint(path)
+    arrays[name][len(arrays[name]) // 2] = value
+    write_checkpoint(path, header, arrays)
+    for call in (lambda path: film.load_checkpoint(path), lambda path: wrt.Renderer.resume(path, block_scene())):
+        assert re.search(rf"{path}: damaged, .*{reason}", refusal(call, path))
+    assert_same_arrays(film.film.state(), before)
+
+
+@pytest.mark.parametrize("filter", ["box", "blackman-harris"])
+def test_what_a_renderer_has_seen_is_always_possible(filter, path):
+    """Radiance of 1e18 next to 1e-18, whose sums round most, and of 0."""
+    sky = wrt.ImageEnvironment(np.float32([[[1e18] * 3, [1e-18] * 3], [[0.0] * 3, [1.0] * 3]]))
+    lit = block_scene(environment=sky)
+    renderer = renderer_of(lit, width=16, height=12, filter=filter, layers=tuple(LAYERS))
+    for _ in renderer.passes(spp=64):
+        renderer.save_checkpoint(path)
+        renderer.load_checkpoint(path)

@@ -1,0 +1,292 @@
+"""The memory that a picture takes on a device is known before it is taken, and what does not fit is refused."""
+
+import contextlib
+import dataclasses
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import ROOT
+from support.device_memory import allocations
+from support.emulated_cuda.backend import emulated_cuda
+
+import wrt
+from wrt.backend import current_backend
+from wrt.backend.cuda.gpus import CudaVersions
+from wrt.backend.device import Device
+from wrt.cli import main
+from wrt.errors import NotEnoughMemory
+from wrt.memory_needed import DeviceMemory, device_memory, memory_text
+
+GPU = "cuda:0"
+RNG = np.random.default_rng(3)
+BALL = wrt.sphere(subdivisions=5)
+
+
+def scene_of(*shapes, **settings):
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 6)), environment=wrt.ConstantEnvironment(1.0))
+    scene.shapes += shapes
+    return dataclasses.replace(scene, settings=wrt.RenderSettings(width=64, height=48, **settings))
+
+
+def triangles(corners):
+    """Return a mesh of (N, 3, 3) corners, none of which are shared."""
+    return wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def textured():
+    coarse = RNG.integers(0, 256, (512, 512, 3)).astype(np.float32) / np.float32(255.0)
+    fine = RNG.random((300, 200, 3)).astype(np.float32)
+    paint = wrt.Principled(base_color=wrt.ImageTexture(coarse), roughness=wrt.ImageTexture(fine, channel="g"))
+    return scene_of(wrt.Shape(dataclasses.replace(BALL, uvs=BALL.vertices[:, :2]), paint))
+
+
+def forest():
+    tree, floor = wrt.sphere(subdivisions=4), wrt.quad((-9, -1, -9), (18, 0, 0), (0, 0, 18))
+    places = [np.eye(4) + np.pad([[x], [0], [z]], ((0, 1), (3, 0))) for x in range(-9, 9) for z in range(-9, 9)]
+    return scene_of(wrt.Shape(floor), *(wrt.Shape(tree, transform=place) for place in places))
+
+
+def deforming():
+    keys = np.stack([BALL.vertices, BALL.vertices * 1.2, BALL.vertices * (1.0, 1.5, 1.0)])
+    scene = scene_of(wrt.Shape(BALL, deformation=wrt.Deformation((0.0, 0.5, 1.0), keys)))
+    scene.camera = wrt.PerspectiveCamera((0, 2, 6), shutter_close=1.0)
+    return scene
+
+
+def cloudy():
+    cloud = wrt.DensityGrid(RNG.random((60, 50, 70)).astype(np.float32), albedo=RNG.random((20, 20, 20, 3)))
+    scene = scene_of(wrt.Shape(wrt.box(), wrt.Null(interior=wrt.Medium(scattering=1.0, density=cloud))))
+    scene.environment = wrt.ImageEnvironment(RNG.random((256, 512, 3)).astype(np.float32))
+    return scene
+
+
+SCENES = {
+    "a ball": lambda: scene_of(wrt.Shape(BALL)),
+    "textures": textured,
+    "lights": lambda: scene_of(wrt.Shape(BALL, emission=1.0), wrt.Shape(wrt.box())),
+    "instances": forest,
+    "deforming": deforming,
+    "a cloud and an image": cloudy,
+    "layers": lambda: scene_of(wrt.Shape(wrt.box()), layers=("albedo", "normal", "depth", "uv", "object")),
+}
+QUICK = ("a ball", "a cloud and an image")
+
+
+def test_parts_grow_with_what_they_are_of():
+    plain = device_memory(SCENES["layers"](), layers=())
+    larger = device_memory(SCENES["layers"](), width=128, height=96)
+    assert larger.film == 4 * plain.film == 4 * 64 * 64 * 48
+    assert plain.layers == 0
+    assert larger.layers == 128 * 96 * (8 * 6 + 4 * 3 + 8)
+    denoised = device_memory(SCENES["layers"](), layers=(), denoise=True)
+    assert (denoised.film, denoised.layers) == (2 * plain.film, 64 * 48 * (8 * 6 + 8))
+    cropped = scene_of(wrt.Shape(BALL), crop=(0, 0, 32, 48), adaptive="unbiased", noise=0.1)
+    assert device_memory(cropped).film == plain.film  # half the pixels, twice
+    assert device_memory(SCENES["lights"]()).lights > 100 * len(BALL.faces)
+
+
+# --- What does not fit -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def gpu():
+    with emulated_cuda(optimization=0) as backend:
+        yield backend
+
+
+@pytest.mark.machinery
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_a_scene_is_refused_before_anything_is_taken_if_a_byte_is_missing(gpu, monkeypatch):
+    scene = SCENES["a ball"]()
+    memory = device_memory(scene)
+    needed = memory.peak - memory.film
+    monkeypatch.setattr(type(gpu), "memory_of", lambda *_: needed - 1)
+    with allocations() as counted, pytest.raises(NotEnoughMemory) as caught:
+        wrt.Renderer(scene, device=GPU)
+    assert counted.peak <= memory.film
+    assert str(caught.value) == (
+        f"building a scene of {len(BALL.faces):,} triangles needs {needed / 1e9:.1f} GB, more than the "
+        f"{needed / 1e9:.1f} GB that {GPU} has left; 'wrt info --memory SCENE' says what takes it"
+    )
+    monkeypatch.setattr(type(gpu), "memory_of", lambda *_: needed)
+    assert wrt.Renderer(scene, device=GPU).spp == 0
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_the_builder_on_the_cpu_is_counted(monkeypatch):
+    monkeypatch.setattr("wrt.upload.scene_data.WORTH_ASKING", 0)
+    monkeypatch.setattr("wrt.backend.device.memory_left", lambda: 1_000_000)
+    with pytest.raises(NotEnoughMemory, match=r"building a scene of 20,480 triangles needs 0\.0 GB"):
+        wrt.Renderer(SCENES["a ball"](), width=8, height=8)
+
+
+def test_memory_that_runs_out_on_the_way_is_one_line(gpu, monkeypatch, tmp_path, capsys):
+    def failing(text):
+        def fail(*_, **__):
+            raise RuntimeError(text)
+
+        monkeypatch.setattr(wp, "zeros", fail)
+        monkeypatch.setattr(wp, "empty", fail)
+
+    failing("Failed to allocate 2147483648 bytes on device 'cuda:0'")
+    for make in (gpu.empty, gpu.zeros):
+        with pytest.raises(NotEnoughMemory, match=r"memory ran out on cuda:0: 2\.15 GB more were needed;"):
+            make(4, float, GPU)
+    assert main(["render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", str(tmp_path / "a.png")]) == 1
+    assert capsys.readouterr().err.startswith("wrt: error: memory ran out on cpu: 2.15 GB more were needed;")
+    failing("an illegal memory access")  # other faults are not hidden
+    with pytest.raises(RuntimeError, match="illegal"):
+        current_backend().empty(4)
+
+
+def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):
+    assert main(["info", "still-life", "--memory", "--size", "1000x500"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "memory of a picture of 1000x500 on a GPU"
+    assert ["film", "32.0", "MB"] in [line.split() for line in lines]
+    assert any(line.startswith("  at most") and "while the ray tree is built" in line for line in lines)
+    assert main(["info", "still-life", "--size", "10x10"]) == 2
+    assert "--size is for --memory" in capsys.readouterr().err
+    memory = DeviceMemory(1, 2, 0, 4, 10**9, 6, 3 * 10**9, 4 * 10**9, 5 * 10**9)
+    with emulated_cuda() as gpu:
+        for free, said in ((4 * 10**9, "4.00 GB free: enough"), (4 * 10**9 - 1, "4.00 GB free: not enough")):
+            monkeypatch.setattr(type(gpu), "memory_of", lambda *_, free=free: free)
+            assert memory_text(memory, 3, 4).splitlines()[-1] == f"  cuda:0    {said}"
+    assert "materials" not in memory_text(memory, 3, 4)
+
+
+# --- GPUs --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def have(monkeypatch):
+    """Return a function that sets the CUDA version of the driver and the number of GPUs."""
+    Device("cpu")
+    backend = type(current_backend())
+
+    def have(driver, count):
+        monkeypatch.setattr(backend, "cuda_versions", lambda _: CudaVersions((13, 4), driver, (13, 0)))
+        monkeypatch.setattr(backend, "gpus", lambda _: count)
+
+    return have
+
+
+NONE = "no NVIDIA driver was found"
+OLD = "the NVIDIA driver is too old, for CUDA 12.8 instead of 13.0"
+
+
+@pytest.mark.parametrize(
+    ("driver", "count", "name", "said"),
+    [
+        (None, 0, "cuda", f"{NONE}; use cpu"),
+        ((12, 8), 0, "cuda:0", f"{OLD}; update it, or use cpu"),
+        ((13, 0), 0, "cuda:1", "no CUDA GPU was found; use cpu"),
+        ((13, 1), 1, "cuda:7", "there is only cuda:0"),
+        ((13, 1), 3, "cuda:3", "there are only cuda:0 to cuda:2"),
+    ],
+)
+def test_a_gpu_that_cannot_be_had_is_one_line(driver, count, name, said, have, tmp_path, capsys):
+    have(driver, count)
+    picture = tmp_path / "picture.png"
+    assert main(["render", "cornell-box", "--device", name, "--spp", "1", "-o", str(picture)]) == 2
+    assert capsys.readouterr().err == f"wrt: error: device {name!r}: {said}\n"
+    assert not picture.exists()
+
+
+def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, capsys):
+    class Card:
+        name, arch, total_memory, free_memory = "NVIDIA H100", 90, 85_000_000_000, 79_500_000_000
+
+    def rows():
+        assert main(["info", "--system"]) == 0
+        return [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+
+    for driver, said in ((None, NONE), ((12, 8), OLD), ((13, 0), "none was found")):
+        have(driver, 0)
+        assert ["GPUs", said] in rows()
+    have((13, 1), 2)
+    monkeypatch.setattr(wp, "get_device", lambda name: Card)
+    assert ["CUDA", "13.4 compiles kernels, 13.0 is needed, the driver supports 13.1"] in rows()
+    for device in ("cuda:0", "cuda:1"):
+        assert [device, "NVIDIA H100, sm_90, 85.0 GB of memory, 79.5 GB free"] in rows()
+
+
+OLD_DRIVER = """
+import sys
+from warp._src.context import Runtime
+load = Runtime.load_dll
+
+def loaded(self, path):
+    library = load(self, path)
+    if str(path).endswith("warp.so"):
+        library.wp_cuda_driver_is_initialized = lambda: 1
+        library.wp_cuda_driver_version = lambda: 12080
+    return library
+
+Runtime.load_dll = loaded
+from wrt.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+def test_a_driver_that_is_too_old_is_one_line(tmp_path):
+    """The whole command, in a process whose Warp finds a driver of CUDA 12.8 when it starts."""
+    command = [sys.executable, "-c", OLD_DRIVER, "render", "cornell-box", "--device", "cuda", "-o", "picture.png"]
+    how = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, "cwd": tmp_path, "capture_output": True, "text": True}
+    done = subprocess.run(command, check=False, **how)
+    said = r"wrt: error: device 'cuda': the NVIDIA driver is too old, for CUDA 12\.8 instead of \d+\.\d; .*\n"
+    assert re.fullmatch(said, done.stderr)
+    assert (done.returncode, done.stdout, os.listdir(tmp_path)) == (2, "", [])
+
+
+# --- What is foretold. Last, for an emulated GPU stays until the module ends. ---
+
+
+@pytest.fixture(scope="module", params=["cpu", pytest.param("emulated", marks=pytest.mark.machinery)])
+def place(request):
+    """The CPU, and an emulated GPU, for which the builder works in smaller pieces."""
+    with emulated_cuda(optimization=0) if request.param == "emulated" else contextlib.nullcontext():
+        yield "cpu" if request.param == "cpu" else GPU
+
+
+def measured(scene, place):
+    """Return the bytes of arrays of a renderer once it is built, and the most there were."""
+    wrt.Renderer(scene, device=place)  # tables that are made once
+    with allocations() as counted:
+        renderer = wrt.Renderer(scene, device=place)
+    assert renderer.spp == 0
+    return counted.alive, counted.peak
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in SCENES])
+def test_what_is_foretold_is_taken(name, place, report):
+    scene = SCENES[name]()
+    memory = device_memory(scene, device=place)
+    alive, peak = measured(scene, place)
+    report(f"{name} on {place}: peak bytes", peak, expected=memory.peak)
+    report(f"{name} on {place}: bytes kept", alive, expected=memory.kept)
+    assert peak == pytest.approx(memory.peak, rel=0.05)
+    assert alive == pytest.approx(memory.kept, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_cut_triangles_need_a_second_tree(place):
+    """Slivers askew are cut before the tree is built."""
+    start, along, aside = RNG.uniform(-1.0, 1.0, (400, 3)), *RNG.normal(size=(2, 400, 3))
+    along *= 2.5 / np.linalg.norm(along, axis=1, keepdims=True)
+    aside = np.cross(along, aside)
+    aside *= 0.02 / np.linalg.norm(aside, axis=1, keepdims=True)
+    slivers = np.stack([start, start + along, start + aside], axis=1)
+    scene = scene_of(wrt.Shape(triangles(np.concatenate([BALL.vertices[BALL.faces], slivers]))))
+    memory = device_memory(scene, device=place)
+    _, peak = measured(scene, place)
+    assert 1.05 * memory.peak < peak
+    assert 0.9 * memory.peak_if_cut < peak <= memory.peak_if_cut

@@ -1,0 +1,252 @@
+"""A Dask cluster, or several processes, render the bits of one machine, whatever happens to the workers."""
+
+import collections
+import contextlib
+import gc
+import os
+import signal
+
+import numpy as np
+import pytest
+from support.small_scenes import assert_same_arrays, block_scene, finish
+
+import wrt
+import wrt.distributed
+from wrt.backend import arithmetic
+from wrt.cli import main
+from wrt.distributed import head, worker
+from wrt.distributed.clients import client_of
+from wrt.distributed.dask_cluster import DaskCluster
+from wrt.distributed.processes import devices_of
+from wrt.distributed.windows import windows_of_pass
+from wrt.parts import render
+from wrt.rendering.sharing import sharing
+
+distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
+
+SIZE = {"width": 20, "height": 30, "max_depth": 3, "layers": ("albedo", "depth", "object", "material")}
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask, at its end
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+def film_of(renderer, *targets, **limits):
+    return finish(renderer, *targets, **limits).film.state()
+
+
+def spread(client, scene=None, **options):
+    return wrt.distributed.DistributedRenderer(scene or block_scene(), client=client, **{**SIZE, **options})
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Two workers in threads of this process."""
+    how = {"processes": False, "dashboard_address": ":0", "protocol": "inproc://"}
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run meanwhile
+
+
+@pytest.fixture(scope="module")
+def one():
+    return wrt.Renderer(block_scene(), **SIZE)
+
+
+@pytest.mark.parametrize("workers", [0, 3, 1000])
+@pytest.mark.parametrize("seconds", [0.0, 1e-9, 1e-3, 10.0])
+def test_windows_cover_a_pass_once_and_shrink(workers, seconds):
+    seen, heights = np.zeros((100, 64), int), []
+    for x0, y0, x1, y1 in windows_of_pass((3, 5, 67, 105), lambda: workers, lambda: seconds):
+        seen[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
+        heights.append(y1 - y0)
+    assert (seen == 1).all()
+    assert heights[-1] <= heights[0]
+    if workers == 3 and seconds == 0.0:
+        assert (heights[0], heights[-1]) == (100 // 6, 1)
+
+
+def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, one, tmp_path):
+    renderer = spread(client)
+    film_of(renderer, 3)
+    renderer.save_checkpoint(tmp_path / "a.ckpt")
+    film_of(one, 9)
+    again = spread(client)
+    again.load_checkpoint(tmp_path / "a.ckpt")
+    single = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
+    for other in (renderer, again, single):
+        assert_same_arrays(film_of(other, 9), one.film.state())
+    assert renderer.rays == one.rays
+    assert renderer.noise() == one.noise()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("adaptive", [True, "unbiased"])
+def test_a_target_of_noise(client, adaptive, tmp_path):
+    """Samples at which it ends, and tiles that stop before, follow from the film, or from that of the pilot."""
+    limits = {"noise": 0.08, "adaptive": adaptive}
+    single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
+    picture = wrt.distributed.render(block_scene(), client=client, **SIZE, **limits)
+    np.testing.assert_array_equal(picture, single.image())
+    # Also after a render that was ended on a cluster goes on there.
+    renderer = spread(client)
+    next(iter(renderer.passes(**limits, pass_seconds=1e-3)))
+    renderer.save_checkpoint(tmp_path / "a.ckpt")
+    again = spread(client)
+    again.load_checkpoint(tmp_path / "a.ckpt")
+    assert_same_arrays(film_of(again, **limits), single.film.state())
+    if adaptive == "unbiased":
+        assert_same_arrays(again._pilot.film.state(), single._pilot.film.state())
+        assert again._pilot.film.counts.any()
+
+
+def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
+    """Every two seconds a client's own copy of what the scheduler knows is replaced by one without workers."""
+    sync = client.sync
+
+    def sync_and_renew(*arguments, **options):
+        found = sync(*arguments, **options)
+        sync(client._update_scheduler_info, n_workers=0)
+        return found
+
+    monkeypatch.setattr(client, "sync", sync_and_renew)
+    assert len(DaskCluster(client).addresses()) == 2
+
+
+def test_a_worker_keeps_what_it_has_built_for_other_cameras(client, monkeypatch):
+    built, make = [], wrt.Renderer.__init__
+    monkeypatch.setattr(worker, "_renderers", collections.OrderedDict())
+    monkeypatch.setattr(wrt.Renderer, "__init__", lambda *a, **k: (built.append(k), make(*a, **k))[1])
+    renderer = spread(client)
+    film_of(renderer, 1)
+    assert len(built) == 2  # the head node's, which builds no scene, and one of this process, where both workers are
+    camera = wrt.PerspectiveCamera((2.0, 1.0, 3.0), (0.0, 0.0, 0.0))
+    renderer.set_camera(camera)
+    seen = film_of(renderer, 2)
+    assert len(built) == 2
+    assert_same_arrays(seen, film_of(wrt.Renderer(block_scene(camera=camera), **SIZE), 2))
+
+
+def test_a_window_knows_how_long_the_picture_takes(client, monkeypatch):
+    """Alone it would be too short to load the wide kernel."""
+    left, windows = [], render.render_windows
+    monkeypatch.setattr(render, "render_windows", lambda *a, **k: left.append(k["seconds_left"]) or windows(*a, **k))
+    film_of(spread(client), 64, pass_seconds=1e-3)
+    assert left[0] == 0.0
+    assert max(left) > 0.0
+
+
+def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
+    """It would make other bits; what it has made is rendered again."""
+    strange = sorted(client.scheduler_info()["workers"])[0]
+    arithmetic_of = arithmetic.arithmetic_of
+
+    def of_worker(device):
+        odd = {"processor": "z80"} if distributed.get_worker().address == strange else {}
+        return {**arithmetic_of(device), **odd}
+
+    monkeypatch.setattr(arithmetic, "arithmetic_of", of_worker)
+    renderer = spread(client)
+    renderer.spread.crew.kind.update(arithmetic_of(one.device))
+    warning = rf"^worker {strange} renders nothing, these differ: processor \(z80"
+    with pytest.warns(wrt.errors.InputWarning, match=warning):
+        found = film_of(renderer, 9)
+    assert_same_arrays(found, film_of(sharing(one), 9))
+    assert set(renderer.spread.crew.refused) == {strange}
+    monkeypatch.setattr("wrt._version.__version__", "0.0.1")  # of both workers, since they are here
+    with (
+        pytest.warns(wrt.errors.InputWarning, match=r"wrt \(0\.0\.1 there"),
+        pytest.raises(wrt.InputError, match=r"no worker can render this picture: .* wrt \(0\.0\.1 there"),
+    ):
+        film_of(spread(client), 1)
+
+
+def test_errors_are_one_line(client, monkeypatch, capsys):
+    monkeypatch.setattr("wrt.distributed.clients.CONNECT_SECONDS", 0.5)
+    assert main(["render", "cornell-box", "--dask", "tcp://127.0.0.1:9", "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("wrt: error: tcp://127.0.0.1:9: there is no scheduler of Dask")
+    assert error.count("\n") == 1
+    assert main(["render", "cornell-box", "--dask", "local", "--part", "1/2"]) == 2
+    assert "--dask renders whole pictures" in capsys.readouterr().err
+    assert client_of(client) is client
+    with pytest.raises(wrt.InputError, match=r"device 'cuda:9': "):
+        film_of(spread(client, device="cuda:9"), 1)
+
+
+@pytest.mark.slow
+def test_processes_of_several_devices_render_one_picture(one, monkeypatch):
+    """Two processes, each with a core here; one is killed meanwhile."""
+    processes = wrt.distributed.Processes(["cpu", "cpu"])
+    try:
+        renderer = spread(processes, threads=1)
+        seen, keep = [], head._keep
+
+        def keep_and_kill(*arguments):
+            keep(*arguments)
+            seen.append(arguments[2])
+            if len(seen) == 9:
+                os.kill(next(iter(processes._pools["0:cpu"]._processes)), signal.SIGKILL)
+
+        monkeypatch.setattr(head, "_keep", keep_and_kill)
+        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.0)
+        assert_same_arrays(film_of(renderer, 3, 9), film_of(sharing(one), 3, 9))
+        assert len(seen) > 9
+        assert processes.addresses() == ["1:cpu"]
+    finally:
+        processes.close()
+
+
+def test_names_of_several_devices(monkeypatch, capsys):
+    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 0)
+    assert main(["render", "cornell-box", "--device", "cuda:0,1", "--quiet"]) == 2
+    said = capsys.readouterr().err  # no driver, or no GPU
+    assert said.startswith("wrt: error: device 'cuda:0,1': no ")
+    assert said.endswith(" was found; use cpu\n")
+    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 3)
+    assert devices_of("cuda:all") == ["cuda:0", "cuda:1", "cuda:2"]
+    assert devices_of("cuda:2,0") == ["cuda:2", "cuda:0"]
+    assert [devices_of(name) for name in ("cpu", "cuda", "cuda:1", "cuda:0,", "cuda:0-2")] == [None] * 5
+    for name, why in (("cuda:0,3", "only cuda:0 to cuda:2"), ("cuda:1,1", "named twice")):
+        with pytest.raises(wrt.InputError, match=why):
+            devices_of(name)
+
+
+@pytest.mark.slow
+def test_workers_die_come_late_and_stop(monkeypatch):
+    """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
+    size = {**SIZE, "width": 48, "height": 36}
+    expected = film_of(wrt.Renderer(block_scene(), **size), 96)
+    how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
+    with (
+        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs is there to the end
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        pids = list(client.run(os.getpid).values())
+        events = {4: lambda: os.kill(pids[0], signal.SIGKILL), 8: lambda: cluster.scale(3)}
+        events[12] = lambda: os.kill(pids[1], signal.SIGSTOP)
+        keep, kept = head._keep, []
+
+        def keep_and_hurt(*arguments):
+            keep(*arguments)
+            kept.append(arguments[2])
+            if len(kept) in events:
+                events.pop(len(kept))()
+
+        monkeypatch.setattr(head, "_keep", keep_and_hurt)
+        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.05)  # many windows
+        monkeypatch.setattr("wrt.distributed.dask_cluster.ANSWER_SECONDS", 1.0)
+        monkeypatch.setattr("wrt.distributed.crew.LATE_SECONDS", 1.0)
+        try:
+            found = film_of(spread(client, **size), 96, pass_seconds=1.0)
+        finally:
+            with contextlib.suppress(ProcessLookupError):  # Dask may have ended it
+                os.kill(pids[1], signal.SIGCONT)
+        assert not events
+        assert_same_arrays(found, expected)

@@ -1,0 +1,215 @@
+"""A render ends at its target of noise, at the same samples however it is cut into passes, killed or resumed."""
+
+import numpy as np
+import pytest
+from support.small_scenes import finish, image_of
+
+import wrt
+from wrt.rendering.noise.noise_target import NoiseEstimate
+from wrt.rendering.noise.pilot import one_of_each_block
+from wrt.rendering.noise.tile_budget import SIDE, Tiles, tiles_to_stop
+
+TARGET = 0.002
+
+
+def box(size=32, **options):
+    return wrt.Renderer(wrt.load("cornell-box"), width=size, height=size, **options)
+
+
+def ball(**options):
+    """A matt ball under a lamp, small in a plain sky: most of the picture is free of noise."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.5, 9.0), (0.0, 0.0, 0.0)))
+    scene.environment = wrt.ImageEnvironment(np.full((1, 1, 3), 0.1))
+    scene.add(wrt.sphere(), material=wrt.Diffuse(0.5))
+    scene.add(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=2.0)
+    return wrt.Renderer(scene, width=96, height=72, **options)
+
+
+def true_noise(image, reference):
+    """Return the mean standard error: of normal errors it is √(π/2) times their mean absolute value."""
+    return np.sqrt(np.pi / 2.0) * np.abs(image - reference).mean() / reference.mean()
+
+
+@pytest.mark.slow
+def test_the_true_noise_is_the_target(report):
+    reference = image_of(box(64, seed=99), 2048, pass_seconds=5.0)  # few pixels decide in a smaller one
+    for sampler, target in (("sobol", 0.1), ("sobol", 0.04), ("independent", 0.04)):
+        renderer = finish(box(64, sampler=sampler), noise=target)
+        true = true_noise(renderer.image(), reference)
+        report(f"true noise at {renderer.spp} spp, {sampler}", true, target)
+        assert 0.7 * target < true < 1.15 * target
+        assert 0.65 * target <= renderer.noise() <= target
+
+
+@pytest.mark.slow
+def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
+    whole, adaptive = finish(ball(), noise=TARGET), finish(ball(), noise=TARGET, adaptive=True)
+    counts = adaptive.film.counts
+    gain = whole.film.counts.sum() / counts.sum()
+    report("samples without over those with adaptive sampling", gain)
+    assert gain > 1.5
+    truth = image_of(ball(seed=5), 2048, pass_seconds=5.0)
+    true = true_noise(adaptive.image(), truth)
+    report("true noise", true, TARGET)
+    assert 0.7 * TARGET < true < 1.15 * TARGET
+    assert adaptive.image().mean() == pytest.approx(truth.mean(), rel=1e-3)
+    assert counts.min() >= 32
+    tiles = [counts[y : y + SIDE, x : x + SIDE] for y in range(0, 72, SIDE) for x in range(0, 96, SIDE)]
+    assert all(len(np.unique(tile)) == 1 for tile in tiles)
+
+
+@pytest.mark.slow
+def test_independent_samples_agree_with_their_variance():
+    """Both estimates hold for them. What the mean absolute value leaves out are the tails of the distribution."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
+    scene.environment = wrt.ConstantEnvironment(1.0)
+    scene.add(wrt.sphere(), material=wrt.Diffuse(0.5))
+    renderer = finish(wrt.Renderer(scene, sampler="independent", width=64, height=64), noise=0.01)
+    assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "adaptive", [*(pytest.param(each, marks=pytest.mark.slow) for each in (False, True)), "unbiased"]
+)
+def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tmp_path):
+    limits = {"noise": TARGET, "adaptive": adaptive}
+    whole = finish(ball(threads=1), **limits, pass_seconds=5.0)
+    assert adaptive or whole.spp & (whole.spp - 1)  # it may end between powers of two
+    first = ball(threads=2)
+    for progress in first.passes(**limits, pass_seconds=1e-6):
+        if progress.spp >= 150:
+            break
+    assert (len(np.unique(first.film.counts)) > 1) == bool(adaptive)
+    first.save_checkpoint(tmp_path / "state")
+    second = ball()
+    second.load_checkpoint(tmp_path / "state")
+    for renderer in (first, second, second):  # the last time it has ended
+        np.testing.assert_array_equal(image_of(renderer, **limits, pass_seconds=1e-6), whole.image())
+        np.testing.assert_array_equal(renderer.film.counts, whole.film.counts)
+
+
+@pytest.mark.slow
+def test_other_limits_come_first():
+    assert finish(box(), 3, noise=0.01).spp == 3
+    assert finish(box(), time=1e-6, noise=0.01).spp == 1
+    scene = wrt.load("cornell-box")
+    scene.settings = wrt.RenderSettings(width=32, height=32, noise=0.5)
+    assert wrt.render(scene).shape == (32, 32, 3)
+    own = finish(wrt.Renderer(scene))
+    assert 8 <= own.spp < 64
+    assert finish(own, 70).spp == 70
+    adaptive = finish(ball(), noise=TARGET, adaptive=True)
+    assert len(np.unique(adaptive.film.counts)) > 1
+    assert np.isfinite(image_of(adaptive, noise=0.9 * TARGET, adaptive=True)).all()
+    most = int(adaptive.film.counts.max())
+    assert (finish(adaptive, most + 3).film.counts == most + 3).all()  # tiles that had stopped are taken up
+    np.testing.assert_array_equal(adaptive.image(), image_of(ball(), most + 3))
+
+
+def test_progress_tells_the_way_to_the_target():
+    seen = list(box().passes(noise=0.12, pass_seconds=1e-6))
+    assert all(progress.target_noise == 0.12 for progress in seen)
+    assert seen[0].target_spp is seen[0].noise is None
+    assert seen[-1].target_spp == seen[-1].spp
+    assert seen[-1].noise <= 0.12
+    assert all(progress.seconds_left is not None for progress in seen if progress.target_spp is not None)
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_impossible_targets_are_refused():
+    for bad in (0.0, 1.5, float("nan"), "1%"):
+        for use in (box().passes, wrt.RenderSettings):
+            with pytest.raises(wrt.InputError, match="noise"):
+                use(noise=bad)
+    with pytest.raises(wrt.InputError, match="renders only layers"):
+        box(integrator="aov", layers=["normal"]).passes(noise=0.1)
+    with pytest.raises(wrt.InputError, match="needs a target of noise"):
+        box().passes(adaptive=True)
+    with pytest.raises(wrt.InputError, match="adaptive must be true or false"):
+        box().passes(noise=0.1, adaptive="yes")
+
+
+def test_a_black_picture_ends():
+    scene = wrt.load("cornell-box")
+    scene.shapes = [shape for shape in scene.shapes if not any(np.atleast_1d(shape.emission))]
+    with pytest.warns(UserWarning, match="no light"):
+        renderer = wrt.Renderer(scene, width=32, height=32)
+    assert finish(renderer, noise=0.01).spp == 8
+
+
+def test_damaged_states_are_refused():
+    renderer = finish(box(), noise=0.3)
+    good = renderer._noise_estimate.state()
+    again = NoiseEstimate(renderer.film)
+    again.restore(good)
+    assert again.noise(20) == renderer._noise_estimate.noise(20)
+    for change in (
+        {"noise_mean": good["noise_mean"][1:]},
+        {"noise_mean": good["noise_mean"] * np.nan},
+        {"noise_tiles": good["noise_tiles"] - 1.0},
+        {"noise_counts": good["noise_counts"] + 1},
+        {"noise_counts": good["noise_counts"] * 1.0},
+        {"noise_target": np.array([2.0])},
+    ):
+        with pytest.raises(wrt.InputError, match="noise"):
+            again.restore({**good, **change})
+    with pytest.raises(wrt.InputError, match="noise"):
+        again.restore({"noise_mean": good["noise_mean"]})
+
+
+@pytest.mark.parametrize("adaptive", [pytest.param(True, marks=pytest.mark.slow), "unbiased"])
+def test_with_a_pilot_the_picture_decides_nothing(adaptive):
+    """The mean of a pixel is unbiased if its number of samples is independent of their values."""
+    clean, changed = finish(ball(), noise=TARGET, adaptive=adaptive), ball()
+    for progress in changed.passes(noise=TARGET, adaptive=adaptive):
+        if progress.spp == 16:
+            values = changed.film.data.total.numpy()
+            values *= np.random.default_rng(2).uniform(0.9, 1.1, values.shape)
+    assert np.array_equal(changed.film.counts, clean.film.counts) == (adaptive == "unbiased")
+    assert clean.film.counts.min() < clean.film.counts.max()
+    if adaptive == "unbiased":  # a pilot takes a quarter more samples of its own
+        pilot, own = clean._pilot.film, clean.film
+        measured = pilot.counts > 0
+        assert measured.mean() == 0.25
+        np.testing.assert_array_equal(pilot.counts[measured], own.counts[measured])
+        means = (film.data.total.numpy().reshape(72, 96, 3)[measured] for film in (pilot, own))
+        noisy = clean.variance().min(axis=2)[measured] > 1e-9
+        assert noisy.sum() > 100
+        assert np.equal(*means).any(axis=1)[noisy].mean() < 0.05  # at edges of the sky by chance
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (5, 4), (96, 72)])
+def test_a_pilot_measures_one_pixel_of_each_block(width, height):
+    measured = one_of_each_block(width, height).reshape(height, width)
+    padded = np.pad(measured, ((0, height % 2), (0, width % 2)))
+    assert (padded.reshape(len(padded) // 2, 2, -1, 2).sum(axis=(1, 3)) == 1).all()
+    if width > 5:
+        places = [measured[y::2, x::2].mean() for y in (0, 1) for x in (0, 1)]
+        np.testing.assert_allclose(places, 0.25, atol=0.02)
+
+
+def test_the_last_sample_of_each_pixel_removes_as_much_error():
+    """Without regard to neighbours: half of the tiles have errors of 1, half of 27, which is 1 to 9 samples at a = 1/2.
+
+    Where the noisy ones are to have nine times their samples, the others have just as many as they need.
+    """
+    tiles = Tiles(2 * 9 * SIDE, SIDE)
+    errors = np.where(np.arange(18) < 9, 1.0, 27.0)
+    going = np.zeros(18, bool)
+    for noisy, stopped in ((1.5, True), (9.0, True), (9.0 * 1.35, True), (9.0 * 1.5, False)):
+        others = max(noisy / 9.0, 1.0)
+        border = max(noisy * (10 / 27) ** (2 / 3), 1.0)
+        budget = float(9.0 * 27.0 / np.sqrt(noisy) + 8.0 / np.sqrt(others) + 10.0 / np.sqrt(border))
+        stop = tiles_to_stop(tiles, errors, going, 0.5, budget, budget)
+        assert (stop[:8] == stopped).all(), noisy  # the ninth has a noisy neighbour
+        assert not stop[9:].any()
+    enough = float(errors.sum()) * 1.5
+    assert not tiles_to_stop(tiles, errors, going, 0.5, enough, enough).any()  # all end before the next power of two
+
+
+def test_tiles_cover_every_pixel_once():
+    tiles = Tiles(SIDE + 3, 2 * SIDE + 1)
+    assert tiles.count == 6
+    assert tiles.pixels.tolist() == [256, 48, 256, 48, 16, 3]
+    assert tiles.sums(np.ones((SIDE + 3) * (2 * SIDE + 1))).tolist() == tiles.pixels.tolist()
+    assert tiles.around(np.arange(6.0))[0] == pytest.approx((0 * 4 + 1 * 2 + 2 * 2 + 3) / 9)

@@ -1,0 +1,89 @@
+"""How many samples passes take: for somebody who watches, for nobody, within a time, and what is left at the end."""
+
+import itertools
+import math
+
+import pytest
+
+import wrt
+from wrt.rendering.passes import BRIEF_PASS, LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
+
+
+def passes(target, sample, *, limit=math.inf, **how):
+    """Return the samples of each pass, and its seconds, of a render whose samples each take as long."""
+    counts, seconds, step = [], 0.0, 1
+    while sum(counts) < target and seconds < limit:
+        counts.append(step)
+        seconds += step * sample
+        step = samples_of_next_pass(sum(counts), target, seconds, limit - seconds, sample, **how)
+    return counts, [count * sample for count in counts]
+
+
+def before_and_of_each(seconds):
+    return zip(itertools.accumulate(seconds[:-1]), seconds[1:], strict=True)
+
+
+@pytest.mark.parametrize("sample", [1e-4, 3e-3, 0.9])
+def test_whoever_watches_waits_for_no_pass_longer_than_a_quarter_of_what_was_rendered(sample):
+    counts, seconds = passes(10**5, sample)
+    for before, taken in before_and_of_each(seconds):
+        assert taken <= max(SHORT_PASS, SHARE * before, sample) + 1e-9
+        assert taken <= max(LONGEST_PASS, sample)
+    assert sum(counts) == 10**5
+    if sample == 1e-4:
+        assert counts[:6] == [1, 1, 2, 4, 8, 16]  # at first as many as there are
+    if sample == 3e-3:
+        assert max(seconds) > LONGEST_PASS - SAMPLES_TOGETHER * sample  # they grow to the longest
+
+
+def test_where_nobody_watches_passes_are_as_long_as_asked_for():
+    # The second one is what is left but for a remainder.
+    assert passes(64, 0.05, asked=LONGEST_PASS)[0] == [1, 48, 15]
+    counts, seconds = passes(1000, 0.05, asked=2.0)
+    assert max(seconds) <= 2.0
+    assert counts[1:-2] == [32] * len(counts[1:-2])
+    assert max(passes(10**4, 0.05, asked=1e6)[1]) <= LONGEST_PASS
+    assert LONGEST_PASS < max(passes(10**4, 0.05, asked=1e6, longest=25.0)[1]) <= 25.0
+    assert max(passes(1000, 1e-3, asked=0.03)[1]) <= 0.03  # shorter than short
+
+
+def test_short_passes_stay_short():
+    for asked in (None, 5.0):
+        assert max(passes(10**4, 0.01, asked=asked, short=True)[1]) <= SHORT_PASS + 1e-9
+    counts, seconds = passes(10**4, 1e-4, short=True)
+    assert counts[:3] == [1, 496, 496]  # what nobody waits for need not double
+    assert seconds[1] <= BRIEF_PASS
+    assert passes(10**4, 0.02, short=True)[0][:4] == [1, 2, 3, 6]
+    # A thousand samples of a GPU that takes one in a millisecond: one, a short pass, doubled, then 0.4 s each.
+    assert passes(1000, 1e-3, short=True)[0] == [1, 48, 48, 96, 192, 384, 224, 7]
+
+
+@pytest.mark.parametrize("asked", [None, LONGEST_PASS])
+@pytest.mark.parametrize("sample", [1e-4, 3e-3, 0.07])
+def test_a_time_is_kept(asked, sample):
+    _, seconds = passes(10**9, sample, limit=20.0, asked=asked)
+    assert 20.0 <= sum(seconds) < 20.0 + sample + 1e-6
+    for before, taken in before_and_of_each(seconds):
+        assert taken <= max(SHORT_PASS, 0.5 * (20.0 - before), sample) + 1e-9
+
+
+@pytest.mark.parametrize("asked", [None, 10.0])
+def test_no_sample_is_too_many_or_too_few(asked):
+    for target in range(1, 200):
+        counts, _ = passes(target, 1e-3, asked=asked)
+        assert sum(counts) == target
+        assert min(counts) >= 1
+        assert all(count % SAMPLES_TOGETHER == 0 for count in counts if count > SAMPLES_TOGETHER)
+
+
+def test_a_renderer_asks_for_passes_as_long_as_it_is_told(device):
+    renderer, other = (wrt.Renderer(wrt.load("cornell-box"), width=24, height=16, device=device) for _ in range(2))
+    renderer.compile()
+    long = [progress.spp for progress in renderer.passes(spp=64, pass_seconds=5.0)]
+    assert long[0] == 1
+    assert len(long) <= (4 if renderer.device.is_cpu else 20)  # on CUDA they stay short
+    list(other.passes(spp=64))
+    assert (renderer.image() == other.image()).all()
+    for seconds in (0.0, math.nan, "much"):
+        with pytest.raises(wrt.InputError, match="pass_seconds"):
+            renderer.passes(spp=2, pass_seconds=seconds)

@@ -1,0 +1,163 @@
+"""Parts of a render merge to the picture of one machine, bit for bit; what does not fit together is refused by name."""
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+from support.small_scenes import assert_same_arrays, block_scene, finish, image_of
+
+import wrt
+from wrt.cli import main
+from wrt.parts.cut import pixels_of, put, take, windows_of_part
+from wrt.parts.render import render_part
+from wrt.rendering.sharing import sharing
+
+SIZE = {"width": 24, "height": 37, "max_depth": 3}
+LAYERS = ("albedo", "depth", "object", "material")
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return wrt.Renderer(block_scene(), layers=LAYERS, transparent=True, **SIZE)
+
+
+@pytest.fixture(scope="module")
+def whole(renderer):
+    return finish(sharing(renderer), 5)
+
+
+@pytest.mark.parametrize("crop", [(0, 0, 24, 37), (3, 5, 20, 6), (0, 0, 1, 100)])
+def test_windows_cover_a_picture_once_and_evenly(crop):
+    x0, y0, x1, y1 = crop
+    for of in (1, 2, 3, 7, 16):
+        seen = np.zeros((y1 - y0) * (x1 - x0), np.int32)
+        windows = [windows_of_part(crop, number, of) for number in range(1, of + 1)]
+        for number, each in enumerate(windows, start=1):
+            put(seen, crop, each, take(seen, crop, each) + number)
+        counts = [pixels_of(each) for each in windows]
+        assert sorted(np.unique(seen)) == list(range(1, of + 1))
+        assert sum(counts) == seen.size
+        assert 0 < min(counts) <= max(counts) <= min(counts) + max(4 * (x1 - x0), 2)
+    tops = [y for _, y, _, _ in windows_of_part((0, 0, 64, 1024), 16, 16)]  # bands of the whole height
+    assert len(tops) == 4
+    assert np.ptp(tops) >= 512
+
+
+@pytest.mark.parametrize("of", [1, 3, 50])
+def test_merged_parts_are_the_film_of_one_machine(renderer, whole, of):
+    """In any order; 50 parts of 37 rows are pieces of rows."""
+    merged = wrt.merge(reversed([renderer.part(number, of, spp=5) for number in range(1, of + 1)]))
+    assert_same_arrays(merged.film.arrays(), whole.film.arrays())
+    np.testing.assert_array_equal(merged.image(), whole.image())
+    np.testing.assert_array_equal(merged.alpha(), whole.alpha())
+    assert_same_arrays(merged.layers(), whole.layers())
+    assert renderer.spp == 0
+
+
+def test_a_crop_window_is_cut_and_merged(whole, renderer):
+    window = sharing(renderer, crop=(2, 3, 20, 31))
+    merged = wrt.merge([window.part(number, 2, spp=5) for number in (1, 2)])
+    np.testing.assert_array_equal(merged.image(), whole.image()[3:31, 2:20])
+
+
+def test_a_part_goes_on_where_it_ended(renderer, tmp_path):
+    """Ranges of samples are chained: the sums of the second begin with those of the first."""
+    path = tmp_path / "a.wrt"
+    renderer.part(2, 50, spp=2).save(path)
+    begun = wrt.Part.load(path)
+    further = render_part(renderer, 2, 50, spp=5, begun=begun)
+    assert_same_arrays(further.arrays, renderer.part(2, 50, spp=5).arrays)
+    with pytest.raises(wrt.InputError, match=r"a\.wrt: cannot resume, it is part 2 of 50"):
+        render_part(renderer, 1, 50, spp=5, begun=begun)
+    with pytest.raises(wrt.InputError, match=r"a\.wrt: cannot resume, it has 2 samples per pixel, more than 1"):
+        render_part(renderer, 2, 50, spp=1, begun=begun)
+
+
+def test_a_merged_checkpoint_goes_on_with_the_scene(renderer, whole, tmp_path):
+    wrt.merge([renderer.part(number, 2, spp=2) for number in (1, 2)]).save_checkpoint(tmp_path / "film.ckpt")
+    resumed = wrt.Renderer.resume(tmp_path / "film.ckpt", block_scene())
+    assert resumed.spp == 2
+    np.testing.assert_array_equal(image_of(resumed, 5), whole.image())
+
+
+def changed(group, **values):
+    """Return a function that changes values of a part's header, or of a table in it."""
+
+    def change(part):
+        header = {**part.header, **({group: {**part.header[group], **values}} if group else values)}
+        return dataclasses.replace(part, header=header)
+
+    return change
+
+
+def with_sums_of_nothing(part):
+    return dataclasses.replace(part, arrays={**part.arrays, "total": part.arrays["total"] * np.nan})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (changed("identity", seed=9), r"does not fit .*, these differ: seed \(9, not 0\)"),
+        (changed("identity", scene={"camera": "0"}), r".* the scene's camera"),
+        (changed("identity", warp="0.1"), r".* warp \(0\.1, not "),
+        (changed("arithmetic", device="cuda 90"), r".* device \(cuda 90, not cpu\)"),
+        (changed("arithmetic", processor="x"), r".* processor \(x, not "),
+        (changed(None, spp=3), r".* samples per pixel \(3, not 2\)"),
+        (changed(None, part=[2, 3]), r".* number of parts \(3, not 2\)"),
+        (with_sums_of_nothing, "damaged, sums of samples are not finite"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused_by_name(renderer, change, message):
+    other = dataclasses.replace(change(renderer.part(2, 2, spp=2)), name="b.wrt")
+    with pytest.raises(wrt.InputError, match=rf"b\.wrt: {message}"):
+        wrt.merge([renderer.part(1, 2, spp=2), other])
+
+
+def test_missing_repeated_and_foreign_parts_are_refused(renderer, tmp_path):
+    first = renderer.part(1, 9, spp=1)
+    path, other = tmp_path / "a.wrt", tmp_path / "b.wrt"
+    first.save(path)
+    sharing(renderer).save_checkpoint(other)
+    damaged = tmp_path / "c.wrt"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged.write_bytes(content)
+    old = tmp_path / "d.wrt"
+    changed(None, wrt="0.0.1")(first).save(old)
+    for parts, message in (
+        ([first, first], r"^part 1 of 9 and part 1 of 9 are the same part, 1 of 9; leave one out$"),
+        ([path], r"^parts 2, 3, 4 and 5 more of 9 are missing$"),
+        ([], "there are no parts"),
+        ([other], "not a part"),
+        ([damaged], r"c\.wrt: not a wrt part, or damaged"),
+        ([old], r"a part of wrt 0\.0\.1; this is wrt"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            wrt.merge(parts)
+    with pytest.raises(wrt.InputError, match="exists"):
+        first.save(other)
+
+
+def test_the_command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    wrt.save_scene("room.toml", block_scene())
+    options = ["--size", "12x10", "--spp", "2", "--quiet"]
+    assert main(["render", "room.toml", "-o", "one.exr", *options]) == 0
+    for number in (1, 2):
+        assert main(["render", "room.toml", "--part", f"{number}/2", *options]) == 0
+    assert main(["merge", "room-1-of-2.wrt", "room-2-of-2.wrt", "-o", "merged.exr", "--quiet"]) == 0
+    np.testing.assert_array_equal(wrt.load_image("merged.exr"), wrt.load_image("one.exr"))
+    assert capsys.readouterr().err == ""
+    for command, message in (
+        (["merge", "room-2-of-2.wrt", "-o", "half.exr"], "part 1 of 2 is missing\n"),
+        (
+            ["render", "room.toml", "--part", "2/2", "--resume", *options, "--seed", "4"],
+            "room-2-of-2.wrt: cannot resume, these differ: seed (0 there, 4 here)",
+        ),
+        (["render", "room.toml", "--part", "3/2"], "from 1/2 to 2/2"),
+        (["render", "room.toml", "--part", "1/2", "--noise", "1%"], "--noise"),
+    ):
+        assert main(command) == 2
+        assert message in capsys.readouterr().err
+    assert not os.path.exists("half.exr")

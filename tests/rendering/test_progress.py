@@ -1,0 +1,164 @@
+"""What the progress bar says is what the renderer reports, in words a person reads."""
+
+import io
+import os
+import sys
+import time
+
+import pytest
+from tqdm import tqdm
+
+import wrt
+from wrt.progress import bar, terminal
+from wrt.progress import lines as progress_lines
+from wrt.rendering.passes import Progress
+
+
+def progress(**changes):
+    values = {"pass_index": 3, "spp": 16, "target_spp": 64, "seconds": 5.0, "seconds_left": 15.0, "noise": 0.0123}
+    return Progress(**{**values, "paths_per_second": 2.31e6, "rays_per_second": 9e6, **changes})
+
+
+def test_progress_counts_the_limit_that_is_nearer():
+    assert bar.fraction_done(progress(), time_limit=None) == 0.25
+    assert bar.fraction_done(progress(), time_limit=10.0) == 0.5
+    assert bar.fraction_done(progress(target_spp=None), time_limit=20.0) == 0.25
+    assert bar.fraction_done(progress(seconds=11.0), time_limit=10.0) == 1.0
+
+
+def test_text_counts_samples_or_else_seconds():
+    assert bar.status_text(progress(), time_limit=None) == "16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"
+    by_time = progress(target_spp=None, noise=None, seconds_left=None)
+    assert bar.status_text(by_time, time_limit=20.0) == "5/20 s  16 spp  pass 3  2.31 M paths/s"
+    assert [bar.rate_text(rate) for rate in (12.4, 12_400.0, 3.2e9)] == ["12", "12.40 k", "3.20 G"]
+    assert [bar.noise_text(noise) for noise in (None, 0.5)] == ["", "noise 50 %"]
+    assert [bar.duration_text(seconds) for seconds in (59.6, 3725.0)] == ["1:00", "1:02:05"]
+
+
+LABELS = ["a-very-long-name-of-a-mesh-" * 4, "絵" * 40, "{scene} 100% {bar}", "e\u0301" * 90, ""]
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_the_line_fits_the_terminal_whatever_is_rendered(label):
+    pieces = bar.status_pieces(progress(spp=123456, target_spp=1000000, seconds_left=360000.0), time_limit=None)
+    for columns in (1, 2, 5, 9, 12, 20, 39, 60, 79, 119, 300):
+        text = terminal.fitted_bar(label, " 42%", pieces, columns)
+        # As tqdm draws it.
+        line = tqdm.format_meter(n=0.42, total=1.0, elapsed=1.0, ncols=columns, bar_format=text)
+        assert terminal.columns_of(line) <= columns
+        assert terminal.columns_of(terminal.fitted(label, [(1, progress_lines.GETTING_READY)], columns)) <= columns
+        assert terminal.columns_of(terminal.shortened(label, columns)) <= columns
+
+
+@pytest.mark.parametrize(
+    ("columns", "line"),
+    [
+        (119, "room  25%|{bar}| 16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"),
+        (79, "room  25%|{bar}| 16/64 spp  2.31 M paths/s  noise 1.2 %  0:15 left"),
+        (59, "room  25%|{bar}| 16/64 spp  noise 1.2 %  0:15 left"),
+        (47, "room  25%|{bar}| 16/64 spp  0:15 left"),
+        (39, "room   25%  16/64 spp  0:15 left"),
+        (12, "room   25%"),
+        (5, " 25%"),
+    ],
+)
+def test_what_matters_least_is_left_out_first(columns, line):
+    assert terminal.fitted_bar("room", " 25%", bar.status_pieces(progress(), time_limit=None), columns) == line
+
+
+def test_long_names_lose_their_middle():
+    assert terminal.shortened("living-room-at-night", 12) == "livin...ight"
+    assert terminal.shortened("絵絵絵絵絵絵絵絵", 10) == "絵絵...絵"
+    assert terminal.shortened("room", 4) == "room"
+
+
+class Terminal(io.StringIO):
+    """An ASCII-only terminal that keeps what is written to it."""
+
+    encoding = "ascii"
+
+    def isatty(self):
+        return True
+
+    def fileno(self):
+        return 2
+
+
+def screen_of(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", screen := Terminal())
+    monkeypatch.setattr(os, "get_terminal_size", lambda _: os.terminal_size((100, 24)))
+    return screen
+
+
+def test_a_terminal_of_unknown_size_has_79_columns(monkeypatch):
+    screen_of(monkeypatch)
+
+    def unknown(_):
+        raise OSError
+
+    for size in (unknown, lambda _: os.terminal_size((0, 0))):
+        monkeypatch.setattr(os, "get_terminal_size", size)
+        for said, columns in (("", 79), ("40", 39), ("many", 79)):
+            monkeypatch.setenv("COLUMNS", said)
+            assert terminal.terminal_columns() == columns
+
+
+def test_the_bar_follows_a_terminal_that_changes_its_size(monkeypatch):
+    screen = screen_of(monkeypatch)
+    monkeypatch.setattr("wrt.progress.bar.REDRAW_SECONDS", 0.0)
+    columns = 100
+    monkeypatch.setattr(os, "get_terminal_size", lambda _: os.terminal_size((columns, 24)))
+    with bar.ProgressBar("絵.obj") as shown:
+        for columns in (100, 40, 80, 20, 3):
+            screen.truncate(0)
+            shown.update(progress())
+            line = screen.getvalue().rpartition("\r")[2].rstrip()
+            assert 0 < len(line) < columns
+            assert columns < 40 or r"\u7d75" in line, "escapes take more than one column"
+
+
+def test_render_shows_a_bar_to_whoever_watches(monkeypatch):
+    screen = screen_of(monkeypatch)
+    for asked, shown in ((None, True), (True, True), (False, False)):
+        screen.truncate(0)
+        wrt.render("cornell-box", width=8, height=8, spp=4, progress=asked)
+        assert ("cornell-box" in screen.getvalue()) is shown
+    monkeypatch.setattr(sys, "stderr", written := io.StringIO())  # a file
+    wrt.render("cornell-box", width=8, height=8, spp=4)
+    assert written.getvalue() == ""
+    # A notebook shows it on standard output.
+    stream = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+    monkeypatch.setattr(sys, "stdout", notebook := stream())
+    monkeypatch.setattr(sys, "stderr", errors := stream())
+    wrt.render("cornell-box", width=8, height=8, spp=4)
+    assert "cornell-box" in notebook.getvalue()
+    assert errors.getvalue() == ""
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_off_a_terminal_there_are_lines_ever_more_seldom(wanted, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", written := io.StringIO())
+    monkeypatch.setattr(progress_lines, "FIRST_SECONDS", 0.05)
+    monkeypatch.setattr(progress_lines, "MOST_SECONDS", 0.1)
+    with bar.ProgressBar("room", wanted=wanted) as shown:
+        time.sleep(0.2)
+        ready = written.getvalue()
+        shown.update(progress())
+        time.sleep(0.5)
+    after = written.getvalue()
+    if not wanted:
+        assert after == ""
+        return
+    waiting = "wrt: room: getting ready; kernels are compiled the first time\n"
+    assert ready == waiting, "nothing new is said again"
+    assert after == waiting + "wrt: room: 25 %  16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left\n"
+    with bar.ProgressBar("room") as shown:
+        for spp in range(20):
+            shown.update(progress(spp=spp))
+            time.sleep(0.025)
+    changing = written.getvalue().removeprefix(after).splitlines()
+    assert len(set(changing)) == len(changing)
+    assert 2 <= len(changing) <= 8, "lines came too often or too seldom"
+    after = written.getvalue()
+    time.sleep(0.15)
+    assert written.getvalue() == after, "lines came after the end"

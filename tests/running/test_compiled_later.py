@@ -1,0 +1,359 @@
+"""Kernels compiled for later renders: by a process that disturbs nobody, by `wrt compile`, by `wrt.precompile`."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import ROOT
+from support.caches import copy_of_warm_cache, without_notes
+from support.wide_scenes import LANES, needs_lanes
+
+import wrt
+from wrt.backend.builds import Builds
+from wrt.backend.device import Device
+from wrt.backend.kernel_cache import compiled_modules
+from wrt.backend.lanes import SWITCH as WIDE
+from wrt.backend.lanes import lanes_here
+from wrt.cli import main
+from wrt.compiling import kernel, later
+from wrt.compiling.general import general_features, is_general
+from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
+from wrt.describe.system import system_text
+from wrt.kernels.features import Features
+from wrt.rendering.guides import guide_features
+from wrt.spmd.ir import Unsupported
+
+DIFFUSE = Features(("diffuse",), False, "none", sampler="sobol")
+MIRROR = Features(("mirror",), False, "constant", light_shapes=("disk", "sphere"))
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Return the folders of the compilers that are started, none of which really is; they are wanted."""
+    folders: list[Path] = []
+    monkeypatch.setattr(later, "_start", lambda _, kernels: folders.append(kernels))
+    monkeypatch.setenv(SWITCH, "")
+    monkeypatch.delenv(BUILD_MACHINE, raising=False)
+    return folders
+
+
+@pytest.fixture
+def builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Builds:
+    """Return notes in a folder of their own."""
+    known = Builds.known()
+    assert known is not None
+    found = Builds(tmp_path / "wrt" / known.path.name, known._warp, known.warp_version)
+    monkeypatch.setattr(Builds, "known", lambda: found)
+    return found
+
+
+@pytest.fixture
+def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
+    """Return what `main` has compiled, which it only notes here; diffuse surfaces cannot be translated."""
+    features: list[Features] = []
+
+    def compile_kernel(asked: Features, lanes: int, builds: Builds, uses: Any) -> None:
+        assert (uses is not None) == is_general(asked)
+        if asked == DIFFUSE:
+            raise Unsupported("diffuse")
+        features.append(asked)
+
+    monkeypatch.setattr(later, "compile_kernel", compile_kernel)
+    monkeypatch.setattr(later, "_give_way", lambda: None)
+    monkeypatch.setattr(signal, "alarm", lambda _: 0)
+    return features
+
+
+def serve(builds: Builds, kernels: Path) -> int:
+    return later.main(["", builds.path.stem, str(kernels)])
+
+
+@pytest.mark.parametrize(
+    ("told", "machine", "wanted", "said"),
+    [
+        ("", None, True, "for the next"),
+        ("0", "true", False, f"as {SWITCH} says"),
+        ("1", "true", True, "for the next"),
+        ("", "true", False, f"as {BUILD_MACHINE} says"),
+        ("", "false", True, "for the next"),
+    ],
+)
+def test_build_machines_and_the_switch(
+    told: str, machine: str | None, wanted: bool, said: str, started, builds: Builds, tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.setenv(SWITCH, told)
+    monkeypatch.setenv(WIDE, "8")
+    if machine is not None:
+        monkeypatch.setenv(BUILD_MACHINE, machine)
+    path = request(MIRROR, 8, builds, tmp_path)
+    assert (path is not None, started) == (wanted, [tmp_path] * wanted)
+    assert said in system_text()
+
+
+def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, tmp_path: Path) -> None:
+    kernels, others = tmp_path / "kernels", tmp_path / "others"
+    path, other = (
+        request(MIRROR, 8, builds, kernels),
+        request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others),
+    )
+    general = general_features(DIFFUSE)[0]
+    request(general, 8, builds, kernels)
+    assert path is not None
+    assert other is not None
+    assert not is_done(path)
+    assert serve(builds, kernels) == serve(builds, kernels) == 0
+    assert sorted(compiled, key=str) == sorted([MIRROR, general], key=str)
+    assert is_done(path)
+    assert not is_done(other), "it belongs into another folder"
+    assert started == [kernels, others, kernels]
+
+
+def test_what_cannot_be_compiled_is_left_for_an_hour(started, builds: Builds, compiled, tmp_path: Path) -> None:
+    path = request(DIFFUSE, 8, builds, tmp_path)
+    assert path is not None
+    request(MIRROR, 8, builds, tmp_path)
+    assert serve(builds, tmp_path) == 0
+    assert compiled == [MIRROR]
+    begun = path.with_suffix(BEGUN)
+    assert begun.exists()
+    assert request(DIFFUSE, 8, builds, tmp_path) is None
+    assert len(started) == 2
+    before = time.time() - RETRY_SECONDS - 1.0
+    os.utime(begun, (before, before))
+    assert request(DIFFUSE, 8, builds, tmp_path) == path
+    assert len(started) == 3
+
+
+def test_one_process_compiles_and_serves_what_comes_meanwhile(
+    started, builds: Builds, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = dataclasses.replace(MIRROR, opacity=True)
+    paths = []
+
+    def compile_kernel(features: Features, *_: object) -> None:
+        if features == MIRROR:
+            paths.append(request(second, 8, builds, tmp_path))
+            assert serve(builds, tmp_path) == 0, "another process ends at once"
+            assert not compiled
+        compiled.append(features)
+
+    monkeypatch.setattr(later, "compile_kernel", compile_kernel)
+    request(MIRROR, 8, builds, tmp_path)
+    serve(builds, tmp_path)
+    assert compiled == [MIRROR, second]
+    assert len(started) == 1
+    assert is_done(paths[0])
+
+
+def test_damaged_and_old_requests_are_removed(started, builds: Builds, compiled, tmp_path: Path) -> None:
+    path = request(MIRROR, 8, builds, tmp_path)
+    assert path is not None
+    old = path.with_name(f"builds-old{REQUESTED}")
+    old.write_text("[]")
+    os.utime(old, (1.0, 1.0))
+    path.write_text("{")
+    serve(builds, tmp_path)
+    assert compiled == []
+    assert not path.exists()
+    assert not old.exists()
+
+
+def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], builds: Builds, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert request(MIRROR, 8, builds, tmp_path / "file") is None
+    assert started == []
+
+
+# --- The process --------------------------------------------------------------------------------------
+
+
+def processes(folder: Path) -> list[int]:
+    """Return the compilers whose kernels go into a folder."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            words = path.read_bytes().split(b"\0")
+            if any(b"wrt.compiling.later" in word for word in words) and os.fsencode(folder) in words:
+                found.append(int(path.parent.name))
+    return found
+
+
+def until(condition: Any, seconds: float = 900.0) -> None:
+    limit = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < limit
+        time.sleep(0.05)
+
+
+SHORT = """
+import sys
+from wrt.compiling import general
+from wrt.rendering import wide_kernel
+from wrt.cli import main
+general.general_features = lambda features: []  # they take longer to compile
+wide_kernel.COMPILED_LOADING_SECONDS = wide_kernel.LOADING_SECONDS = 0.0
+wide_kernel.COMPILING_SECONDS, wide_kernel.WORTH_SECONDS = 1e9, 0.0
+sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", sys.argv[1], "--quiet"]
+assert main() == 0
+from wrt.backend import current_backend
+builds = current_backend().builds
+print(*(name for name in (builds._loaded if builds else ()) if ".wide" in name))
+"""
+
+
+@needs_lanes
+@pytest.mark.machinery
+def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None:
+    """The compiler is killed once, which leaves nothing; the picture is the same, and the shell never waits."""
+    variables = {key: value for key, value in os.environ.items() if key not in (WIDE, BUILD_MACHINE)}
+    variables |= {SWITCH: "1", "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    variables.pop("WARP_CACHE_PATH", None)
+    copy_of_warm_cache(tmp_path / "cache")
+
+    def render(name: str) -> list[str]:
+        """Return the wide kernels that were loaded without Warp."""
+        done = subprocess.run(
+            [sys.executable, "-c", SHORT, name], env=variables, cwd=tmp_path, stdout=subprocess.PIPE, check=True
+        )
+        # The stream is read to its end: a compiler that held it open would keep the shell waiting.
+        return done.stdout.decode().split()
+
+    requests, kernels = tmp_path / "cache" / "wrt" / "requests", tmp_path / "cache" / "warp"
+    render("first.npy")
+    (compiler,) = processes(kernels)
+    assert os.getsid(compiler) != os.getsid(0)
+    until(lambda: list(requests.glob(f"*{BEGUN}")))
+    assert os.getpriority(os.PRIO_PROCESS, compiler) == later.PRIORITY
+    os.kill(compiler, signal.SIGKILL)
+    until(lambda: not processes(kernels))
+    assert not list(kernels.rglob("*wide*"))
+    render("again.npy")
+    assert not processes(kernels), "it is not compiled again at once"
+    for begun in requests.glob(f"*{BEGUN}"):
+        os.utime(begun, (1.0, 1.0))
+    render("third.npy")
+    for compiler in processes(kernels):
+        with contextlib.suppress(OSError):  # where this is allowed, the test need not wait for others
+            os.setpriority(os.PRIO_PROCESS, compiler, 0)
+    until(lambda: not processes(kernels))
+    assert list(kernels.rglob("*wide*.o"))
+    assert not list(requests.iterdir())
+    assert len(render("last.npy")) == 1
+    assert not processes(kernels)
+    films = {hashlib.sha256((tmp_path / f"{name}.npy").read_bytes()).digest() for name in ("first", "again", "last")}
+    assert len(films) == 1
+
+
+# --- Before any render --------------------------------------------------------------------------------
+
+
+def test_the_second_call_compiles_nothing() -> None:
+    assert lanes_here() == 0, "tests run without the wide kernel, else this says nothing"
+    wrt.precompile("cornell-box")
+    again = wrt.precompile(wrt.load("cornell-box"), width=20, height=10, threads=1)
+    assert (again.modules, again.lanes, again.wide_seconds) == ((), 1, 0.0)
+    assert str(again) == "everything was compiled before; there is only the scalar kernel"
+    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
+    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
+    assert str(wrt.Precompiled(("a",), 1.0, 8, 0.0)) == "1 module of kernels compiled in 1.0 s"
+
+
+def test_what_is_compiled_is_named() -> None:
+    number = float(random.SystemRandom().randrange(10**9))
+    unique = f"unique{number:.0f}"
+
+    @wp.kernel(module=unique, enable_backward=False)
+    def set_number(x: wp.array(dtype=float)):  # type: ignore[valid-type]
+        x[0] = wp.static(number)
+
+    device = Device("cpu")
+    with compiled_modules() as outer, compiled_modules() as modules:
+        device.compile(set_number)
+    assert modules == outer == {unique}
+    with compiled_modules() as modules:
+        device.compile(set_number)
+    assert modules == set()
+
+
+def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text("shapes = 1")
+    assert main(["compile", "none.obj", "cornell-box", "bad.toml", "--threads", "1"]) == 2
+    said = capsys.readouterr()
+    assert said.out.startswith("cornell-box: ")
+    none, bad = said.err.splitlines()
+    assert "none.obj" in none
+    assert "bad.toml" in bad
+    assert main(["compile"]) == 2
+    assert capsys.readouterr().err == "wrt: error: name a scene, or give --general\n"
+
+
+def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, capsys, tmp_path: Path) -> None:
+    monkeypatch.setenv(WIDE, "8")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    asked: list[Features] = []
+    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: asked.append(features))
+    assert main(["compile", "--general", "--sampler", "independent"]) == 0
+    plain = Features(("diffuse",), False, "none", sampler="independent")
+    assert asked == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))
+    monkeypatch.setattr(Builds, "has", lambda *_: True)
+    assert main(["compile", "--general"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("general kernels: 5 general kernels compiled in ")
+    assert said[1:] == ["general kernels: everything was compiled before"]
+    assert len(asked) == 5
+
+
+RENDER = """
+import sys
+from wrt.cli import main
+from wrt.rendering import wide_kernel
+wide_kernel.COMPILED_LOADING_SECONDS = 0.0
+sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", "wide.npy", "--quiet"]
+assert main() == 0
+from wrt.backend import current_backend
+assert "warp" not in sys.modules
+print(*(name for name in current_backend().builds._loaded if ".wide" in name))
+"""
+
+
+@needs_lanes
+@pytest.mark.parametrize(
+    "cache", [pytest.param("warm", marks=pytest.mark.slow), pytest.param("empty", marks=pytest.mark.machinery)]
+)
+def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
+    """A render then starts without Warp, in another size, and gives the picture of the scalar kernel."""
+    variables = without_notes(tmp_path)
+    del variables[WIDE]
+    if cache == "empty":
+        del variables["WARP_CACHE_PATH"]
+
+    def python(*arguments: str) -> str:
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, env=variables, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True)
+        return done.stdout
+
+    said = python("-m", "wrt", "compile", "cornell-box")
+    assert said.startswith("cornell-box: ")
+    if cache == "empty":
+        assert "modules of kernels compiled in" in said
+        assert f"the wide kernel of {LANES} lanes compiled in" in said
+    assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{LANES}.")
+    scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
+    list(scalar.passes(spp=40))
+    np.testing.assert_array_equal(np.load(tmp_path / "wide.npy"), scalar.image())
+    call = "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"
+    assert python("-c", call) == "cornell-box: everything was compiled before\n"

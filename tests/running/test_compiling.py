@@ -1,0 +1,364 @@
+"""Kernels are compiled beside other work: each once, whoever asks; after an error or an interrupt nothing goes on.
+
+Headers that Warp precompiles for the CPU are made once a machine, and lent to every thread that compiles.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import warp as wp
+from conftest import ROOT, WARPS_FLAGS
+
+from wrt.backend import headers, kernel_cache
+from wrt.backend.device import Device
+from wrt.backend.kernel_cache import Build
+from wrt.backend.warp_backend import initialize_warp
+
+VARIABLES = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+class Loads:
+    """What is asked of Warp: each module takes a while the first time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.begun: list[tuple[str, str]] = []
+        self.ended: list[str] = []
+        monkeypatch.setattr(wp, "load_module", self)
+        monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
+
+    def __call__(self, module: SimpleNamespace, device: str) -> None:
+        if module.name in self.ended:
+            return
+        self.begun.append((module.name, threading.current_thread().name))
+        if module.name == "broken":
+            raise RuntimeError("it does not compile")
+        time.sleep(0.2)
+        self.ended.append(module.name)
+
+
+@pytest.fixture
+def loads(monkeypatch: pytest.MonkeyPatch) -> Loads:
+    return Loads(monkeypatch)
+
+
+def kernel(name: str) -> SimpleNamespace:
+    return SimpleNamespace(module=SimpleNamespace(name=name))
+
+
+def test_a_launch_compiles_once_for_all_its_threads(loads: Loads) -> None:
+    Device("cpu", threads=4).launch(kernel("a"), 1000, [])
+    assert [name for name, _ in loads.begun] == ["a"]
+
+
+def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
+    device = Device("cpu", threads=2)
+    with device.compiling() as compile:
+        for name in "abcd":
+            compile(kernel(name))
+        for name in "dcb":
+            device.launch(kernel(name), 10, [])
+    assert sorted(name for name, _ in loads.begun) == sorted(loads.ended) == ["a", "b", "c", "d"]
+    assert len({thread for _, thread in loads.begun}) == 2
+    assert next(name for name, thread in loads.begun if thread.startswith("wrt-compile")) == "a"
+
+
+def test_one_thread_alone_does_all_there_is_when_it_comes_to_it(loads: Loads) -> None:
+    device = Device("cpu", threads=1)
+    with device.compiling() as compile:
+        compile(kernel("a"))
+        compile(kernel("b"))
+        device.compile(kernel("b"))
+    assert [name for name, _ in loads.begun] == ["b", "a"]
+    assert len({thread for _, thread in loads.begun}) == 1
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_does_not_compile_is_told(threads: int, loads: Loads) -> None:
+    with pytest.raises(RuntimeError, match="does not compile"), Device("cpu", threads=threads).compiling() as compile:
+        compile(kernel("broken"))
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(
+    error: type[BaseException], loads: Loads
+) -> None:
+    def fail(compile: Callable[[object], None]) -> None:
+        for name in "abc":
+            compile(kernel(name))
+        while not loads.begun:
+            time.sleep(0.01)
+        raise error
+
+    with pytest.raises(error), Device("cpu", threads=2).compiling() as compile:
+        fail(compile)
+    assert loads.ended == []
+    Device("cpu", threads=2).compile(kernel("a"))  # waits for the compile that continues
+    assert [name for name, _ in loads.begun] == loads.ended == ["a"]
+
+
+@pytest.mark.parametrize(("way", "threads"), [("compile", 1), ("launch", 2), ("compiling", 1), ("compiling", 2)])
+def test_an_interrupt_does_not_wait_for_the_compiler(
+    way: str, threads: int, loads: Loads, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wrt.backend.slices.INTERRUPT_SECONDS", 0.05)
+    release = threading.Event()
+    load = loads.__call__
+
+    def slow(module: SimpleNamespace, device: str) -> None:
+        if not release.is_set():
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        assert release.wait(timeout=60.0)
+        load(module, device)
+
+    monkeypatch.setattr(wp, "load_module", slow)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    device = Device("cpu", threads=threads)
+
+    def begin() -> None:
+        if way == "compiling":
+            with device.compiling() as compile:
+                compile(kernel("a"))
+        elif way == "compile":
+            device.compile(kernel("a"))
+        else:
+            device.launch(kernel("a"), 10, [])
+
+    try:
+        with pytest.raises(KeyboardInterrupt):  # fails after a minute if anything waits
+            begin()
+    finally:
+        signal.signal(signal.SIGINT, before)
+        release.set()
+    device.compile(kernel("a"))
+    assert loads.ended == ["a"]
+
+
+FORKED = """
+import os
+import signal
+import time
+from types import SimpleNamespace
+import warp as wp
+from wrt.backend.device import Device
+
+device = Device("cpu", threads=2)
+kernel = SimpleNamespace(module=SimpleNamespace(name="a"))
+
+def work():
+    with device.compiling() as compile:
+        compile(kernel)
+    device.launch(kernel, 100, [])
+
+wp.load_module = wp.launch = lambda *_, **__: time.sleep(0.01)  # so that all threads have something to do
+work()
+child = os.fork()
+if not child:
+    signal.alarm(20)
+    work()
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+"""
+
+
+def test_a_fork_works_by_threads_of_its_own() -> None:
+    subprocess.run([sys.executable, "-c", FORKED], env=VARIABLES, check=True)
+
+
+def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[str] = []
+    monkeypatch.setattr("wrt.backend.warp_backend.trim", lambda: given.append("heap"))
+    monkeypatch.setattr(
+        "wrt.backend.warp_backend.forget_code", lambda *libraries: given.extend(each.name for each in libraries)
+    )
+    monkeypatch.setattr("wrt.backend.warp_backend.LOAD_SECONDS", 0.1)
+    device = Device("cpu")
+    given.clear()
+    device.compile(kernel("a"))
+    device.compile(kernel("a"))  # only loaded
+    assert given == ["heap", "warp.so", "warp-clang.so"]
+
+
+def test_a_process_ends_with_its_last_message_and_its_folders(tmp_path: Path) -> None:
+    # A signal may end a process whose compiler still runs: that would complain of the folder that has been removed.
+    program = """import atexit, os, sys, tempfile
+from wrt.cli.process import end
+folder = tempfile.TemporaryDirectory(dir=".")
+atexit.register(os.write, 2, b"error: cannot open file")
+print("Stopped.", file=sys.stderr)
+end(143)"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=VARIABLES, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (143, "Stopped.\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_seconds_are_those_that_somebody_waited(monkeypatch: pytest.MonkeyPatch) -> None:
+    # By a clock of its own, a load takes a second. It ends only after somebody has looked at the clock and waits.
+    now, ended, loaded, waits = 0.0, threading.Event(), set[str](), threading.Event()
+
+    def clock() -> float:
+        waits.set()
+        return now
+
+    def load(module: SimpleNamespace, device: str) -> None:
+        nonlocal now
+        if module.name not in loaded:
+            assert waits.wait(60.0)
+            loaded.add(module.name)
+            now += 1.0
+        ended.set()
+
+    monkeypatch.setattr(wp, "load_module", load)
+    monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
+    monkeypatch.setattr("wrt.backend.device.time", SimpleNamespace(perf_counter=clock))
+    device = Device("cpu", threads=2)
+    with device.compiling() as compile:
+        waits.set()
+        compile(kernel("beside"))
+        assert ended.wait(60.0), "other work takes longer"
+    assert device.seconds_compile == 0.0
+    waits.clear()
+    with device.compiling() as compile:
+        compile(kernel("waited for"))
+    assert device.seconds_compile == 1.0
+    device.launch(kernel("needed at once"), 1, [])
+    device.launch(kernel("needed at once"), 1, [])
+    assert device.seconds_compile == 2.0
+
+
+# --- Headers ------------------------------------------------------------------------------------------
+
+
+def test_the_thread_that_compiles_is_always_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Warp writes its headers down, in a form quick to read, for each thread anew.
+    threads: list[threading.Thread] = []  # themselves, not their numbers, which others get after them
+    monkeypatch.setattr(wp, "load_module", lambda *_, **__: threads.append(threading.current_thread()))
+    for _ in range(3):
+        with Device("cpu", threads=2).compiling() as compile:
+            compile(kernel("a"))
+    assert (len(threads), len(set(threads))) == (3, 1)
+    assert threads[0] is not threading.current_thread()
+
+
+@pytest.fixture
+def no_headers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a cache without precompiled headers."""
+    initialize_warp()
+    headers._PRECOMPILER.submit(int).result()  # what Warp's start has begun is done
+    monkeypatch.setattr(headers, "_kept", lambda: tmp_path / "headers-0")
+    monkeypatch.setattr(wp.config, "cpu_compiler_flags", WARPS_FLAGS)
+    return tmp_path / "headers-0"
+
+
+def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> None:
+    asked: list[int] = []
+
+    def header() -> Path:
+        return Path(str(headers._of_thread()), "builtin_1.pch")
+
+    def precompile() -> None:
+        asked.append(threading.get_ident())
+        time.sleep(0.05)
+        header().write_bytes(b"headers")
+
+    def compile(_: int) -> tuple[int, bytes]:
+        everybody.wait()
+        headers.lend_headers(precompile)
+        found = header().read_bytes()
+        header().unlink()  # a thread of another test may get this folder
+        return threading.get_ident(), found
+
+    everybody = threading.Barrier(4)
+    with ThreadPoolExecutor(4) as pool:
+        found = dict(pool.map(compile, range(4)))
+    assert len(asked) == 1
+    assert list(found.values()) == [b"headers"] * 4
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("early", [False, True], ids=["by Warp", "without Warp"])
+def test_headers_precompiled_before_kernels_are_those_of_kernels(early: bool, no_headers: Path, tmp_path: Path) -> None:
+    @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_headers"))
+    def nothing(first: int) -> None:
+        pass
+
+    own = Build.of(nothing.module, "cpu")
+    assert own is not None
+
+    def precompile() -> None:
+        assert not early
+        kernel_cache.compile_nothing()
+
+    def compile() -> str:
+        headers.lend_headers(precompile)
+        (written,) = Path(str(headers._of_thread())).glob(headers.WRITTEN)
+        before = written.stat().st_mtime_ns
+        own.compile(tmp_path / "build")
+        assert [path.stat().st_mtime_ns for path in written.parent.glob(headers.WRITTEN)] == [before]
+        return written.name
+
+    if early:
+        headers.precompile_early()
+        headers._PRECOMPILER.submit(int).result()
+    with ThreadPoolExecutor(1) as pool:
+        name = pool.submit(compile).result()
+    assert [kept.name.rpartition("-")[0] for kept in no_headers.iterdir()] == [name]
+
+
+COMPILE_ONCE = """
+import sys
+import warp as wp
+from wrt.backend import headers
+from wrt.backend.device import Device
+
+@wp.kernel(enable_backward=False)
+def double(first: int, x: wp.array(dtype=float)):
+    x[first + wp.tid()] *= 2.0
+
+kept = []
+keep, headers._keep = headers._keep, lambda *arguments: (kept.append(arguments), keep(*arguments))
+wp.config.kernel_cache_dir = sys.argv[1]
+Device("cpu").compile(double)
+print("written" if kept else "lent")
+"""
+
+
+@pytest.mark.slow
+def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(COMPILE_ONCE)
+    variables = {**VARIABLES, "XDG_CACHE_HOME": str(tmp_path)}
+
+    def compile_once(number: int) -> str:
+        command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / f"kernels{number}")]
+        return subprocess.run(command, env=variables, check=True, capture_output=True, text=True).stdout.strip()
+
+    assert compile_once(0) == "written"
+    assert compile_once(1) == "lent"
+    (kept,) = tmp_path.glob("wrt/headers-*/*")
+    whole = kept.read_bytes()
+    kept.write_bytes(whole[: len(whole) // 2])
+    assert compile_once(2) == "written"
+    (kept,) = tmp_path.glob("wrt/headers-*/*")
+    assert len(kept.read_bytes()) == len(whole)
+
+
+def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("__init__.py", "config.py", "bin/warp.so", "bin/warp-clang.so", "native/vec.h"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.setattr(headers, "folder_of", lambda _: tmp_path)
+    folder_now = headers._kept.__wrapped__
+    before = folder_now()
+    assert folder_now() == before
+    os.utime(tmp_path / "native/vec.h", (1, 1))
+    assert folder_now() != before

@@ -1,0 +1,217 @@
+"""Launches: each index once, whatever the slices; and what cannot be launched on is refused."""
+
+from __future__ import annotations
+
+import heapq
+import signal
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wrt
+from wrt.backend.device import Device
+from wrt.backend.slices import (
+    FIRST_SLICE,
+    SLICE_SECONDS,
+    SLICES_PER_THREAD,
+    SMALLEST_SLICE,
+    Slices,
+    available_threads,
+)
+
+
+@wp.kernel(enable_backward=False)
+def count(first: int, counts: wp.array(dtype=int)):
+    i = first + wp.tid()
+    wp.atomic_add(counts, i + 8, 1)
+
+
+def assert_each_once(device: Device, n: int, **options: int) -> None:
+    """Launch n indices, and look at eight more on both sides."""
+    counts = wp.zeros(n + 16, dtype=int, device=device.name)
+    device.launch(count, n, [counts], **options)
+    np.testing.assert_array_equal(counts.numpy(), [0] * 8 + [1] * n + [0] * 8)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_each_index_runs_once(threads: int, device: str) -> None:
+    for n in (0, 1, 2, 15, 16, 17, 33, 1000, 100_003):
+        assert_each_once(Device(device, threads=threads), n)
+
+
+# --- Slices -------------------------------------------------------------------------------------------
+
+
+def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: int = 1) -> list[tuple[int, int, float]]:
+    """Return starts, sizes and seconds of slices; each thread takes one as soon as its previous one has ended.
+
+    Args:
+        n: number of indices.
+        threads: number of threads.
+        seconds: time that an index takes.
+        least: smallest number of indices in a slice.
+    """
+    slices, found = Slices(n, threads, least), []
+    running: list[tuple[float, int, int, float]] = []  # end, start, size, seconds
+    free = [0.0] * threads
+    while True:
+        while free and (taken := slices.take()) is not None:
+            start, size = taken
+            took = sum(seconds(i) for i in range(start, start + size))
+            found.append((start, size, took))
+            heapq.heappush(running, (free.pop() + took, start, size, took))
+        if not running:
+            return found
+        end, _, size, took = heapq.heappop(running)
+        slices.ended(size, took)
+        free.append(end)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 64])
+@pytest.mark.parametrize("n", [0, 1, 63, 65_536])
+def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) -> None:
+    slices = simulated(n, threads, lambda _: 1e-9)
+    sizes = [size for _, size, _ in slices]
+    assert [start for start, _, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
+    assert sum(sizes) == n
+    few = [size for _, size, _ in simulated(n, threads, lambda _: 1e-9, least=40)][:-1]
+    assert min(few, default=40) >= 40
+    if n == 65_536:
+        assert max(sizes) == -(-n // (threads * SLICES_PER_THREAD))
+        assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * max(sizes)
+        assert len(sizes) < threads * (SLICES_PER_THREAD + 13)
+
+
+@pytest.mark.parametrize(("threads", "total"), [(1, 1.0), (2, 60.0), (16, 60.0), (2, 1000.0)])
+def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> None:
+    """For indices that take the same time, and for a second half that takes ten times as long."""
+    n = 1 << 15
+    for slow in (1.0, 10.0):
+        each = total * threads / n
+
+        def seconds(i: int, each: float = each, slow: float = slow) -> float:
+            return each * (slow if i > n // 2 else 1.0)
+
+        slices = simulated(n, threads, seconds)
+        longest = sorted((took for _, _, took in slices), reverse=True)
+        first = max(total * FIRST_SLICE / SLICES_PER_THREAD, slow * each)  # at least one index
+        assert longest[0] <= max(SLICE_SECONDS * slow, first) * 1.01
+        # Only slices that run when the time changes, and the next ones, sized by the mean of both, take longer.
+        assert longest[2 * threads :][0] <= max(SLICE_SECONDS, first) * 1.01
+        # At most one launch, which costs 25 us, for every 0.05 s.
+        assert len(slices) <= threads * (SLICES_PER_THREAD + 20) + sum(longest) / 0.05
+
+
+@pytest.mark.parametrize(("spared", "running"), [(0, 3), (1, 2), (5, 1)])
+def test_threads_are_spared_but_one(spared: int, running: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All slices are run, by the threads that are left: each waits in its first slice until all have one."""
+    names: list[str] = []
+    met, launch = threading.Barrier(running), wp.launch
+
+    def recorded(kernel: wp.Kernel, dim: int, inputs: list, **options: object) -> None:
+        name = threading.current_thread().name
+        names.append(name)
+        if names.count(name) == 1:
+            met.wait(timeout=60.0)
+        launch(kernel, dim=dim, inputs=inputs, **options)
+
+    monkeypatch.setattr(wp, "launch", recorded)
+    assert_each_once(Device("cpu", threads=3), 1000, spared=spared)
+    assert len(set(names)) == running
+    assert threading.main_thread().name not in names
+    assert len(names) <= 3 * (SLICES_PER_THREAD + 5)
+
+
+def test_an_error_in_a_slice_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("broken kernel")
+
+    device = Device("cpu", threads=2)
+    monkeypatch.setattr(wp, "launch", fail)
+    with pytest.raises(RuntimeError, match="broken kernel"):
+        device.launch(count, 100, [])
+    monkeypatch.undo()
+    assert_each_once(device, 1000)  # the pool is still of use
+
+
+def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slices that run end, no other starts, and none runs once the interrupt is with the caller."""
+    device = Device("cpu", threads=2)
+    started, ended = [], []
+    # A shell that started this in the background had it ignore interrupts.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def slow(kernel: wp.Kernel, dim: int, inputs: list, **_: object) -> None:
+        started.append(inputs[0])
+        if len(started) == 3:
+            # A true signal: it wakes the main thread where it waits for its workers.
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        time.sleep(0.5)
+        ended.append(inputs[0])
+
+    monkeypatch.setattr(wp, "launch", slow)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            device.launch(count, 10_000, [])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    seen = len(started)
+    assert sorted(ended) == sorted(started)
+    # Some more may start before the main thread has its turn, on a busy machine.
+    assert 2 <= seen < 2 * SLICES_PER_THREAD
+    time.sleep(0.3)
+    assert len(started) == seen
+    monkeypatch.undo()
+    assert_each_once(device, 1000)
+
+
+# --- Names and numbers --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", "gpu", "CPU", "cpu:0", "cuda:x", "cuda:-1", "cuda0", None, 0])
+def test_unknown_devices_are_refused(name: object) -> None:
+    with pytest.raises(wrt.InputError, match="unknown device") as caught:
+        Device(name)  # type: ignore[arg-type]
+    said = str(caught.value)
+    assert repr(name) in said
+    assert "use cpu, cuda or cuda:N" in said
+    assert name != "gpu" or said.endswith("(did you mean 'cuda'?)")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("threads", [0, 1025, 2.0, "two", True])
+def test_bad_numbers_of_threads_are_refused(threads: object) -> None:
+    with pytest.raises(wrt.InputError, match="threads") as caught:
+        Device("cpu", threads=threads)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def test_gpus_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    Device("cpu")
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 0)
+    for name in ("cuda", "cuda:7"):
+        with pytest.raises(wrt.InputError, match=f"{name!r}.* was found; use cpu"):  # no driver, or no GPU
+            Device(name)
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 2)
+    assert Device("cuda").name == "cuda:0"
+    device = Device("cuda:1", threads=4)
+    assert (device.name, device.threads, device.is_cpu) == ("cuda:1", 1, False)
+    with pytest.raises(wrt.InputError, match="only cuda:0 to cuda:1"):
+        Device("cuda:2")
+
+
+def test_threads_default_to_the_cores_there_are() -> None:
+    assert Device("cpu").threads == available_threads() >= 1
+    assert Device("cpu", threads=3).threads == 3
+
+
+def test_the_renderer_refuses_as_the_device_does() -> None:
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(wrt.box())
+    for options in ({"device": "gpu"}, {"threads": 0}):
+        with pytest.raises(wrt.InputError):
+            wrt.Renderer(scene, width=4, height=4, **options)

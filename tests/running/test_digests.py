@@ -1,0 +1,90 @@
+"""Pictures keep their bits: films of many small scenes are those recorded in tests/data/digests.json.
+
+A change that is meant to alter pictures records them anew: `python scripts/digests.py record`. Processors and C
+libraries compute a few functions to other digits, so the file has a section for each kind of arithmetic that films were
+recorded with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+from conftest import ROOT
+from support.covering_kernels import covering, render_by
+from support.digests import SIZES, Case, arithmetic, cases, film_digest, rendered, scalar_film
+from support.wide_scenes import SCENES
+
+from wrt.backend.warp_backend import initialize_warp
+
+RECORDED: dict[str, dict[str, str]] = json.loads((ROOT / "tests" / "data" / "digests.json").read_text(encoding="utf-8"))
+CASES = cases()
+NEIGHBOURS = "picture-materials-", "picture-thin-films"
+"""Pictures of many models, whose kernels take 10 to 20 s to compile: rendered by those of a picture that is the same
+but for its many lights, with the same bits."""
+
+OF_PICTURES = covering(
+    *("dielectric", "diffuse", "mirror", "oren_nayar", "plastic"),
+    *("rough_conductor:ggx:smith:conductor", "rough_plastic:ggx:smith"),
+    sampler="sobol",
+)
+"""One kernel for the many pictures of the documentation that differ in a model, a light or a texture. Those of
+`wide_scenes` and the built-in scenes, which have every feature as well, are rendered by their own kernels."""
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict[str, str]:
+    """Films recorded with the arithmetic of this processor and C library; none if it is of another kind."""
+    initialize_warp()
+    return RECORDED.get(arithmetic(), {})
+
+
+def test_every_case_is_recorded() -> None:
+    assert set(CASES) == {name for films in RECORDED.values() for name in films}
+    assert len(CASES) >= 40
+
+
+SLOW = (
+    *SIZES,
+    *(f"picture-{kind}" for kind in ("camera", "light", "tutorial", "studio", "city")),
+)
+"""What the films that are rendered with --all begin with, other than the quick ones: pictures share one kernel. The
+kernels of all others take two minutes to compile."""
+
+
+def marks_of(name: str) -> Any:
+    if name.startswith("plain"):
+        return ()
+    return pytest.mark.slow if name.startswith(SLOW) else pytest.mark.machinery
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks_of(name)) for name in CASES])
+def test_films_keep_their_bits(name: str, recorded: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """With another arithmetic each film still shows something: it is brighter here than there."""
+    if name.startswith(NEIGHBOURS):
+        render_by(lambda own: dataclasses.replace(own, light_tree=True), monkeypatch)
+    elif name.startswith("picture-"):
+        render_by(lambda own: OF_PICTURES if OF_PICTURES.covers(own) else own, monkeypatch)
+    renderer = rendered(CASES[name])
+    if renderer.renders_light and renderer.film.pixels > 1:
+        assert renderer.image().std() > 0.0
+    if name not in recorded:
+        pytest.skip("recorded on processors and with C libraries that compute other digits")
+    assert film_digest(renderer) == recorded[name]
+
+
+def test_a_fault_changes_a_digest() -> None:
+    """One vertex that is moved by a thousandth."""
+
+    def moved() -> Any:
+        scene = CASES["plain-perspective"].make()
+        vertices = scene.shapes[2].mesh.vertices.copy()
+        vertices[0] *= 1.001
+        mesh = dataclasses.replace(scene.shapes[2].mesh, vertices=vertices)
+        scene.shapes[2] = dataclasses.replace(scene.shapes[2], mesh=mesh)
+        return scene
+
+    case = Case(moved, SCENES["plain"][1])
+    assert scalar_film(case) != scalar_film(CASES["plain-perspective"])

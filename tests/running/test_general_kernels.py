@@ -1,0 +1,252 @@
+"""General kernels render scenes of other features with the bits of the scenes' own kernels."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.caches import render_small, without_notes
+from support.digests import Case, cases, film_digest, rendered
+from support.wide_scenes import LANES, needs_lanes
+
+import wrt
+from wrt.backend.builds import Builds, NotCompiled
+from wrt.compiling import exercise, general, later
+from wrt.compiling.kernel import SCALAR, name_of_kernel
+from wrt.kernels.features import Features
+from wrt.rendering import render_kernel
+from wrt.rendering.guides import guide_features
+from wrt.rendering.render_kernel import RenderKernel
+from wrt.rendering.wide_kernel import WideKernel
+from wrt.upload.materials import model_name
+
+PLAIN = Features(("diffuse",), False, "none", sampler="sobol")
+SMALL, LARGE, WITH_HOLES = general.general_features(PLAIN)
+GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, [True, True, True]),
+        ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True]),
+        ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True]),
+        ({"models": ("diffuse", "plastic")}, [False, True, True]),
+        ({"models": ("null",)}, [False, False, True]),
+        ({"composite": "mixed"}, [False, False, True]),
+        ({"opacity": True}, [False, False, True]),
+        ({"models": ("somebodys",)}, [False, False, False]),
+        ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
+        ({"sampler": "independent"}, [False, False, False]),
+        ({"instances": "still"}, [False, False, False]),
+        ({"exact": "spheres"}, [False, False, False]),
+        ({"integrator": "whitted"}, [False, False, False]),
+    ],
+)
+def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
+    scene = dataclasses.replace(PLAIN, **changes)
+    assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
+    assert not PLAIN.covers(WITH_HOLES)
+
+
+def test_integrators_that_do_not_decide_at_run_time_cover_their_own_scenes_alone() -> None:
+    for integrator in ("whitted", "ao"):
+        plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
+        assert [large.covers(plain), large.covers(large), plain.covers(plain)] == [False, True, True]
+
+
+def test_there_are_none_for_what_few_use() -> None:
+    few = {"media": "absorbing", "aovs": True, "clamped": True, "cameras": ("own",), "integrator": "ao"}
+    for name, value in few.items():
+        assert general.general_features(dataclasses.replace(PLAIN, **{name: value})) == []
+    for changes in ({}, {"sampler": "independent"}, {"instances": "moving"}, {"exact": "spheres"}):
+        scene = dataclasses.replace(PLAIN, **changes)
+        assert all(general.is_general(kernel) for kernel in general.general_features(scene))
+        assert not general.is_general(scene)
+
+
+def test_the_exercise_has_all_models_and_lights() -> None:
+    names = {model_name(material) for material in exercise.materials() if not material.parts}
+    assert names == set(general.TIERS[-1].models)
+    assert {light.model for light in exercise.lights()} >= set(WITH_HOLES.light_shapes)
+
+
+class Notes(Builds):
+    """Notes on kernels with these names, all of which are in the cache."""
+
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def has(self, call: str) -> bool:
+        return call in self.names
+
+
+def test_the_best_that_is_compiled_is_chosen() -> None:
+    own, own_wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
+    wides = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
+    for lanes, known, best in (
+        (16, (own, own_wide, *wides), None),
+        (16, (own_wide, *wides), PLAIN),
+        (16, (own, *wides), SMALL),
+        (16, (own,), None),
+        (16, wides, SMALL),
+        (16, wides[2:], WITH_HOLES),
+        (8, wides, None),
+        (0, (own_wide, *wides), None),
+    ):
+        assert general.compiled_for(PLAIN, lanes, Notes(*known)) == best
+    own = guide_features(PLAIN, wrt.RenderSettings())
+    names = [name_of_kernel(kernel, SCALAR) for kernel in GUIDES]
+    assert general.compiled_for(own, 16, Notes(*names)) == GUIDES[0]
+    assert general.compiled_for(own, 16, Notes(names[1])) == GUIDES[1]
+    assert general.compiled_for(own, 16, Notes(name_of_kernel(own, SCALAR), *names)) is None
+    assert general.compiled_for(own, 0, Notes(*names)) is None
+
+
+@needs_lanes
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    requested: list[tuple[Features, int]] = []
+    monkeypatch.setattr(later, "request_if_missing", lambda features, lanes, _: requested.append((features, lanes)))
+    monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
+    monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
+    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
+    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
+        monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
+        renderer._kernel.launch([1, *renderer._inputs], seconds)
+        assert requested == [(SMALL, 16)] * expected
+    renderer.denoising_guides()
+    assert requested[1:] == [(GUIDES[0], SCALAR)]
+
+
+def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The general kernel cannot be loaded, so the render is prepared again with Warp."""
+    kernel: Any = object.__new__(RenderKernel)
+    kernel.__dict__.update(scalar=None, read=SMALL, records=(), _stand_in=None, _features=PLAIN, _device=None)
+
+    class Useless:
+        kernel = None
+
+        def __init__(self, *_: Any) -> None: ...
+
+        def expect(self, _: float) -> None: ...
+
+    monkeypatch.setattr(render_kernel, "WideKernel", Useless)
+    with pytest.raises(NotCompiled):
+        kernel.start()
+
+
+# --- Bits ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def by_general(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
+    """Have the general kernel with holes, as a scalar one, render what it covers; return the scenes' own features."""
+    seen: list[Features] = []
+    make = RenderKernel.__init__
+
+    def init(self: RenderKernel, device: Any, features: Features, *rest: Any, **options: Any) -> None:
+        covering = general.general_features(features)[-1:]
+        seen.extend([features] * len(covering))
+        make(self, device, covering[0] if covering else features, *rest, **options)
+
+    monkeypatch.setattr(render_kernel.RenderKernel, "__init__", init)
+    return seen
+
+
+CASES = cases()
+FEW_USE = ("layers", "clamp_indirect", "regularization")
+"""Options of cases for which there are no general kernels."""
+NAMES = (
+    *("plain-perspective", "models-perspective", "textures-perspective", "picture-light-shapes"),
+    *("picture-light-sky-evening", "picture-city", "picture-tutorial-light", "built-in-teapot"),
+)
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("name", NAMES)
+def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
+    options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
+    case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(general, "general_features", lambda _: [])
+        own = film_digest(rendered(case))
+    assert film_digest(rendered(case)) == own
+    assert len(set(by_general)) == 1
+
+
+def guides_of(case: Case) -> Any:
+    renderer = wrt.Renderer(case.make(), width=24, height=24, sampler="sobol")
+    list(renderer.passes(spp=2))
+    return renderer.denoising_guides()
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("name", ["models-perspective", "textures-perspective"])
+def test_guides_have_the_values_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(general, "general_features", lambda _: [])
+        own = guides_of(CASES[name])
+    found = guides_of(CASES[name])
+    assert {features.guides for features in by_general} == {False, True}
+    assert all(np.array_equal(found[layer], own[layer]) for layer in ("albedo", "normal"))
+
+
+COMPILE = """
+import sys
+import warp as wp
+from wrt.backend.builds import Builds
+from wrt.compiling.exercise import exercise
+from wrt.compiling.general import general_features
+from wrt.compiling.kernel import SCALAR, compile_kernel
+from wrt.kernels.features import Features
+from wrt.rendering.guides import guide_features
+from wrt.scene.scene import RenderSettings
+plain = Features(("diffuse",), False, "none", sampler="sobol")
+compile_kernel(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exercise)
+compile_kernel(general_features(guide_features(plain, RenderSettings()))[0], SCALAR, Builds.known(), exercise)
+"""
+
+NEW = """
+[camera]
+origin = [0, 0, 3]
+[environment]
+type = "constant"
+radiance = 0.5
+[[lights]]
+type = "spot"
+position = [1, 1, 2]
+direction = [-1, -1, -2]
+intensity = 9.0
+[materials.painted]
+type = "principled"
+base_color = { texture = "squares.png" }
+metallic = 0.5
+[[shapes]]
+type = "quad"
+origin = [-1, -1, 0]
+edge_u = [2, 0, 0]
+edge_v = [0, 2, 0]
+material = "painted"
+"""
+
+
+@needs_lanes
+@pytest.mark.machinery
+def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
+    variables = {**without_notes(tmp_path), "WRT_WIDE": ""}
+    Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
+    (tmp_path / "new.toml").write_text(NEW)
+    assert render_small(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
+    subprocess.run([sys.executable, "-c", COMPILE, str(LANES)], cwd=tmp_path, env=variables, check=True)
+    alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
+    for name, options in (("film", []), ("smooth", ["--denoise"])):
+        assert render_small(tmp_path, variables, f"{name}.npy", "new.toml", *options) == (False, "")
+        assert render_small(tmp_path, alone, f"own-{name}.npy", "new.toml", *options) == (True, "")
+        assert (tmp_path / f"{name}.npy").read_bytes() == (tmp_path / f"own-{name}.npy").read_bytes()

@@ -1,0 +1,462 @@
+"""Rendering without importing Warp: the same bits, never a stale build, and Warp itself where anything is missing."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import ROOT
+from support.caches import render_small, without_notes
+
+from wrt import backend
+from wrt.backend import builds, fingerprint, recording
+from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.compiled_backend import CompiledBackend
+from wrt.backend.device import Device
+from wrt.backend.kernel_cache import digest
+from wrt.backend.warp_backend import WarpBackend
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.camera.camera import Camera
+from wrt.kernels.film.film import film_noise
+
+FILM = "wrt.kernels.film.film"
+EVERYTHING = """
+[camera]
+origin = [0, 1, 6]
+aperture_radius = 0.01
+shutter_close = 0.02
+[environment]
+type = "sun-sky"
+[media.wine]
+type = "color"
+color = [0.5, 0.02, 0.05]
+distance = 0.04
+[materials.wine]
+type = "dielectric"
+ior = 1.34
+interior = "wine"
+priority = 1
+[materials.metal]
+type = "rough-conductor"
+metal = "gold"
+alpha = 0.3
+multiple_bounces = true
+[[lights]]
+type = "sphere"
+center = [2, 3, 1]
+radiance = 9
+[[lights]]
+type = "spot"
+position = [-2, 3, 1]
+direction = [1, -1, 0]
+intensity = 9
+[[shapes]]
+type = "sphere"
+material = "wine"
+[[shapes]]
+type = "box"
+material = "metal"
+motion = { times = [0.0, 0.02], rotate = { axis = [0, 1, 0], degrees = 40 } }
+[[shapes]]
+type = "mesh"
+file = "teapot.ply"
+scale = 0.1
+instances = [{ translate = [1, 0, 0] }, { translate = [-1, 0, 0] }]
+"""
+"""A scene with most of what a scene can have."""
+
+DARK = """
+[camera]
+origin = [0, 0, 3]
+[[shapes]]
+type = "quad"
+origin = [-1, -1, 0]
+edge_u = [2, 0, 0]
+edge_v = [0, 2, 0]
+"""
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    return without_notes(tmp_path)
+
+
+# --- From the shell -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scene", ["cornell-box", pytest.param("everything.toml", marks=pytest.mark.machinery)])
+def test_the_second_start_is_without_warp_and_gives_the_same_bits(scene: str, tmp_path: Path, environment) -> None:
+    (tmp_path / "everything.toml").write_text(EVERYTHING)
+    shutil.copy(ROOT / "meshes" / "teapot.ply", tmp_path)
+    assert render_small(tmp_path, environment, "warp.npy", scene) == (True, "")
+    assert render_small(tmp_path, environment, "compiled.npy", scene) == (False, "")
+    assert (tmp_path / "compiled.npy").read_bytes() == (tmp_path / "warp.npy").read_bytes()
+
+
+def read_notes(path: Path) -> dict[str, dict[str, object]]:
+    said, _, text = path.read_bytes().partition(b"\n")
+    assert said == digest(text)
+    return json.loads(text)
+
+
+@pytest.mark.slow
+def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, environment: dict[str, str]) -> None:
+    (tmp_path / "dark.toml").write_text(DARK)
+    has_warp, said = render_small(tmp_path, environment, "a.npy", "dark.toml")
+    assert (has_warp, said.count("no light")) == (True, 1)
+    (index,) = (tmp_path / "cache" / "wrt").glob("builds-*.json")
+    known = read_notes(index)
+    # A file of another size than when it was noted, and one that is gone.
+    changes = {"split": {"bytes": 1}, "top": {"file": "gone.o"}}
+    files = {f"wrt.kernels.accel.build.{name}": change for name, change in changes.items()}
+    changed = known["files"] | {name: known["files"][name] | change for name, change in files.items()}
+    text = json.dumps(known | {"files": changed}).encode()
+    index.write_bytes(digest(text) + b"\n" + text)
+    assert render_small(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
+    assert read_notes(index) == known
+    assert render_small(tmp_path, environment, "c.npy", "dark.toml") == (False, said)
+    for damaged in (json.dumps(known).encode(), index.read_bytes()[:-9]):
+        index.write_bytes(damaged)
+        has_warp, told = render_small(tmp_path, environment, "b.npy", "dark.toml")
+        warned, rest = told.split("\n", 1)
+        assert warned == f"wrt: warning: {index}: notes on compiled kernels were damaged; they are replaced"
+        assert (has_warp, rest) == (True, said)
+    assert read_notes(index) == known
+    assert len({(tmp_path / f"{name}.npy").read_bytes() for name in "abc"}) == 1
+
+
+# --- From Python --------------------------------------------------------------------------------------
+
+BEGIN = """
+import json, sys
+import numpy as np
+import wrt
+scene = wrt.load("cornell-box")
+
+def has_warp():
+    return "warp" in sys.modules
+
+def renderer_with(spp, scene=scene):
+    renderer = wrt.Renderer(scene, width=24, height=24)
+    for _ in renderer.passes(spp=spp):
+        pass
+    return renderer
+
+def digest(*arrays):
+    import hashlib
+    return [hashlib.sha256(np.ascontiguousarray(array)).hexdigest() for array in arrays]
+"""
+
+RENDER = "print(json.dumps([has_warp(), digest(wrt.render('cornell-box', width=24, height=24, spp=3))]))"
+
+WITHOUT_WARP = """
+import tempfile
+from pathlib import Path
+
+renderer = renderer_with(1)
+list(renderer.passes(noise=0.2, adaptive="unbiased", spp=8))
+camera = wrt.PerspectiveCamera(origin=(0.3, 1.0, 3.9), target=(0.0, 1.0, 0.0), fov_degrees=39)
+renderer.set_camera(camera)
+list(renderer.passes(spp=2))
+with tempfile.TemporaryDirectory() as folder:
+    path = Path(folder) / "film"
+    renderer.save_checkpoint(path)
+    resumed = wrt.Renderer.resume(path, renderer.scene)
+list(resumed.passes(spp=4))
+seen = digest(resumed.image(), resumed.variance(), renderer.part(1, 2, spp=2).arrays["total"])
+views = [view.image for view in wrt.render_views(scene, [camera, scene.camera], width=24, height=24, spp=2)]
+print(json.dumps([has_warp(), seen + digest(*views)]))
+"""
+
+GOES_OVER = """
+made = []
+for needs in (
+    lambda renderer: renderer.denoising_guides()["albedo"],
+    lambda renderer: renderer.update_vertices(0, scene.shapes[0].mesh.vertices + np.float32(0.01)),
+    lambda renderer: renderer.device_image().numpy(),
+):
+    renderer = renderer_with(2)
+    passes = renderer.passes(spp=5)
+    next(passes)
+    before = renderer.image(), renderer.rays
+    moved = needs(renderer)
+    if moved is not None:
+        assert np.array_equal(renderer.image(), before[0]) and renderer.rays == before[1]
+        list(passes)
+    else:
+        list(renderer.passes(spp=5))
+    assert renderer.spp == 5
+    made += digest(renderer.image()) + ([] if moved is None else digest(moved))
+print(json.dumps([has_warp(), made]))
+"""
+
+GUIDES = "normals = renderer_with(2).denoising_guides()['normal']\nprint(json.dumps([has_warp(), digest(normals)]))"
+PRECOMPILE = "print(json.dumps([True, [str(wrt.precompile(scene, denoise=True)) != '']]))"
+
+
+def run(folder: Path, variables: dict[str, str], script: str, begin: str = BEGIN) -> tuple[bool, list[Any]]:
+    """Run a script; return whether it has imported Warp, and what it found."""
+    command = [sys.executable, "-W", "error", "-c", begin + script]
+    process = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    has_warp, found = json.loads(process.stdout)
+    return has_warp, found
+
+
+@pytest.mark.slow
+def test_whatever_a_renderer_does_needs_no_warp_the_second_time(tmp_path: Path, environment: dict[str, str]) -> None:
+    first = run(tmp_path, environment, WITHOUT_WARP)
+    assert first[0]
+    assert run(tmp_path, environment, WITHOUT_WARP) == (False, first[1])
+    # Where user code has imported Warp, it gets Warp's arrays.
+    assert run(tmp_path, environment, WITHOUT_WARP, "import warp\n" + BEGIN) == (True, first[1])
+
+
+@pytest.mark.slow
+def test_what_is_not_compiled_moves_the_picture_to_warp(tmp_path: Path, environment: dict[str, str]) -> None:
+    run(tmp_path, environment, PRECOMPILE)
+    assert run(tmp_path, environment, RENDER)[0] is False, "kernels are compiled beforehand"
+    with_warp = run(tmp_path, environment, GOES_OVER, "import warp\n" + BEGIN)
+    assert run(tmp_path, environment, GOES_OVER) == with_warp
+    guides = run(tmp_path, environment, GUIDES)
+    assert run(tmp_path, environment, GUIDES) == (False, guides[1]), "guides are noted for the next process"
+
+
+OF_A_USER = """
+import warp as wp
+
+@wp.kernel
+def sums(values: wp.array(dtype=float), total: wp.array(dtype=float)):
+    tile = wp.tile_load(values, shape=8)
+    wp.tile_store(total, wp.tile_sum(tile))
+
+wp.config.enable_cpu_blocks = True
+wp.init()
+values, total = (make(n, dtype=float, device="cpu") for make, n in ((wp.ones, 8), (wp.zeros, 1)))
+"""
+
+
+@pytest.mark.machinery
+def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, environment: dict[str, str]) -> None:
+    """Loading kernels without Warp gives its library functions that must not replace Warp's own."""
+    run(tmp_path, environment, RENDER)
+    started = "from wrt.backend import current_backend\ncurrent_backend().start()\n"
+    compiled = "assert renderer_with(1).device.backend.builds is not None\n"
+    launch = "wp.launch_tiled(sums, dim=[1], inputs=[values, total], block_dim=8, device='cpu')\n"
+    script = tmp_path / "script.py"
+    script.write_text(BEGIN + started + OF_A_USER + compiled + launch + "print(total.numpy().tolist())")
+    process = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=False)
+    assert process.stdout.splitlines()[-1:] == ["[8.0]"], process.stderr
+
+
+# --- Structs ------------------------------------------------------------------------------------------
+
+
+def structs_of_kernels() -> list[Any]:
+    found = {}
+    for path in sorted((ROOT / "kernels").rglob("*.py")):
+        name = ".".join(["wrt", "kernels", *path.relative_to(ROOT / "kernels").with_suffix("").parts])
+        for value in vars(importlib.import_module(name.removesuffix(".__init__"))).values():
+            if type(value).__name__ == "Struct":
+                found[value] = None
+    return list(found)
+
+
+def compiled_backend(notes: dict[str, Any]) -> CompiledBackend:
+    """Return a backend to which what a process may have noted is known."""
+    known = Builds(Path("none"), Path("none"), "1.19.0")
+    known.notes |= json.loads(json.dumps(notes))
+    return CompiledBackend(known)
+
+
+def test_structs_lie_in_memory_as_warp_lays_them() -> None:
+    structs: dict[str, Any] = {}
+    names = {recording._struct(struct, structs): struct for struct in structs_of_kernels()}
+    assert len(names) > 30
+    noted = compiled_backend({"structs": structs})
+    for name, struct in names.items():
+        layout, expected = noted.struct(name).numpy, np.dtype(struct.numpy_dtype())
+        assert layout.itemsize == expected.itemsize
+        assert layout == expected, name
+
+
+def test_a_struct_holds_what_warps_would() -> None:
+    structs: dict[str, Any] = {}
+    modules = {"c": {"Camera": {"struct": recording._struct(Camera, structs)}}}
+    noted = compiled_backend({"structs": structs, "modules": modules})
+    ours, warps = noted.kernels("c").Camera(), Camera()
+    keys = np.zeros((2, 3), np.float32)
+    for camera in (ours, warps):
+        camera.kind, camera.pixel, camera.origin = 3, (0.1, 0.2), np.array([1.0, 2.0, 3.0])
+        camera.motion.center = (4, 5, 6)
+        camera.motion.keys = 7
+    ours.motion_keys = noted.array(keys, "vec3")
+    assert ours._memory["motion_keys"]["data"] == ours.motion_keys.ptr
+    ours.motion_keys = noted.array(keys[:0], "vec3")
+    expected = np.frombuffer(bytes(warps.__ctype__()), Camera.numpy_dtype())[0]
+    for name in ("kind", "pixel", "origin", "motion", "width"):
+        assert ours._memory[name].tobytes() == expected[name].tobytes(), name
+    whole = noted.kernels("c").Camera()
+    whole.motion = ours.motion  # a copy, in which later changes of the other are not seen
+    ours.motion.keys = 8
+    assert (whole.motion.keys, ours.motion.keys) == (7, 8)
+    with pytest.raises(AttributeError, match="nothing"):
+        ours.nothing = 1
+
+
+# --- Notes --------------------------------------------------------------------------------------------
+
+
+def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    warp = tmp_path / "warp"
+    (warp / "bin").mkdir(parents=True)
+    for name in ("config.py", "bin/warp.so", "bin/warp-clang.so"):
+        (warp / name).write_text('version: str = "1.19.0"\n')
+    kernels = tmp_path / "kernels"
+    shutil.copytree(ROOT / "kernels", kernels, ignore=shutil.ignore_patterns("__pycache__"))
+    folder_of = fingerprint.folder_of
+    monkeypatch.setattr(fingerprint, "folder_of", lambda name: kernels if name == "wrt.kernels" else folder_of(name))
+    source = kernels / "bsdf" / "diffuse.py"
+    changes = [
+        lambda: None,
+        lambda: source.write_text(source.read_text() + "# \n"),
+        lambda: source.rename(source.with_name("diffuse_.py")),
+        lambda: (warp / "bin" / "warp-clang.so").write_text("longer than it was before"),
+        lambda: (warp / "config.py").write_text('version: str = "1.20.0"\n'),
+        lambda: monkeypatch.setenv("WARP_CACHE_PATH", "elsewhere"),
+    ]
+    seen = set()
+    for change in changes:
+        change()
+        found = {fingerprint.fingerprint(warp), fingerprint.fingerprint(warp)}
+        assert len(found) == 1
+        assert not found & seen
+        seen |= found
+
+
+def test_another_version_of_warp_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Builds.known() is not None
+    assert wp.config.version in builds.TESTED
+    monkeypatch.setattr(builds, "TESTED", ("0.0.0",))
+    assert Builds.known() is None
+
+
+def test_many_may_note_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "builds.json"
+
+    def note(number: int) -> None:
+        known = Builds(path, tmp_path, "")
+        for k in range(20):
+            known.note({"files": {f"m{number}.{k}": {"file": "f" * 1000, "bytes": k, "kernels": {}}}})
+
+    note(0)
+    threads = [threading.Thread(target=note, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        assert len(read_notes(path)["files"]) in range(20, 81)  # whole at any time
+    assert len(read_notes(path)["files"]) in range(20, 81)  # those of the last to write, and what that one had read
+    assert [found.name for found in path.parent.iterdir()] == ["builds.json"]
+
+
+def test_notes_of_a_render_that_ends_meanwhile_are_kept(tmp_path: Path) -> None:
+    """Else the render after it would import Warp."""
+    compiler, other, last = (Builds(tmp_path / "builds.json", tmp_path, "") for _ in range(3))
+    compiler.refresh()
+    tables: dict[str, dict[str, Any]] = {"files": {}, "structs": {}, "modules": {}}
+    other.note({**tables, "calls": {"scalar": {"value": 1}}})
+    compiler.note({**tables, "calls": {"wide": {"value": 2}}})
+    last.refresh()
+    assert last.notes["calls"] == {"scalar": {"value": 1}, "wide": {"value": 2}}
+
+
+def test_what_is_not_noted_is_not_compiled() -> None:
+    noted = compiled_backend({"modules": {"known": {"ROWS": {"value": 3}, "kernel": {"kernel": ["nobody", "kernel"]}}}})
+    assert noted.kernels("known").ROWS == 3
+    for ask in (
+        lambda: noted.kernels("unknown"),
+        lambda: noted.kernels("known").COLUMNS,
+        lambda: noted.call("known", "make", 1),
+        lambda: noted.load(noted.kernels("known").kernel, "cpu"),
+        noted.gpus,
+        noted.cuda_versions,
+        lambda: noted.gpu("cuda:0"),
+    ):
+        with pytest.raises(NotCompiled):
+            ask()
+
+
+# --- Warp where it is needed --------------------------------------------------------------------------
+
+
+def test_what_is_not_compiled_is_prepared_again_with_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend, "_backend", compiled_backend({}))
+    seen = []
+
+    def build(error: type[Exception] = NotCompiled) -> str:
+        seen.append(type(backend.current_backend()))
+        if seen[-1] is CompiledBackend:
+            raise error
+        return "built"
+
+    with pytest.raises(ZeroDivisionError):  # whatever else goes wrong, goes wrong once
+        backend.prepare(lambda: build(ZeroDivisionError))
+    assert backend.prepare(build) == "built"
+    assert seen == [CompiledBackend, CompiledBackend, WarpBackend]
+
+
+def test_a_process_that_has_warp_keeps_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend, "_backend", None)
+    backend.prefer_compiled()
+    assert isinstance(backend.current_backend(), WarpBackend)
+
+
+def test_models_of_a_persons_own_are_left_to_warp() -> None:
+    model = model_of("diffuse")
+    described = recording._described(model, {})
+    assert described["fields"]["slots"] == model.slots
+
+    @wp.func
+    def evaluate(bsdf: int) -> int:
+        return bsdf
+
+    assert recording._described(model._replace(evaluate=evaluate), {}) is None
+
+
+def files_of_warp() -> dict[str, Any]:
+    """Return the notes of what Warp has loaded in this process."""
+    return recording.compiled_by_warp(WarpBackend())["files"]
+
+
+def test_kernels_whose_threads_wait_for_one_another_are_left_to_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    Device("cpu").compile(film_noise)
+    assert "film_noise" in files_of_warp()[FILM]["kernels"]
+    # A name that all of them have, in place of one that such kernels have.
+    monkeypatch.setattr(recording, "_COOPERATIVE", b"film_mean")
+    assert FILM not in files_of_warp()
+
+
+def test_kernels_that_their_names_do_not_tell_apart_are_left_to_warp() -> None:
+    def make(factor: int) -> wp.Kernel:
+        @wp.kernel(module=wp.get_module("wrt.test_compiled"), enable_backward=False)
+        def times(first: int, values_out: wp.array(dtype=int)):  # type: ignore[valid-type]
+            values_out[first + wp.tid()] = wp.static(factor)
+
+        return times
+
+    one = make(2)
+    wp.load_module("wrt.test_compiled", device="cpu")
+    assert len(files_of_warp()["wrt.test_compiled"]["kernels"]) == 1
+    both = [one, make(3)]
+    wp.load_module("wrt.test_compiled", device="cpu")
+    assert len(both) == 2
+    assert "wrt.test_compiled" not in files_of_warp()

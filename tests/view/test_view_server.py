@@ -1,0 +1,277 @@
+"""`wrt view` in a browser: the picture converges, follows the mouse, and is saved as `wrt render` writes it."""
+
+import asyncio
+import contextlib
+import http.client
+import io
+import json
+import os
+import queue
+import re
+import signal
+import threading
+import time
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from PIL import Image
+from support import chromium
+from support.caches import copy_of_warm_cache
+from support.commands import CAMERA, ENVIRONMENT, LAMP, QUAD, run, start
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+import wrt
+from wrt.cli import main
+from wrt.view.server import bound_socket, run_server
+from wrt.view.session import Session
+
+SIZE = ("--size", "64x64")
+
+
+class Page:
+    """What a browser asks of an address."""
+
+    def __init__(self, address):
+        self.address = address
+        self.host, self.token = urlsplit(address).netloc, urlsplit(address).query
+
+    def socket(self, **options):
+        given = {"origin": f"http://{self.host}", "max_size": None, **options}
+        return connect(self.address.replace("http:", "ws:").replace("/?", "/live?"), **given)
+
+    def get(self, path, **headers):
+        connection = http.client.HTTPConnection(self.host, timeout=60)
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+
+
+@pytest.fixture(scope="module")
+def page():
+    """Serve a view of the Cornell box from a thread of this process."""
+    scene = wrt.load("cornell-box")
+    session = Session(lambda: wrt.Renderer(scene, width=64, height=64), name="cornell-box", spp=4)
+    bound, told = bound_socket(None), queue.Queue()
+
+    async def serve():
+        told.put((asyncio.get_running_loop(), asyncio.current_task()))
+        with contextlib.suppress(asyncio.CancelledError):
+            await run_server(session, bound, "a-token", told.put)
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    loop, task = told.get(timeout=60)
+    yield Page(told.get(timeout=60))
+    loop.call_soon_threadsafe(task.cancel)
+    thread.join()
+    bound.close()
+    session.close()
+
+
+@contextlib.contextmanager
+def program(folder, *arguments, **options):
+    """Run `wrt view`; return the process and its page."""
+    process = start(folder, "view", "--no-browser", *arguments, **options)
+    try:
+        address = chromium.address_in(process.stdout.readline())
+        assert address, process.communicate()
+        yield process, Page(address)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def received(socket, wanted, seconds=60):
+    """Acknowledge frames until a message is wanted; return it."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        message = socket.recv(timeout=seconds)
+        values = header_of(message) if isinstance(message, bytes) else json.loads(message)
+        if values["type"] == "frame":
+            send(socket, type="ack", frame=values["frame"])
+        if wanted(values):
+            return values
+    raise AssertionError("no such message")
+
+
+def header_of(message):
+    size = int.from_bytes(message[:4], "little")
+    return {"type": "frame", **json.loads(message[4 : 4 + size]), "bytes": message[4 + size :]}
+
+
+def send(socket, **message):
+    socket.send(json.dumps(message))
+
+
+def is_frame(**expected):
+    return lambda m: m["type"] == "frame" and all(m.get(key) == value for key, value in expected.items())
+
+
+def test_only_the_page_itself_with_its_token_sees_the_picture(page):
+    assert page.get("/")[0] == 200
+    assert page.get("/picture.png")[0] == 403
+    assert page.get("/picture.png?token=wrong")[0] == 403
+    assert page.get("/../server.py")[0] == 404
+    assert page.get(f"/picture.png?{page.token}", Host="example.org")[0] == 403
+    for origin in ("http://example.org", None):
+        with pytest.raises(InvalidStatus, match="403"):
+            page.socket(origin=origin)
+
+
+def test_a_client_that_acknowledges_nothing_gets_two_frames(page):
+    with page.socket() as socket:
+        while not json.loads(socket.recv(timeout=60))["camera"]:  # there is no scene yet
+            pass
+        for serial in range(10):
+            send(socket, type="camera", camera={"origin": [0.278, 0.3 + 0.01 * serial, -0.8]}, serial=serial)
+            time.sleep(0.05)
+        frames = []
+        with contextlib.suppress(TimeoutError):
+            while True:
+                message = socket.recv(timeout=1.5)
+                frames += [message] if isinstance(message, bytes) else []
+        assert len(frames) == 2
+        send(socket, type="ack", frame=header_of(frames[0])["frame"] + 1)
+        assert received(socket, is_frame())["serial"] == 9  # the newest, not the next
+
+
+BAD = (
+    "no json",
+    "[]",
+    '{"type": "camera", "camera": {"origin": ["nan", 0, 0]}}',
+    '{"type": "camera", "camera": {"origin": [0, 0, 0], "target": [0, 0, 0]}}',
+    '{"type": "set", "layer": "secret"}',
+    '{"type": "set", "max_depth": -1}',
+    '{"type": "set", "exposure": 1e999}',
+    '{"type": "set", "denoise": "yes"}',
+    '{"type": "pick", "x": "left"}',
+)
+
+
+def test_bad_messages_are_answered_and_do_no_harm(page):
+    with page.socket() as socket:
+        for message in BAD:
+            socket.send(message)
+            assert received(socket, lambda m: m["type"] == "error")["text"]
+    assert page.get(f"/picture.png?{page.token}")[0] == 200
+
+
+def without_seconds(content):
+    # In a PNG a checksum follows the text of each chunk.
+    content = re.sub(rb"(Render seconds\0\0\0\0\0)[\d.]+.{4}", rb"\1", content, flags=re.DOTALL)
+    return re.sub(rb"(Render seconds\0string\0.{4})[\d.]+", rb"\1", content, flags=re.DOTALL)
+
+
+def pixels(content):
+    return np.asarray(Image.open(io.BytesIO(content)).convert("L"), np.float64)[:32, :32]
+
+
+@pytest.mark.slow
+def test_a_saved_picture_is_the_file_that_render_writes(tmp_path):
+    """All bytes but the seconds of rendering, which differ from run to run; also of a denoised picture."""
+    pytest.importorskip("mitsuba_oidn")
+
+    def assert_saved(suffix, *options):
+        saved = page.get(f"/picture.{suffix}?{page.token}")[1]
+        path = tmp_path / f"rendered{len(options)}.{suffix}"
+        assert run(tmp_path, "render", "cornell-box", *SIZE, "--spp", "4", *options, "-o", str(path)).returncode == 0
+        assert without_seconds(saved) == without_seconds(path.read_bytes()), suffix
+
+    with program(tmp_path, "cornell-box", *SIZE, "--spp", "4") as (_, page), page.socket() as socket:
+        noisy = received(socket, is_frame(spp=4))
+        assert_saved("png")
+        assert_saved("exr")
+        send(socket, type="set", denoise=True)
+        clean = received(socket, is_frame(denoised=True))
+        assert pixels(clean["bytes"]).std() < pixels(noisy["bytes"]).std()
+        assert_saved("exr", "--denoise")
+        # A picture that moves is shown at once, and denoised again when it rests.
+        send(socket, type="camera", camera={"origin": [0.2, 0.3, -0.8]}, serial=1)
+        received(socket, is_frame(serial=1, moving=True))
+        received(socket, is_frame(serial=1, denoised=True, spp=4))
+        send(socket, type="set", denoise=False)
+        assert received(socket, lambda m: m["type"] == "frame" and not m.get("denoised"))["spp"] == 4
+
+
+def test_a_port_in_use_and_a_missing_scene_are_errors_at_once(page, capsys):
+    port = urlsplit(page.address).port
+    assert main(["view", "cornell-box", "--no-browser", "--port", str(port)]) == 2
+    assert f"port {port} is in use" in capsys.readouterr().err
+    assert main(["view", "missing.toml", "--no-browser"]) == 2
+    assert "missing.toml: no such file" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_watched_scene_shows_its_error_and_recovers_and_control_c_ends_it_in_one_line(tmp_path):
+    good = "[settings]\nwidth = 32\nheight = 32\n" + CAMERA + QUAD + LAMP
+    scene = tmp_path / "scene.toml"
+    scene.write_text(good)
+    with program(tmp_path, "scene.toml", "--watch", "--spp", "2") as (process, page), page.socket() as socket:
+        received(socket, is_frame())
+        scene.write_text(good.replace('"quad"', '"squad"'))
+        assert "squad" in received(socket, lambda m: m["type"] == "state" and m["error"])["error"]
+        replacement = tmp_path / "new.toml"
+        replacement.write_text(good.replace("width = 32", "width = 48"))
+        os.replace(replacement, scene)
+        received(socket, lambda m: m["type"] == "state" and not m["error"])
+        received(socket, is_frame(width=48))
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert said.splitlines() == ["wrt: stopped: the view has ended"]
+
+
+@pytest.mark.slow
+def test_a_layer_that_was_never_compiled_appears(tmp_path):
+    """The view has begun without Warp, and goes over to it; camera and exposure stay."""
+    copy_of_warm_cache(tmp_path)
+    cached = {"env": {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path), "WARP_CACHE_PATH": ""}}
+    assert run(tmp_path, "render", "cornell-box", *SIZE, "--spp", "1", **cached).returncode == 0
+    with program(tmp_path, "cornell-box", *SIZE, "--spp", "4", **cached) as (_, page), page.socket() as socket:
+        received(socket, is_frame(spp=4))
+        send(socket, type="set", exposure=2.0)
+        send(socket, type="camera", camera={"origin": [0.2, 0.3, -0.8]}, serial=1)
+        received(socket, is_frame(serial=1, moving=False))
+        send(socket, type="set", layer="albedo")
+        received(socket, is_frame(spp=16), seconds=120)
+        send(socket, type="pick", x=0.5, y=0.9, action="focus")
+        assert received(socket, lambda m: m["type"] == "picked", seconds=120)["picked"]["name"]
+        send(socket, type="set", layer="")
+        state = received(socket, lambda m: m["type"] == "state")
+        assert (state["camera"]["origin"], state["exposure"], state["error"]) == ([0.2, 0.3, -0.8], 2.0, "")
+
+
+@pytest.mark.skipif(chromium.PROGRAM is None, reason="there is no Chromium here")
+@pytest.mark.slow
+def test_the_page_in_a_browser(tmp_path):
+    with program(tmp_path, "cornell-box", *SIZE, "--spp", "4") as (_, page), chromium.Browser() as browser:
+        tab, other = browser.tab(), browser.tab()
+        for each in (tab, other):
+            each.look(1000, 700)
+            each.open(page.address)
+            each.wait("globalThis.wrtView && wrtView.state.header?.spp == 4 && !wrtView.state.header.moving")
+        pixels = "(() => wrtView.view.querySelector('canvas').toDataURL())()"
+        before, camera = tab.value(pixels), tab.value("wrtView.state.camera.origin")
+
+        # Drag: this tab and the other follow, and the picture converges again.
+        tab.call("Page.bringToFront")
+        tab.drag((300, 300), (400, 320))
+        tab.wait("wrtView.state.latencies.length > 0 && wrtView.state.header.spp == 4 && !wrtView.state.header.moving")
+        assert tab.value(pixels) != before
+        assert tab.value("wrtView.state.camera.origin") != camera
+        other.wait(f"wrtView.state.header.serial == {json.dumps(tab.value('wrtView.state.header.serial'))}")
+
+        # The keyboard: the scene's own camera again, and the picture of before.
+        tab.key("r")
+        tab.wait(f"wrtView.state.header.spp == 4 && !wrtView.state.header.moving && {pixels} == {json.dumps(before)}")
+
+        # A broken connection is opened again; so is a page that is loaded again.
+        frames = tab.value("wrtView.state.frames")
+        tab.value("wrtView.close()")
+        tab.wait(f"wrtView.state.frames > {frames}")
+        tab.call("Page.reload")
+        tab.wait("globalThis.wrtView?.state.frames > 0")
+        assert {urlsplit(each).netloc for each in tab.requests} == {page.host}
+        assert not tab.problems

@@ -1,0 +1,220 @@
+"""The wide kernel leaves the same bits as the one of a single thread, whatever a scene uses."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from support.feature_sets import FEATURES
+from support.wide_scenes import CAMERAS, LANES, SCENES, bits, differences, needs_lanes, wide_kernel
+
+import wrt
+from wrt.backend.lanes import WIDTHS
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.bsdf.record import MAX_SLOTS
+from wrt.kernels.features import Features
+from wrt.kernels.integrators.registry import INTEGRATORS
+from wrt.kernels.native.constants import LARGE_TREE
+from wrt.kernels.render import make_render_kernel
+from wrt.spmd import library
+from wrt.spmd.ir import Unsupported
+from wrt.spmd.kernel import make_wide_render_kernel, with_few_slots
+from wrt.spmd.library import can_be_called, library_functions
+from wrt.spmd.translate import wide_code
+from wrt.upload.accel import bvh, instancing
+
+SEEN_BY_OTHERS = {("models", "fisheye"), ("panes", "panorama"), ("textures", "moving"), ("bodies", "moving")}
+"""Scenes and cameras that are each in another pair here; their films are in tests/data/digests.json."""
+
+SHARED = ("plain", "disk")
+"""The scene and the camera of most tests, which share kernels: each takes 10 to 20 s to compile."""
+
+
+def shared_scene() -> wrt.Scene:
+    scene = SCENES[SHARED[0]][0]()
+    scene.camera = CAMERAS[SHARED[1]]
+    return scene
+
+
+@needs_lanes
+@pytest.mark.parametrize(
+    ("name", "camera"),
+    [
+        pytest.param(name, camera, marks=pytest.mark.slow if (name, camera) == SHARED else pytest.mark.machinery)
+        for name, (_, _, cameras) in SCENES.items()
+        for camera in cameras
+        if (name, camera) not in SEEN_BY_OTHERS
+    ],
+)
+def test_the_same_bits(name: str, camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)  # meshes of few triangles too have trees of their own
+    make, options, _ = SCENES[name]
+    scene = make()
+    scene.camera = CAMERAS[camera]
+    assert differences(scene, **options) == []
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("lanes", [lanes for lanes in WIDTHS if lanes != LANES])
+def test_the_same_bits_with_other_numbers_of_lanes(lanes: int) -> None:
+    """Clang makes several registers of a vector, or uses part of one."""
+    assert differences(shared_scene(), lanes=lanes) == []
+
+
+@needs_lanes
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"width": 1, "height": 1},
+        {"width": 17, "height": 5, "spp": (5, 40)},
+        {"width": 3, "height": 33, "max_depth": 3},
+        {"crop": (16, 20, 45, 21), "strategy": "light"},
+        {"filter": "box", "max_depth": 2, "strategy": "bsdf"},
+        {"seed": 2**32 - 1, "spp": (1,)},
+        {"width": 21, "height": 18, "spp": (1, 3, 6, 10, 17, 25, 40, 52, 76, 107)},  # 1, 2, 3, 4, 7, 8, 15, 12, 24, 31
+    ],
+    ids=str,
+)
+def test_sizes_and_settings(options: dict[str, Any]) -> None:
+    assert differences(shared_scene(), **options) == []
+
+
+@needs_lanes
+@pytest.mark.slow
+@pytest.mark.parametrize("target", [5, 29])
+def test_pixels_that_have_samples_already(target: int) -> None:
+    """Some have none, some a few, and some all or more than are asked for."""
+    counts = np.random.default_rng(1).integers(0, target + 2, 45 * 31).astype(np.int32)
+    counts[:16] = target + 4
+    renderer = wrt.Renderer(shared_scene(), width=45, height=31, threads=1)
+    start = renderer.film.state()
+    rng = np.random.default_rng(2)
+    for name in ("total", "total_of_squares"):
+        start[name][:] = rng.random(start[name].shape)
+    start["count"][:], start["rejected"][:] = counts, counts // 3
+    one = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [target])
+    many = bits(renderer, *wide_kernel(renderer, LANES), start, [target])
+    assert all(one[name].tobytes() == many[name].tobytes() for name in one)
+    assert (one["count"] == np.maximum(counts, target)).all()
+    assert (many["total"][counts >= target] == start["total"][counts >= target]).all()
+
+
+@needs_lanes
+@pytest.mark.slow
+def test_samples_that_are_not_finite() -> None:
+    scene = shared_scene()
+    scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, emission=3e38)
+    renderer = wrt.Renderer(scene, width=45, height=31, threads=1, strategy="bsdf")
+    start = renderer.film.state()
+    one = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [20])
+    many = bits(renderer, *wide_kernel(renderer, LANES), start, [20])
+    assert one["rejected"].any()
+    assert all(one[name].tobytes() == many[name].tobytes() for name in one)
+
+
+def scattered(count: int, size: float) -> wrt.Mesh:
+    """Return triangles of all directions about the origin."""
+    corners = np.random.default_rng(4).uniform(-1.0, 1.0, (count, 1, 3)) * [3.0, 2.0, 3.0]
+    corners = corners + np.random.default_rng(5).normal(size=(count, 3, 3)) * size
+    return wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+@needs_lanes
+@pytest.mark.machinery
+def test_triangles_in_pieces_and_a_large_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A leaf may hold two pieces of a triangle before others; in a large tree more rays take turns."""
+    scene = shared_scene()
+    scene.add(scattered(LARGE_TREE // 10, 0.005), material=wrt.Diffuse(0.5))
+    assert wrt.Renderer(scene)._built.data.bvh.leaves.size > LARGE_TREE
+    assert differences(scene) == []
+    monkeypatch.setattr(bvh, "MORE_PIECES", 5.0)
+    monkeypatch.setattr(bvh, "WORTH_CUTTING", np.inf)
+    scene = shared_scene()
+    scene.add(scattered(2_000, 0.3), material=wrt.Diffuse(0.5))
+    assert differences(scene) == []
+
+
+STACK = """
+import wrt
+renderer = wrt.Renderer(wrt.load("cornell-box"), width=32, height=32, threads=2)
+renderer.compile()
+for progress in renderer.passes(spp=32): pass
+print(renderer._kernel.in_use.module.name, progress.spp)
+"""
+
+
+@needs_lanes
+@pytest.mark.machinery
+def test_a_small_stack_is_enough() -> None:
+    """A thousand paths need more of it than some shells allow."""
+    environment = {name: value for name, value in os.environ.items() if name != "WRT_WIDE"}
+    command = ["sh", "-c", 'ulimit -s 512; exec "$0" "$@"', sys.executable, "-c", STACK]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    name, samples = done.stdout.split()
+    assert name.startswith(f"wrt.render.wide{LANES}.")
+    assert samples == "32"
+
+
+# --- Translation of render kernels --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "features",
+    [
+        pytest.param(f, marks=() if f.nested and f.instances != "none" else pytest.mark.machinery, id=f.name)
+        for f in FEATURES
+        if f.integrator == "path"
+    ],
+)
+def test_every_kernel_that_follows_paths_is_translated(features: Features) -> None:
+    code = wide_code(make_render_kernel(features), 16)
+    assert "static void render_tile(" in code
+    assert code.count("{") == code.count("}")
+
+
+def test_materials_have_as_many_values_as_are_read() -> None:
+    features = Features(("diffuse", "conductor"), False, "none")
+    code = wide_code(make_render_kernel(features), 16)
+    few = with_few_slots(code, features)
+    for name in ("Matrix", "mat_t", "make_mat"):
+        whole = re.compile(rf"{name}<{MAX_SLOTS}, ?3,")
+        assert whole.search(code)
+        assert not whole.search(few)
+    assert f"Matrix<{max(model_of(name).slots for name in features.models)}, 3," in few
+
+
+def test_kernels_that_follow_no_paths_are_not_translated() -> None:
+    for integrator in set(INTEGRATORS) - {"path"}:
+        with pytest.raises(Unsupported, match="follows no path"):
+            make_wide_render_kernel(Features(("diffuse",), False, "none", integrator=integrator), 16)
+
+
+@pytest.mark.machinery
+def test_a_function_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = make_render_kernel(FEATURES[0])
+    known = library_functions()
+    for name, told in (("normalize", r"wp::normalize\("), ("cast_int32", r"wp::cast<wp::int32>\("), ("floor", "floor")):
+        assert name in known
+        without = {k: v for k, v in known.items() if k != name}
+        monkeypatch.setattr(library, "library_functions", lambda without=without: without)
+        with pytest.raises(Unsupported, match=told):
+            wide_code(kernel, 16)
+
+
+@pytest.mark.machinery
+def test_what_functions_take() -> None:
+    def parsed(call: str) -> tuple[str, list[str]]:
+        name, _, arguments = call[:-1].partition("(")
+        return name, arguments.split(", ")
+
+    for call in ("mul(matrix, vector)", "add(Doubles, Doubles)", "sin(Floats)", "cross(vector, vector)", "abs(vector)"):
+        assert can_be_called(*parsed(call)), call
+    for call in ("mul(vector, matrix)", "sin(Doubles)", "bit_and(Floats, Floats)", "cross(vector)", "noise(Floats)"):
+        assert not can_be_called(*parsed(call)), call

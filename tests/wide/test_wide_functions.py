@@ -1,0 +1,244 @@
+"""Each function of several lanes gives in every lane the bits that Warp's own gives for one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
+
+from wrt.backend.lanes import WIDTHS, lanes_of
+from wrt.backend.processor import processor_flags
+from wrt.kernels.native import at_file_level
+from wrt.spmd.library import library
+
+pytestmark = pytest.mark.machinery
+
+HERE = lanes_of(processor_flags()) or min(WIDTHS)
+
+# For each check what is done: `lanes` is the namespace of one of both. Names that end in `s` are vectors or matrices.
+# a, b, c: any floats; t: 0 to 1; x, y: floats that integers hold; d, e: doubles; i, j: integers, j not 0; k: 0 to 31;
+# u, w: unsigned, w not 0; n: long; m: a mask; v2 to v4, w2 to w4: vectors; q, r: matrices 3x3; g: 2x4.
+CHECKS = [
+    *(f"lanes::{name}({p}, {q})" for name in ("add", "sub", "mul", "min", "max") for p, q in ("ab", "ij", "uw", "de")),
+    *(f"lanes::{name}({p}, {q})" for name in ("bit_and", "bit_or", "bit_xor") for p, q in ("ij", "uw", "nn")),
+    *(f"lanes::{name}({p})" for name in ("neg", "abs") for p in ("a", "i", "d", "v2", "v3", "v4")),
+    *(f"lanes::{name}(a)" for name in ("sign", "floor", "ceil", "sqrt", "sin", "cos", "tan", "acos", "asin", "atan")),
+    *(f"lanes::{name}(a)" for name in ("exp", "log", "log2", "erf", "erfc", "tanh")),
+    *(f"lanes::{name}({v}, {w})" for name in ("add", "sub", "cw_mul", "cw_div", "dot", "min", "max")
+      for v, w in (("v2", "w2"), ("v3", "w3"), ("v4", "w4"))),
+    *(f"lanes::{name}({v})" for name in ("length", "length_sq", "normalize", "min", "max") for v in ("v2", "v3", "v4")),
+    *(f"lanes::{name}({v}, a)" for name in ("mul", "div") for v in ("v2", "v3", "v4")),
+    *(f"lanes::clamp({', '.join(of)})" for of in ("abc", "iji", "uwu", "ded")),
+    "lanes::atan2(a, b)", "lanes::pow(a, b)", "lanes::erfinv(t)", "lanes::sqrt(d)",
+    "lanes::lerp(a, b, t)", "lanes::lerp(v3, w3, t)", "lanes::isfinite(a)", "lanes::isfinite(v3)",
+    "lanes::div(a, b)", "lanes::div(d, e)", "lanes::div(i, j)", "lanes::mod(i, j)", "lanes::mod(u, w)",
+    "lanes::floordiv(i, j)", "lanes::rshift(i, k)", "lanes::lshift(u, lanes::uint32_(k))",
+    "lanes::rshift(u, lanes::uint32_(k))", "lanes::invert(i)", "lanes::invert(u)",
+    "lanes::cross(v3, w3)", "lanes::mul(q, v3)", "lanes::mul(g, v4)", "lanes::mul(q, a)", "lanes::transpose(g)",
+    "lanes::inverse(q)", "lanes::inverse(r)", "lanes::where(m, a, b)", "lanes::where(m, v3, w3)",
+    "lanes::where(m, a, 2.0f)", "lanes::where(m, 1, i)",
+    "lanes::int32_(x)", "lanes::uint32_(y)", "lanes::float32_(i)", "lanes::float32_(u)", "lanes::float32_(n)",
+    "lanes::float32_(d)", "lanes::float64_(a)", "lanes::int64_(i)", "lanes::int32_(n)", "lanes::int32_(m)",
+    "lanes::float32_(m)",
+    "lanes::div(u, w)", "lanes::floordiv(u, w)", "lanes::div(n, lanes::int64_(j))", "lanes::mod(n, lanes::int64_(j))",
+    "lanes::sign(i)", "lanes::floor(d)", "lanes::abs(n)", "lanes::bool_(a)", "lanes::bool_(i)", "lanes::bool_(d)",
+    "lanes::vec3d(v3)", "lanes::mat2(a)", "lanes::total(lanes::mod64(i), lanes::mod64(j), lanes::some_step(k))",
+    "lanes::extract(v4, 0)", "lanes::extract(v4, -1)", "lanes::extract(v3, -3)", "lanes::extract(v4, lanes::mod4(k))",
+    "lanes::extract(q, 1, -1)", "lanes::extract(q, -2, 0)", "lanes::extract(g, -1)",
+    "lanes::extract(g, lanes::mod2(k))",
+]  # fmt: skip
+COMPARISONS = [f"({p} {op} {q})" for op in ("<", ">", "<=", ">=", "==", "!=") for p, q in ("ab", "ij", "uw", "de")]
+COMPARISONS += [f"({v} {op} {w})" for op in ("==",) for v, w in (("v3", "w3"), ("v2", "v2"))]
+
+# What differs by name: conversions, and indices that are within a vector or a matrix.
+HELPERS = """
+namespace lanes {
+#define CONVERSION(NAME) template<class T> LANES_INLINE auto NAME##_(T a) { return to_##NAME(a); }
+CONVERSION(int32) CONVERSION(uint32) CONVERSION(float32) CONVERSION(int64) CONVERSION(float64)
+LANES_INLINE Ints mod4(Ints k) { return bit_and(k, Ints(3)); }
+LANES_INLINE Ints mod2(Ints k) { return bit_and(k, Ints(1)); }
+LANES_INLINE Ints mod64(Ints k) { return bit_and(k, Ints(63)); }
+LANES_INLINE Ints some_step(Ints k) { return add(bit_and(k, Ints(14)), Ints(-7)); }
+template<class T> LANES_INLINE Mask bool_(T a) { return to_bool(a); }
+LANES_INLINE auto vec3d(Vector<3, Floats> a) { return make_vec<3, Doubles>(a); }
+LANES_INLINE auto mat2(Floats a) { return make_mat<2, 2, Floats>(a); }
+LANES_INLINE Ints total(Ints begin, Ints end, Ints step) {
+    Range r = range(begin, end, step);
+    Ints sum = 0;
+    for (Mask exec = more(r); any(exec); exec = exec & more(r)) set(sum, add(sum, next(r, exec)), exec);
+    return sum;
+}
+}
+namespace wp {
+template<class T> int32 int32_(T a) { return int32(a); }
+template<class T> uint32 uint32_(T a) { return uint32(a); }
+template<class T> float32 float32_(T a) { return float32(a); }
+template<class T> int64 int64_(T a) { return int64(a); }
+template<class T> float64 float64_(T a) { return float64(a); }
+inline int mod4(int k) { return k & 3; }
+inline int mod2(int k) { return k & 1; }
+inline int mod64(int k) { return k & 63; }
+inline int some_step(int k) { return (k & 14) - 7; }
+template<class T> bool bool_(T a) { return bool(a); }
+inline auto mat2(float a) { return mat_t<2, 2, float>(a); }
+inline int total(int begin, int end, int step) {
+    range_t r = range(begin, end, step);
+    int sum = 0;
+    while (iter_cmp(r)) sum += iter_next(r);
+    return sum;
+}
+}
+// The same bits, or both not a number.
+template<class A, class B> bool same(A a, B other) {
+    const A b = (A)other;
+    return (a != a && b != b) || __builtin_memcmp(&a, &b, sizeof(A)) == 0;
+}
+template<unsigned N, class T> bool same(const wp::vec_t<N, T>& a, const wp::vec_t<N, T>& b) {
+    for (unsigned k = 0; k < N; ++k) if (!same(a[k], b[k])) return false;
+    return true;
+}
+template<unsigned R, unsigned N, class T> bool same(const wp::mat_t<R, N, T>& a, const wp::mat_t<R, N, T>& b) {
+    for (unsigned j = 0; j < R; ++j)
+        for (unsigned k = 0; k < N; ++k) if (!same(a.data[j][k], b.data[j][k])) return false;
+    return true;
+}
+struct Some {
+    const float* f;
+    const int* i;
+    float number(int of, int l) const { return f[lanes::WIDTH * of + l]; }
+    int integer(int of, int l) const { return i[lanes::WIDTH * of + l]; }
+};
+template<int N> wp::vec_t<N, float> some_vector(Some s, int first, int l) {
+    wp::vec_t<N, float> r;
+    for (int k = 0; k < N; ++k) r[k] = s.number(first + k, l);
+    return r;
+}
+template<int R, int N> wp::mat_t<R, N, float> some_matrix(Some s, int first, int l) {
+    wp::mat_t<R, N, float> r;
+    for (int k = 0; k < R * N; ++k) r.data[k / N][k % N] = s.number(first + k, l);
+    return r;
+}
+template<class M, class One> void count(int& failed, const M& many, const One& one) {
+    for (int l = 0; l < lanes::WIDTH; ++l) failed += !same(lanes::lane(many, l), one(l));
+}
+"""
+
+# What One and Many have, from the numbers of lane l.
+ARGUMENTS = {
+    "a": ("float", "s.number(0, l)"),
+    "b": ("float", "s.number(1, l)"),
+    "c": ("float", "s.number(2, l)"),
+    "t": ("float", "s.number(3, l)"),
+    "x": ("float", "(float)(s.integer(0, l) >> 3)"),
+    "y": ("float", "(float)((unsigned)s.integer(1, l) >> 3)"),
+    "d": ("double", "(double)a * 1.00000000001"),
+    "e": ("double", "(double)b * 1.00000000001"),
+    "i": ("int", "s.integer(0, l)"),
+    "j": ("int", "s.integer(1, l) == 0 ? 7 : s.integer(1, l)"),
+    "k": ("int", "s.integer(2, l) & 31"),
+    "u": ("unsigned", "(unsigned)i"),
+    "w": ("unsigned", "(unsigned)j"),
+    "n": ("wp::int64", "(wp::int64)i * 1000003"),
+    "m": ("bool", "(s.integer(2, l) & 64) != 0"),
+    **{
+        f"{name}{n}": (f"wp::vec_t<{n}, float>", f"some_vector<{n}>(s, {first}, l)")
+        for name, first in (("v", 4), ("w", 8))
+        for n in (2, 3, 4)
+    },
+    "q": ("wp::mat_t<3, 3, float>", "some_matrix<3, 3>(s, 4, l)"),
+    "r": ("wp::mat_t<3, 3, float>", "some_matrix<3, 3>(s, 4, l / 2)"),
+    "g": ("wp::mat_t<2, 4, float>", "some_matrix<2, 4>(s, 5, l)"),
+}
+NUMBERS, INTEGERS = 13, 3
+GROUPS = 200
+
+SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan, 1e-40, -1e-45, 3.4e38, -1e30, 1e-30, 2.5, -2.5, 1e10]
+
+
+def code(lanes: int, checks: list[str]) -> str:
+    """Return C++ of `check_all`, which counts in how many lanes each check fails."""
+    members = {"One": "", "Many": ""}
+    fill = ""
+    for name, (of, value) in ARGUMENTS.items():
+        members["One"] += f"    {of} {name};\n"
+        members["Many"] += f"    lanes::Wide<{of}> {name};\n"
+        fill += f"        {name} = {value};\n"
+    functions = {"One": "", "Many": ""}
+    calls = ""
+    for k, check in enumerate(checks):
+        call = f"lanes::Mask{check}" if check in COMPARISONS else check
+        functions["Many"] += f"    auto check_{k}() const {{ return {call}; }}\n"
+        functions["One"] += f"    auto check_{k}() const {{ return {check.replace('lanes::', 'wp::')}; }}\n"
+        calls += f"    count(failed[{k}], many.check_{k}(), [&](int l) {{ return ones[l].check_{k}(); }});\n"
+    sets = "".join(f"lanes::set_lane({name}, l, ones[l].{name}); " for name in ARGUMENTS)
+    text = f"""{HELPERS}
+struct One {{
+{members["One"]}
+    One() {{}}
+    One(Some s, int l) {{
+{fill}    }}
+{functions["One"]}}};
+struct Many {{
+{members["Many"]}
+    Many(const One* ones) {{ for (int l = 0; l < lanes::WIDTH; ++l) {{ {sets}}} }}
+{functions["Many"]}}};
+static void check_all(Some s, int* failed) {{
+    One ones[lanes::WIDTH];
+    for (int l = 0; l < lanes::WIDTH; ++l) ones[l] = One(s, l);
+    const Many many(ones);
+{calls}}}
+"""
+    return library(lanes) + text
+
+
+def numbers(groups: int, lanes: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return floats, integers of all sizes, and of both some that are special."""
+    rng = np.random.default_rng(11)
+    shape = (groups, NUMBERS, lanes)
+    floats = (rng.normal(size=shape) * 10.0 ** rng.integers(-3, 4, shape)).astype(np.float32)
+    special = rng.random(shape) < 0.15
+    floats[special] = rng.choice(np.array(SPECIAL, np.float32), special.sum())
+    floats[0, :2, 0] = 0.0, -0.0
+    floats[:, 3] = rng.random((groups, lanes))
+    integers = rng.integers(-(2**31) + 1, 2**31, (groups, INTEGERS, lanes))
+    integers >>= rng.integers(0, 31, integers.shape)
+    return floats, integers.astype(np.int32)
+
+
+def failures(checks: list[str], wrong: tuple[str, str] = ("", ""), lanes: int = HERE) -> dict[str, int]:
+    """Return in how many lanes each check failed, perhaps with some text of the code in another's place."""
+    source = code(lanes, checks)
+    if wrong[0]:
+        assert wrong[0] in source
+        source = source.replace(*wrong)
+
+    checks_h = at_file_level(source, "checks")
+
+    @wp.func_native("check_all({floats.data, integers.data}, failed.data);")
+    def check(floats: wp.array(dtype=float), integers: wp.array(dtype=int), failed: wp.array(dtype=int)):
+        checks_h()
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def check_group(floats: wp.array(dtype=float), integers: wp.array(dtype=int), failed: wp.array(dtype=int)):
+        check(floats, integers, failed)
+
+    failed = wp.zeros(len(checks), dtype=int, device="cpu")
+    for floats, integers in zip(*numbers(GROUPS, lanes), strict=True):
+        arrays = [
+            wp.array(floats.ravel(), dtype=float, device="cpu"),
+            wp.array(integers.ravel(), dtype=int, device="cpu"),
+        ]
+        wp.launch(check_group, dim=1, inputs=[*arrays, failed], device="cpu")
+    return {name: int(n) for name, n in zip(checks, failed.numpy(), strict=True) if n}
+
+
+@pytest.mark.parametrize("lanes", WIDTHS)
+def test_functions_of_lanes_are_those_of_one(lanes: int) -> None:
+    assert failures(CHECKS + COMPARISONS, lanes=lanes) == {}
+
+
+def test_a_function_that_differs_is_noticed() -> None:
+    # Of 0 and -0 the first.
+    wrong = ("b.v < a.v ? b.v : a.v", "b.v <= a.v ? b.v : a.v")
+    assert failures(["lanes::min(a, b)", "lanes::max(a, b)"], wrong).keys() == {"lanes::min(a, b)"}
