@@ -12,7 +12,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/spot.py",
         "x * x * (3.0 - 2.0 * x)",
         "x * x * (2.0 - x)",
-        "tests/test_irradiance.py -k spot",
+        "tests/lights/test_irradiance.py -k spot",
     ),
     Mutant(
         "spot-square",
@@ -20,7 +20,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/spot.py",
         "light.value / distance2",
         "light.value / sample.distance",
-        "tests/test_irradiance.py -k spot",
+        "tests/lights/test_irradiance.py -k spot",
     ),
     Mutant(
         "projector-cosine",
@@ -28,7 +28,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/projector.py",
         "sample.distance / (depth * depth * depth)",
         "1.0 / (depth * depth)",
-        "tests/test_irradiance.py -k projector",
+        "tests/lights/test_irradiance.py -k projector",
     ),
     Mutant(
         "triangle-density",
@@ -36,7 +36,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/lights.py",
         "return 2.0 * distance2 / (cross_length * cos_light)",
         "return 2.04 * distance2 / (cross_length * cos_light)",
-        "tests/test_irradiance.py",
+        "tests/lights/test_irradiance.py",
     ),
     Mutant(
         "alias-table",
@@ -44,7 +44,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/sampling/warps.py",
         "choice.index = aliases[i]",
         "choice.index = i",
-        "tests/test_alias.py",
+        "tests/lights/test_discrete_tables.py",
     ),
     Mutant(
         "environment-choice",
@@ -52,7 +52,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/lights.py",
         "image_pdf(scene.environment, receiver, point) * probability",
         "image_pdf(scene.environment, receiver, point)",
-        "tests/test_environment_sampling.py -k chosen",
+        "tests/lights/test_environment_sampling.py -k chosen",
     ),
     Mutant(
         "power-heuristic",
@@ -60,7 +60,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/integrators/next_event.py",
         "return a / (a + pdf_other * pdf_other)",
         "return pdf_this / (pdf_this + pdf_other)",
-        "tests/test_multiple_importance.py",
+        "tests/transport/test_estimators.py -k heuristic",
     ),
     # Ray trees
     Mutant(
@@ -69,7 +69,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/integrators/tree_ray.py",
         "r.eta_scale = parent.eta_scale * (lobes.eta * lobes.eta)",
         "r.eta_scale = parent.eta_scale",
-        "tests/test_whitted.py -k attenuation",
+        "tests/transport/test_whitted.py -k attenuation",
     ),
     Mutant(
         "jitter-share",
@@ -77,7 +77,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/integrators/tree_ray.py",
         "wp.cw_mul(part, s.weight) / rays, vertex",
         "wp.cw_mul(part, s.weight), vertex",
-        "tests/test_whitted.py -k square",
+        "tests/transport/test_whitted.py -k square",
     ),
     Mutant(
         "jitter-twice",
@@ -85,7 +85,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/integrators/whitted.py",
         "counts = light.delta or not jitters",
         "counts = True",
-        "tests/test_whitted.py -k paths",
+        "tests/transport/test_whitted.py -k paths",
     ),
     Mutant(
         "roulette-weight",
@@ -93,6 +93,6 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/integrators/russian_roulette.py",
         "path.throughput = path.throughput / survival",
         "path.throughput = path.throughput",
-        "tests/test_furnace.py",
+        "tests/transport/test_estimators.py -k furnace",
     ),
 )

@@ -12,7 +12,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/phase.py",
         "0.25 * INV_PI * (1.0 - g * g)",
         "0.25 * (1.0 - g * g)",
-        "tests/test_phase.py",
+        "tests/media/test_scattering.py -k directions",
     ),
     Mutant(
         "phase-direction",
@@ -20,7 +20,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/phase.py",
         "d = 1.0 + g * s",
         "d = 1.0 - g * s",
-        "tests/test_phase.py",
+        "tests/media/test_scattering.py -k directions",
     ),
     Mutant(
         "beer-sign",
@@ -28,7 +28,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/medium.py",
         "exponential(-extinction[1] * distance)",
         "exponential(-extinction[0] * distance)",
-        "tests/test_whitted.py -k amber",
+        "tests/transport/test_whitted.py -k amber",
     ),
     Mutant(
         "grid-centres",
@@ -36,7 +36,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/grids.py",
         "place[0] * float(lattice.nx) - 0.5",
         "place[0] * float(lattice.nx)",
-        "tests/test_grid_media.py -k rays_through",
+        "tests/media/test_grid_media.py -k rays_through",
     ),
     Mutant(
         "grid-majorant",
@@ -44,7 +44,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/upload/grids.py",
         ".max(axis, keepdims=True)",
         ".mean(axis, keepdims=True)",
-        "tests/test_grid_media.py -k free_paths",
+        "tests/media/test_grid_media.py -k free_paths",
     ),
     Mutant(
         "grid-null-weight",
@@ -52,7 +52,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/grids.py",
         "wp.cw_mul(carried, wp.vec3(1.0) - real) / (1.0 - chance)",
         "carried",
-        "tests/test_grid_media.py -k furnace",
+        "tests/media/test_grid_media.py -k furnace",
     ),
     Mutant(
         "grid-residual",
@@ -60,7 +60,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/grids.py",
         "share = (density - walk.control) / walk.rate",
         "share = density / walk.rate",
-        "tests/test_grid_media.py -k light_through",
+        "tests/media/test_grid_media.py -k light_through",
     ),
     # Colours of waves
     Mutant(

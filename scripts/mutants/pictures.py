@@ -70,7 +70,7 @@ FAULTS: tuple[Mutant, ...] = (
         "wrt/rendering/checkpoint.py",
         '    "jittered_rays",\n',
         "",
-        "tests/test_integrators.py -k checkpoint",
+        "tests/transport/test_integrators.py -k checkpoint",
     ),
     Mutant(
         "checkpoint-without-depth",

@@ -1,14 +1,24 @@
-"""Scenes with media whose light is known, all with the same kernel."""
+"""Scenes with media whose light is known, and few kernels for all of them."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 from numpy.typing import NDArray
 
 import wrt
+from wrt.kernels.features import Features
 
 FAR = 1000.0
 """Where things stand that are there only for their materials."""
+
+MODELS = ("dielectric", "diffuse", "mirror", "null", "thin_dielectric")
+KERNELS = [
+    Features(MODELS, False, "image", light_tree=True, media=m, grid_media=g, nested=n)
+    for m, g, n in itertools.product(("none", "absorbing", "scattering"), (False, True), (False, True))
+]
+"""Features of kernels for scenes like those of `stage`, by the sampler "independent": see `covering_kernels.py`."""
 
 
 def stage(
@@ -23,20 +33,10 @@ def stage(
     return scene
 
 
-def render(
-    scene: wrt.Scene, device: str, *, size: tuple[int, int] = (2, 2), spp: int = 1, seed: int = 0, **options: object
-) -> wrt.Renderer:
+def render(scene: wrt.Scene, device: str, *, size: tuple[int, int] = (2, 2), spp: int = 1, **options: object):
     """Return a renderer that has rendered so many samples, independent ones so that its variance is known."""
-    renderer = wrt.Renderer(
-        scene,
-        sampler="independent",
-        width=size[0],
-        height=size[1],
-        filter="box",
-        seed=seed,
-        device=device,
-        **options,  # type: ignore[arg-type]
-    )
+    options = {"sampler": "independent", "filter": "box", "device": device, **options}
+    renderer = wrt.Renderer(scene, width=size[0], height=size[1], **options)  # type: ignore[arg-type]
     for _ in renderer.passes(spp=spp):
         pass
     return renderer
@@ -47,3 +47,10 @@ def mean_and_error(renderer: wrt.Renderer) -> tuple[NDArray[np.float64], NDArray
     image = renderer.image().astype(np.float64)
     pixels = image.shape[0] * image.shape[1]
     return image.mean(axis=(0, 1)), np.sqrt(renderer.variance().sum(axis=(0, 1))) / pixels
+
+
+def fresnel(cos_i: float, eta: float) -> float:
+    """Return F by the g, c form (Cook and Torrance 1982), for eta = n_t / n_i ≥ 1."""
+    g = np.sqrt(eta * eta - 1.0 + cos_i * cos_i)
+    a, b = (g - cos_i) / (g + cos_i), (cos_i * (g + cos_i) - 1.0) / (cos_i * (g - cos_i) + 1.0)
+    return float(0.5 * a * a * (1.0 + b * b))

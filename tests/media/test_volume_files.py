@@ -19,27 +19,13 @@ VALUES = np.random.default_rng(3).random((3, 4, 5)).astype(np.float32)
 BOX = ((-1.0, 0.5, -2.0), (1.0, 2.5, 0.0))
 
 
-def toml(folder: Path, density: str) -> Path:
+def density_of(folder: Path, density: str) -> wrt.DensityGrid:
+    """Return the grid of a scene file with this table."""
     path = folder / "scene.toml"
     path.write_text(
-        f"""
-        [media.smoke]
-        type = "albedo"
-        albedo = 0.9
-        extinction = 3.0
-        density = {{ {density} }}
-        [materials.edge]
-        type = "null"
-        interior = "smoke"
-        [[shapes]]
-        type = "box"
-        material = "edge"
-        """
+        f'[media.smoke]\ntype = "albedo"\nalbedo = 0.9\nextinction = 3.0\ndensity = {{ {density} }}\n'
+        '[materials.edge]\ntype = "null"\ninterior = "smoke"\n[[shapes]]\ntype = "box"\nmaterial = "edge"\n'
     )
-    return path
-
-
-def density_of(path: Path) -> wrt.DensityGrid:
     (medium,) = wrt.load(path).media
     assert medium.density is not None
     return medium.density
@@ -49,12 +35,12 @@ def test_arrays(tmp_path: Path) -> None:
     np.save(tmp_path / "smoke.npy", VALUES)
     colors = np.full((2, 2, 2, 3), 0.25, np.float32)
     np.save(tmp_path / "colors.npy", colors)
-    loaded = density_of(toml(tmp_path, 'file = "smoke.npy", lower = [-1, 0.5, -2], upper = [1, 2.5, 0], factor = 2.0'))
+    bounds = "lower = [-1, 0.5, -2], upper = [1, 2.5, 0], factor = 2.0"
+    loaded = density_of(tmp_path, f'file = "smoke.npy", {bounds}')
     np.testing.assert_array_equal(loaded.values, VALUES)
     assert (loaded.lower, loaded.upper, loaded.factor, loaded.transform) == (*BOX, 2.0, None)
-    loaded = density_of(
-        toml(tmp_path, 'file = "smoke.npy", albedo = "colors.npy", scale = 2.0, translate = [0.0, 1.0, 0.0]')
-    )
+    place = "scale = 2.0, translate = [0.0, 1.0, 0.0]"
+    loaded = density_of(tmp_path, f'file = "smoke.npy", albedo = "colors.npy", {place}')
     np.testing.assert_array_equal(loaded.albedo, colors)
     np.testing.assert_array_equal(loaded.to_world[:3, 3], [0.0, 1.0, 0.0])
     np.testing.assert_array_equal(loaded.boundary.bounds, [[0, 1, 0], [2, 3, 2]])
@@ -64,7 +50,7 @@ def test_archives(tmp_path: Path) -> None:
     turned = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 3.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     arrays = {"density": VALUES, "lower": BOX[0], "upper": BOX[1], "transform": turned, "emission": VALUES}
     np.savez(tmp_path / "smoke.npz", **arrays)
-    loaded = density_of(toml(tmp_path, 'file = "smoke.npz", translate = [0.0, 0.0, 5.0]'))
+    loaded = density_of(tmp_path, 'file = "smoke.npz", translate = [0.0, 0.0, 5.0]')
     assert (loaded.lower, loaded.upper) == BOX
     np.testing.assert_array_equal(loaded.emission, VALUES)
     # The table's transform comes after the file's.
@@ -83,95 +69,96 @@ def test_scenes_are_written_and_read_back(tmp_path: Path) -> None:
     scene.medium = wrt.Medium(0.1, 0.5, emission=0.2, density=grid)
     scene.add(wrt.sphere(), material=wrt.Null(interior=wrt.Medium(2.0, density=grid)))
     wrt.save_scene(tmp_path / "scene.toml", scene)
-    again = wrt.load(tmp_path / "scene.toml")
-    assert scene_fingerprint(again) == scene_fingerprint(scene)
+    assert scene_fingerprint(wrt.load(tmp_path / "scene.toml")) == scene_fingerprint(scene)
     assert len(list(tmp_path.glob("scene_files/density-*.npz"))) == 1
 
 
-def test_volumes_of_mitsuba(tmp_path: Path) -> None:
-    write_vol(tmp_path / "smoke.vol", VALUES, *BOX)
-    loaded = density_of(toml(tmp_path, 'file = "smoke.vol"'))
-    np.testing.assert_array_equal(loaded.values, VALUES)
-    assert (loaded.lower, loaded.upper) == BOX
+def volume(name: str, file: str, inside: str = "") -> str:
+    return f'<volume type="gridvolume" name="{name}"><string name="filename" value="{file}"/>{inside}</volume>'
 
 
 def test_media_of_mitsuba(tmp_path: Path) -> None:
     color = np.array([1.0, 0.5, 0.25], np.float32)
+    write_vol(tmp_path / "plain.vol", VALUES, *BOX)
+    loaded = density_of(tmp_path, 'file = "plain.vol"')
+    np.testing.assert_array_equal(loaded.values, VALUES)
+    assert (loaded.lower, loaded.upper) == BOX
     write_vol(tmp_path / "smoke.vol", VALUES[..., None] * color, *BOX)
     write_vol(tmp_path / "albedo.vol", np.random.default_rng(5).random((2, 3, 2, 3)))
     place = '<transform name="to_world"><scale value="2"/><translate y="1"/></transform>'
-    scene = """<scene version="3.0.0"><medium type="heterogeneous" id="smoke">
-        <volume type="gridvolume" name="sigma_t"><string name="filename" value="smoke.vol"/>{0}</volume>
-        <volume type="gridvolume" name="albedo"><string name="filename" value="albedo.vol"/>{1}</volume>
-        <float name="scale" value="3"/></medium>
-        <shape type="cube"><bsdf type="null"/><ref id="smoke" name="interior"/></shape>
-        <shape type="cube"><bsdf type="null"/><ref id="smoke" name="interior"/></shape></scene>"""
+    cube = '<shape type="cube"><bsdf type="null"/><ref id="smoke" name="interior"/></shape>'
     path = tmp_path / "scene.xml"
-    path.write_text(scene.format(place, place))
-    first, second = wrt.load(path).media
+
+    def media(albedo_place: str) -> list[wrt.Medium]:
+        volumes = volume("sigma_t", "smoke.vol", place) + volume("albedo", "albedo.vol", albedo_place)
+        medium = f'<medium type="heterogeneous" id="smoke">{volumes}<float name="scale" value="3"/></medium>'
+        path.write_text(f'<scene version="3.0.0">{medium}{cube}{cube}</scene>')
+        return wrt.load(path).media
+
+    first, second = media(place)
     assert first == second
     assert first.density is not None
     assert first.density.albedo is not None
     np.testing.assert_allclose(first.extinction, 3.0 * color, rtol=1e-6)
     np.testing.assert_allclose(first.density.values, VALUES, rtol=1e-6)
     np.testing.assert_array_equal(first.density.to_world, [[2, 0, 0, 0], [0, 2, 0, 1], [0, 0, 2, 0], [0, 0, 0, 1]])
-    path.write_text(scene.format(place, ""))
     with pytest.warns(UserWarning, match="'albedo' can vary only in the box of 'sigma_t'"):
-        medium = wrt.load(path).media[0]
-    assert medium.density is not None
-    assert medium.density.albedo is None
+        assert media("")[0].density.albedo is None  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("wrap", ["repeat", "mirror", "clamp"])
-def test_an_albedo_grid_of_a_homogeneous_medium_is_continued_over_the_shape(wrap: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("wrap", "mode"), [("repeat", "wrap"), ("mirror", "symmetric"), ("clamp", "edge")])
+def test_an_albedo_grid_of_a_homogeneous_medium_is_continued_over_the_shape(
+    wrap: str, mode: Any, tmp_path: Path
+) -> None:
     albedo = np.random.default_rng(7).random((2, 3, 4, 3)).astype(np.float32)
     write_vol(tmp_path / "albedo.vol", albedo)
-    scene = f"""<scene version="3.0.0"><shape type="cube"><bsdf type="null"/>
+    wrapped = volume("albedo", "albedo.vol", f'<string name="wrap_mode" value="{wrap}"/>')
+    (tmp_path / "scene.xml").write_text(
+        f"""<scene version="3.0.0"><shape type="cube"><bsdf type="null"/>
         <transform name="to_world"><scale x="0.6" y="0.9" z="0.2"/><translate x="1.2" y="0.5" z="0.5"/></transform>
-        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>
-        <volume type="gridvolume" name="albedo"><string name="filename" value="albedo.vol"/>
-        <string name="wrap_mode" value="{wrap}"/></volume></medium></shape></scene>"""
-    (tmp_path / "scene.xml").write_text(scene)
+        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>{wrapped}</medium>
+        </shape></scene>"""
+    )
     (medium,) = wrt.load(tmp_path / "scene.xml", strict=True).media
     np.testing.assert_allclose(medium.extinction, 2.0)
     grid = medium.density
     assert grid is not None
-    assert grid.albedo is not None
     # Along x from 0.6 to 1.8, along y from -0.4 to 1.4, along z from 0.3 to 0.7: boxes 0 and 1, -1 to 1, and 0.
     np.testing.assert_allclose(grid.to_world, [[2, 0, 0, 0], [0, 3, 0, -1], [0, 0, 1, 0], [0, 0, 0, 1]])
-    modes = {"repeat": "wrap", "mirror": "symmetric", "clamp": "edge"}
-    expected = np.pad(albedo, [(0, 0), (3, 3), (0, 4), (0, 0)], mode=modes[wrap])  # type: ignore[call-overload]
-    np.testing.assert_array_equal(grid.albedo, expected)
+    np.testing.assert_array_equal(grid.albedo, np.pad(albedo, [(0, 0), (3, 3), (0, 4), (0, 0)], mode=mode))
     np.testing.assert_array_equal(grid.values, 1.0)
 
 
-def nanovdb(path: Path, *, codec: str = "none", name: str = "density", values: Any = None) -> np.ndarray:
-    """Write a NanoVDB file by Warp, some leaves of which are empty, and return its (nx, ny, nz) values."""
+def nanovdb(path: Path, values: np.ndarray, codec: str = "none") -> bytes:
+    """Write a NanoVDB file by Warp, and return its bytes."""
     initialize_warp()
-    if values is None:
-        values = np.zeros((40, 24, 33), np.float32)
-        values[3:20, 5:9, 17:30] = np.random.default_rng(6).random((17, 4, 13))
-        values[30:35, 20:24, 0:5] = 2.0
-    volume = wp.Volume.load_from_numpy(values, min_world=(-1.0, 2.0, 0.5), voxel_size=0.25, bg_value=0.0, device="cpu")
-    volume.save_to_nvdb(str(path), codec=codec)
-    return values
+    place = {"min_world": (-1.0, 2.0, 0.5), "voxel_size": 0.25, "bg_value": 0.0}
+    wp.Volume.load_from_numpy(values, device="cpu", **place).save_to_nvdb(str(path), codec=codec)
+    return path.read_bytes()
 
 
 @pytest.mark.parametrize("codec", ["none", "zip"])
 def test_nanovdb(codec: str, tmp_path: Path) -> None:
-    """Every value is at the point of the world where Warp's own lookups have it."""
-    values = nanovdb(tmp_path / "smoke.nvdb", codec=codec)
+    """Every value is at the point of the world where Warp's own lookups have it; some leaves are empty."""
+    values = np.zeros((40, 24, 33), np.float32)
+    values[3:20, 5:9, 17:30] = np.random.default_rng(6).random((17, 4, 13))
+    values[30:35, 20:24, 0:5] = 2.0
+    nanovdb(tmp_path / "smoke.nvdb", values, codec)
     grid = wrt.load_density(tmp_path / "smoke.nvdb")
     nz, ny, nx = grid.values.shape
     for index in ((3, 5, 17), (19, 8, 29), (10, 6, 20), (32, 21, 2), (0, 0, 0)):
         place = np.array([-1.0, 2.0, 0.5]) + 0.25 * np.array(index)
-        unit = np.linalg.inv(grid.to_world) @ [*place, 1.0]
-        x, y, z = unit[:3] * (nx, ny, nz) - 0.5
-        np.testing.assert_allclose((x, y, z), np.rint((x, y, z)), atol=1e-4)
-        i, j, k = np.rint((x, y, z)).astype(int)
+        cell = (np.linalg.inv(grid.to_world) @ [*place, 1.0])[:3] * (nx, ny, nz) - 0.5
+        np.testing.assert_allclose(cell, np.rint(cell), atol=1e-4)
+        i, j, k = np.rint(cell).astype(int)
         inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
         assert (grid.values[k, j, i] if inside else 0.0) == values[index]
     np.testing.assert_allclose(grid.values.sum(dtype=np.float64), values.sum(dtype=np.float64), rtol=1e-6)
+
+
+def tree_of(data: bytes) -> int:
+    """Return where a NanoVDB file has the tree of its grid."""
+    return 16 + 176 + struct.unpack_from("<I", data, 16 + 136)[0] + 672
 
 
 def test_uniform_blocks_of_nanovdb(tmp_path: Path) -> None:
@@ -179,16 +166,12 @@ def test_uniform_blocks_of_nanovdb(tmp_path: Path) -> None:
     values = np.zeros((16, 8, 8), np.float32)
     values[:8] = 3.0
     values[9, 1, 1] = 1.0
-    nanovdb(tmp_path / "smoke.nvdb", values=values)
-    data = bytearray((tmp_path / "smoke.nvdb").read_bytes())
-    grid_at = 16 + 176 + struct.unpack_from("<I", data, 16 + 136)[0]
-    tree = grid_at + 672
+    data = bytearray(nanovdb(tmp_path / "smoke.nvdb", values))
+    tree = tree_of(data)
     leaf, lower = (tree + offset for offset in struct.unpack_from("<2q", data, tree))
-    count = struct.unpack_from("<I", data, tree + 32)[0]
     # Drop the leaf that is all 3, which must be the first, and say so by a tile.
-    first = np.frombuffer(bytes(data), "<f4", 512, leaf + 96)
-    assert count == 2
-    assert (first == 3.0).all()
+    assert struct.unpack_from("<I", data, tree + 32)[0] == 2
+    assert (np.frombuffer(bytes(data), "<f4", 512, leaf + 96) == 3.0).all()
     struct.pack_into("<I", data, tree + 32, 1)
     struct.pack_into("<q", data, tree, leaf + 2144 - tree)
     data[lower + 32] |= 1
@@ -203,11 +186,8 @@ def test_uniform_blocks_of_nanovdb(tmp_path: Path) -> None:
 def test_what_is_wrong_is_told(tmp_path: Path) -> None:
     write_vol(tmp_path / "smoke.vol", VALUES)
     vol = (tmp_path / "smoke.vol").read_bytes()
-    nanovdb(tmp_path / "smoke.nvdb")
-    nvdb = (tmp_path / "smoke.nvdb").read_bytes()
-    leaf_at = 16 + 176 + struct.unpack_from("<I", nvdb, 16 + 136)[0] + 672
-    leaf_at += struct.unpack_from("<q", nvdb, leaf_at)[0]
-    far = nvdb[:leaf_at] + struct.pack("<i", -(2**30)) + nvdb[leaf_at + 4 :]
+    nvdb = nanovdb(tmp_path / "smoke.nvdb", np.pad(VALUES, 8))
+    leaf = tree_of(nvdb) + struct.unpack_from("<q", nvdb, tree_of(nvdb))[0]
     for name, data, text in (
         ("short.vol", vol[:-4], "take 240 bytes, but it is shorter"),
         ("other.vol", b"PK" + vol, "must begin with 'VOL'"),
@@ -217,26 +197,24 @@ def test_what_is_wrong_is_told(tmp_path: Path) -> None:
         ("smoke.vdb", b" BDV", r"OpenVDB files cannot be read; .* nanovdb_convert smoke\.vdb smoke\.nvdb"),
         ("smoke.txt", b"1", r"must be a file of \.npy, \.npz, \.vol, \.nvdb"),
         ("short.nvdb", nvdb[:-100], "damaged, or not whole"),
-        ("header.nvdb", nvdb[:40], "damaged, or not whole"),
         ("other.nvdb", vol, "not a NanoVDB file"),
-        ("far.nvdb", far, "its volumes would take"),
+        ("far.nvdb", nvdb[:leaf] + struct.pack("<i", -(2**30)) + nvdb[leaf + 4 :], "its volumes would take"),
         ("text.npy", b"hello", "not a NumPy file"),
         ("none.npy", b"", "the file is empty"),
     ):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(wrt.InputError, match=text) as error:
-            wrt.load(toml(tmp_path, f'file = "{name}"'))
+            density_of(tmp_path, f'file = "{name}"')
         assert name in str(error.value)
         assert "\n" not in str(error.value)
     with pytest.raises(wrt.InputError, match="there is no 'heat'"):
         wrt.load_density(tmp_path / "smoke.nvdb", grid="heat")
     np.save(tmp_path / "flat.npy", VALUES[0])
     with pytest.raises(wrt.InputError, match=r"media\.smoke\.density\.file: .*values must be \(nz, ny, nx\)"):
-        wrt.load(toml(tmp_path, 'file = "flat.npy"'))
+        density_of(tmp_path, 'file = "flat.npy"')
     with pytest.raises(wrt.InputError, match=r"media\.smoke\.density\.fil: unknown key"):
-        wrt.load(toml(tmp_path, 'fil = "flat.npy"'))
-    text = '<volume type="gridvolume" name="sigma_t"><string name="filename" value="smoke.txt"/></volume>'
-    medium = f'<medium type="heterogeneous" name="interior">{text}</medium>'
+        density_of(tmp_path, 'fil = "flat.npy"')
+    medium = f'<medium type="heterogeneous" name="interior">{volume("sigma_t", "smoke.txt")}</medium>'
     shape = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
     (tmp_path / "smoke.xml").write_text(f'<scene version="3.0.0">{shape}</scene>')
     with pytest.raises(wrt.InputError, match=r"smoke\.xml: line 1: .*smoke\.txt"):

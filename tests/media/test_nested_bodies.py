@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.testing import assert_allclose
-from support.media import mean_and_error, render, stage
+from support.covering_kernels import render_with
+from support.media import FAR, KERNELS, mean_and_error, render, stage
 
 import wrt
 from wrt.backend.device import Device
@@ -18,22 +19,24 @@ from wrt.upload.scene_data import build_scene
 
 AIR, GLASS, WATER, ICE = 1.0, 1.5, 1.33, 1.31
 TINTS = {"glass": (0.3, 0.5, 0.9), "water": (1.0, 0.4, 0.2), "ice": (0.1, 0.2, 2.0)}
+ICE_BODY = wrt.Dielectric(ICE, interior=wrt.Medium(TINTS["ice"]), priority=2)
+WATER_BODY = wrt.Dielectric(WATER, interior=wrt.Medium(TINTS["water"]), priority=1)
 
 
-def glass(**options: object) -> wrt.Dielectric:
-    return wrt.Dielectric(GLASS, interior=wrt.Medium(TINTS["glass"]), priority=3, **options)  # type: ignore[arg-type]
-
-
-def ice() -> wrt.Dielectric:
-    return wrt.Dielectric(ICE, interior=wrt.Medium(TINTS["ice"]), priority=2)
-
-
-def water() -> wrt.Dielectric:
-    return wrt.Dielectric(WATER, interior=wrt.Medium(TINTS["water"]), priority=1)
+@pytest.fixture(autouse=True)
+def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with(KERNELS, monkeypatch)
 
 
 def layer(top: float, bottom: float, size: float = 60.0) -> wrt.Mesh:
     return wrt.box((-size, -size, bottom), (size, size, top))
+
+
+def tinted_stage(**options: object) -> wrt.Scene:
+    """A stage with a speck of a tinted body, so that all tests share a kernel."""
+    scene = stage(**options)  # type: ignore[arg-type]
+    scene.add(wrt.box((FAR, 9.0, 0.0), (FAR + 0.5, 9.5, 0.5)), material=WATER_BODY)
+    return scene
 
 
 # How far the water reaches into the glass above it and into the ice: not at all, so that faces coincide, by a little
@@ -41,6 +44,7 @@ def layer(top: float, bottom: float, size: float = 60.0) -> wrt.Mesh:
 OVERLAPS = [0.0, 1e-6, 1e-5, 1e-3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", OVERLAPS)
 @pytest.mark.parametrize("degrees", [0.0, 70.0])
 def test_refraction_through_layers(degrees: float, overlap: float, device: str, report: Report) -> None:
@@ -51,7 +55,7 @@ def test_refraction_through_layers(degrees: float, overlap: float, device: str, 
     of what boundaries reflect, 0.
     """
     a = math.radians(degrees)
-    scene = stage(origin=(3.0 * math.sin(a), 0.0, 3.0 * math.cos(a)), fov_degrees=1e-4)
+    scene = tinted_stage(origin=(3.0 * math.sin(a), 0.0, 3.0 * math.cos(a)), fov_degrees=1e-4)
     layers = [("glass", GLASS, 0.0, 0.2), ("water", WATER, 0.2, 0.5), ("ice", ICE, 0.5, 0.9)]
     for (name, ior, top, bottom), priority in zip(layers, (3, 1, 2), strict=True):
         grow = overlap if name == "water" else 0.0
@@ -60,8 +64,7 @@ def test_refraction_through_layers(degrees: float, overlap: float, device: str, 
     # The ground, a little above the lower face of the ice.
     glow = wrt.quad((-60, -60, -0.899), (120, 0, 0), (0, 120, 0))
     scene.add(glow, material=wrt.Diffuse(0.0), emission=(1.0, 2.0, 3.0))
-    renderer = render(scene, device, size=(32, 32), spp=256)
-    mean, error = mean_and_error(renderer)
+    mean, error = mean_and_error(render(scene, device, size=(32, 32), spp=256))
 
     def seen(indices: tuple[float, ...]) -> np.ndarray:
         result = np.array([1.0, 2.0, 3.0]) / indices[-1] ** 2
@@ -82,6 +85,7 @@ def test_refraction_through_layers(degrees: float, overlap: float, device: str, 
     assert (np.abs(mean - seen((AIR, GLASS, AIR, ICE))) > tolerance).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", [*OVERLAPS, -1e-2])
 def test_no_seam_between_water_and_glass(overlap: float, device: str, report: Report) -> None:
     """Along a row of pixels across a ball of water in a hollow of glass no line is darker or brighter.
@@ -91,52 +95,50 @@ def test_no_seam_between_water_and_glass(overlap: float, device: str, report: Re
     """
     medium = wrt.Medium((0.5, 1.0, 2.0))
     outer = wrt.Dielectric(1.5, interior=medium, priority=2)
-    scene = stage(sky=1.0, fov_degrees=30.0)
-    scene.add(layer(0.5, -0.5, 4.0), material=outer, name="glass")
     hollow = wrt.sphere((0.0, 0.0, 0.0), 0.4, subdivisions=3)
-    inside_out = wrt.Mesh(hollow.vertices, hollow.faces[:, ::-1])
-    scene.add(inside_out, material=outer, name="hollow")
     ball = wrt.Mesh((hollow.vertices * (1.0 + overlap / 0.4)).astype(np.float32), hollow.faces)
-    scene.add(ball, material=wrt.Dielectric(1.5, interior=medium, priority=1), name="water")
-    plain = stage(sky=1.0, fov_degrees=30.0)
-    plain.add(layer(0.5, -0.5, 4.0), material=outer)
-    options = {"size": (192, 3), "spp": 256, "seed": 3}
-    a, b = (render(s, device, **options) for s in (scene, plain))  # type: ignore[arg-type]
+    renderers = []
+    for is_plain in (False, True):
+        scene = tinted_stage(sky=1.0, fov_degrees=30.0)
+        scene.add(layer(0.5, -0.5, 4.0), material=outer, name="glass")
+        if not is_plain:
+            scene.add(wrt.Mesh(hollow.vertices, hollow.faces[:, ::-1]), material=outer, name="hollow")
+            scene.add(ball, material=wrt.Dielectric(1.5, interior=medium, priority=1), name="water")
+        renderers.append(render(scene, device, size=(192, 3), spp=256, seed=3))
+    a, b = renderers
     difference = np.abs(a.image() - b.image()) / np.maximum(np.sqrt(a.variance() + b.variance()), 1e-5)
     report(f"overlap {overlap:g}: worst pixel, standard errors", float(difference.max()))
     # A gap of a centimetre is seen.
     assert (difference.max() < 5.0) == (overlap >= 0.0)
 
 
-def nested_balls(overlap: float) -> wrt.Scene:
-    """Return glass with water in its hollow and ice in the water, all without absorption, under an even sky."""
-    scene = stage(sky=1.0, origin=(1.8, 1.3, 3.0), fov_degrees=30.0)
-    for material in (
-        wrt.Dielectric(GLASS, priority=3),
-        wrt.Dielectric(WATER, priority=1),
-        wrt.Dielectric(ICE, priority=2),
-    ):
-        size = {GLASS: 0.7, WATER: 0.5 + overlap, ICE: 0.3}[float(material.ior)]
-        scene.add(wrt.box((-size, -0.8 * size, -0.9 * size), (size, 0.8 * size, 0.9 * size)), material=material)
-        if material.ior == GLASS:
-            hollow = wrt.box((-0.5, -0.4, -0.45), (0.5, 0.4, 0.45))
-            scene.add(wrt.Mesh(hollow.vertices, hollow.faces[:, ::-1]), material=material)
-    return scene
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", [0.0, 1e-3])
 def test_nested_bodies_in_a_furnace_cannot_be_seen(overlap: float, device: str, report: Report) -> None:
-    mean, error = mean_and_error(render(nested_balls(overlap), device, size=(32, 32), spp=256, max_depth=1000))
+    """Glass with water in its hollow and ice in the water, all without absorption, under an even sky."""
+    scene = tinted_stage(sky=1.0, origin=(1.8, 1.3, 3.0), fov_degrees=30.0)
+
+    def block(half: float) -> wrt.Mesh:
+        return wrt.box((-half, -0.8 * half, -0.9 * half), (half, 0.8 * half, 0.9 * half))
+
+    glass = wrt.Dielectric(GLASS, priority=3)
+    hollow = block(0.5)
+    scene.add(block(0.7), material=glass)
+    scene.add(wrt.Mesh(hollow.vertices, hollow.faces[:, ::-1]), material=glass)
+    scene.add(block(0.5 + overlap), material=wrt.Dielectric(WATER, priority=1))
+    scene.add(block(0.3), material=wrt.Dielectric(ICE, priority=2))
+    mean, error = mean_and_error(render(scene, device, size=(32, 32), spp=256, max_depth=1000))
     report("mean radiance", float(mean[0]), 1.0)
     assert abs(mean[0] - 1.0) < 3.0 * max(error[0], 1e-6)
 
 
+@pytest.mark.slow
 def test_the_camera_under_water(device: str) -> None:
     """A camera in water, in which ice floats, sees the ice's boundary by the ratio of both indices, and the water's
     medium before it."""
     scene = stage(sky=0.0, origin=(0.0, 0.0, 3.0), fov_degrees=1e-4)
-    scene.add(layer(5.0, -5.0), material=water())
-    scene.add(layer(1.0, -1.0), material=ice())
+    scene.add(layer(5.0, -5.0), material=WATER_BODY)
+    scene.add(layer(1.0, -1.0), material=ICE_BODY)
     glow = wrt.quad((-9, -9, 0), (18, 0, 0), (0, 18, 0))
     scene.add(glow, material=wrt.Diffuse(0.0), emission=1.0)
     mean, error = mean_and_error(render(scene, device, size=(32, 32), spp=64, max_depth=2))
@@ -145,35 +147,32 @@ def test_the_camera_under_water(device: str) -> None:
     assert (np.abs(mean - expected) < 3.5 * error + 3e-5 * expected).all()
 
 
-@pytest.mark.parametrize(
-    ("height", "expected"), [(0.0, ["ice", "water"]), (0.7, ["water"]), (1.5, []), (-0.7, ["water"])]
-)
+@pytest.mark.parametrize(("height", "expected"), [(0.0, ["ice", "water"]), (-0.7, ["water"]), (1.5, [])])
 def test_bodies_around_the_camera(height: float, expected: list[str], device: str) -> None:
     """Outermost first; the surface of a body that is not closed decides by most directions."""
     scene = stage(origin=(0.01, 0.02, height), target=(5.0, 0.0, 0.0))
-    names = {}
-    for name, material, half in (("water", water(), 1.0), ("ice", ice(), 0.5)):
-        names[name] = material
+    bodies = {"water": WATER_BODY, "ice": ICE_BODY}
+    for name, half in (("water", 1.0), ("ice", 0.5)):
         box = layer(half, -half, 4.0 * half)
         # Without its bottom and one side.
-        scene.add(wrt.Mesh(box.vertices, box.faces[:-3] if name == "water" else box.faces), material=material)
+        scene.add(wrt.Mesh(box.vertices, box.faces[:-3] if name == "water" else box.faces), material=bodies[name])
     data = build_scene(scene, Device(device)).data
     # Bodies are numbered as their materials come.
     order = list(dict.fromkeys(shape.material for shape in scene.shapes if isinstance(shape.material, Body)))
     found = [order[int(number) - 1] for number in data.inside_at_camera if number]
-    assert found == [names[name] for name in reversed(expected)]
+    assert found == [bodies[name] for name in reversed(expected)]
 
 
+@pytest.mark.slow
 def test_more_bodies_than_there_is_room_for(device: str) -> None:
     """Twelve boxes around one another: nothing breaks, and eight of them are known at once."""
     scene = stage(sky=1.0)
     for i in range(12):
         material = wrt.Null(interior=wrt.Medium(0.1 * (i + 1)), priority=1)
         scene.add(layer(1.2 - 0.1 * i, -1.2 + 0.1 * i, 5.0), material=material)
-    image = render(scene, device).image()
     within = [0.1 * min(i + 1, 8) for i in range(12)]
-    length = sum(2.0 * 0.1 * a for a in within[:-1]) + 2.0 * 0.1 * within[-1]
-    assert_allclose(image, np.full_like(image, math.exp(-length)), rtol=1e-4)
+    length = sum(2.0 * 0.1 * a for a in within)
+    assert_allclose(render(scene, device).image(), math.exp(-length), rtol=1e-4)
 
 
 def test_tables_of_one_index_are_refused() -> None:

@@ -1,0 +1,487 @@
+"""The light tree holds all lights, chooses each as often as it says, and leaves none out that could be seen.
+
+Pictures are the same whichever way lights are chosen.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+from conftest import Report
+from numpy.typing import ArrayLike, NDArray
+from support.covering_kernels import covering, render_with
+from support.irradiance import EVERY_LIGHT, check, floor_scene, irradiance, pixel_mean
+from support.kernels import uniforms, upload
+from support.media import mean_and_error, render
+from support.statistics import chi_square_test, image_z_test
+
+import wrt
+from wrt.backend.device import Device
+from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT
+from wrt.kernels.lights.tree import LightTree, far_light_probability, light_tree_probability, sample_light_tree
+from wrt.upload.lights.bounds import LightBounds
+from wrt.upload.lights.choice import FEW_LIGHTS
+from wrt.upload.lights.tree import WIDTH, build_light_tree
+from wrt.upload.lights.tree import LightTree as HostTree
+from wrt.upload.scene_data import build_scene
+
+ANYWHERE, FRONT, BOTH = (int(r) for r in (RECEIVES_ANYWHERE, RECEIVES_FRONT, RECEIVES_BOTH))
+
+
+@wp.struct
+class Receivers:
+    position: wp.array(dtype=wp.vec3)
+    normal: wp.array(dtype=wp.vec3)
+    receives: int
+
+
+@wp.kernel(enable_backward=False)
+def draw_lights(tree: LightTree, at: Receivers, u: wp.array(dtype=wp.vec2), choice_out: wp.array2d(dtype=wp.vec4)):
+    i, j = wp.tid()
+    choice = sample_light_tree(tree, at.position[i], at.normal[i], at.receives, u[j])
+    choice_out[i, j] = wp.vec4(float(choice.light), choice.probability, choice.rest, choice.more)
+
+
+@wp.kernel(enable_backward=False)
+def probabilities_of_lights(tree: LightTree, at: Receivers, probability_out: wp.array2d(dtype=float)):
+    i, j = wp.tid()
+    if j < tree.places.shape[0]:
+        probability_out[i, j] = light_tree_probability(tree, j, at.position[i], at.normal[i], at.receives)
+    else:
+        probability_out[i, j] = far_light_probability(tree, at.position[i], at.normal[i], at.receives)
+
+
+class Asked:
+    """A tree on a device, asked by points with normals."""
+
+    def __init__(self, tree: HostTree, at: tuple[NDArray, NDArray], receives: int, device: str, far: float = 0.0):
+        self.tree, self.at, self.device = LightTree(), Receivers(), device
+        self.tree.nodes = upload(tree.nodes.ravel(), float, device)
+        self.tree.parents, self.tree.places = (upload(a, int, device) for a in (tree.parents, tree.places))
+        self.tree.scale, self.tree.far = tree.scale, far
+        self.at.position, self.at.normal = (upload(a, wp.vec3, device) for a in at)
+        self.at.receives = receives
+        self.shape = (len(at[0]), len(tree.places) + (far > 0.0))
+
+    def drawn(self, u: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Return (points, samples) lights, their probabilities and what is left of the numbers."""
+        out = wp.empty((self.shape[0], len(u)), dtype=wp.vec4, device=self.device)
+        wp.launch(
+            draw_lights, out.shape, [self.tree, self.at, upload(u, wp.vec2, self.device)], [out], device=out.device
+        )
+        values = out.numpy()
+        return values[..., 0].astype(int), values[..., 1], values[..., 2:]
+
+    def said(self) -> NDArray:
+        """Return (points, lights) probabilities, or (points, lights + 1) where there are far lights, these last."""
+        out = wp.empty(self.shape, dtype=float, device=self.device)
+        wp.launch(probabilities_of_lights, out.shape, [self.tree, self.at], [out], device=self.device)
+        return out.numpy().astype(np.float64)
+
+
+def unit(v: NDArray) -> NDArray:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def triangles(n: int, seed: int, size: float = 0.1) -> NDArray:
+    rng = np.random.default_rng(seed)
+    return (rng.random((n, 1, 3)) * [4.0, 1.0, 4.0] + size * rng.normal(size=(n, 3, 3))).astype(np.float32)
+
+
+def points_of(position: ArrayLike, power: ArrayLike) -> LightBounds:
+    return LightBounds.of(np.asarray(position)[:, None], (0.0, 1.0, 0.0), power, cos_spread=-1.0)
+
+
+def triangles_of(corners: ArrayLike, power: ArrayLike = 1.0, two_sided: ArrayLike = False) -> LightBounds:
+    c = np.asarray(corners, np.float64)
+    normal = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
+    axis = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return LightBounds.of(c, axis, power, two_sided=two_sided)
+
+
+def lights_of(name: str) -> LightBounds:
+    rng = np.random.default_rng(7)
+    if name == "one":
+        return triangles_of(triangles(1, 1))
+    if name == "all at one point":
+        return points_of(np.ones((100, 3)), 1.0)
+    if name == "the same triangle":
+        return triangles_of(np.repeat(triangles(1, 2), 50, axis=0))
+    if name == "ever nearer":  # the deepest of trees
+        return points_of(0.5 ** np.arange(100.0)[:, None] * [1.0, 1.0, 1.0], 1.0)
+    if name == "uneven powers":
+        powers = 10.0 ** rng.uniform(-20.0, 20.0, 200)
+        return triangles_of(triangles(200, 3), np.where(rng.random(200) < 0.3, 0.0, powers))
+    if name == "degenerate triangles":
+        return triangles_of(np.repeat(triangles(20, 3)[:, :1], 3, axis=1))
+    if name in ("tiny", "huge"):
+        return triangles_of(triangles(100, 4) * (1e-9 if name == "tiny" else 1e9))
+    if name == "in a plane":
+        flat = triangles(400, 5) * [1.0, 0.0, 1.0]
+        normal = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+        return triangles_of(np.where(normal[:, 1:2, None] > 0.0, flat, flat[:, ::-1]))  # all upwards
+    surfaces = triangles_of(triangles(300, 5), rng.random(300), rng.random(300) < 0.3)
+    axis = unit(rng.normal(size=(50, 3)))
+    beams = LightBounds.of(rng.random((50, 1, 3)) * 4.0, axis, rng.random(50), cos_falloff=0.9)
+    return LightBounds.joined([surfaces, points_of(rng.random((50, 3)), rng.random(50)), beams])
+
+
+KINDS = ("one", "all at one point", "the same triangle", "ever nearer", "uneven powers", "degenerate triangles")
+KINDS += ("tiny", "huge", "in a plane", "mixed")
+
+
+def receivers(lights: LightBounds) -> tuple[NDArray, NDArray]:
+    """Return points, and normals, among the lights, on them, in a plane with them, behind them and far away."""
+    rng = np.random.default_rng(9)
+    low, high = lights.center.min(axis=0), lights.center.max(axis=0)
+    size = max(float((high - low).max()), float(lights.radius.max()), 1e-12)
+    some = rng.integers(0, len(lights), 6)
+    center, axis = lights.center[some], lights.axis[some]
+    points = [low + rng.random((8, 3)) * (high - low), center, center - 0.1 * size * axis]
+    points += [
+        center + size * np.cross(axis, unit(rng.normal(size=(6, 3)))),
+        low + 1e4 * size * unit(rng.normal(size=(4, 3))),
+    ]
+    position = np.concatenate(points)
+    normals = unit(rng.normal(size=position.shape))
+    normals[3:6] = [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
+    normals[8:11] = axis[:3]
+    return position.astype(np.float32), normals.astype(np.float32)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nodes_hold_what_is_below_them(kind: str) -> None:
+    lights = lights_of(kind)
+    tree = build_light_tree(lights)
+    children = tree.nodes[:, -1].view(np.int32)
+    powers = tree.nodes[:, -2].astype(np.float64)
+    below: dict[int, list[int]] = {}
+    for node in reversed(range(len(tree.nodes))):
+        below[node], sums = [], []
+        for k in np.flatnonzero(powers[node] > 0.0):
+            child = children[node, k]
+            place = WIDTH * node + k
+            assert (tree.parents[child] if child >= 0 else tree.places[-1 - child]) == place
+            leaves = below[child] if child >= 0 else [-1 - child]
+            below[node] += leaves
+            sums.append(lights.facing_power[leaves].sum())
+            assert_holds(tree.nodes[node, :, k].astype(np.float64), lights.take(np.array(leaves)))
+        share = powers[node][powers[node] > 0.0]
+        np.testing.assert_allclose(share / share.max(), np.maximum(np.divide(sums, max(sums)), 1e-30), rtol=1e-6)
+    assert sorted(below[0]) == np.flatnonzero(lights.power > 0.0).tolist()
+    assert (tree.places[lights.power == 0.0] == -1).all()
+    assert tree.parents[0] == -1
+
+
+def assert_holds(child: NDArray, lights: LightBounds) -> None:
+    """Check one child's numbers against all lights below it."""
+    center, half, radius, axis = child[:3], child[3:6], abs(child[6]), child[7:10]
+    assert (np.abs(lights.center - center) + lights.half <= half).all()
+    assert (np.linalg.norm(lights.center - center, axis=1) + lights.radius <= radius).all()
+    cosine = lights.axis @ axis
+    cosine = np.where(lights.two_sided & (child[6] < 0.0), np.abs(cosine), cosine)
+    spread = np.arccos(np.clip(cosine, -1.0, 1.0)) + np.arccos(lights.cos_spread)
+    assert (np.arccos(np.clip(child[10], -1.0, 1.0)) >= np.minimum(spread, np.pi) - 1e-6).all()
+    assert (child[11] <= lights.cos_falloff).all()
+    assert (child[6] < 0.0) == lights.two_sided.any()
+    # The cosine is rounded to 6e-8 of itself, the sine then by that over the sine.
+    assert abs(child[12] - np.sqrt(max(0.0, 1.0 - child[10] ** 2))) <= 1e-6 + 1e-7 / max(child[12], 1e-4)
+    along = np.abs((lights.center - center) @ axis)
+    assert (child[13] >= along + np.minimum(lights.depth, lights.radius) * np.abs(cosine) - 1e-6 * radius).all()
+
+
+def test_trees_of_none_and_of_many() -> None:
+    for n in (0, 3):
+        tree = build_light_tree(points_of(np.zeros((n, 3)), 0.0))
+        assert tree.nodes.shape[0] == 0
+        assert (tree.places == -1).all()
+        assert len(tree.places) == n
+    many = build_light_tree(triangles_of(triangles(20_000, 1, size=0.01)))
+    assert (many.nodes[:, -2] > 0.0).sum(axis=1).mean() >= 5.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("receives", [ANYWHERE, FRONT, BOTH], ids=["anywhere", "front", "both"])
+def test_lights_are_drawn_as_often_as_said(receives: int, kind: str, device: str) -> None:
+    lights = lights_of(kind)
+    at = receivers(lights)
+    asked = Asked(build_light_tree(lights), at, receives, device)
+    said = asked.said()
+    assert np.isfinite(said).all()
+    assert (said >= 0.0).all()
+    assert (said.sum(axis=1) <= 1.0 + 1e-5).all()
+    if receives != FRONT and not (lights.cos_falloff > 0.0).any() and lights.cos_spread.max() == -1.0:
+        np.testing.assert_allclose(said.sum(axis=1), 1.0, rtol=1e-5)
+    if receives == ANYWHERE:  # normals do not count
+        unknown = (at[0], np.full_like(at[1], np.nan))
+        np.testing.assert_array_equal(Asked(build_light_tree(lights), unknown, receives, device).said(), said)
+    n = 2**14
+    light, probability, _ = asked.drawn(uniforms(n, 2, seed=3))
+    chosen = light >= 0
+    assert (probability[~chosen] == 0.0).all()
+    # The walk up gives what the walk down gave, bit for bit.
+    rows = np.nonzero(chosen)[0]
+    assert (said.astype(np.float32)[rows, light[chosen]] == probability[chosen]).all()
+    for i in range(len(said)):
+        counts = np.append(np.bincount(light[i][chosen[i]], minlength=len(lights)), (~chosen[i]).sum())
+        expected = n * np.append(said[i], 1.0 - said[i].sum())
+        if expected.max() > n - 10.0:  # no two cells to compare
+            assert n - counts[np.argmax(expected)] < 40
+            assert counts[expected == 0.0].sum() == 0
+            continue
+        # Rounding may leave a little for no light where there always is one.
+        expected[-1] = expected[-1] if expected[-1] > 0.1 else 0.0
+        result = chi_square_test(counts, expected, tests=len(said) * len(KINDS) * 3)
+        assert result.passed, f"point {i}: {result.message}"
+
+
+@pytest.mark.parametrize("far", [1e-6, 1e6])
+def test_far_lights_have_a_share(far: float, device: str) -> None:
+    lights = lights_of("mixed")
+    asked = Asked(build_light_tree(lights), receivers(lights), FRONT, device, far)
+    said, n = asked.said(), 2**14
+    light, probability, rest = asked.drawn(uniforms(n, 2, seed=3))
+    alone = said[:, -1] == 1.0
+    assert alone.any()
+    assert (said[alone, :-1] == 0.0).all()
+    assert ((said[~alone, -1] > 0.1999) & (said[~alone, -1] < 0.8001)).all()
+    is_far = light < -1
+    assert is_far.any()
+    assert (probability[is_far] == said.astype(np.float32)[np.nonzero(is_far)[0], -1]).all()
+    for i in np.flatnonzero(~alone):
+        found = np.where(is_far[i], len(lights), light[i])
+        counts = np.bincount(found[found >= 0], minlength=len(lights) + 1)
+        result = chi_square_test(counts, n * said[i], samples=n, tests=len(said), total_tolerance=2.0)
+        assert result.passed, result.message
+    # What is left of the numbers is uniform, whatever was chosen.
+    for chosen in (is_far[0], light[0] >= 0):
+        counts, _, _ = np.histogram2d(*rest[0][chosen].T, bins=8, range=[[0.0, 1.0], [0.0, 1.0]])
+        result = chi_square_test(counts, np.full((8, 8), chosen.sum() / 64.0), tests=2)
+        assert result.passed, result.message
+
+
+def test_lights_rarer_than_a_float_can_choose(device: str) -> None:
+    """Lights that share 1024 of the 2^24 values of the first number, unevenly: the second number tells them apart."""
+    rng = np.random.default_rng(0)
+    n = 1024
+    lights = points_of(rng.random((n + 1, 3)), np.r_[rng.random(n) * 2.0**-23, 1.0])
+    far = np.array([[0.0, 1000.0, 0.0]], np.float32)
+    asked = Asked(build_light_tree(lights), (far, far), ANYWHERE, device)
+    said = asked.said()[0]
+    assert 2.0**-15 < said[:-1].sum() < 2.0**-13
+    # The bright light has a run of values; those before and behind it belong to the others.
+    values = np.r_[0:1100, 2**24 - 1100 : 2**24].astype(np.float32) / np.float32(2**24)
+    both = [asked.drawn(np.stack([values, np.full_like(values, x)], 1))[0][0] for x in (0, 0.9999)]
+    values = values[(both[0] < n) & (both[1] < n)]
+    assert 900 < len(values) < 1100
+    u = uniforms(2**18, 2, seed=1)
+    u[:, 0] = values[rng.integers(0, len(values), len(u))]
+    light, _, _ = asked.drawn(u)
+    assert light.max() < n
+    expected = len(u) * said[:-1] / (len(values) / 2**24)
+    wrong = np.abs(np.bincount(light[0], minlength=n) - expected) > 5.0 * np.sqrt(expected) + 1.0
+    assert wrong.sum() <= 2  # beside the bright one
+
+
+@pytest.mark.parametrize("receives", [ANYWHERE, FRONT, BOTH], ids=["anywhere", "front", "both"])
+def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, report: Report) -> None:
+    """Small scenes of all kinds, with many points each, half of them close to some light."""
+    reached = missed = 0
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(1, 60))
+        corners = triangles(n, seed, size=float(10.0 ** rng.uniform(-4, 0.5)))
+        if seed % 3 == 0:
+            corners[:, :, rng.integers(3)] = 0.5
+        corners = (corners + np.float32(10.0 ** rng.uniform(-1, 2))).astype(np.float32)
+        two_sided = rng.random(n) < (seed % 2) * 0.5
+        lights = triangles_of(corners, 10.0 ** rng.uniform(-3, 3, n), two_sided)
+        points = corners[rng.integers(0, n, 300), rng.integers(0, 3, 300)]
+        points[:150] += (rng.normal(size=(150, 3)) * 10.0 ** rng.uniform(-3, 1, (150, 1))).astype(np.float32)
+        normals = unit(rng.normal(size=points.shape)).astype(np.float32)
+        normals[::5] = lights.axis[rng.integers(0, n, 60)]
+        said = Asked(build_light_tree(lights), (points, normals), receives, device).said()
+        # A point of the triangle is in front of it, and above the receiver's horizon.
+        c = corners.astype(np.float64)
+        in_front = ((points[:, None] - c[None, :, 0]) * np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])).sum(axis=2)
+        sees = (in_front > 0.0) | (two_sided & (in_front < 0.0))
+        if receives == FRONT:
+            sees &= ((c[None] - points[:, None, None]) * normals[:, None, None]).sum(axis=3).max(axis=2) > 0.0
+        reached += int(sees.sum())
+        missed += int((said[sees] == 0.0).sum())
+    report("pairs of points and lights, left out", f"{reached}, {missed}", 0)
+    assert reached > 40_000
+    assert missed == 0
+
+
+WIDEST = 90.0
+"""Degrees from their axes to which beams of these tests reach."""
+
+
+@pytest.mark.parametrize("is_wide", [False, True], ids=["narrow", "wide"])
+def test_no_beam_that_reaches_a_point_is_left_out(is_wide: bool, device: str) -> None:
+    """Points just inside the edges of beams, from less than a degree on: roots in the kernel may be of 14 bits."""
+    rng = np.random.default_rng(4)
+    n = 200
+    position, axis = rng.random((n, 3)) * 4.0, unit(rng.normal(size=(n, 3)))
+    wide, narrow = np.cos(np.radians(rng.uniform(50.0, WIDEST, n))), 1.0 - 10.0 ** rng.uniform(-6.0, -1.0, n)
+    cosine = wide if is_wide else narrow
+    tree = build_light_tree(LightBounds.of(position[:, None], axis, 1.0, cos_falloff=cosine))
+    for _ in range(10):
+        angle = 0.99 * np.arccos(cosine)[:, None]
+        way = axis * np.cos(angle) + unit(np.cross(axis, rng.normal(size=(n, 3)))) * np.sin(angle)
+        points = (position + way * 10.0 ** rng.uniform(-1.0, 3.0, (n, 1))).astype(np.float32)
+        assert (np.diagonal(Asked(tree, (points, -way.astype(np.float32)), FRONT, device).said()) > 0.0).all()
+
+
+def test_near_lights_and_those_that_face_the_point_are_preferred(report: Report, device: str) -> None:
+    """The variance of unshadowed light over that of the choice by power, for lights of a large room."""
+    rng = np.random.default_rng(0)
+    lights = triangles_of(triangles(2000, 11, size=0.02) * np.float32(5.0), rng.lognormal(size=2000))
+    points = (rng.random((50, 3)) * [20.0, 5.0, 20.0]).astype(np.float32)
+    normals = unit(rng.normal(size=points.shape)).astype(np.float32)
+    said = Asked(build_light_tree(lights), (points, normals), FRONT, device).said()
+    way = lights.center - points[:, None]
+    cosines = np.maximum((way * normals[:, None]).sum(axis=2), 0.0) * np.maximum(-(way * lights.axis).sum(axis=2), 0.0)
+    arriving = lights.power * cosines / (way**2).sum(axis=2) ** 2
+
+    def variance(p: NDArray) -> float:
+        second = np.divide(arriving**2, p, out=np.zeros_like(arriving), where=arriving > 0.0).sum(axis=1)
+        return float(np.mean(second / arriving.sum(axis=1) ** 2 - 1.0))
+
+    by_tree, by_power = variance(said), variance(np.broadcast_to(lights.power / lights.power.sum(), said.shape))
+    report("relative variance by tree, by power", f"{by_tree:.2f}, {by_power:.2f}")
+    assert by_tree < 0.05 * by_power
+
+
+def test_wide_spots_among_many_lights(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Turned every way: the floor has the sum of I f(θ) cosθ' / r²."""
+    render_with([EVERY_LIGHT], monkeypatch)
+    rng = np.random.default_rng(5)
+    scene = floor_scene()
+    places, axes = rng.uniform([-2.0, 0.6, -2.0], [2.0, 2.0, 2.0], (60, 3)), unit(rng.normal(size=(60, 3)))
+    spots = list(zip(places, axes, rng.uniform(20.0, 60.0, 60), rng.uniform(70.0, WIDEST, 60), strict=True))
+    for place, axis, a, b in spots:
+        cone = {"inner_degrees": a, "outer_degrees": b, "falloff": "linear"}
+        scene.add_light(wrt.SpotLight(tuple(place), tuple(axis), intensity=1.0, **cone))
+    where, measured, variance = irradiance(scene, device, 1024, light_choice="tree")
+
+    def exact(x: NDArray, z: NDArray) -> NDArray:
+        total = np.zeros_like(x)
+        for place, axis, a, b in spots:
+            way = np.stack([x - place[0], np.full_like(x, -place[1]), z - place[2]])
+            r = np.linalg.norm(way, axis=0)
+            angle = np.degrees(np.arccos(np.einsum("k,k...->...", axis, way) / r))
+            total += np.clip((b - angle) / (b - a), 0.0, 1.0) * place[1] / r**3
+        return total
+
+    check("wide spots", measured, variance, pixel_mean(exact, where), 1024, report)
+
+
+def lamps(n: int, seed: int) -> wrt.Mesh:
+    """Return small triangles in a room, each a mesh's own corners."""
+    rng = np.random.default_rng(seed)
+    points = rng.random((n, 1, 3)) * [3.6, 1.8, 3.6] + [-1.8, 0.1, -1.8] + 0.12 * rng.normal(size=(n, 3, 3))
+    inside = points.reshape(-1, 3).clip([-1.95, 0.02, -1.95], [1.95, 1.98, 1.95])
+    return wrt.Mesh(inside, np.arange(3 * n).reshape(n, 3))
+
+
+def room(*, glass: bool = False) -> wrt.Scene:
+    """Return a room open to the sky, with all kinds of lights and a wall that lets some light through."""
+    image = np.full((8, 16, 3), 0.02, np.float32)
+    image[1, 3] = (6.0, 5.0, 4.0)
+    scene = wrt.Scene(environment=wrt.ImageEnvironment(image))
+    scene.camera = wrt.PerspectiveCamera((0.0, 1.2, 5.5), (0.0, 0.8, 0.0), fov_degrees=40.0)
+    scene.settings.max_depth = 4
+    scene.add(wrt.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)), material=wrt.Diffuse(0.6))
+    metal = wrt.RoughConductor(0.3, metal="copper") if glass else wrt.Diffuse((0.7, 0.4, 0.2))
+    scene.add(wrt.quad((-2, 0, -2), (4, 0, 0), (0, 2, 0)), material=metal)
+    scene.add(wrt.quad((-2, 0, 2), (0, 0, -4), (0, 2, 0)), material=wrt.Diffuse((0.3, 0.5, 0.7), opacity=0.6))
+    scene.add(lamps(120, 1), material=wrt.Diffuse(0.2), emission=(0.9, 0.6, 0.3))
+    scene.add(lamps(60, 2), material=wrt.Diffuse(0.2), emission=(0.3, 0.6, 0.9), two_sided_emission=True)
+    if glass:
+        scene.add(wrt.sphere((0.6, 0.5, 0.8), 0.45), material=wrt.RoughDielectric(alpha=0.3))
+    for k in range(4):
+        scene.add_light(wrt.PointLight((k - 1.5, 1.5, 0.3), intensity=(0.05, 0.02 * k, 0.03)))
+    scene.add_light(wrt.SpotLight((1.0, 1.9, 1.0), (-0.4, -1.0, -0.5), intensity=0.6, outer_degrees=25.0))
+    scene.add_light(wrt.SphereLight((-1.0, 0.5, 0.8), 0.2, radiance=(0.5, 0.1, 0.1)))
+    scene.add_light(wrt.RectangleLight((0.0, 1.2, -1.5), (0.6, 0, 0), (0, 0.4, 0), radiance=(0.2, 0.8, 0.2)))
+    scene.add_light(wrt.DirectionalLight((0.5, -1.0, -0.3), irradiance=0.4))
+    return scene
+
+
+@pytest.mark.slow
+def test_fog_with_many_lights(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over a floor in fog, the light tree and the choice by power have one mean, at surfaces and in the air."""
+    render_with([replace(EVERY_LIGHT, media="scattering")], monkeypatch)
+    scene = room()
+    scene.environment, scene.lights = None, scene.lights[:-1]  # fog has no end
+    scene.medium = wrt.Medium(absorption=(0.02, 0.05, 0.1), scattering=(0.2, 0.15, 0.1), g=0.4)
+    (tree, tree_error), (power, power_error) = (
+        mean_and_error(render(scene, device, light_choice=choice, seed=seed, size=(24, 24), spp=384))
+        for seed, choice in enumerate(("tree", "power"))
+    )
+    report("tree, power", str(tree.round(5)), str(power.round(5)))
+    error = np.hypot(tree_error, power_error)
+    assert (np.abs(tree - power) < 3.5 * error).all()
+    assert (3.5 * error < 0.05 * power).all()
+
+
+@functools.cache
+def rendered(choice: str, strategy: str, device: str, seed: int, glass: bool) -> tuple[NDArray, NDArray]:
+    options = {"size": (32, 32), "spp": 1024 if glass else 256}
+    renderer = render(room(glass=glass), device, light_choice=choice, strategy=strategy, seed=seed, **options)
+    assert not renderer.film.rejected
+    return renderer.image(), renderer.variance()
+
+
+@pytest.mark.parametrize(
+    ("strategy", "glass"),
+    [("mis", False), *(pytest.param(s, True, marks=pytest.mark.slow) for s in ("mis", "light", "bsdf"))],
+)
+def test_the_tree_shows_what_power_shows(
+    strategy: str, glass: bool, device: str, report: Report, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against the choice by power, with each estimator: their densities must be those of their samples."""
+    models = ("rough_conductor", "rough_dielectric") if glass else ()
+    render_with([covering("diffuse", *models, opacity=True)] if glass else [EVERY_LIGHT], monkeypatch)
+    tree, power = rendered("tree", strategy, device, 1, glass), rendered("power", "mis", device, 2, glass)
+    spp = 1024 if glass else 256
+    test = image_z_test(*tree, *power, n_a=spp, n_b=spp)
+    report(f"{strategy}: worst block", test.message, p=test.block_p)
+    assert test.agrees(), test.message
+    if strategy == "mis":  # a share that is five per cent wrong is noticed
+        assert not image_z_test(tree[0] * np.float32(1.05), tree[1] * 1.05**2, *power, n_a=spp, n_b=spp).agrees()
+
+
+def test_the_tree_is_for_many_lights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def has_tree(scene: wrt.Scene, choice: str = "auto") -> bool:
+        return build_scene(scene, Device("cpu"), light_choice=choice).features.light_tree
+
+    assert not has_tree(wrt.load("cornell-box"))
+    assert has_tree(room())
+    assert not has_tree(room(), "power")
+    few = wrt.Scene()
+    few.add(lamps(FEW_LIGHTS, 1), emission=1.0)
+    assert not has_tree(few)
+    assert has_tree(few, "tree")
+    few.add(lamps(1, 2), emission=1.0)
+    assert has_tree(few)
+    # Lights that are infinitely far away, or black, are not in it.
+    far = wrt.Scene(lights=[wrt.DirectionalLight((0, -1, 0), 1.0)] * 100)
+    far.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))
+    assert not has_tree(far, "tree")
+
+    render_with([EVERY_LIGHT], monkeypatch)
+    render(room(), "cpu", light_choice="tree").save_checkpoint(tmp_path / "a.wrt")
+    assert wrt.Renderer.resume(tmp_path / "a.wrt", room()).light_choice == "tree"
+    options = {"width": 2, "height": 2, "sampler": "independent", "filter": "box"}
+    with pytest.raises(wrt.InputError, match="light_choice"):
+        wrt.Renderer(room(), light_choice="power", **options).load_checkpoint(tmp_path / "a.wrt")
+    with pytest.raises(wrt.InputError, match="light_choice must be one of"):
+        wrt.Renderer(room(), light_choice="best", **options)

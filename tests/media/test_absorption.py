@@ -1,0 +1,196 @@
+"""Media that absorb and emit: Beer's law per channel, on the way to the camera and on the way to a light.
+
+Where nothing scatters and nothing reflects a path has one way to go, and pictures have no noise at all.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.testing import assert_allclose
+from support.covering_kernels import render_with
+from support.media import KERNELS, fresnel, mean_and_error, render, stage
+
+import wrt
+
+B = np.array([0.5, 1.0, 2.0])
+MEDIUM = wrt.Medium(absorption=tuple(B))
+GLOWING = {"material": wrt.Diffuse(0.0), "emission": 1.0}
+WALL = wrt.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
+
+
+@pytest.fixture(autouse=True)
+def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with(KERNELS, monkeypatch)
+
+
+def slab(material: wrt.Material, thickness: float = 0.7, *, degrees: float = 0.0, sky: float = 1.0) -> wrt.Scene:
+    """Return a large slab of a material before a bright sky, looked through at an angle to its normal."""
+    a = math.radians(degrees)
+    scene = stage(sky=sky, origin=(3.0 * math.sin(a), 0.0, 3.0 * math.cos(a)))
+    scene.add(wrt.box((-20, -20, -thickness), (20, 20, 0.0)), material=material)
+    return scene
+
+
+@pytest.mark.parametrize("boundary", [wrt.Null(interior=MEDIUM), wrt.Dielectric(1.0, interior=MEDIUM)])
+def test_transmittance_of_a_slab(boundary: wrt.Material, device: str) -> None:
+    for degrees in (0.0, 60.0):
+        image = render(slab(boundary, degrees=degrees), device).image()
+        expected = np.exp(-B * 0.7 / math.cos(math.radians(degrees)))
+        assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=2e-5)
+
+
+def test_color_after_a_distance(device: str) -> None:
+    """b = −ln I(1): what `from_color` is given comes out after just that distance."""
+    color = (0.9, 0.4, 0.05)
+    medium = wrt.Medium.from_color(color, distance=2.5)
+    assert_allclose(medium.absorption, -np.log(color) / 2.5, rtol=1e-12)
+    assert_allclose(render(slab(wrt.Null(interior=medium), 5.0), device).image()[0, 0], np.square(color), rtol=2e-5)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 50.0])
+def test_a_slab_of_coloured_glass(degrees: float, device: str, report: Report) -> None:
+    """All reflections between its faces summed: of each face F, on each way T, the sky is 1 on both sides.
+
+    What is seen is F + (1 − F)² T (1 + F T) / (1 − F² T²), a series in F T.
+    """
+    renderer = render(slab(wrt.Dielectric(1.5, interior=MEDIUM), degrees=degrees), device, size=(16, 16), spp=1024)
+    mean, error = mean_and_error(renderer)
+
+    def seen(thickness: float) -> np.ndarray:
+        f = fresnel(math.cos(math.radians(degrees)), 1.5)
+        t = np.exp(-B * thickness / math.sqrt(1.0 - (math.sin(math.radians(degrees)) / 1.5) ** 2))
+        return f + (1.0 - f) ** 2 * t * (1.0 + f * t) / (1.0 - (f * t) ** 2)
+
+    report(f"glass of 0.7 m at {degrees:g}°, red green blue", str(mean.round(5)), str(seen(0.7).round(5)))
+    assert (np.abs(mean - seen(0.7)) < 3.5 * error).all()
+    # Of a slab 1 % thicker it would not be so.
+    assert (np.abs(mean - seen(0.7 * 1.01)) > 3.5 * error).all()
+
+
+def test_emission_of_a_slab(device: str) -> None:
+    """L = e / a (1 − exp(−a d)), e d where nothing absorbs; of the slightest absorption that would have no digits."""
+    e, a, d = np.array([3.0, 2.0, 1.0]), np.array([0.0, 0.5, 4.0]), 0.7
+    medium = wrt.Medium(absorption=tuple(a), emission=tuple(e))
+    expected = [e[0] * d, *(e[1:] / a[1:] * (1.0 - np.exp(-a[1:] * d)))]
+    assert_allclose(render(slab(wrt.Null(interior=medium), sky=0.0), device).image()[0, 0], expected, rtol=2e-5)
+    faint = wrt.Medium(absorption=(1e-9, 1e-6, 1e-4), emission=1.0)
+    expected = d * (1.0 - np.array([1e-9, 1e-6, 1e-4]) * 0.5 * d)
+    assert_allclose(render(slab(wrt.Null(interior=faint), sky=0.0), device).image()[0, 0], expected, rtol=2e-6)
+
+
+def test_fog_fills_the_scene(device: str) -> None:
+    """A glowing wall 5 m away, and light that the fog itself gives off; but no fog where a body is."""
+    fog = wrt.Medium(absorption=tuple(B), emission=(0.3, 0.2, 0.1))
+    scene = stage(medium=fog)
+    scene.add(WALL, material=wrt.Diffuse(0.0), emission=(10.0, 20.0, 30.0))
+    t = np.exp(-B * 5.0)
+    expected = np.array([10.0, 20.0, 30.0]) * t + np.array([0.3, 0.2, 0.1]) / B * (1.0 - t)
+    assert_allclose(render(scene, device).image()[0, 0], expected, rtol=2e-5)
+    scene = stage(medium=MEDIUM)
+    scene.add(WALL, **GLOWING)
+    scene.add(wrt.box((-3, -3, -0.5), (3, 3, 1.5)), material=wrt.Null())
+    assert_allclose(render(scene, device).image()[0, 0], np.exp(-B * 3.0), rtol=2e-5)
+
+
+def test_fog_without_end(device: str) -> None:
+    """Nothing of the sky comes through, and the fog's own light is e / a."""
+    with pytest.warns(UserWarning, match="reaches to infinity"):
+        image = render(stage(sky=7.0, medium=wrt.Medium(tuple(B), emission=1.0)), device).image()
+    assert_allclose(image[0, 0], 1.0 / B, rtol=2e-5)
+    with pytest.raises(wrt.InputError, match="reaches to infinity"):
+        render(stage(medium=wrt.Medium((1.0, 0.0, 1.0), emission=1.0)), device)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_camera_in_a_body(turned: bool, device: str) -> None:
+    """The path begins in the bodies that the camera stands in: the inner of two, which lies in the other."""
+    scene = stage(sky=1.0)
+    outer, inner = wrt.Null(interior=wrt.Medium(tuple(2.0 * B))), wrt.Null(interior=MEDIUM)
+    shapes = [(wrt.box((-9, -9, -1), (9, 9, 9)), outer), (wrt.box((-2, -2, 0), (2, 2, 5)), inner)]
+    for mesh, material in reversed(shapes) if turned else shapes:
+        scene.add(mesh, material=material)
+    assert_allclose(render(scene, device).image()[0, 0], np.exp(-B * 3.0 - 2.0 * B * 1.0), rtol=2e-5)
+
+
+def along_other_diagonals(mesh: wrt.Mesh) -> wrt.Mesh:
+    """Return a box, each of its quads (a, b, c), (a, c, d) cut into (a, b, d), (b, c, d)."""
+    faces = []
+    for first, second in mesh.faces.reshape(-1, 2, 3):
+        b = next(i for i in range(3) if first[i] not in second)
+        d = next(i for i in second if i not in first)
+        previous, corner, following = np.roll(first, 1 - b)
+        faces += [[previous, corner, d], [corner, following, d]]
+    return wrt.Mesh(mesh.vertices, np.array(faces))
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_bodies_that_touch(other: bool, device: str) -> None:
+    """Blocks share faces, whose triangles are the same, or others in the same plane: neither is overlooked."""
+    scene = stage(sky=1.0, fov_degrees=20.0)
+    for low, absorption in ((-1.0, B), (-2.0, 3.0 * B), (-3.0, B[::-1])):
+        box = wrt.box((-4.0, -4.0, low), (4.0, 4.0, low + 1.0))
+        box = along_other_diagonals(box) if other and low == -2.0 else box
+        scene.add(box, material=wrt.Null(interior=wrt.Medium(tuple(absorption))))
+    total = -np.log(render(scene, device, size=(64, 64)).image()) / (B + 3.0 * B + B[::-1])
+    # The way through each block is 1 / cosθ, the same in all channels and somewhat random within a pixel.
+    assert_allclose(total, np.broadcast_to(total[..., :1], total.shape), rtol=2e-4)
+    assert 0.9999 < total.min() <= total.max() < 1.0 / math.cos(math.radians(15.0))
+
+
+def test_light_through_bodies_and_panes(device: str) -> None:
+    """A point light shines on a plate at 45 degrees: through 0.5 m / cos 45° of a block, which is not in the camera's
+    way, or through thin glass, which leaves 1 − 2 F / (1 + F), times its colour."""
+    color = np.array([0.9, 0.5, 0.1])
+    glass = wrt.ThinDielectric(1.5, specular_transmittance=tuple(color))
+    images = []
+    for pane in (
+        None,
+        wrt.Shape(wrt.box((0.2, -4, -0.6), (9, 4, -0.1)), wrt.Null(interior=MEDIUM)),
+        wrt.Shape(wrt.quad((0.1, -4, -0.4), (9, 0, 0), (0, 8, 0)), glass),
+    ):
+        scene = stage(origin=(0.0, 0.0, 3.0), medium=None)
+        scene.add(wrt.quad((-9, -9, -1), (18, 0, 0), (0, 18, 0)), material=wrt.Diffuse(0.5))
+        scene.add_light(wrt.PointLight((2.0, 0.0, 1.0), intensity=1.0))
+        scene.add(wrt.box((99, 99, 99), (100, 100, 100)), material=wrt.Null(interior=MEDIUM))
+        scene.shapes += [pane] if pane else []
+        images.append(render(scene, device, spp=4, max_depth=2).image()[0, 0])
+    plain, dimmed, lit = images
+    assert_allclose(plain, 0.5 / np.pi / 8.0 * math.sqrt(0.5), rtol=1e-4)
+    assert_allclose(dimmed / plain, np.exp(-B * 0.5 * math.sqrt(2.0)), rtol=1e-4)
+    f = fresnel(math.sqrt(0.5), 1.5)
+    assert_allclose(lit / plain, color * (1.0 - 2.0 * f / (1.0 + f)), rtol=1e-4)
+
+
+@pytest.mark.parametrize("strategy", ["mis", "bsdf"])
+def test_a_lamp_behind_coloured_panes(strategy: str, device: str, report: Report) -> None:
+    """Light found by chance behind a pane is weighed against shadow rays as if the pane were not there."""
+    scene = stage()
+    scene.add(wrt.quad((-9, -9, -1), (18, 0, 0), (0, 18, 0)), material=wrt.Diffuse(0.5))
+    lamp = wrt.quad((0.5, -1.0, -0.5), (0, 0, 2.0), (0, 2.0, 0))  # its front towards −x
+    scene.add(lamp, material=wrt.Diffuse(0.0), emission=3.0)
+    scene.add(wrt.box((0.2, -6, -0.9), (0.4, 6, 6)), material=wrt.Null(interior=MEDIUM))
+    scene.add(wrt.quad((0.15, -6, -0.95), (0, 12, 0), (0, 0, 9)), material=wrt.ThinDielectric(1.5))
+    options = {"size": (32, 32), "spp": 256, "max_depth": 2}
+    mean, error = mean_and_error(render(scene, device, strategy=strategy, **options))
+    known, known_error = mean_and_error(render(scene, device, strategy="light", seed=5, **options))
+    report(f"{strategy}: red green blue", str(mean.round(6)), f"± {error.round(6)}")
+    assert known.min() > 0.0
+    assert (np.abs(mean - known) < 3.5 * np.hypot(error, known_error)).all()
+
+
+def test_media_that_cannot_be_are_refused() -> None:
+    with pytest.raises(wrt.InputError, match="color must be greater than 0"):
+        wrt.Medium.from_color((0.5, 0.0, 0.5), 1.0)
+    with pytest.raises(wrt.InputError, match=r"interior must be a wrt\.Medium"):
+        wrt.Dielectric(interior=1.0)  # type: ignore[arg-type]
+    with pytest.raises(wrt.InputError, match="an interior needs a transmission"):
+        wrt.Principled(interior=MEDIUM)
+    scene = stage(sky=1.0)
+    two = wrt.Mix(wrt.Dielectric(interior=MEDIUM), wrt.Dielectric())
+    scene.add(wrt.box((-1, -1, -1), (1, 1, 1)), material=two, name="odd")
+    with pytest.raises(wrt.InputError, match="odd: the parts of a material must have the same interior"):
+        wrt.Renderer(scene, width=2, height=2)

@@ -1,0 +1,246 @@
+"""Media that scatter: their phase function, furnaces, single scattering, the colour of a deep medium, and motion."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from conftest import Report
+from scipy.integrate import quad
+from support.covering_kernels import render_with
+from support.kernels import map_function, uniforms
+from support.media import KERNELS, mean_and_error, render, stage
+from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
+
+import wrt
+from wrt.kernels.media.phase import phase, sample_phase
+from wrt.kernels.sampling.warps import square_to_sphere
+from wrt.scene.medium import albedo_of_color, color_of_albedo
+
+N = 2**19
+
+
+def henyey_greenstein(cosine: np.ndarray, g: float) -> np.ndarray:
+    return (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
+
+
+@pytest.mark.parametrize("g", [0.8, 1e-4, *(pytest.param(g, marks=pytest.mark.slow) for g in (-0.95, 0.0, 0.99))])
+def test_directions_follow_the_phase_function(g: float, device: str, report: Report) -> None:
+    forward = np.broadcast_to([0.0, 0.0, 1.0], (N, 3))
+    drawn = map_function(sample_phase, forward, np.full(N, g), uniforms(N, 2, seed=4), device=device)
+    counts = sphere_histogram(drawn)
+
+    def expected(mean: float) -> np.ndarray:
+        return N * integrate_pdf_over_bins(lambda d: henyey_greenstein(d[..., 2], mean), counts.shape)
+
+    result = chi_square_test(counts, expected(float(np.float32(g))), tests=5)
+    report(f"g = {g:g}", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+    # With another mean cosine they do not.
+    other = expected(g + 0.05 * (1.0 if g < 0.0 else -1.0))
+    assert not chi_square_test(counts, other, tests=5, total_tolerance=1.0).passed
+    cosine = np.linspace(-1.0, 1.0, 1001)
+    value = map_function(phase, cosine, np.full(1001, g), device=device)
+    formula = henyey_greenstein(np.float32(cosine).astype(np.float64), float(np.float32(g)))
+    # 1 + g² − 2 g cosθ is a difference of near numbers for g near 1 and θ near 0.
+    np.testing.assert_allclose(value, formula, rtol=2e-6 / (1.0 - abs(g)) ** 2)
+
+
+def test_directions_turn_with_the_way(device: str) -> None:
+    forward = np.array([0.48, -0.6, 0.64])
+    given = (np.broadcast_to(forward, (N, 3)), np.full(N, 0.8), uniforms(N, 2, seed=4))
+    directions = map_function(sample_phase, *given, device=device).astype(np.float64)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-6)
+    assert abs((directions @ forward).mean() - 0.8) < 4.0 * 0.4 / np.sqrt(N)
+    assert abs((directions @ np.cross(forward, [0.0, 0.0, 1.0])).mean()) < 4.0 * 0.4 / np.sqrt(N)
+
+
+def test_uniform_directions(device: str, report: Report) -> None:
+    counts = sphere_histogram(map_function(square_to_sphere, uniforms(N, 2, seed=6), device=device))
+    result = chi_square_test(counts, np.full(counts.shape, N / counts.size))
+    report("sphere", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+
+
+@pytest.fixture
+def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with(KERNELS, monkeypatch)
+
+
+pictures = pytest.mark.usefixtures("few_kernels")
+
+BLOCK = wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
+ASIDE = {"sky": 1.0, "origin": (1.8, 1.3, 3.0), "fov_degrees": 20.0}
+
+
+@pictures
+@pytest.mark.parametrize(
+    ("boundary", "thickness", "g"),
+    [
+        (wrt.Null, 1.0, 0.8),
+        (wrt.Dielectric, 10.0, -0.5),
+        *(pytest.param(b, t, 0.0, marks=pytest.mark.slow) for b in (wrt.Null, wrt.Dielectric) for t in (0.1, 10.0)),
+    ],
+)
+def test_white_in_a_furnace(boundary: type, thickness: float, g: float, device: str, report: Report) -> None:
+    """A medium that absorbs nothing cannot be seen under an even sky, however often it scatters.
+
+    Its density differs in the channels, by 2 either way. A block, from which light always gets out.
+    """
+    medium = wrt.Medium.from_albedo(1.0, (0.5 * thickness, thickness, 2.0 * thickness), g)
+    scene = stage(**ASIDE)
+    scene.add(BLOCK, material=boundary(interior=medium))
+    mean, error = mean_and_error(render(scene, device, size=(24, 24), spp=64, max_depth=1000))
+    report(f"{boundary.__name__}, g {g:g}, thickness {thickness:g}: worst", f"{((mean - 1) / error).round(2)} sigma", 0)
+    assert (np.abs(mean - 1.0) < 3.5 * np.maximum(error, 1e-6)).all()
+    assert error.max() < 0.01
+
+
+@pictures
+@pytest.mark.parametrize(
+    ("g", "strategy"),
+    [(0.7, "mis"), *(pytest.param(0.7, s, marks=pytest.mark.slow) for s in ("light", "bsdf"))],
+)
+def test_single_scattering_in_a_thin_slab(g: float, strategy: str, device: str, report: Report) -> None:
+    """One event and no more: ∫ s exp(−t z) p(θ) L(z) dz along the way of the camera, in closed form per channel.
+
+    A lamp far to the side, small enough to be a point, lights it at 90 degrees through the air above, so that on the
+    way to the event light goes z / cosθ through the slab.
+    """
+    s, a, d = np.array([0.05, 0.2, 0.8]), np.array([0.3, 0.1, 0.0]), 0.4
+    t = s + a
+    scene = stage()
+    scene.add(wrt.box((-50, -50, -d), (50, 50, 0.0)), material=wrt.Null(interior=wrt.Medium(tuple(a), tuple(s), g)))
+    corner, along, up = np.array([40.0, -4.0, 26.0]), np.array([0.0, 8.0, 0.0]), np.array([-6.0, 0.0, 8.0])
+    normal = np.cross(up, along)
+    scene.add(wrt.quad(tuple(corner), tuple(up), tuple(along)), material=wrt.Diffuse(0.0), emission=100.0)
+    mean, error = mean_and_error(render(scene, device, strategy=strategy, size=(32, 32), spp=512, max_scatterings=1))
+
+    x = (np.polynomial.legendre.leggauss(16)[0] + 1.0) / 2.0
+    w = np.polynomial.legendre.leggauss(16)[1] / 2.0
+    points = corner + x[:, None, None] * along + x[None, :, None] * up
+
+    def arriving(z: float, channel: int) -> float:
+        way = points - [0.0, 0.0, -z]
+        r2 = (way**2).sum(axis=2)
+        r = np.sqrt(r2)
+        p = henyey_greenstein(-way[..., 2] / r, g)  # between the camera's way, −z, and the way to the light
+        through = np.exp(-t[channel] * z * r / way[..., 2])
+        light = 100.0 * np.maximum(-(way @ normal), 0.0) / (r2 * r)
+        return float(np.einsum("i,j,ij", w, w, p * through * light)) * s[channel] * math.exp(-t[channel] * z)
+
+    expected = np.array([quad(arriving, 0.0, d, args=(c,))[0] for c in range(3)])
+    report(f"{strategy}, g {g:g}", str(mean), str(expected))
+    assert (np.abs(mean - expected) < 3.5 * error + 1e-4 * expected).all()
+    if strategy != "bsdf":
+        assert (np.abs(mean - 1.05 * expected) > 3.5 * error).all()
+
+
+@pictures
+def test_emission_while_it_scatters(device: str, report: Report) -> None:
+    """In a medium without end that emits, scatters and absorbs, radiance is e / a everywhere."""
+    medium = wrt.Medium(absorption=(0.5, 1.0, 2.0), scattering=(3.0, 1.0, 0.5), g=0.3, emission=(1.0, 2.0, 3.0))
+    mean, error = mean_and_error(render(stage(medium=medium), device, size=(16, 16), spp=256))
+    expected = np.array([2.0, 2.0, 1.5])
+    report("e / a", str(mean.round(4)), str(expected))
+    assert (np.abs(mean - expected) < 3.5 * error).all()
+    assert (np.abs(mean - expected) < 0.02 * expected).all()
+
+
+@pictures
+def test_a_wall_in_fog_under_roulette(device: str) -> None:
+    """Roulette changes no mean: a medium in a furnace of walls that emit 1 and reflect 0.5, where radiance is 2."""
+    outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
+    fog = wrt.Medium.from_albedo(1.0, (0.3, 1.0, 3.0), g=0.5)
+    scene = stage(medium=fog, origin=(0.3, -0.2, 0.5), target=(-0.4, 0.3, -1.0), fov_degrees=90.0)
+    scene.add(wrt.Mesh(outside.vertices, outside.faces[:, ::-1]), material=wrt.Diffuse(0.5), emission=1.0)
+    mean, error = mean_and_error(render(scene, device, size=(24, 24), spp=128, max_depth=1000))
+    assert (np.abs(mean - 2.0) < 3.5 * error).all()
+    assert error.max() < 0.01
+
+
+@pictures
+@pytest.mark.parametrize("g", [0.0, pytest.param(0.6, marks=pytest.mark.slow)])
+def test_color_of_a_deep_medium(g: float, device: str, report: Report) -> None:
+    """Under even light, seen from all sides alike, `from_subsurface` shows the colour that it was given.
+
+    A large slab, 400 mean free paths deep; the camera sees it at angles of which cosθ is spread as light from a matt
+    surface is: that mean is the albedo under light from all sides, for the way can be reversed.
+    """
+    color = np.array([0.2, 0.5, 0.8])
+    scene = stage(sky=1.0)
+    medium = wrt.Medium.from_subsurface(tuple(color), 0.01, g)
+    scene.add(wrt.box((-50, -50, -4.0), (50, 50, 0.0)), material=wrt.Null(interior=medium))
+    total, variance = np.zeros(3), np.zeros(3)
+    for node, weight in zip(*np.polynomial.legendre.leggauss(6), strict=True):
+        mu2 = 0.5 * (node + 1.0)  # 2 μ dμ = d(μ²)
+        angle = math.acos(math.sqrt(mu2))
+        scene.camera = wrt.PerspectiveCamera((3 * math.sin(angle), 0, 3 * math.cos(angle)), (0, 0, 0), fov_degrees=1e-3)
+        mean, error = mean_and_error(render(scene, device, size=(16, 16), spp=32))
+        total += 0.5 * weight * mean
+        variance += (0.5 * weight * error) ** 2
+    report(f"g {g:g}: colour", str(total.round(4)), str(color))
+    # Where g is not 0 similarity holds deep inside only: near the surface light that goes on forwards is lost.
+    assert (np.abs(total - color) < 3.5 * np.sqrt(variance) + (0.03 if g else 0.001)).all()
+    assert np.sqrt(variance).max() < 0.005
+
+
+def test_color_and_albedo_are_inverse() -> None:
+    for color in (0.0, 0.05, 0.4, 0.9, 0.999, 1.0):
+        assert abs(color_of_albedo(albedo_of_color(color)) - color) < 1e-7
+    # Van de Hulst's fit ("Multiple Light Scattering", 1980), s² = 1 − a: (1 − s) (1 − 0.139 s) / (1 + 1.17 s).
+    for albedo in (0.1, 0.5, 0.8, 0.9, 0.99, 0.9999):
+        s = math.sqrt(1.0 - albedo)
+        assert abs(color_of_albedo(albedo) - (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.17 * s)) < 2.5e-3
+
+
+@pictures
+def test_path_lets_media_absorb_alone(device: str) -> None:
+    scene = stage(sky=1.0)
+    medium = wrt.Medium(absorption=1.0, scattering=5.0)
+    scene.add(wrt.box((-5, -5, -0.5), (5, 5, 0.0)), material=wrt.Null(interior=medium))
+    with pytest.warns(UserWarning, match="ignores scattering in media"):
+        image = render(scene, device, integrator="path").image()
+    np.testing.assert_allclose(image, math.exp(-0.5), rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_fog_with_motion_is_the_mean_of_stills(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block moves before a lamp in fog: it, and its shadow on the floor and in the air, are where they were."""
+    render_with([dataclasses.replace(k, instances=i) for k in KERNELS for i in ("none", "moving")], monkeypatch)
+
+    def picture(move: object, spp: int, seed: int, shutter: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        fog = wrt.Medium(absorption=0.05, scattering=(0.5, 0.3, 0.1), g=0.4)
+        view = {
+            "origin": (0.0, 1.0, 4.0),
+            "target": (0.0, 0.6, 0.0),
+            "fov_degrees": 40.0,
+            "shutter_open": 0.0,
+            "shutter_close": shutter,
+        }
+        scene = stage(medium=fog, **view)
+        scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.5))
+        scene.add(wrt.box((-1.6, 0.7, -0.4), (-0.4, 1.0, 0.4)), material=wrt.Diffuse(0.1), transform=move)
+        scene.add(wrt.quad((-0.3, 2.0, -0.3), (0.6, 0, 0), (0, 0, 0.6)), material=wrt.Diffuse(0.0), emission=20.0)
+        renderer = render(scene, device, size=(24, 18), spp=spp, seed=seed, max_depth=4)
+        return renderer.image().astype(np.float64), renderer.variance().astype(np.float64)
+
+    def moved(x: float) -> np.ndarray:
+        return np.block([[np.eye(3), np.array([[x], [0.0], [0.0]])], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+    moving = picture(wrt.Motion((0.0, 1.0), (moved(0.0), moved(2.0))), 2048, 1, shutter=1.0)
+    stills = [picture(moved(2.0 * (k + 0.5) / 32), 64, 2 + k) for k in range(32)]
+    mean, variance = (np.mean([s[i] for s in stills], axis=0) for i in range(2))
+    z = (moving[0] - mean) / np.sqrt(moving[1] + variance / 32)
+    blocks = np.abs(z.reshape(6, 3, 6, 4, 3).sum(axis=(1, 3)) / math.sqrt(12.0))
+    report("worst block of pixels", f"{blocks.max():.2f} sigma", "4.5")
+    assert blocks.max() < 4.5
+    error = np.sqrt((moving[1] + variance / 32).sum(axis=(0, 1))) / mean[..., 0].size
+    difference = (moving[0] - mean).mean(axis=(0, 1))
+    report("means", f"{(difference / error).round(2)} sigma of {(error / mean.mean(axis=(0, 1))).round(4)}", 0)
+    assert (np.abs(difference) < 3.5 * error).all()
+    assert (error < 0.02 * mean.mean(axis=(0, 1))).all()
+    still = picture(moved(1.0), 2048, 99)
+    assert np.abs((still[0] - mean) / np.sqrt(still[1] + variance / 32)).max() > 10.0
