@@ -1,4 +1,4 @@
-"""Record or check digests of the films of tests/test_digests.py, and write the generated C++.
+"""Record or check digests of the films of tests/running/test_digests.py, and write the generated C++.
 
 python scripts/digests.py record           write tests/data/digests.json for this machine's arithmetic
 python scripts/digests.py check            compare with it, with the scalar and the wide kernel

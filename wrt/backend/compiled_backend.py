@@ -1,7 +1,7 @@
 """The backend that runs already compiled kernels on the CPU without importing Warp.
 
 It takes kernels, structs and constants from the notes of `recording.py`. It lays out arrays and structs as Warp does;
-`tests/test_compiled_backend.py` compares the two.
+`tests/running/test_without_warp.py` compares the two.
 """
 
 from __future__ import annotations

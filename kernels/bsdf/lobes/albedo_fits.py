@@ -68,7 +68,7 @@ def facet_albedo(w: wp.vec3, shape: wp.vec3) -> wp.vec2:
 
     The roughness towards w governs masking. Facets tilt across w as well: G is that of an isotropic surface that is
     smoother the more the smooth axis points towards w, and W at most that of the mean roughness. With these numbers the
-    true albedo exceeds neither (tests/test_principled.py); on average E is 0.02 too large.
+    true albedo exceeds neither (tests/materials/test_principled.py); on average E is 0.02 too large.
     """
     rough = wp.max(shape[0], shape[1])
     smooth = wp.min(shape[0], shape[1])
