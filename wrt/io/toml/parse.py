@@ -26,7 +26,7 @@ def _require_short_keys(text: str) -> None:
 
 
 def _require_short_integers(value: Any, key: str = "") -> None:
-    """Raise InputError where an integer has more than 64 bits, as TOML demands: Python does not print very long ones."""
+    """Raise InputError where an integer has more than 64 bits, which TOML forbids and Python may not print."""
     if isinstance(value, dict):
         for name, inner in value.items():
             _require_short_integers(inner, name)
