@@ -28,9 +28,8 @@ from wrt.rendering.checkpoint import (
     require_same,
     write_state,
 )
-from wrt.rendering.passes import MAX_SPP
 from wrt.rendering.renderer import Renderer
-from wrt.scene.scene import RenderSettings
+from wrt.scene.scene import MAX_SPP, RenderSettings
 from wrt.upload.camera import CropWindow
 from wrt.values import integer, number
 
