@@ -8,7 +8,8 @@ COPY . /src
 RUN pip install --no-cache-dir '/src[dask]' && rm -rf /src
 
 # Kernels are compiled at the first render of their kind, or by `wrt compile SCENE`; mount a volume here to keep them.
-ENV XDG_CACHE_HOME=/cache WARP_CACHE_PATH=/cache/warp
+# Each user has a folder of their own in it.
+ENV XDG_CACHE_HOME=/cache
 RUN mkdir -m 1777 /cache
 WORKDIR /work
 CMD ["wrt", "--help"]

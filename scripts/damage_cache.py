@@ -49,8 +49,8 @@ class Kind:
 KINDS = {
     "object": Kind("warp/*/*/*.o", (), 4),
     "object, read by Warp": Kind("warp/*/*/*.o", (NOTES,), 4),
-    "digest": Kind("warp/*/*/*.digest", (), 2),
-    "digest, read by Warp": Kind("warp/*/*/*.digest", (NOTES,), 2),
+    "digest": Kind("warp/*/*/*.checksum", (), 2),
+    "digest, read by Warp": Kind("warp/*/*/*.checksum", (NOTES,), 2),
     "meta": Kind("warp/*/*/*.meta", (NOTES,), 2),
     "notes": Kind(NOTES, (), 3),
     "headers": Kind("wrt/headers-*/*", (FILM,), 2),

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean, name_of, warn
+from wrt.developing import names_file
+from wrt.errors import InputError, InputWarning, did_you_mean, name_of, warn
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -95,17 +96,19 @@ def load(
         aspect=aspect,
         time=time,
     )
-    with _confined(source if confined else None):
-        if not strict:
-            return _load(source, triangles, up, parameters, sensor, stage)
-        from wrt.errors import InputWarning
-
-        with warnings.catch_warnings():
+    with _confined(source if confined else None), warnings.catch_warnings():
+        if strict:
             warnings.simplefilter("error", InputWarning)
-            try:
-                return _load(source, triangles, up, parameters, sensor, stage)
-            except InputWarning as warning:
-                raise InputError(str(warning)) from None
+        try:
+            scene = _load(source, triangles, up, parameters, sensor, stage)
+        except InputWarning as warning:
+            if not strict:
+                raise
+            raise InputError(str(warning)) from None
+    if confined and scene is not source and names_file(scene.settings.tone):
+        # Such a configuration names further files, which OpenColorIO opens when a picture is developed.
+        raise InputError(f"{source}: tone {scene.settings.tone!r} names a file, which is not read in confinement")
+    return scene
 
 
 def _confined(source: Any) -> contextlib.AbstractContextManager[None]:

@@ -32,6 +32,12 @@ TONE_SCHEMA = {"anyOf": [{"enum": [*TONES, OCIO]}, {"type": "string", "pattern":
 """The JSON schema of a tone in a scene file."""
 
 
+def names_file(tone: str) -> bool:
+    """Return whether a tone curve is a configuration of OpenColorIO in a file."""
+    config = tone.partition(":")[2].split(",")[0].strip()
+    return tone.startswith(f"{OCIO}:") and bool(config) and not config.startswith("ocio://")
+
+
 def check_exposure(value: object) -> Exposure:
     """Return `value` if it is an exposure, or raise InputError."""
     if value is None or (isinstance(value, str) and value == AUTO):

@@ -192,7 +192,8 @@ class _Views:
         That costs less than one sample, a multiple of sixteen and a remainder, since the wide kernel takes sixteen
         samples of a pixel at once. On a GPU passes stay short, as nothing interrupts them.
         """
-        from wrt.rendering.passes import LONGEST_PASS, MAX_SPP
+        from wrt.rendering.passes import LONGEST_PASS
+        from wrt.scene.scene import MAX_SPP
 
         has_noise = self._limits["noise"] is not None
         if self._limits["spp"] is None:

@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from wrt.backend.cache_folders import keep_latest, locked, put, wrt_folder
+from wrt.backend.cache_folders import is_private, keep_latest, locked, make_private, put, wrt_folder
 from wrt.backend.fingerprint import TESTED, fingerprint, folder_of, version_of
 from wrt.backend.kernel_cache import State, digest, state
 
@@ -96,7 +96,7 @@ class Builds:
     def alone(self) -> AbstractContextManager[None]:
         """Return a context that only one process of a user can hold at a time."""
         with contextlib.suppress(OSError):  # without a lock, processes compile in parallel
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            make_private(self.path.parent)
         return locked(self.path.parent, seconds=math.inf)
 
     def has(self, call: str) -> bool:
@@ -129,6 +129,8 @@ class Builds:
     def _load(self, name: str) -> bytes:
         if not self._is_there(name) or state(file := Path(self.notes["files"][name]["file"])) is not State.WHOLE:
             raise NotCompiled(name)  # Warp's backend then reports the damage
+        if not is_private(file.parent):
+            raise NotCompiled(f"{file}: others can replace it")
         handle = f"wrt_{next(_HANDLES)}".encode()
         if self._native().wp_load_obj(os.fsencode(file), handle, False) != 0:
             raise NotCompiled(name)
@@ -159,7 +161,7 @@ class Builds:
         text = json.dumps(self.notes).encode()
         for folder in self.folders:
             with contextlib.suppress(OSError):
-                folder.mkdir(parents=True, exist_ok=True)
+                make_private(folder)
                 # If two processes write at once, one loses its notes; it writes them again after its next render.
                 put(folder / self.path.name, digest(text) + b"\n" + text)
                 keep_latest(folder, "builds-*.json", KEPT)

@@ -7,6 +7,7 @@ import contextlib
 import errno
 import os
 import re
+import stat
 import sys
 import threading
 import warnings
@@ -37,13 +38,13 @@ def user_folder() -> Path:
     """Return the user's cache folder.
 
     An empty or relative XDG_CACHE_HOME counts as unset (XDG Base Directory Specification). So does such a HOME; the
-    home folder then comes from the password database.
+    home folder then comes from the password database. In a folder that all users share as they do /tmp, each has one.
 
     Raises:
         FileNotFoundError: when this user has no home folder.
     """
     if os.path.isabs(named := os.environ.get("XDG_CACHE_HOME", "")):
-        return Path(named)
+        return Path(named, f"uid-{os.getuid()}") if _is_shared(named) else Path(named)
     home = os.environ.get("HOME", "")
     if not os.path.isabs(home):
         import pwd
@@ -56,9 +57,12 @@ def user_folder() -> Path:
 
 
 def wrt_folder() -> Path:
-    """Return the folder of wrt's notes and precompiled headers, inside the work folder if the user has no home."""
+    """Return the folder of wrt's notes and precompiled headers.
+
+    It is inside the work folder if the user has no home, or if others can write to the usual folder.
+    """
     try:
-        return user_folder() / "wrt"
+        return _trusted(user_folder() / "wrt", "wrt")
     except FileNotFoundError:
         return work_folder() / "wrt"
 
@@ -66,10 +70,86 @@ def wrt_folder() -> Path:
 def warp_folder() -> Path:
     """Return the folder of Warp's compiled kernels, which has a subfolder for each version of Warp.
 
+    It is inside the work folder if others can write to the usual folder.
+
     Raises:
         FileNotFoundError: see `user_folder`.
     """
-    return Path(os.environ.get("WARP_CACHE_PATH") or user_folder() / "warp")
+    return _trusted(Path(os.environ.get("WARP_CACHE_PATH") or user_folder() / "warp"), "warp")
+
+
+def make_private(folder: Path) -> None:
+    """Create a folder of the cache that others cannot write to, whatever the umask, unless it is there.
+
+    Raises:
+        OSError: if it cannot be created.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+
+
+def is_private(folder: Path) -> bool:
+    """Return whether nobody but this user and root can replace what lies in a folder."""
+    try:
+        return not _why_untrusted(folder.absolute())
+    except OSError:
+        return False
+
+
+def _is_shared(folder: str) -> bool:
+    try:
+        mode = os.stat(folder).st_mode
+    except OSError:
+        return False
+    return bool(mode & stat.S_ISVTX and mode & stat.S_IWOTH)
+
+
+def _trusted(folder: Path, name: str) -> Path:
+    """Return a folder of the cache, or one in the work folder if others could put machine code into it."""
+    try:
+        why = _why_untrusted(folder.absolute())
+    except OSError:  # it cannot be searched; writing to it will say so
+        return folder
+    if not why:
+        return folder
+    if folder not in _said:
+        _said.add(folder)
+        now = f"compiled kernels are kept in {work_folder()} until this process ends"
+        warnings.warn(f"{folder}: not used as a cache of machine code: {why}; {now}", stacklevel=4)
+    return work_folder() / name
+
+
+def _why_untrusted(folder: Path) -> str:
+    """Return who besides this user and root could replace a folder or what lies in it; "" for nobody.
+
+    As with sshd's StrictModes, each folder on the way must belong to the user or to root, and others must not be able
+    to write to it, unless it is sticky as /tmp is: there they cannot replace what belongs to the user.
+    """
+    resolved = Path(os.path.realpath(folder))
+    for place in (resolved, *resolved.parents):
+        try:
+            found = place.stat()
+        except FileNotFoundError:  # it will be created, by this user
+            continue
+        if found.st_uid not in (0, os.getuid()):
+            return f"{place} belongs to another user (uid {found.st_uid})"
+        is_writable = found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and not _is_private(found.st_gid))
+        if is_writable and (place == resolved or not found.st_mode & stat.S_ISVTX):
+            return f"others can write to {place}"
+    return ""
+
+
+def _is_private(group: int) -> bool:
+    """Return whether a group is root's, or the user's own one without other members, as many systems have it."""
+    import grp
+    import pwd
+
+    if group == 0:
+        return True
+    with contextlib.suppress(KeyError):
+        user, found = pwd.getpwuid(os.getuid()), grp.getgrgid(group)
+        return group == user.pw_gid and found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+    return False
 
 
 def kernels_folder() -> Path:
@@ -93,7 +173,8 @@ def choose_warp_folder() -> None:
     folder = Path("~")
     try:
         folder = Path(wp.config.kernel_cache_dir or warp_folder())
-        (folder / wp.config.version).mkdir(parents=True, exist_ok=True)
+        make_private(folder)
+        (folder / wp.config.version).mkdir(exist_ok=True)
     except OSError as error:
         say_unwritable(folder, error)
         folder = work_folder() / "warp"
@@ -111,7 +192,8 @@ def say_unwritable(folder: Path, error: OSError) -> None:
 
 def require_writable(folder: Path) -> None:
     """Create a folder, and raise OSError unless it can be written to and has room for a kernel."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private(folder.parent)
+    folder.mkdir(exist_ok=True)
     _require_room(folder, ROOM // 4)
     put(probe := folder / ".probe", b"")
     probe.unlink(missing_ok=True)

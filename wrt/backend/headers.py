@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
-from wrt.backend.cache_folders import keep_latest, put, work_folder, wrt_folder
+from wrt.backend.cache_folders import keep_latest, make_private, put, work_folder, wrt_folder
 from wrt.backend.fingerprint import TESTED, digest_of_warp, folder_of, version_of
 from wrt.backend.slices import Threads
 
@@ -153,7 +153,8 @@ def _keep_all(folder: Path, *, but_for: Collection[str] = ()) -> set[str]:
 def _keep(data: bytes, kept: Path) -> None:
     """Put headers into the cache in place of others with that name, and remove all but the KEPT latest folders."""
     folder = kept.parent
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private(folder.parent)
+    folder.mkdir(exist_ok=True)
     for before in folder.glob(f"{kept.name.rpartition('-')[0]}-*"):
         if before != kept:
             before.unlink(missing_ok=True)

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import importlib.util
 import os
 import sys
 import warnings
+import zlib
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -25,7 +25,7 @@ from typing import Any
 
 from wrt.backend.cache_folders import ROOM, locked, put, say_unwritable, work_folder
 
-DIGEST = ".digest"
+DIGEST = ".checksum"
 """Suffix of the file with two digests: that of a binary, and that of Warp's `.meta` file."""
 
 
@@ -54,9 +54,9 @@ class State(Enum):
 
 
 def digest(data: bytes) -> bytes:
-    """Return a checksum of 16 characters."""
-    # The hash by which Python detects changed sources: importing hashlib takes longer than reading the cache.
-    return importlib.util.source_hash(data).hex().encode("ascii")
+    """Return a checksum of 16 characters, the same in every version of Python."""
+    # Importing hashlib takes longer than reading the cache.
+    return b"%08x%08x" % (zlib.crc32(data), len(data) & 0xFFFFFFFF)
 
 
 def state(binary: Path, meta: Path | None = None) -> State:

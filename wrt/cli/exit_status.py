@@ -51,7 +51,8 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
         _complain_of(name, f"not enough memory{f': {error}' if str(error) else ''}")
         return FAILED
     except RuntimeError as error:
-        if not str(error).startswith("Failed to allocate"):  # Warp's message when memory runs out
+        # Warp's messages when memory, or address space for its libraries, runs out
+        if not str(error).startswith(("Failed to allocate", "Failed to load the shared library")):
             raise
         _complain_of(name, f"not enough memory: {error}")
         return FAILED

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C, SIGTERM and SIGHUP during a render."""
+"""Handling of Ctrl-C, and of the signals by which systems and clusters end a process, during a render."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (
+    *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP),
+    # Schedulers of clusters send these some time before they kill a job.
+    *(signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU),
+)
 
 GRACE_SECONDS = 3.0
 """Time after a signal until the process is ended, unless the main thread has reacted or has samples to save."""

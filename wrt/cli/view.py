@@ -100,10 +100,15 @@ def _open(options: argparse.Namespace) -> Renderer:
 
 
 def _browse(address: str) -> None:
+    """Open the browser on a private file that leads to the address: other users read command lines, and the token."""
     import webbrowser
 
+    from wrt.backend.cache_folders import work_folder
+
     with contextlib.suppress(webbrowser.Error, OSError):
-        webbrowser.open(address)
+        page = work_folder() / "view.html"
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={address}">', encoding="ascii")
+        webbrowser.open(page.as_uri())
 
 
 @contextlib.contextmanager

@@ -10,11 +10,11 @@ import dataclasses
 import json
 import os
 import signal
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from wrt import child
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.builds import Builds
 from wrt.backend.device import Device
@@ -56,11 +56,12 @@ def from_json(text: str) -> Any:
 
 
 def command(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs `main` of a module of wrt in another process with these arguments."""
-    package = str(Path(__file__).resolve().parents[2])
-    # `-m` would import a `wrt` in the user's current folder.
-    begin = f"import sys; sys.path[0] = {package!r}; from {module} import main; sys.exit(main(sys.argv))"
-    return [sys.executable, "-c", begin, *arguments]
+    """Return the command that runs `main` of a module of wrt in another process with these arguments.
+
+    Raises:
+        OSError: if the path of the interpreter is not known.
+    """
+    return child.command(f"from {module} import main; sys.exit(main(sys.argv))", *arguments)
 
 
 def compile_kernel(features: Any, lanes: int, builds: Builds, uses: Callable[[Device], object] | None = None) -> None:

@@ -66,7 +66,7 @@ def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | 
         builds: the notes.
         kernels: Warp's folder of compiled kernels, without its version.
     """
-    if not is_wanted() or not sys.executable:
+    if not is_wanted():
         return None
     folder, group = requests_folder(builds), _group(builds, kernels)
     path = folder / f"{group}-{digest(name_of_kernel(features, lanes).encode()).decode()}{REQUESTED}"

@@ -15,6 +15,7 @@ from concurrent.futures import TimeoutError as Timeout
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+from wrt import child
 from wrt.distributed.cluster import ANSWER_SECONDS, NoAnswer
 from wrt.errors import InputError
 
@@ -53,9 +54,10 @@ class Processes:
         """Start a process for each device; several may have the same."""
         context = multiprocessing.get_context("spawn")  # a fork could not use CUDA, nor threads that run
         self._devices = {f"{number}:{device}": device for number, device in enumerate(devices)}
-        self._pools = {
-            address: ProcessPoolExecutor(1, mp_context=context, initializer=_begin) for address in self._devices
-        }
+        with child.safe_path():
+            self._pools = {
+                address: ProcessPoolExecutor(1, mp_context=context, initializer=_begin) for address in self._devices
+            }
         atexit.register(self.close)
 
     def close(self) -> None:
@@ -79,7 +81,8 @@ class Processes:
         """Call a function in a process; see `Cluster.submit`."""
         future: Future[Any]
         try:
-            future = self._pools[address].submit(function, *arguments)
+            with child.safe_path():  # the first call starts the process
+                future = self._pools[address].submit(function, *arguments)
         except (BrokenProcessPool, KeyError):
             self._pools.pop(address, None)
             future = Future()

@@ -6,7 +6,6 @@ every part gets some of both.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -38,21 +37,24 @@ def windows_of_part(crop: CropWindow, number: int, of: int) -> tuple[CropWindow,
     if of > width * height:
         raise InputError(f"{of} parts of {width}x{height} pixels: there are more parts than pixels")
     if of > height:  # single rows, cut into pieces
-        columns = -(-of // height)
-        cells = grid(crop, columns, height)
+        columns, rows = -(-of // height), height
     else:
-        cells = grid(crop, 1, of * min(max(height // (of * LEAST_ROWS), 1), BANDS))
-    return tuple(cells[number - 1 :: of])
+        columns, rows = 1, of * min(max(height // (of * LEAST_ROWS), 1), BANDS)
+    # Not by `grid`: a small file may claim a billion parts.
+    return tuple(_cell(crop, columns, rows, index) for index in range(number - 1, columns * rows, of))
 
 
 def grid(crop: CropWindow, columns: int, rows: int) -> list[CropWindow]:
     """Return the windows of a grid row after row; their sides differ by one pixel at most."""
+    return [_cell(crop, columns, rows, index) for index in range(columns * rows)]
+
+
+def _cell(crop: CropWindow, columns: int, rows: int, index: int) -> CropWindow:
     x0, y0, x1, y1 = crop
-    xs = [x0 + (x1 - x0) * i // columns for i in range(columns + 1)]
-    ys = [y0 + (y1 - y0) * i // rows for i in range(rows + 1)]
-    return [
-        (left, top, right, bottom) for top, bottom in itertools.pairwise(ys) for left, right in itertools.pairwise(xs)
-    ]
+    row, column = divmod(index, columns)
+    left, right = (x0 + (x1 - x0) * i // columns for i in (column, column + 1))
+    top, bottom = (y0 + (y1 - y0) * i // rows for i in (row, row + 1))
+    return left, top, right, bottom
 
 
 def pixels_of(windows: Sequence[CropWindow]) -> int:

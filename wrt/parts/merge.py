@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,28 +93,38 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
         InputError: naming a part that is damaged, that is missing or there twice, or that is of another picture,
             version of wrt, number of samples, device or kind of processor.
     """
-    merged: Merged | None = None
+    given = list(parts)
+    if not given:
+        raise InputError("there are no parts to merge")
+    first = _loaded(given[0])
     names: dict[int, str] = {}
-    state: dict[str, NDArray[Any]] = {}
-    for each in parts:
-        part = each if isinstance(each, Part) else Part.load(each)
-        if merged is None:
-            first, merged = part, Merged(part, Device("cpu", threads=1))
-            state = merged.film.state()
-        _require_fit(part, first)
-        if part.number in names:
-            both = f"{names[part.number]} and {part.name}"
-            raise InputError(f"{both} are the same part, {part.number} of {part.of}; leave one out")
+    if first.of > len(given):  # before there is memory for a picture of which a small file claims to be a part
+        for each in given:
+            _add_name(_loaded(each), first, names)
+        _require_all(names, first.of)
+    merged, names = Merged(first, Device("cpu", threads=1)), {}
+    state = merged.film.state()
+    for part in itertools.chain([first], map(_loaded, given[1:])):
+        _add_name(part, first, names)
         merged.check(part)
-        names[part.number] = part.name
         for name, array in state.items():
             put(array, first.crop, part.windows, part.arrays[name])
         merged.seconds_render += float(part.header["seconds"])
-    if merged is None:
-        raise InputError("there are no parts to merge")
-    _require_all(names, first.of)
     merged.film.restore(state)
     return merged
+
+
+def _loaded(part: PathLike | Part) -> Part:
+    return part if isinstance(part, Part) else Part.load(part)
+
+
+def _add_name(part: Part, first: Part, names: dict[int, str]) -> None:
+    """Add a part's name to those by number; raise InputError unless it fits the first part and is there once."""
+    _require_fit(part, first)
+    if part.number in names:
+        both = f"{names[part.number]} and {part.name}"
+        raise InputError(f"{both} are the same part, {part.number} of {part.of}; leave one out")
+    names[part.number] = part.name
 
 
 def _require_fit(part: Part, first: Part) -> None:
@@ -127,9 +137,9 @@ def _require_fit(part: Part, first: Part) -> None:
 
 
 def _require_all(names: dict[int, str], of: int) -> None:
-    missing = [number for number in range(1, of + 1) if number not in names]
+    missing = of - len(names)
     if missing:
-        listed = ", ".join(map(str, missing[:NAMED]))
-        more = f" and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
-        parts = "part" if len(missing) == 1 else "parts"
-        raise InputError(f"{parts} {listed}{more} of {of} {'is' if len(missing) == 1 else 'are'} missing")
+        named = itertools.islice((number for number in range(1, of + 1) if number not in names), NAMED)
+        more = f" and {missing - NAMED} more" if missing > NAMED else ""
+        parts, are = ("part", "is") if missing == 1 else ("parts", "are")
+        raise InputError(f"{parts} {', '.join(map(str, named))}{more} of {of} {are} missing")

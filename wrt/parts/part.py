@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wrt._version import __version__
 from wrt.backend.arithmetic import arithmetic_of
 from wrt.errors import InputError
-from wrt.io.safe_read import PathLike
+from wrt.io.safe_read import PathLike, first_line
 from wrt.parts.cut import pixels_of, windows_of_part
 from wrt.rendering.checkpoint import (
     SETTINGS_OF_PICTURE,
@@ -29,8 +29,9 @@ from wrt.rendering.checkpoint import (
     write_state,
 )
 from wrt.rendering.renderer import Renderer
-from wrt.scene.scene import RenderSettings
+from wrt.scene.scene import MAX_SPP, RenderSettings
 from wrt.upload.camera import CropWindow
+from wrt.values import integer, number
 
 PART = kind_of_state("a part", "part")
 """A part replaces only parts, even with `force`."""
@@ -115,20 +116,20 @@ class Part:
             part = cls(str(path), header, arrays, arrays.pop(MATERIALS))
             part._check()
         except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InputError(f"{path}: damaged ({error})") from None
+            raise InputError(f"{path}: damaged ({first_line(error)})") from None
         return part
 
     def _check(self) -> None:
         """Raise an error if the header or the number of pixels is impossible."""
+        _check_header(self.header)
         pixels = pixels_of(self.windows)
         for name in ("total", "count"):
             if len(self.arrays[name]) != pixels:
                 raise InputError(f"its array {name!r} is not of {pixels} pixels")
         if self.materials.ndim != 1 or self.materials.dtype != np.int32:
             raise InputError("its numbers of materials are of another shape")
-        if self.spp < 1 or (self.arrays["count"] != self.spp).any():
+        if (self.arrays["count"] != self.spp).any():
             raise InputError(f"not all its pixels have {self.spp} samples")
-        float(self.header["seconds"])
 
     def require_fit(self, header: dict[str, Any], *, what: str, pair: str) -> None:
         """Raise InputError unless its picture and the arithmetic of its digits are those of a header.
@@ -140,6 +141,20 @@ class Part:
         """
         stored, wanted = ({**each["identity"], **each["arithmetic"]} for each in (self.header, header))
         require_same(self.name, stored, wanted, what=what, pair=pair)
+
+
+def _check_header(header: dict[str, Any]) -> None:
+    """Raise KeyError or InputError unless a header has what `header_of` and `wrt.Renderer.part` write."""
+    for key in ("identity", "arithmetic", "developing"):
+        if not isinstance(header[key], dict):
+            raise InputError(f"its {key!r} is no table")
+    if not isinstance(header["part"], list) or len(header["part"]) != 2:
+        raise InputError("its 'part' is not a pair of numbers")
+    for value in header["part"]:
+        integer(value, "the number of a part", minimum=1, maximum=2**31 - 1)
+    integer(header["spp"], "its samples per pixel", minimum=1, maximum=MAX_SPP)
+    number(header["seconds"], "its seconds", minimum=0.0)
+    integer(header["identity"]["seed"], "its seed", minimum=0, maximum=2**32 - 1)
 
 
 def header_of(renderer: Renderer) -> dict[str, Any]:

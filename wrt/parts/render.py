@@ -12,9 +12,10 @@ from wrt.errors import InputError
 from wrt.parts.cut import windows_of_part
 from wrt.parts.part import Part, header_of
 from wrt.rendering.film_aovs import material_numbers
-from wrt.rendering.passes import LONGEST_PASS, MAX_SPP, Progress
+from wrt.rendering.passes import LONGEST_PASS, Progress
 from wrt.rendering.renderer import Renderer
 from wrt.rendering.sharing import sharing
+from wrt.scene.scene import MAX_SPP
 from wrt.upload.camera import CropWindow
 from wrt.values import integer
 

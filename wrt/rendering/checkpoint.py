@@ -121,10 +121,14 @@ def read_state(path: PathLike, what: str) -> tuple[dict[str, Any], dict[str, NDA
     try:
         arrays = read_archive(read_file(path))
         forget_input(path)  # a resumed render may replace its checkpoint
-        header = json.loads(str(arrays.pop(_HEADER)))
+        header = json.loads(str(arrays.pop(_HEADER)), parse_constant=_refuse)
     except (KeyError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not a wrt {what}, or damaged ({first_line(error)})") from None
     return (header if isinstance(header, dict) else {}), arrays
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} in its header")
 
 
 def require_same(

@@ -16,14 +16,12 @@ from typing import TYPE_CHECKING
 from wrt.errors import InputError
 from wrt.rendering.noise.noise_target import MOST as MOST_FOR_NOISE
 from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.scene.scene import adaptive_choice
+from wrt.scene.scene import MAX_SPP, adaptive_choice
 from wrt.values import integer, number
 
 if TYPE_CHECKING:
     from wrt.rendering.film import Film
     from wrt.scene.scene import RenderSettings
-
-MAX_SPP = 2**31 - 1
 
 SHORT_PASS = 0.4
 """Least seconds of a pass: long enough for its overhead not to matter, short enough to watch."""

@@ -181,7 +181,7 @@ class WideKernel:
         try:
             command = compiler.command(compiler.__name__, *given)
             self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
-        except (OSError, TypeError):  # TypeError if sys.executable is None
+        except OSError:
             self._possible = False
             return
         self._compiling_since = time.perf_counter()

@@ -37,6 +37,9 @@ SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
 """Integrators by name; docs/integrators.md describes them."""
 
+MAX_SPP = 2**30
+"""Most samples per pixel: a wide kernel takes several at once, and must not count beyond 32 bits."""
+
 _MAKES_A_MESH = "wrt.load_mesh makes one of a file or a trimesh object"
 
 UNBIASED = "unbiased"
@@ -212,7 +215,7 @@ class RenderSettings:
     def __post_init__(self) -> None:
         self.width = integer(self.width, "width", minimum=1, maximum=65536)
         self.height = integer(self.height, "height", minimum=1, maximum=65536)
-        self.spp = integer(self.spp, "spp", minimum=1, maximum=2**31 - 1)
+        self.spp = integer(self.spp, "spp", minimum=1, maximum=MAX_SPP)
         if self.noise is not None:
             self.noise = number(self.noise, "noise", above=0.0, maximum=1.0)
         self.adaptive = adaptive_choice(self.adaptive)

@@ -50,9 +50,9 @@ class Settings:
         """
         new: dict[str, Any] = {}
         if "integrator" in values:
-            new["integrator"] = values["integrator"] and one_of(
-                values["integrator"], [name for name in INTEGRATORS if name != "aov"], "integrator"
-            )
+            named = values["integrator"]
+            known = [name for name in INTEGRATORS if name != "aov"]
+            new["integrator"] = None if named in (None, "") else one_of(named, known, "integrator")
         if "max_depth" in values:
             depth = values["max_depth"]
             new["max_depth"] = None if depth is None else integer(depth, "max_depth", minimum=1, maximum=65536)

@@ -123,7 +123,7 @@ class _Client:
             elif kind == "set":
                 self._session.change(values)
             elif kind == "pick":
-                picked = await asyncio.wrap_future(self._session.pick(float(values["x"]), float(values["y"])))
+                picked = await asyncio.wrap_future(self._session.pick(values["x"], values["y"]))
                 self._put({"type": "picked", "action": values.get("action"), "picked": picked})
             elif kind == "toml" and self._session.camera is not None:
                 self._put({"type": "toml", "text": camera_toml(self._session.camera)})
@@ -147,9 +147,12 @@ class _Page:
     async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the answer to a request, or None to begin a WebSocket."""
         # A page elsewhere may have its own name resolve to this computer.
-        if request.headers.get("Host") not in self._hosts():
+        if not self._is_from(request, "Host", ""):
             return _text(http.HTTPStatus.FORBIDDEN, "unknown host\n")
-        address = urlsplit(request.path)
+        try:
+            address = urlsplit(request.path)
+        except ValueError:
+            return _text(http.HTTPStatus.BAD_REQUEST, "not an address\n")
         if address.path in FILES:
             name, kind = FILES[address.path]
             content = (resources.files("wrt.view") / "page" / name).read_bytes()
@@ -160,14 +163,15 @@ class _Page:
         if not secrets.compare_digest(given.encode(), self._token.encode()):
             return _text(http.HTTPStatus.FORBIDDEN, "this needs the address that wrt view has printed\n")
         if address.path == "/live":
-            origin = request.headers.get("Origin")
-            if origin not in {f"http://{host}" for host in self._hosts()}:
+            if not self._is_from(request, "Origin", "http://"):
                 return _text(http.HTTPStatus.FORBIDDEN, "not from another page\n")
             return None
         return await self._download(address.path)
 
-    def _hosts(self) -> set[str]:
-        return {f"{HOST}:{self._port}", f"localhost:{self._port}"}
+    def _is_from(self, request: Request, header: str, scheme: str) -> bool:
+        """Return whether a header is there once and names this server."""
+        given = request.headers.get_all(header)
+        return len(given) == 1 and given[0] in {f"{scheme}{name}:{self._port}" for name in (HOST, "localhost")}
 
     async def _download(self, path: str) -> Response:
         suffix = path.removeprefix("/picture")
@@ -240,4 +244,7 @@ async def run_server(session: Session, bound: socket.socket, token: str, ready: 
         port = bound.getsockname()[1]
         page.at(port)
         ready(f"http://{HOST}:{port}/?token={token}")
-        await server.wait_closed()
+        try:
+            await server.wait_closed()
+        finally:
+            session.cancel_requests()  # tabs that wait for an answer would keep the server open

@@ -17,6 +17,7 @@ from wrt.errors import InputError
 from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
+from wrt.values import number
 from wrt.view.controls import Settings, camera_values, denoise_of, exposure_of, moved_camera, tone_of
 from wrt.view.frames import Encoder, Frame
 from wrt.view.picture import Look, shown_image
@@ -75,6 +76,7 @@ class Session:
         self._busy: Renderer | None = None  # in a pass that a move may end
         self._requests: list[tuple[Callable[[], Any], Future[Any]]] = []
         self._reload, self._closed = True, False
+        self._is_loaded = False  # whether the last reload went well
         self._passes: tuple[Renderer, Iterator[Progress]] | None = None
         self._progress: Progress | None = None  # of the last pass
         self._thread = threading.Thread(target=self._run, name="wrt-view", daemon=True)
@@ -147,6 +149,8 @@ class Session:
         if settings != self.settings or begins_to_denoise:
             with self._changed:
                 self.settings = settings
+                if self._is_loaded:
+                    self.error = ""  # of the former settings
                 self._end_pass()
         if begins_to_denoise:  # also of a picture that is finished
             self._ask(self._show_again)
@@ -162,9 +166,14 @@ class Session:
         """Return the bytes of a picture file (.png, .exr, .npy), as `wrt render` writes them at this sample count."""
         return self._ask(lambda: file_of(self._present_main(), suffix, self._encoder.look))
 
-    def pick(self, x: float, y: float) -> Future[dict[str, Any] | None]:
-        """Return what is seen at a place in the picture, from (0, 0) at the top left to (1, 1); None if nothing."""
-        return self._ask(lambda: self._required().pick(self._required_camera(), x, y))
+    def pick(self, x: object, y: object) -> Future[dict[str, Any] | None]:
+        """Return what is seen at a place in the picture, from (0, 0) at the top left to (1, 1); None if nothing.
+
+        Raises:
+            InputError: if that is not a place.
+        """
+        u, v = (number(value, name, minimum=0.0, maximum=1.0) for value, name in ((x, "x"), (y, "y")))
+        return self._ask(lambda: self._required().pick(self._required_camera(), u, v))
 
     def codes(self) -> Any:
         """Return the newest picture as (H, W, 3) 8-bit codes, or None."""
@@ -182,10 +191,16 @@ class Session:
             self._end_pass()
         self._thread.join(CLOSING_SECONDS)
         self._encoder.close()
-        for _, future in self._requests:
-            future.cancel()
+        self.cancel_requests()
         if not self._thread.is_alive():
             self._pictures, self._passes = None, None  # and their memory on the device
+
+    def cancel_requests(self) -> None:
+        """Cancel what was asked for and is not answered yet."""
+        with self._changed:
+            requests, self._requests = self._requests, []
+        for _, future in requests:
+            future.cancel()
 
     def _ask(self, answer: Callable[[], Any]) -> Future[Any]:
         future: Future[Any] = Future()
@@ -287,7 +302,7 @@ class Session:
         return self._pass(renderer, settings)
 
     def _load(self) -> None:
-        self._passes = None
+        self._passes, self._is_loaded = None, False
         renderer = self._open()
         self._pictures = Pictures(renderer)
         if self._home is None:
@@ -295,18 +310,23 @@ class Session:
         with self._changed:
             if self._home != self._pictures.home:
                 self._home = self._camera = self._pictures.home
-        self.error = ""
+        self.error, self._is_loaded = "", True
         self._tell(self.state())
         if self._camera is not None:  # so that a page finds a picture when it opens
             self._preview(self._pictures, self.settings, self._camera)
 
     def _answer(self) -> None:
-        answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
+        request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
+        outcome: Any = None
+        error: Exception | None = None
         try:
-            future.set_result(answer())
-        except (InputError, OSError, MemoryError) as error:
-            future.set_exception(error)
-        del self._requests[0]
+            outcome = answer()
+        except (InputError, OSError, MemoryError) as found:
+            error = found
+        with self._changed:
+            if request in self._requests:  # it was not cancelled meanwhile
+                self._requests.remove(request)
+                future.set_result(outcome) if error is None else future.set_exception(error)
         self._passes = None
 
     def _preview(self, pictures: Pictures, settings: Settings, camera: Camera) -> None:

@@ -10,6 +10,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from wrt.errors import InputError
+from wrt.scene.scene import MAX_SPP
 from wrt.values import integer
 from wrt.view.controls import camera_toml
 from wrt.view.frames import Frame
@@ -41,7 +42,7 @@ def view_widget(open: Callable[[], Renderer], *, name: str = "picture", spp: int
         raise InputError("a view in a notebook needs anywidget: pip install 'wrt[notebook]'") from None
 
     if spp is not None:
-        spp = integer(spp, "spp", minimum=1, maximum=2**31 - 1)
+        spp = integer(spp, "spp", minimum=1, maximum=MAX_SPP)
     page = resources.files("wrt.view") / "page"
 
     class View(anywidget.AnyWidget):
@@ -151,7 +152,7 @@ class Link:
             self._widget.send({"type": "toml", "text": camera_toml(self.session.camera)})
         elif kind == "pick":
             action = message.get("action")
-            picked = self.session.pick(float(message["x"]), float(message["y"]))
+            picked = self.session.pick(message["x"], message["y"])
             picked.add_done_callback(
                 lambda done: self._later(
                     self._finished, done, lambda what: ({"type": "picked", "action": action, "picked": what}, None)

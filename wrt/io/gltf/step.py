@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import importlib.util
 import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from wrt import child
 from wrt.errors import InputError
 from wrt.io.gltf.reader import read_gltf
 from wrt.io.mesh.parts import Contents, Part
@@ -22,7 +22,7 @@ LINEAR, ANGULAR = 0.005, 0.15
 """Deflection of triangles: relative to the size of an edge, and radians between neighbours, 42 around a cylinder."""
 
 _CONVERT = (
-    "import sys, cascadio\n"
+    "import cascadio; "
     f"sys.exit(cascadio.step_to_glb(*sys.argv[1:], tol_linear={LINEAR}, tol_angular={ANGULAR}, tol_relative=True))"
 )
 
@@ -40,7 +40,7 @@ def read_step(path: Path, data: bytes) -> Contents:
     with tempfile.TemporaryDirectory(prefix="wrt-step-") as folder:
         source, target = Path(folder, "part.step"), Path(folder, "part.glb")
         source.write_bytes(data)
-        command = [sys.executable, "-c", _CONVERT, str(source), str(target)]
+        command = child.command(_CONVERT, str(source), str(target))
         status = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False).returncode
         triangles = target.read_bytes() if status == 0 and target.exists() else b""
     if not triangles:

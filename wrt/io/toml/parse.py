@@ -25,6 +25,18 @@ def _require_short_keys(text: str) -> None:
         raise InputError(f"line {line}: a dotted key has more than {MOST_LEVELS} parts")
 
 
+def _require_short_integers(value: Any, key: str = "") -> None:
+    """Raise InputError where an integer has more than 64 bits, which TOML forbids and Python may not print."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            _require_short_integers(inner, name)
+    elif isinstance(value, list):
+        for inner in value:
+            _require_short_integers(inner, key)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise InputError(f"not TOML: {key} is an integer of more than 64 bits")
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
@@ -38,7 +50,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         text = as_utf8(read_file(path)).decode("utf-8")
         _require_short_keys(text)
-        return dict(tomllib.loads(text))
+        tables = dict(tomllib.loads(text))
+        _require_short_integers(tables)
+        return tables
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
     except tomllib.TOMLDecodeError as error:

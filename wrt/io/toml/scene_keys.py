@@ -128,14 +128,14 @@ PLACES: Keys = {
     "deformation": Key("How its vertices move.", definition("deformation")),
 }
 
-_OF_SHAPES = meanings_of(Shape)
+_OF_SHAPES = meanings_of(Shape)  # empty under python -OO
 
 SHAPE: Keys = {
     "type": Key("What it is.", TEXT, required=True),
     "name": Key("For messages.", TEXT),
     "material": Key("A name from [materials]; without it the file's own, or a diffuse one.", TEXT),
-    "emission": Key(_OF_SHAPES["emission"], definition("color_that_varies")),
-    "two_sided_emission": Key(_OF_SHAPES["two_sided_emission"], BOOLEAN),
+    "emission": Key(_OF_SHAPES.get("emission", ""), definition("color_that_varies")),
+    "two_sided_emission": Key(_OF_SHAPES.get("two_sided_emission", ""), BOOLEAN),
     **TRANSFORM,
     **PLACES,
 }

@@ -1,0 +1,64 @@
+"""Parts of a render with impossible headers are refused in one line, whatever they claim."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wrt
+from wrt.parts.merge import merge
+
+
+@pytest.fixture(scope="module")
+def part(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)), material=wrt.Diffuse(0.5))
+    path = tmp_path_factory.mktemp("parts") / "part.wrt"
+    wrt.Renderer(scene, width=4, height=4, sampler="independent").part(1, 1, spp=1).save(path)
+    return path
+
+
+def test_the_part_is_whole(part: Path) -> None:
+    assert merge([part]).spp == 1
+
+
+def claim_many_parts(header: dict[str, Any]) -> None:
+    header["identity"] |= {"width": 40_000, "height": 40_000}
+    header["part"] = [1, 1_600_000_000]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (claim_many_parts, "parts 2, 3, 4 and 1599999996 more of 1600000000 are missing"),
+        (lambda header: header.update(part=[float("inf"), 2]), "Infinity in its header"),
+        (lambda header: header.update(part=[1, 2, 3]), "'part' is not a pair"),
+        (lambda header: header.update(part=[1.5, 2]), "number of a part"),
+        (lambda header: header.update(identity=[]), "'identity' is no table"),
+        (lambda header: header.pop("arithmetic"), "'arithmetic'"),
+        (lambda header: header.update(seconds=10**400), "seconds is too large"),
+        (lambda header: header.update(spp="many"), "samples per pixel"),
+        (lambda header: header["identity"].update(seed="x"), "seed must be"),
+        (lambda header: header["identity"].update(integrator="../../x\n"), "integrator must be one of"),
+    ],
+)
+def test_impossible_headers_are_refused(
+    change: Callable[[dict[str, Any]], object], message: str, part: Path, tmp_path: Path
+) -> None:
+    with np.load(part) as stored:
+        arrays = dict(stored)
+    header = json.loads(str(arrays["header"]))
+    change(header)
+    if header["part"] == [1, 1_600_000_000]:
+        arrays = {name: array[:1] if array.shape[:1] == (16,) else array for name, array in arrays.items()}
+    arrays["header"] = np.array(json.dumps(header))
+    with (tmp_path / "changed.wrt").open("wb") as file:
+        np.savez(file, **arrays)
+    with pytest.raises(wrt.InputError, match=message) as found:
+        merge([tmp_path / "changed.wrt"])
+    assert "\n" not in str(found.value)

@@ -1,0 +1,81 @@
+"""Machine code is loaded only from folders that nobody but the user and root can write to."""
+
+from __future__ import annotations
+
+import os
+import stat
+import warnings
+from pathlib import Path
+
+import pytest
+
+from wrt.backend import cache_folders
+from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.kernel_cache import DIGEST, digest
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache in a folder of its own, with no folders used or warned of before."""
+    monkeypatch.setattr(cache_folders, "_said", set())
+    monkeypatch.delenv("WARP_CACHE_PATH", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_private_folders_are_used(cache: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert cache_folders.warp_folder() == cache / "warp"
+        assert cache_folders.wrt_folder() == cache / "wrt"
+
+
+def test_a_new_cache_is_private_whatever_the_umask(cache: Path) -> None:
+    before = os.umask(0)
+    try:
+        cache_folders.require_writable(cache_folders.warp_folder() / "1.0")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((cache / "warp").stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("open_to_others", ["cache/warp", "cache", "."])
+def test_folders_that_others_can_write_to_are_not_used(open_to_others: str, cache: Path, tmp_path: Path) -> None:
+    (cache / "warp").mkdir(parents=True)
+    (tmp_path / open_to_others).chmod(0o777)
+    with pytest.warns(UserWarning, match="others can write to"):
+        found = cache_folders.warp_folder()
+    assert found == cache_folders.work_folder() / "warp"
+    assert cache_folders.is_private(found)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give folders away")
+def test_folders_of_other_users_are_not_used(cache: Path) -> None:
+    (cache / "wrt").mkdir(parents=True)
+    os.chown(cache / "wrt", 12345, 12345)
+    with pytest.warns(UserWarning, match="belongs to another user"):
+        assert cache_folders.wrt_folder() == cache_folders.work_folder() / "wrt"
+
+
+def test_each_user_has_a_folder_in_a_shared_one(cache: Path) -> None:
+    cache.mkdir()
+    cache.chmod(0o1777)
+    assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
+
+
+def test_notes_cannot_name_code_where_others_write(cache: Path, tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    code = shared / "module.o"
+    code.write_bytes(b"machine code")
+    Path(f"{code}{DIGEST}").write_bytes(digest(b"machine code") + b" meta")
+    builds = Builds(cache / "builds.json", Path("warp"), "1")
+    builds.notes["files"]["module"] = {"file": str(code), "bytes": 12, "kernels": {}}
+    shared.chmod(0o777)
+    with pytest.raises(NotCompiled, match="others can replace it"):
+        builds.function("module", "kernel")
+
+
+def test_checksums_do_not_depend_on_the_python() -> None:
+    """Two interpreters that share a cache must not find each other's kernels damaged."""
+    assert digest(b"kernel") == b"5dd29aab00000006"

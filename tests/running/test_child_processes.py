@@ -1,0 +1,57 @@
+"""Python processes that wrt starts import nothing from the current folder, where somebody's upload may lie."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import wrt
+from wrt.compiling.kernel import command
+from wrt.distributed.processes import Processes
+from wrt.io.gltf.step import read_step
+
+SHADOWS = ("cascadio", "ctypes", "json", "multiprocessing", "numpy", "signal", "subprocess", "warp", "wrt")
+
+
+def compile_in_another_process() -> None:
+    done = subprocess.run(command("wrt.compiling.later", "no-such-notes", "nowhere"), check=False, capture_output=True)
+    assert done.returncode == 1, done.stderr
+
+
+def read_a_step_file() -> None:
+    with pytest.raises(wrt.InputError, match="not a whole STEP file"):
+        read_step(Path("part.step"), b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
+
+
+def call_in_another_process() -> None:
+    processes = Processes(["cpu"])
+    try:
+        future = processes.submit("0:cpu", lambda: None, "", abs, -1)
+        assert processes.result(future) == 1
+    finally:
+        processes.close()
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        compile_in_another_process,
+        read_a_step_file,
+        pytest.param(
+            call_in_another_process,
+            marks=pytest.mark.skipif(sys.version_info < (3, 11), reason="PYTHONSAFEPATH is new in Python 3.11"),
+        ),
+    ],
+)
+def test_nothing_is_imported_from_the_current_folder(
+    use: Callable[[], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in SHADOWS:
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write({name!r})\n")
+    monkeypatch.chdir(tmp_path)
+    use()
+    assert not (tmp_path / "imported").exists(), (tmp_path / "imported").read_text()
