@@ -117,7 +117,7 @@ CASES = {
     ),
     "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
-QUICK = "transforms", "meshes"
+QUICK = ("meshes",)
 SIGNIFICANCE = sidak(0.01, len(CASES))
 ROUGH_METALS = (
     "rough_conductor:beckmann:walter:conductor",

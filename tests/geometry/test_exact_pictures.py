@@ -33,6 +33,7 @@ ABOVE = (0.4, -0.3)
 """Place of lamps above the floor."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strategy", "radius"), [("mis", 0.9), ("light", 1e-3), pytest.param("bsdf", 0.9, marks=pytest.mark.slow)]
 )

@@ -87,6 +87,7 @@ def profile_of_a_strip(side: float, device: str, **camera: object) -> FloatArray
     return np.asarray(rendered(scene, 256, device=device, **size).image()[..., 0].sum(axis=0), np.float64)
 
 
+@pytest.mark.slow
 def test_streak_of_a_camera_that_is_shifted(device: str, report: Report) -> None:
     """A point at depth d moves by v T / d on the plane at distance 1, against the camera, and evenly."""
     way, side = 1.6, 0.1
@@ -101,6 +102,7 @@ def test_streak_of_a_camera_that_is_shifted(device: str, report: Report) -> None
     assert middle == pytest.approx(-expected / 2.0, abs=0.01 * expected)
 
 
+@pytest.mark.slow
 def test_streak_of_a_camera_that_pans(device: str, report: Report) -> None:
     """Turned to the left by ω t, it sees a point before it at tan(ω t): from the middle, and slower there."""
     side, degrees = 0.06, 18.0

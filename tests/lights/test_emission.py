@@ -88,6 +88,7 @@ def test_a_textured_light_is_as_many_small_ones(strategy: str, device: str, repo
         assert not image_z_test(*rendered(screen(mistake), device, strategy), *expected).agrees()
 
 
+@pytest.mark.slow
 def test_vertex_colors_shine(device: str, report: Report) -> None:
     """Colours 0 to 1 along the light: halved by the factor, their mean is a quarter."""
     colors = np.repeat(np.float32([0, 1, 1, 0])[:, None], 3, axis=1)

@@ -75,6 +75,7 @@ def camera_rays(camera: Any, width: int, height: int) -> Array:
 # --- Against geometry ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", pytest.param("aov", marks=pytest.mark.slow)])
 def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
     scene = two_panes()

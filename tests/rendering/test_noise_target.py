@@ -68,6 +68,7 @@ def test_independent_samples_agree_with_their_variance():
     assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "adaptive", [*(pytest.param(each, marks=pytest.mark.slow) for each in (False, True)), "unbiased"]
 )

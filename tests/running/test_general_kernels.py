@@ -109,6 +109,7 @@ def test_the_best_that_is_compiled_is_chosen() -> None:
     assert general.compiled_for(own, 0, Notes(*names)) is None
 
 
+@pytest.mark.slow
 @needs_lanes
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -249,6 +249,7 @@ def test_footprint_is_the_ellipse_in_the_texture(device: str) -> None:
 UP = unit(0.1, 0.2, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("covariance", [(0.04, 0.01, 0.0), (0.02, 0.03, 0.015)], ids=["along u", "slanted"])
 def test_far_away_all_variance_is_left(covariance: tuple[float, float, float], device: str) -> None:
     """Along the axes of the covariance; of materials with axes of their own, along those."""

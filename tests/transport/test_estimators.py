@@ -92,6 +92,7 @@ def under_an_image() -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cornell-box", pytest.param("image", marks=pytest.mark.slow)])
 def test_estimators_agree(name: str, device: str, report: Report) -> None:
     """Same light, other variance."""

@@ -79,6 +79,7 @@ def test_a_checkpoint_knows_the_integrator(tmp_path: Path) -> None:
             rendered(room(), 0, **{**options, **change}).load_checkpoint(tmp_path / "a.ckpt")
 
 
+@pytest.mark.slow
 def test_direct_light_is_a_path_of_two_segments(device: str) -> None:
     direct = rendered(room(), 8, integrator="direct", device=device)
     short = rendered(room(), 8, max_depth=2, device=device)

@@ -252,6 +252,7 @@ def centres(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.meshgrid(middle, middle)
 
 
+@pytest.mark.slow
 def test_a_point_light_casts_a_hard_shadow(device: str) -> None:
     """Each pixel has I ρ cosθ / (π r²), or nothing where the way meets the square."""
     place, intensity = np.array([2.5, 2.0, 0.1]), 7.0

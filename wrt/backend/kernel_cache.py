@@ -29,6 +29,9 @@ DIGEST = ".checksum"
 """Suffix of the file with two digests: that of a binary, and that of Warp's `.meta` file."""
 
 
+COMPILING_SECONDS = 120.0
+"""Longest wait for another process that compiles the same module."""
+
 EMPTY = "wrt.empty"
 """Name of the module without kernels."""
 
@@ -99,11 +102,21 @@ def provide(module: Any, device: str) -> None:
     if build is None or build.is_loaded:
         return
     kept = Path(sys.modules["warp"].config.kernel_cache_dir, build.identifier)
+    if state(kept / build.binary, kept / build.meta) is State.WHOLE:
+        return
+    with contextlib.suppress(OSError):
+        kept.mkdir(exist_ok=True)
+    with locked(kept, seconds=COMPILING_SECONDS):
+        _provide(build, kept)
+
+
+def _provide(build: Build, kept: Path) -> None:
+    """Compile a build and put it into the cache, unless another process has just done so."""
+    import shutil
+
     found = state(kept / build.binary, kept / build.meta)
     if found is State.WHOLE:
         return
-    import shutil
-
     if found is State.DAMAGED:
         warnings.warn(f"{kept / build.binary}: the compiled kernel was damaged, and is compiled again", stacklevel=2)
     own = work_folder() / "kernels" / build.identifier
