@@ -86,7 +86,11 @@ class Features:
             set(other.models) <= set(self.models)
             and set(other.light_shapes) <= set(self.light_shapes)
             and (self.environment == "image" or self.environment == other.environment)
-            and (self.opacity or (not other.opacity and other.composite in ("none", self.composite)))
+            and (
+                self.composite == "none"
+                if self.opacity
+                else not other.opacity and other.composite in ("none", self.composite)
+            )
             and all(getattr(self, name) or not getattr(other, name) for name in _COVERING_FLAGS)
         )
 

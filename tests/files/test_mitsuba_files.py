@@ -117,7 +117,6 @@ CASES = {
     ),
     "old": Case("names in camel case", ('name="intIOR" value="1.5"', 'name="intIOR" value="1.4"')),
 }
-QUICK = ("meshes",)
 SIGNIFICANCE = sidak(0.01, len(CASES))
 ROUGH_METALS = (
     "rough_conductor:beckmann:walter:conductor",
@@ -156,9 +155,8 @@ def agrees(case: Case, result: ImageTest) -> bool:
     return result.pass_fraction >= 0.995 and result.p_min > SIGNIFICANCE
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
 def test_file_looks_as_in_mitsuba_and_a_changed_one_does_not(name: str, folder: Path, report: Report) -> None:
     case, path = CASES[name], folder / f"{name}.xml"
     expected = render_by_mitsuba(path, spp=case.spp, variant=case.variant)

@@ -127,6 +127,7 @@ def test_irradiance_of_a_textured_sphere(strategy: str, device: str, report: Rep
     check_irradiance(lamp, image, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("center", [(0.0, 0.0, 0.0), (300.0, -200.0, 100.0)])
 @pytest.mark.parametrize("kind", ["sphere", pytest.param("can", marks=pytest.mark.slow)])
 def test_no_light_leaks_out_of_closed_shapes(

@@ -38,6 +38,7 @@ def room(scale: float, ball: wrt.Material) -> wrt.Scene:
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ball", [wrt.Conductor(), pytest.param(wrt.Dielectric(), marks=pytest.mark.slow)])
 def test_a_unit_that_is_a_power_of_two_gives_the_same_bits(ball: wrt.Material, device: str) -> None:
     """All roundings are the same then: there is no length of its own in any kernel."""

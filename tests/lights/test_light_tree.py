@@ -319,7 +319,7 @@ def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, r
     assert missed == 0
 
 
-WIDEST = 90.0
+WIDEST = 175.0
 """Degrees from their axes to which beams of these tests reach."""
 
 

@@ -127,6 +127,7 @@ def test_albedo_is_what_a_white_sky_shows(material: wrt.Material, device: str) -
     assert renderer.image().min() > 0.05
 
 
+@pytest.mark.slow
 def test_albedo_of_clear_glass_is_white_from_both_sides(device: str) -> None:
     """Radiance is 2.25 times as high within; what counts is the light that gets through."""
     scene = wrt.Scene()

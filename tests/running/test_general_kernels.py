@@ -53,6 +53,8 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     scene = dataclasses.replace(PLAIN, **changes)
     assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
     assert not PLAIN.covers(WITH_HOLES)
+    # Such a kernel would take the front's material for each of a mixture.
+    assert not dataclasses.replace(WITH_HOLES, composite="sides").covers(scene)
 
 
 def test_integrators_that_do_not_decide_at_run_time_cover_their_own_scenes_alone() -> None:

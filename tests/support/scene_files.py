@@ -167,7 +167,7 @@ MISTAKES = {
     QUAD + "rotate = { axis = [0, 0, 0], degrees = 1 }": "shapes[0].rotate: axis must not be zero",
     QUAD + "rotate = [{ axis = [0, 1, 0] }]": "shapes[0].rotate[0]: the key 'degrees' is missing",
     QUAD + "translate = [0, inf, 0]": "shapes[0]: translate[1] must be finite, not inf",
-    QUAD + f"scale = 1{'0' * 400}": "shapes[0]: ",
+    QUAD + f"scale = 1{'0' * 400}": "not TOML: scale is an integer of more than 64 bits",
     "[camera\nx = 1": "not TOML: ",
     "x = " + "[" * 5000: "not TOML: ",
 }

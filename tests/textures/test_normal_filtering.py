@@ -260,6 +260,7 @@ def test_far_away_all_variance_is_left(covariance: tuple[float, float, float], d
         np.testing.assert_allclose(found[..., :2], np.broadcast_to(expected, (4, 4, 2)), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_variance_grows_with_distance(device: str) -> None:
     """From none, where texels are wider than two pixels; and nothing is filtered unless that was asked for."""
 

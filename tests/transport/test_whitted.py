@@ -270,6 +270,7 @@ def test_a_point_light_casts_a_hard_shadow(device: str) -> None:
     np.testing.assert_allclose(image[..., 1], expected, rtol=2e-5, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_triangles_shine_from_their_middle(device: str) -> None:
     """Of each triangle L A cosθ cosθ' ρ / (π r²)."""
     scene = floor_under(height=2.5)

@@ -320,7 +320,9 @@ def _bounds_of_ranges(lights: LightBounds, begin: Indices, end: Indices) -> Arra
     sine = np.sqrt(1.0 - cosine**2)
     along = np.minimum(np.abs(cosine) * below.depth + sine * below.radius, below.radius)
     depth = np.maximum.reduceat(np.abs((offset * axis[run]).sum(axis=1)) + along, starts)
-    angle = np.arccos(cosine) + np.arccos(np.clip(below.cos_spread, -1.0, 1.0))
+    # A beam of more than 90 degrees to each side also lights what is behind its plane, as if it faced everywhere.
+    cos_own = np.where(below.cos_falloff < 0.0, -1.0, below.cos_spread)
+    angle = np.arccos(cosine) + np.arccos(np.clip(cos_own, -1.0, 1.0))
     spread = np.maximum.reduceat(angle, starts)
     cos_spread = np.where(spread < np.pi, np.maximum(np.cos(np.minimum(spread, np.pi)) - 1e-7, -1.0), -1.0)
     two_sided = np.maximum.reduceat(below.two_sided, starts)
