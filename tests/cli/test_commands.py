@@ -231,7 +231,7 @@ def test_up_axis_may_be_negative() -> None:
             assert parse(["render", "mesh.ply", *arguments]).up == axis
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_seconds_of_compiling_are_those_waited_for(tmp_path: Path) -> None:
     # With a cache of its own, in which the kernel of the picture is missing.
     copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.render.",))

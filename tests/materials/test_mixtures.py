@@ -373,7 +373,7 @@ def test_kernels_have_what_materials_need(materials: list[wrt.Material], expecte
     assert (table.opacity, table.composite) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 @pytest.mark.parametrize("make", [sides, mixed])
 def test_the_bits_are_those_with_holes(make: Callable[[], wrt.Scene]) -> None:
     """Of layers, too: these are chosen by the same numbers as the parts that paths meet."""

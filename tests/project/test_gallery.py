@@ -122,13 +122,9 @@ COSTLY = "albedos"
 """A figure for which kernels are compiled, with all materials' energy in it, which tests of materials prove."""
 
 
+@pytest.mark.machinery
 @pytest.mark.parametrize(
-    "names",
-    [
-        pytest.param([name for name in plot_figures.FIGURES if name != COSTLY], marks=pytest.mark.slow),
-        pytest.param([COSTLY], marks=pytest.mark.machinery),
-    ],
-    ids=["most", COSTLY],
+    "names", [[name for name in plot_figures.FIGURES if name != COSTLY], [COSTLY]], ids=["most", COSTLY]
 )
 def test_curves_are_finite_and_told_apart(names: list[str]) -> None:
     shown = (ROOT / "docs" / "shading.md").read_text(encoding="utf-8")

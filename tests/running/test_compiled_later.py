@@ -331,9 +331,8 @@ print(*(name for name in current_backend().builds._loaded if ".wide" in name))
 
 
 @needs_lanes
-@pytest.mark.parametrize(
-    "cache", [pytest.param("warm", marks=pytest.mark.slow), pytest.param("empty", marks=pytest.mark.machinery)]
-)
+@pytest.mark.machinery
+@pytest.mark.parametrize("cache", ["warm", "empty"])
 def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     """A render then starts without Warp, in another size, and gives the picture of the scalar kernel."""
     variables = without_notes(tmp_path)

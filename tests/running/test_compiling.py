@@ -333,7 +333,7 @@ print("written" if kept else "lent")
 """
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(COMPILE_ONCE)
     variables = {**VARIABLES, "XDG_CACHE_HOME": str(tmp_path)}

@@ -221,7 +221,7 @@ def test_whatever_a_renderer_does_needs_no_warp_the_second_time(tmp_path: Path, 
     assert run(tmp_path, environment, WITHOUT_WARP, "import warp\n" + BEGIN) == (True, first[1])
 
 
-@pytest.mark.slow
+@pytest.mark.machinery
 def test_what_is_not_compiled_moves_the_picture_to_warp(tmp_path: Path, environment: dict[str, str]) -> None:
     run(tmp_path, environment, PRECOMPILE)
     assert run(tmp_path, environment, RENDER)[0] is False, "kernels are compiled beforehand"

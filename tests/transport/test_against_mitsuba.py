@@ -331,6 +331,7 @@ def with_a_leak(scene: wrt.Scene) -> wrt.Scene:
     return dataclasses.replace(scene, shapes=shapes)
 
 
+@pytest.mark.machinery
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.mistakes or case.leak_is_seen])
 def test_mistakes_would_be_seen(name: str, report: Report) -> None:
     """Lights seen directly stay as they are: they have no noise, and would give any change away."""
