@@ -123,7 +123,10 @@ def rays_to(mesh: Quadrics, n: int, distance: float) -> tuple[NDArray, NDArray]:
     [
         *((name, distance) for distance in (0.6, 3.0) for name in QUADRICS),
         *(pytest.param(name, 100.0, marks=pytest.mark.slow) for name in QUADRICS),
-        *(pytest.param(name, 1e4, marks=pytest.mark.slow) for name in ("disk", "ellipse", "cylinder")),
+        *(
+            pytest.param(name, 1e4, marks=pytest.mark.slow)
+            for name in ("disk", "ellipse", "cylinder", "greatest disk", "greatest cylinder")
+        ),
     ],
 )
 def test_hits_of_quadrics_agree_with_the_closed_form(name: str, distance: float, device: str, report: Report) -> None:
