@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import sys
@@ -26,6 +27,13 @@ os.environ["WRT_BACKGROUND"] = "0"
 # Without bytecode each of the hundreds of processes that tests start compiles wrt anew (0.5 s), and pytest each test.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+
+@atexit.register
+def _end_quietly() -> None:
+    """Close standard error: nanobind fills a screen with what OpenImageIO and Mitsuba keep when a process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+
 
 WARPS_FLAGS = wp.config.cpu_compiler_flags
 # With less inlining than Warp asks for, kernels compile in two thirds of the time and are a fifth slower, with the same

@@ -137,6 +137,7 @@ def test_rendered_blurs_have_that_size(shape, depth, device, report):
     assert image[[0, -1]].max() == image[:, [0, -1]].max() == 0.0
 
 
+@pytest.mark.slow
 def test_lights_beyond_the_focus_show_the_opening_upright(device):
     """A triangle with its corner up is wider below its middle; before the plane in focus it is upside down."""
     for depth, sign in ((3.0, -1.0), (6.0, 1.0)):

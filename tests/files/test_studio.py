@@ -202,6 +202,7 @@ def test_an_environment_takes_the_place_of_the_studio(tmp_path: Path) -> None:
             wrt.load(BLOCK, environment=wrong)
 
 
+@pytest.mark.slow
 def test_a_studio_under_a_constant_environment_has_its_closed_form(device: str) -> None:
     options = {"material": wrt.Diffuse(0.5), "environment": wrt.ConstantEnvironment(0.8), "transparent": True}
     image = wrt.render(BLOCK, **options, spp=4, device=device, width=32, height=24)

@@ -342,6 +342,7 @@ def test_what_has_no_triangles_or_coordinates_is_told():
     assert shape.material.base_color == (1.0, 0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_axes_are_for_everything_that_is_rendered():
     block = wrt.box((0, 0, 0), (1, 2, 3))
     mesh = trimesh.Trimesh(block.vertices, block.faces, process=False)

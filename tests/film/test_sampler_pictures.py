@@ -51,6 +51,7 @@ def test_every_sampler_has_the_expectation_of_independent_samples(device, report
         assert not wrong.agrees(significance=sidak(0.01, 3)), "2 % too bright is not noticed"
 
 
+@pytest.mark.slow
 def test_the_films_variance_is_too_high_for_the_default(device, report):
     """As `Renderer.variance` says."""
     renderers = [finish(wrt.Renderer(scene(), **SIZE, seed=seed, device=device), 16) for seed in range(SEEDS)]

@@ -51,6 +51,7 @@ def fresh(mesh: wrt.Mesh, device: str) -> np.ndarray:
     return rendered(renderer_of(mesh, device))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("smooth", "kind"), [(False, "numpy"), (True, "warp")])
 def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: str) -> None:
     before, after = hilly(0.1, smooth=smooth), hilly(0.25, smooth=smooth)

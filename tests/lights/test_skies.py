@@ -52,6 +52,7 @@ def test_harmonics_are_those_of_the_page() -> None:
     np.testing.assert_allclose(harmonics(2, d), np.stack(expected, axis=1), atol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2, 8])
 def test_the_image_of_harmonics_is_within_its_bound_of_the_sum(degree: int, report: Report) -> None:
     """In the middle between four texels, where interpolation errs most."""

@@ -72,6 +72,7 @@ def test_the_program_runs_and_the_full_moon_is_flat(tmp_path: Path) -> None:
     assert codes[off > 1.02].max() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [pytest.param(0.0, marks=pytest.mark.slow), 80.0])
 def test_its_model_is_right(degrees: float, device: str, report: Report) -> None:
     """Samples follow the density, weights are value over density, and the energy is the closed form, on both sides."""

@@ -332,6 +332,7 @@ time.sleep(600)
 """
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_killed_process_is_removed_by_the_next(cache: Cache, tmp_path: Path) -> None:
     temporary = tmp_path / "temporary"
     temporary.mkdir()
