@@ -7,7 +7,7 @@ import dataclasses
 import itertools
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -96,19 +96,23 @@ def load(
         aspect=aspect,
         time=time,
     )
-    with _confined(source if confined else None), warnings.catch_warnings():
-        if strict:
-            warnings.simplefilter("error", InputWarning)
-        try:
-            scene = _load(source, triangles, up, parameters, sensor, stage)
-        except InputWarning as warning:
-            if not strict:
-                raise
-            raise InputError(str(warning)) from None
+    with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
+        scene = _load(source, triangles, up, parameters, sensor, stage)
     if confined and scene is not source and names_file(scene.settings.tone):
         # Such a configuration names further files, which OpenColorIO opens when a picture is developed.
         raise InputError(f"{source}: tone {scene.settings.tone!r} names a file, which is not read in confinement")
     return scene
+
+
+@contextlib.contextmanager
+def _strictly() -> Iterator[None]:
+    """Within the context, make each InputWarning an InputError."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", InputWarning)
+        try:
+            yield
+        except InputWarning as warning:
+            raise InputError(str(warning)) from None
 
 
 def _confined(source: Any) -> contextlib.AbstractContextManager[None]:

@@ -316,7 +316,10 @@ class Session:
             self._preview(self._pictures, self.settings, self._camera)
 
     def _answer(self) -> None:
-        request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
+        with self._changed:
+            if not self._requests:  # they were cancelled
+                return
+            request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
         outcome: Any = None
         error: Exception | None = None
         try:
