@@ -9,6 +9,7 @@ import os
 import queue
 import re
 import signal
+import socket
 import threading
 import time
 from urllib.parse import urlsplit
@@ -120,6 +121,22 @@ def test_only_the_page_itself_with_its_token_sees_the_picture(page):
             page.socket(origin=origin)
 
 
+@pytest.mark.parametrize(
+    ("lines", "status"),
+    [
+        (["GET / HTTP/1.1", "Host: {host}"], b"200"),
+        (["GET / HTTP/1.1", "Host: {host}", "Host: {host}"], b"403"),
+        (["GET / HTTP/1.1"], b"403"),
+        (["GET //[ HTTP/1.1", "Host: {host}"], b"400"),
+    ],
+)
+def test_odd_requests_get_an_answer(page, lines, status):
+    name, port = page.host.split(":")
+    with socket.create_connection((name, int(port)), timeout=60) as connection:
+        connection.sendall("".join(f"{line.format(host=page.host)}\r\n" for line in [*lines, ""]).encode())
+        assert connection.recv(1 << 12).split()[1] == status
+
+
 def test_a_client_that_acknowledges_nothing_gets_two_frames(page):
     with page.socket() as socket:
         while not json.loads(socket.recv(timeout=60))["camera"]:  # there is no scene yet
@@ -146,7 +163,10 @@ BAD = (
     '{"type": "set", "max_depth": -1}',
     '{"type": "set", "exposure": 1e999}',
     '{"type": "set", "denoise": "yes"}',
+    '{"type": "set", "integrator": []}',
     '{"type": "pick", "x": "left"}',
+    '{"type": "pick", "x": NaN, "y": 0}',
+    '{"type": "pick", "x": 2, "y": 0}',
 )
 
 
