@@ -6,6 +6,7 @@ import contextlib
 import os
 import pwd
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -147,11 +148,21 @@ def test_who_reads_while_others_write_sees_no_damage(
     assert sorted(file.name for file in kept.iterdir()) == ["a.meta", "a.o", "a.o.checksum"]
 
 
-def test_a_reader_does_not_wait_for_ever_for_a_stopped_writer(build: tuple[Path, Path], monkeypatch) -> None:
+def test_nobody_waits_for_ever_for_a_stopped_writer_or_writes_beside_it(
+    build: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(cache_folders, "LOCK_SECONDS", 0.1)
+    own = tmp_path / "own"
+    shutil.copytree(build[0].parent, own)
     flip(build[0], 0)
+    half_written = build[0].read_bytes()
     with locked(build[0].parent.parent):
-        assert state(*build) is State.DAMAGED
+        assert state(*build) is State.UNKNOWN
+        assert not kernel_cache._publish(own, build[0].parent, "a.o")
+        assert build[0].read_bytes() == half_written
+    assert state(*build) is State.DAMAGED
+    assert kernel_cache._publish(own, build[0].parent, "a.o")
+    assert state(*build) is State.WHOLE
 
 
 @pytest.mark.slow

@@ -93,7 +93,7 @@ class Builds:
         """Return whether there are any notes."""
         return bool(self.notes["files"])
 
-    def alone(self) -> AbstractContextManager[None]:
+    def alone(self) -> AbstractContextManager[bool]:
         """Return a context that only one process of a user can hold at a time."""
         with contextlib.suppress(OSError):  # without a lock, processes compile in parallel
             make_private(self.path.parent)

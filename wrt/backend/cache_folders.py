@@ -232,17 +232,21 @@ def keep_latest(folder: Path, pattern: str, count: int) -> None:
 
 
 @contextlib.contextmanager
-def locked(folder: Path, *, seconds: float | None = None) -> Iterator[None]:
-    """Within the context, hold an exclusive lock on a folder, if its file system has locks."""
+def locked(folder: Path, *, seconds: float | None = None) -> Iterator[bool]:
+    """Within the context, hold an exclusive lock on a folder, if its file system has locks.
+
+    Yields False if another process still held the lock after these seconds.
+    """
     import fcntl
     import time
 
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:
-        yield
+        yield True
         return
     try:
+        is_free = True
         until = time.monotonic() + (LOCK_SECONDS if seconds is None else seconds)
         while True:
             try:
@@ -250,11 +254,12 @@ def locked(folder: Path, *, seconds: float | None = None) -> Iterator[None]:
                 break
             except BlockingIOError:
                 if time.monotonic() > until:
+                    is_free = False
                     break
                 time.sleep(0.005)
             except OSError:  # a file system without locks
                 break
-        yield
+        yield is_free
     finally:
         os.close(handle)
 

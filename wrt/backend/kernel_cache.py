@@ -7,7 +7,7 @@ that does not match is compiled again.
 Kernels are compiled in this process's work folder, which is checked for free space first, because LLVM ends the process
 when the disk is full. The files are then copied into the cache under a lock, the digests last. A reader checks without
 the lock first. If the digests are missing or do not match, it checks again with the lock, so that it never mistakes a
-build that another process is writing for a damaged one.
+build that another process is writing for a damaged one. A process that waits for the lock in vain writes nothing.
 """
 
 from __future__ import annotations
@@ -72,8 +72,10 @@ def state(binary: Path, meta: Path | None = None) -> State:
     found = _state(binary, meta)
     if found is State.WHOLE or not binary.parent.is_dir():
         return found
-    with locked(binary.parent.parent):
-        return _state(binary, meta)
+    with locked(binary.parent.parent) as is_free:
+        found = _state(binary, meta)
+    # Without the lock it may be half written: a process of low priority can be stopped in the middle for long.
+    return found if is_free or found is State.WHOLE else State.UNKNOWN
 
 
 def _state(binary: Path, meta: Path | None) -> State:
@@ -123,12 +125,14 @@ def _provide(build: Build, kept: Path) -> None:
     if state(own / build.binary, own / build.meta) is not State.WHOLE:
         build.compile(own)
     try:
-        _publish(own, kept, build.binary)
+        is_kept = _publish(own, kept, build.binary)
     except OSError as error:
         say_unwritable(kept.parent, error)
-        build.load(own)
-    else:
+        is_kept = False
+    if is_kept:
         shutil.rmtree(own, ignore_errors=True)
+    else:
+        build.load(own)
 
 
 class Build:
@@ -227,10 +231,12 @@ def compile_nothing() -> None:
     shutil.rmtree(folder, ignore_errors=True)  # else Warp would not compile it again in another thread
 
 
-def _publish(own: Path, kept: Path, binary: str) -> None:
-    """Copy a complete build into the cache, where other processes find it."""
+def _publish(own: Path, kept: Path, binary: str) -> bool:
+    """Copy a complete build into the cache, where other processes find it; return False if the cache stays locked."""
     kept.parent.mkdir(parents=True, exist_ok=True)
-    with locked(kept.parent):
+    with locked(kept.parent) as is_free:
+        if not is_free:
+            return False
         kept.mkdir(exist_ok=True)
         for left in kept.glob(".*"):  # left by a process that was killed here
             with contextlib.suppress(OSError):
@@ -239,3 +245,4 @@ def _publish(own: Path, kept: Path, binary: str) -> None:
         (kept / seals).unlink(missing_ok=True)
         for file in sorted(own.iterdir(), key=lambda file: file.name == seals):
             put(kept / file.name, file.read_bytes())
+    return True
