@@ -26,10 +26,13 @@ from wrt.kernels.geometry.spheres import (
     point_on_sphere,
     sphere_coordinates,
 )
-from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of
+from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of, triangle_normal
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.specialise import specialised
 from wrt.kernels.spmd_marks import shading_point
+
+# Rays leave a surface at most this many times its clearance from where one met it.
+_MOST_CLEARANCES = wp.constant(64.0)
 
 
 @wp.struct
@@ -116,6 +119,29 @@ def leave(surface: Surface, side: float) -> wp.vec3:
 
 
 @wp.func
+def leave_in_front(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> wp.vec3:
+    """Return where rays leave a surface to the side from which a ray came, given that ray's origin and direction.
+
+    It is back along that ray, since nothing lay there. In a corner, the rounded point may be beyond the other wall, and
+    so may a point beside it along the normal.
+    """
+    cosine = -wp.dot(direction, surface.normal)
+    height = surface.clearance
+    back = height / wp.max(cosine, 1.0 / _MOST_CLEARANCES)
+    half = 0.5 * wp.dot(surface.position - origin, direction)
+    if half < back:
+        back = half
+        height = 0.25 * height
+    return surface.position - direction * back + surface.normal * wp.max(height - back * cosine, 0.0)
+
+
+@wp.func
+def is_wedged(surface: Surface, hit: Hit) -> bool:
+    """Return whether a ray begins and ends in a corner too narrow for a point that is surely inside."""
+    return hit.t < 0.5 * surface.clearance
+
+
+@wp.func
 def gap_behind(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> float:
     """Return how far a ray that leaves a surface at `origin`, a little beside it, has come from it already."""
     height = wp.abs(wp.dot(origin - surface.position, surface.normal))
@@ -145,7 +171,7 @@ def make_surface_at(geometry: str) -> wp.Function:
         surface.position = triangle.p0 + triangle.e1 * hit.u + triangle.e2 * hit.v
         surface.e1 = triangle.e1
         surface.e2 = triangle.e2
-        normal = wp.normalize(wp.cross(triangle.e1, triangle.e2))
+        normal = triangle_normal(triangle.e1, triangle.e2)
         surface.clearance = clearance_of(triangle, normal)
         if wp.static(placed):
             surface.shape = scene.placed.instances[hit.instance].shape

@@ -47,6 +47,30 @@ class Triangle:
 
 
 @wp.func
+def edge_scale(e1: wp.vec3, e2: wp.vec3) -> float:
+    """Return the factor of two edges that keeps the square of their product within float32: 1 for most."""
+    size = wp.max(wp.max(wp.abs(e1)), wp.max(wp.abs(e2)))
+    scale = float(1.0)
+    if size > 1.0e7 or size < 1.0e-7:
+        scale = 1.0 / wp.max(size, 1.0e-37)
+    return scale
+
+
+@wp.func
+def triangle_normal(e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
+    """Return the unit normal of a triangle with two edges; 0 if it has no area."""
+    scale = edge_scale(e1, e2)
+    return wp.normalize(wp.cross(e1 * scale, e2 * scale))
+
+
+@wp.func
+def twice_area(e1: wp.vec3, e2: wp.vec3) -> float:
+    """Return twice the area of a triangle with two edges, m²."""
+    scale = edge_scale(e1, e2)
+    return wp.length(wp.cross(e1 * scale, e2 * scale)) / (scale * scale)
+
+
+@wp.func
 def clearance_of(triangle: Triangle, n: wp.vec3) -> float:
     """Return the offset along the normal n that puts a point of a triangle on that side of it, metres."""
     sizes = wp.abs(triangle.p0) + wp.abs(triangle.e1) + wp.abs(triangle.e2)

@@ -13,7 +13,7 @@ from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.accel.intersect import NO_HIT
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import Ray, to_world
-from wrt.kernels.geometry.surface import leave
+from wrt.kernels.geometry.surface import leave_in_front
 from wrt.kernels.integrators.first_surface import make_first_surface
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.shadow_rays import make_visibility
@@ -49,7 +49,7 @@ def make_trace_occlusion(features: Features) -> wp.Function:
         ray = Ray()
         ray.direction = to_world(first.surface.frame, square_to_cosine_hemisphere(wp.vec2(u[0], u[1])))
         if wp.dot(ray.direction, first.surface.normal) > 0.0:
-            ray.origin = leave(first.surface, 1.0)
+            ray.origin = leave_in_front(first.surface, camera_ray.origin, camera_ray.direction)
             ray.time = camera_ray.time
             nowhere = Hit()
             nowhere.triangle = NO_HIT

@@ -12,6 +12,7 @@ from wrt.kernels.geometry.surface import (
     align_tangents,
     gap_behind,
     leave,
+    leave_in_front,
     make_add_texture_coordinates,
     make_surface_at,
 )
@@ -92,7 +93,7 @@ def make_surface_vertex(features: Features) -> wp.Function:
         if wp.static(bodies):
             if scene.shapes[surface.shape].body >= 0:
                 surface.clearance = surface.clearance * WIDELY
-        vertex.origin_in_front = leave(surface, 1.0)
+        vertex.origin_in_front = leave_in_front(surface, path.ray.origin, path.ray.direction)
         vertex.origin_behind = leave(surface, -1.0)
 
         # Bodies: of several surfaces in one place, the one that decides
@@ -289,7 +290,8 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
             path.was_blurred = path.was_blurred or sample.pdf > 0.0
         side = wp.where(sample.wi[2] > 0.0, 1.0, -1.0)
         direction = to_world(vertex.surface.frame, sample.wi)
-        path.is_done = not (wp.dot(direction, vertex.surface.normal) * side > 0.0)
+        # A direction along the surface, wi[2] = 0, leaves to no side.
+        path.is_done = not (wp.dot(direction, vertex.surface.normal) * sample.wi[2] > 0.0)
         if wp.static(tangents):
             share = bump_shadow(vertex.surface, direction, side)
             path.throughput = path.throughput * share

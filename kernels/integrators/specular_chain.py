@@ -10,7 +10,7 @@ from wrt.kernels.accel.intersect import NO_HIT
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import Ray, to_local, to_world
-from wrt.kernels.geometry.surface import leave
+from wrt.kernels.geometry.surface import leave, leave_in_front
 from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
 from wrt.kernels.scene.materials import disperses, make_bsdf_at, make_with_throughput
@@ -48,6 +48,7 @@ def make_follow_specular(features: Features) -> wp.Function:
         chain = SpecularChain()
         chain.first = begin
         chain.direction = camera_ray.direction
+        origin = camera_ray.origin
         chain.tint = wp.vec3(1.0)
         rays = int(begin.rays)
         bounces = int(0)
@@ -68,10 +69,13 @@ def make_follow_specular(features: Features) -> wp.Function:
                     chain.first.hit.triangle = NO_HIT
                     if following:
                         ray = Ray()
-                        ray.origin = leave(surface, wp.where(s.wi[2] > 0.0, 1.0, -1.0))
+                        ray.origin = leave(surface, -1.0)
+                        if s.wi[2] > 0.0:
+                            ray.origin = leave_in_front(surface, origin, chain.direction)
                         ray.direction = wp.normalize(to_world(surface.frame, s.wi))
                         ray.time = camera_ray.time
                         chain.direction = ray.direction
+                        origin = ray.origin
                         chain.first = first_surface(scene, ray, wp.vec2(0.0), sampler)
                         rays += chain.first.rays
         chain.first.rays = rays

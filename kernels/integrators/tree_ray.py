@@ -162,7 +162,7 @@ def child_ray(parent: TreeRay, throughput: wp.vec3, vertex: TreeVertex, seen: Su
     r.throughput = throughput
     direction = to_world(seen.frame, wi)
     side = wp.where(wi[2] > 0.0, 1.0, -1.0)
-    if not (wp.dot(direction, seen.normal) * side > 0.0):
+    if not (wp.dot(direction, seen.normal) * wi[2] > 0.0):
         r.throughput = wp.vec3(0.0)
     r.origin = vertex.origin_in_front
     r.medium_stack = parent.medium_stack

@@ -29,6 +29,7 @@ from wrt.kernels.geometry.surface import (
     Surface,
     align_tangents,
     leave,
+    leave_in_front,
     make_add_texture_coordinates,
     make_surface_at,
 )
@@ -236,7 +237,7 @@ def make_tree_vertex(features: Features) -> wp.Function:
         if wp.static(bodies):
             if scene.shapes[surface.shape].body >= 0:
                 surface.clearance = surface.clearance * WIDELY
-        vertex.origin_in_front = leave(surface, 1.0)
+        vertex.origin_in_front = leave_in_front(surface, ray.origin, ray.direction)
         vertex.origin_behind = leave(surface, -1.0)
         vertex.is_solid = True
         if wp.static(bodies):

@@ -26,7 +26,7 @@ from wrt.kernels.geometry.quadrics import (
 from wrt.kernels.geometry.rays import Frame, Receiver
 from wrt.kernels.geometry.spheres import Sphere, make_sphere_axes, make_sphere_of, sphere_coordinates
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
-from wrt.kernels.geometry.triangles import Triangle, make_triangle_of
+from wrt.kernels.geometry.triangles import Triangle, make_triangle_of, triangle_normal, twice_area
 from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
@@ -53,16 +53,16 @@ from wrt.kernels.textures.textures import make_slot_color, make_slot_value
 
 
 @wp.func
-def triangle_light_pdf(cross_length: float, distance2: float, cos_light: float) -> float:
-    """Return the density per solid angle of a point uniform on a triangle of area cross_length / 2."""
-    return 2.0 * distance2 / (cross_length * cos_light)
+def triangle_light_pdf(double_area: float, distance2: float, cos_light: float) -> float:
+    """Return the density per solid angle of a point uniform on a triangle of area double_area / 2."""
+    return 2.0 * distance2 / (double_area * cos_light)
 
 
 @wp.func
 def hit_triangle_pdf(surface: Surface, direction: wp.vec3, distance: float) -> float:
     """Return the density of sampling a hit point, `distance` away, on its triangle."""
     cos_light = -wp.dot(surface.normal, direction)
-    return triangle_light_pdf(wp.length(wp.cross(surface.e1, surface.e2)), distance * distance, cos_light)
+    return triangle_light_pdf(twice_area(surface.e1, surface.e2), distance * distance, cos_light)
 
 
 _OFF_TRIANGLE = wp.constant(2.0**-17)
@@ -80,9 +80,7 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
     sample.point.instance = light.instance
     sample.point.u = b[0]
     sample.point.v = b[1]
-    normal = wp.cross(triangle.e1, triangle.e2)
-    cross_length = wp.length(normal)
-    normal = normal / cross_length * triangle.side
+    normal = triangle_normal(triangle.e1, triangle.e2) * triangle.side
     point = triangle.p0 + triangle.e1 * b[0] + triangle.e2 * b[1]
     cos_light = wp.dot(normal, receiver.position - point)
     if cos_light < 0.0 and light.two_sided != 0:
@@ -97,7 +95,7 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
         sample.wi = way / distance
         cos_light = -wp.dot(sample.wi, normal)
         if cos_light > 0.0:
-            sample.pdf = triangle_light_pdf(cross_length, distance2, cos_light)
+            sample.pdf = triangle_light_pdf(twice_area(triangle.e1, triangle.e2), distance2, cos_light)
             sample.radiance = light.value
     return sample
 

@@ -55,14 +55,14 @@ template<class V, class Number> WRT_INLINE Distance<V> distance_of(const Sheared
 // Edge-on triangles are missed.
 template<class V> WRT_INLINE auto has_area(const Distance<V>& d) { return size(d.det) > 1e-28f; }
 
-// Whether t is greater than a bound on its error: a nearer hit might be the surface that the ray leaves, and a ray that
-// leaves a needle would hit that needle. The bound on the error of the edge functions is that of Pharr, Jakob and
-// Humphreys ("Physically Based Rendering", 3rd edition, section 3.9.6; gamma(n) = n eps / (1 - n eps) with eps = 2^-24).
-// Their bound on t also grows with the distance from a thin triangle, and would hide needles far away. But t is a mean
-// of the corners' z: errors of its weights matter only as far as these differ, and not at all if the whole triangle is
-// in front of the ray. The first term is gamma(18) most_z, for all other roundings.
+// A bound on the error of t: a hit nearer than that might be the surface that the ray leaves, and a ray that leaves a
+// needle would hit that needle. The bound on the error of the edge functions is that of Pharr, Jakob and Humphreys
+// ("Physically Based Rendering", 3rd edition, section 3.9.6; gamma(n) = n eps / (1 - n eps) with eps = 2^-24). Their
+// bound on t also grows with the distance from a thin triangle, and would hide needles far away. But t is a mean of the
+// corners' z: errors of its weights matter only as far as these differ, and not at all (0) if the whole triangle is in
+// front of the ray. The first term is gamma(18) most_z, for all other roundings.
 template<class V, class Number>
-WRT_INLINE auto exceeds_error(const Sheared<V>& s, const Distance<V>& d, const Number* shear) {
+WRT_INLINE V error_of_distance(const Sheared<V>& s, const Distance<V>& d, const Number* shear) {
     WRT_NO_CONTRACTION
     const V most_x = most(most(size(s.ax), size(s.bx)), size(s.cx));
     const V most_y = most(most(size(s.ay), size(s.by)), size(s.cy));
@@ -71,7 +71,25 @@ WRT_INLINE auto exceeds_error(const Sheared<V>& s, const Distance<V>& d, const N
     const V error_e = 2.0f * (1.1920930e-7f * most_x * most_y + error_y * most_x + error_x * most_y);
     const V spread = most(most(s.az, s.bz), s.cz) - least(least(s.az, s.bz), s.cz), error_z = 1.0728836e-6f * most_z;
     const V error_t = size((V)shear[2]) * (error_z + 3.0f * spread * (error_e * size(d.inverse_det)));
-    return (d.t > error_t) | ((most_z - spread > error_z) & (d.t > 0.0f));
+    return ((most_z - spread > error_z) & (d.t > 0.0f)) ? (V)0.0f : error_t;
+}
+
+// Whether a ray goes on to a triangle's plane, in double precision: for a hit within the error of its distance. A ray in
+// a corner begins as near to the other wall as that, and would leave a closed room. All is in the order kx, ky, kz.
+template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* origin, const float* shear) {
+    WRT_NO_CONTRACTION
+    double to[3], e1[3], e2[3];
+    for (int k = 0; k < 3; ++k) {
+        const double first = corner(0, k);
+        to[k] = first - origin[k];
+        e1[k] = corner(1, k) - first;
+        e2[k] = corner(2, k) - first;
+    }
+    const double n[3] = {
+        e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]};
+    const double height = n[0] * to[0] + n[1] * to[1] + n[2] * to[2];
+    const double rise = (n[0] * shear[0] + n[1] * shear[1] + n[2]) * shear[2];
+    return height * rise > 0.0;
 }
 
 // Skips no hit.
@@ -149,11 +167,21 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
         };
         const Sheared<f8> s = sheared<f8>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
         const Distance<f8> d = distance_of(s, ray.shear);
-        hits = mask_of(is_inside(s) & has_area(d) & (d.t >= t_min) & (d.t <= nearest.t));
+        const i8 meets = is_inside(s) & has_area(d) & (d.t <= nearest.t);
+        if (mask_of(meets)) {
+            const f8 error = error_of_distance(s, d, ray.shear);
+            hits = mask_of(meets & (d.t >= t_min) & (d.t > error));
+            unsigned unsure = mask_of(meets & (d.t <= error) & (d.t >= (t_min > 0.0f ? (f8)t_min : -error)));
+            for (; unsure; unsure &= unsure - 1) {
+                const int k = lowest_bit(unsure), axes[3] = {ray.kx, ray.ky, ray.kz};
+                const auto one = [&](int vertex, int axis) { return leaf[LEAF_SIZE * (3 * vertex + axes[axis]) + k]; };
+                if (is_ahead(one, ray.origin, ray.shear)) hits |= 1u << k;
+            }
+        }
         if (hits) {
-            hits &= mask_of(exceeds_error(s, d, ray.shear));
             const f8 u = s.v * d.inverse_det, v = s.w * d.inverse_det;
-            __builtin_memcpy(ts, &d.t, sizeof ts);
+            const f8 t = most(d.t, (f8)0.0f);
+            __builtin_memcpy(ts, &t, sizeof ts);
             __builtin_memcpy(us, &u, sizeof us);
             __builtin_memcpy(vs, &v, sizeof vs);
         }

@@ -4,6 +4,7 @@ import warp as wp
 
 from wrt.kernels.accel.bvh import Hit
 from wrt.kernels.geometry.surface import Surface, uv_edges
+from wrt.kernels.geometry.triangles import edge_scale
 from wrt.kernels.scene.scene_data import ImageRecord, SceneData
 
 
@@ -19,15 +20,17 @@ def texture_footprint(scene: SceneData, hit: Hit, surface: Surface, direction: w
     The result is K's uu, vv and uv, and the root of its determinant, which these cannot give precisely if the ellipse
     is long.
     """
-    e1 = surface.e1
-    e2 = surface.e2
+    scale = edge_scale(surface.e1, surface.e2)
+    e1 = surface.e1 * scale
+    e2 = surface.e2 * scale
+    across = width * scale
     uv = uv_edges(scene, hit)
     a = uv[0]
     b = uv[1]
     c = wp.cross(e1, e2)
     c = c / wp.max(wp.length_sq(c), 1.0e-36)
-    r1 = wp.cross(e2, c) * width
-    r2 = wp.cross(c, e1) * width
+    r1 = wp.cross(e2, c) * across
+    r2 = wp.cross(c, e1) * across
     du = r1 * a[0] + r2 * b[0]
     dv = r1 * a[1] + r2 * b[1]
     cos = wp.max(wp.abs(wp.dot(surface.normal, direction)), 1.0e-3)
