@@ -31,7 +31,7 @@ def call_in_another_process() -> None:
     processes = Processes(["cpu"])
     try:
         future = processes.submit("0:cpu", lambda: None, "", abs, -1)
-        assert processes.result(future) == 1
+        assert future.result(timeout=300) == 1
     finally:
         processes.close()
 

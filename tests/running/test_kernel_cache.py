@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -116,7 +117,7 @@ def test_any_changed_or_missing_bit_is_damage_and_a_missing_file_is_not(build: t
 def test_who_reads_while_others_write_sees_no_damage(
     build: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Two threads that never stop writing keep a reader waiting for longer than the default on a busy machine.
+    # Two threads that write all the time keep a reader waiting for longer than the default on a busy machine.
     monkeypatch.setattr(cache_folders, "LOCK_SECONDS", 60.0)
     kept, over, others = build[0].parent, threading.Event(), []
     for k in range(2):
@@ -131,6 +132,7 @@ def test_who_reads_while_others_write_sees_no_damage(
         while not over.is_set():
             for own in others:
                 kernel_cache._publish(own, kept, "a.o")
+            time.sleep(0.01)  # else they may never leave the lock to the reader
 
     writers = [threading.Thread(target=write) for _ in range(2)]
     for writer in writers:
