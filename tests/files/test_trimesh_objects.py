@@ -22,18 +22,6 @@ from wrt.scene.srgb import linear_from_srgb
 
 SEEDS = ROOT / "tests" / "corpus" / "seeds"
 
-HALF_A_STEP = 0.5 / 255 + 2.0**-24
-"""Largest error of a value from 0 to 1 that was rounded to 8 bits by trimesh and then to single precision."""
-
-ASSETS: dict[str, dict[str, float]] = {
-    **{name: {} for name in ("stanford-bunny.obj", "nefertiti.obj", "spot.obj", "igea.ply", "fuze/fuze.obj")},
-    # trimesh normalizes normals in double precision.
-    "AlphaBlendModeTest.glb": {"normals": 2e-7},
-    # trimesh drops samplers, so the image has no levels. It keeps the camera without the
-    # scale of its parent node: the camera is left out, and the duck framed like any other.
-    "Duck.glb": {"material.base_color.filter": np.inf, "camera": np.inf},
-}
-"""What may differ between each file and its object, and by how much."""
 
 SAMPLES: dict[str, dict[str, float]] = {
     **{name: {} for name in ("teapot.ply", "big.ply", "strips.ply", "text.ply", "text.stl", "box.stl", "box.off")},
@@ -52,37 +40,12 @@ def check(path: Path, made: object, allowed: dict[str, float]) -> None:
         assert amount <= max(bounds), f"{name} differs by {amount}, which may be {max(bounds)}"
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:trimesh. its camera is left out:wrt.errors.InputWarning")
-@pytest.mark.filterwarnings("ignore:.*Duck.glb. its camera shows the mesh at 34%:UserWarning")
-@pytest.mark.parametrize("name", ASSETS)
-def test_assets_both_ways(name, assets):
-    path = assets / "meshes" / name
-    check(path, trimesh.load(path), ASSETS[name])
-
-
 @pytest.mark.parametrize("loader", [trimesh.load, trimesh.load_scene], ids=["load", "load_scene"])
 @pytest.mark.filterwarnings("ignore:.*the STL file has no normals:wrt.errors.InputWarning")
 @pytest.mark.parametrize("name", SAMPLES)
 def test_samples_both_ways(name, loader):
     path = ROOT / "meshes" / name if name == "teapot.ply" else SEEDS / name
     check(path, loader(path), SAMPLES[name])
-
-
-def test_what_trimesh_loses_of_a_scene():
-    # trimesh drops nodes with orthographic cameras and loses their children: here the only light. It also
-    # drops extensions of materials, scales of normal maps, second coordinates, transforms of textures, and samplers.
-    with pytest.warns(InputWarning, match=r"trimesh: node '3' is left out: nothing leads to it"):
-        made = load_object(trimesh.load(SEEDS / "scene.glb"))
-    file = load_file(SEEDS / "scene.glb")
-    assert (len(file.lights), made.lights) == (1, [])
-    found = differences(wrt.Scene(file.shapes), wrt.Scene(made.shapes))
-    lost = {"uvs", "material.coat", "material.normal_map.scale", "material.normal_map.wrap"}
-    textures = ("base_color", "metallic", "roughness", "opacity")
-    lost |= {f"material.{value}.{key}" for value in textures for key in ("scale", "offset", "wrap", "filter", "uv_set")}
-    rounded = {"material.base_color.factor", "material.opacity.factor", "colors"}
-    assert set(found) <= lost | rounded, found
-    assert max(found.get(name, 0.0) for name in rounded) <= HALF_A_STEP
 
 
 def image(color: tuple[int, ...], mode: str = "RGB") -> Image.Image:
