@@ -54,10 +54,10 @@ def test_nodes_factors_strips_and_normalized_integers(tmp_path):
     np.testing.assert_allclose(turned.mesh.colors, expected, rtol=1e-6)
     del attributes(tree)["COLOR_0"]
     assert load_shapes(saved(tmp_path, tree))[0].material.base_color == pytest.approx((0.001, 0.5, 1.0))
-    tree["nodes"][1]["children"] = [0]
-    check_refused("circle", load_mesh, saved(tmp_path, tree))
     data.unlink()
     check_refused(r"the data\.bin', which it refers to: no such file", load_mesh, tmp_path / "a.gltf")
+    tree["nodes"][1]["children"], tree["scenes"] = [0], [{"nodes": [0]}]
+    check_refused("circle", load_mesh, saved(tmp_path, tree))
 
 
 def test_quantised_and_sparse_numbers_are_the_same_as_plain_ones(tmp_path):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import struct
-import warnings
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
+from support.mesh_files import check_refused
 from support.meshes import SQUARE, gltf_box, write
 
 import wrt
@@ -23,7 +23,7 @@ from wrt.io import npy
 from wrt.io.images import load_image
 from wrt.io.load_mesh import load_file, load_mesh
 from wrt.io.mesh.polygons import triangulate
-from wrt.io.npy import read_archive, read_array
+from wrt.io.npy import read_array
 from wrt.io.safe_read import read_file
 
 # --- What a file is --------------------------------------------------------------------------------
@@ -46,19 +46,15 @@ XML = b'<?xml version="1.0"?>\n'
 RENAME = "; rename it to end in ."
 KINDS: dict[str, tuple[bytes, str]] = {
     "png": (image("PNG"), "a PNG image"),
-    "glb": (glb(), f"a GLB file{RENAME}glb"),
-    "gltf": (TREE, f"a glTF file{RENAME}gltf"),
     "obj": (b"\n# by hand\n\n" + SQUARE.encode() + b"f 1 2 3\n", f"an OBJ file{RENAME}obj"),
-    "ply": (b"ply\nformat ascii 1.0\nend_header\n", f"a PLY file{RENAME}ply"),
     "binary.stl": (b"a header".ljust(80) + struct.pack("<I", 1) + bytes(50), "a binary STL file; rename it to end in"),
     "xml": (XML + b'<!-- a -->\n<scene version="3.0.0">', f"a scene file of Mitsuba{RENAME}xml"),
     "dae": (XML + b"<COLLADA><scene/></COLLADA>", f"a COLLADA file{RENAME}dae"),
     "toml": (b"# by hand\n[camera]\norigin = [0, 0, 1]\n", f"a scene file{RENAME}toml"),
-    "html": (b"\xef\xbb\xbf\n<!DOCTYPE html>\n<html>", "a web page"),
     "zip": (b"PK\x03\x04" + bytes(30), "a ZIP archive; unpack it"),
     "lfs": (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer to a file that has not been fetched"),
 }
-NAMES = ("a.obj", "a.ply", "a.STL", "a.off", "a.gltf", "a.glb", "a.npz", "a.toml", "a.xml", "a.txt", "a")
+NAMES = ("a.obj", "a.ply", "a.STL", "a.gltf", "a.npz", "a.toml", "a.xml", "a")
 
 
 @pytest.mark.filterwarnings("ignore::wrt.errors.InputWarning")
@@ -67,7 +63,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
     data, words = KINDS[kind]
     for name in NAMES:
         suffix = Path(name).suffix[1:].lower()
-        if suffix == kind.split(".")[-1] or {suffix, kind} == {"glb", "gltf"}:
+        if suffix == kind.split(".")[-1]:
             continue
         path = write(tmp_path, name, data)
         with pytest.raises(wrt.InputError) as caught:
@@ -77,35 +73,16 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
 
 
 def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
-    """Both forms of glTF are told apart by what is in them; an image is to be named by a scene file."""
+    """Both forms of glTF are told apart by what is in them."""
     assert len(load_file(write(tmp_path, "a.gltf", glb())).shapes) == 1
     assert len(load_file(write(tmp_path, "a.glb", TREE)).shapes) == 1
-    with pytest.raises(wrt.InputError, match=r"a\.png: not a known mesh format; .*image, which a scene file can name"):
-        wrt.load(write(tmp_path, "a.png", KINDS["png"][0]))
-    for kind in ("obj", "ply", "gltf", "xml", "toml"):
+    for kind in ("obj", "xml", "toml"):
         with pytest.raises(wrt.InputError) as caught:
             wrt.load(write(tmp_path, f"a.{kind}", KINDS[kind][0][:30] + b"\xff\xfe"))
         assert "looks to be" not in str(caught.value)
 
 
-@pytest.mark.slow
-def test_broken_files_give_a_picture_and_a_warning_or_one_line(assets, tmp_path, capsys):
-    for number, path in enumerate(sorted((assets / "broken").glob("*"))):
-        output = tmp_path / f"{number}.png"
-        with warnings.catch_warnings():
-            warnings.simplefilter("always")
-            status = main(["render", str(path), "-o", str(output), "--size", "16x12", "--spp", "1"])
-        said = without_progress(capsys.readouterr().err).splitlines()
-        told = [line for line in said if line.startswith("wrt: ")]
-        assert output.exists() == (status == 0)
-        assert status in (0, 2)
-        kind = "error" if status else "warning"
-        assert told
-        assert all(line.startswith(f"wrt: {kind}: {path}: ") for line in told)
-        assert len(told) == 1 or status == 0
-
-
-@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "gltf", "glb", "npz", "toml", "xml"])
+@pytest.mark.parametrize("suffix", ["obj", "stl", "glb", "npz", "toml", "xml"])
 def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path: Path, suffix: str):
     pipe, loop, folder, empty = (tmp_path / f"{name}.{suffix}" for name in ("pipe", "loop", "folder", "empty"))
     os.mkfifo(pipe)
@@ -141,7 +118,7 @@ def test_messages_are_one_line_whatever_is_in_them():
     assert one_line("Größe: 3 µm") == "Größe: 3 µm"
 
 
-@pytest.mark.parametrize("name", ["new\nline  b", "esc\x1b[31m", "\udcff\udcfe日本"])
+@pytest.mark.parametrize("name", ["new\nline  b", "\udcff\udcfe日本"])
 def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, name: str, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     Path(f"{name}.toml").write_text(ROOM)
@@ -156,26 +133,23 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, name: str,
 # --- Sizes and numbers -----------------------------------------------------------------------------
 
 
-def test_sizes_beyond_single_precision(tmp_path: Path):
-    def mesh(scale: str, offset: float = 0.0) -> Path:
-        size = float(scale)
-        rows = [(offset, 0, 0), (offset + size, 0, 0), (offset, size, 0), (offset, 0, size)]
-        text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in rows)
-        return write(tmp_path, "mesh.obj", text + "f 1 2 3\nf 1 2 4\nf 1 3 4\n")
-
-    for scale in ("1e12", "1e-10"):
-        assert len(load_mesh(mesh(scale)).faces) == 3
-    with pytest.raises(wrt.InputError, match=r"mesh\.obj: its vertices reach to 1e\+13.* scale it down"):
-        load_mesh(mesh("1e13"))
-    with pytest.raises(wrt.InputError, match=r"mesh\.obj: it is .*e-12 across.* scale it up"):
-        load_mesh(mesh("1e-12"))
-    with pytest.warns(InputWarning, match=r"mesh\.obj: .* from the origin, .* move it to the origin"):
-        load_mesh(mesh("1", 1e6))
-    with pytest.raises(wrt.InputError, match="a vertex is at nan 0 0"):
-        load_mesh(write(tmp_path, "mesh.obj", "v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
-    off = write(tmp_path, "mesh.off", "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 inf 0\n3 0 1 3\n")
-    with pytest.raises(wrt.InputError, match=r"vertex 3 .*is at 0 inf 0"):
-        load_mesh(off)
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (1e13, r"its vertices reach to 1e\+13.* scale it down"),
+        (1e-12, r"it is .*e-12 across.* scale it up"),
+        (math.inf, "a vertex is at .*inf"),
+        (1e12, None),
+        (1e-10, None),
+    ],
+)
+def test_sizes_beyond_single_precision(tmp_path: Path, size: float, message: str | None):
+    text = "".join(f"v {x!r} {y!r} 0\n" for x, y in ((0.0, 0.0), (size, 0.0), (0.0, size)))
+    path = write(tmp_path, "mesh.obj", text + "f 1 2 3\n")
+    if message is None:
+        assert len(load_mesh(path).faces) == 1
+    else:
+        check_refused(message, load_mesh, path)
 
 
 @pytest.mark.slow
@@ -196,35 +170,22 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monke
     np.savez_compressed(tmp_path / "bomb.npz", vertices=np.zeros(2**18, np.float64))
     with pytest.raises(wrt.InputError, match=r"bomb\.npz: .*many times larger than the file"):
         load_mesh(tmp_path / "bomb.npz")
-    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
-        archive.writestr("vertices.npy", b"nothing")
-    with pytest.raises(wrt.InputError, match="not a NumPy file"):
-        read_archive((tmp_path / "other.zip").read_bytes())
-    (tmp_path / "bomb.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 30000\n\2\2")
+    write(tmp_path, "bomb.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 30000\n\2\2")
     with pytest.raises(wrt.InputError, match=r"too large|claims"):
         load_image(tmp_path / "bomb.hdr")
-    scene = '[[shapes]]\ntype = "sphere"\nsubdivisions = 9\n' * 6
-    with pytest.raises(wrt.InputError, match="more than 30000000 triangles"):
-        wrt.load(write(tmp_path, "many.toml", scene))
 
 
-FACES = [[0, 1, 2]]
-ARCHIVES = {
-    "vertices must be (N, 3), not (3, 2)": {"vertices": np.zeros((3, 2)), "faces": FACES},
-    "there is no array 'faces' in it": {"vertices": np.zeros((3, 3))},
-    "a face names vertex 3": {"vertices": np.zeros((3, 3)), "faces": [[0, 1, 3]]},
-    "not a NumPy archive, or damaged": {"vertices": np.array(["a"], object), "faces": FACES},
-}
-
-
-def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path: Path) -> None:
-    for message, arrays in ARCHIVES.items():
-        np.savez(tmp_path / "mesh.npz", **arrays)
-        with pytest.raises(wrt.InputError) as caught:
-            wrt.load_mesh(tmp_path / "mesh.npz")
-        assert str(caught.value).startswith(str(tmp_path / "mesh.npz"))
-        assert message in str(caught.value)
-        assert "\n" not in str(caught.value)
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"vertices": np.zeros((3, 2)), "faces": [[0, 1, 2]]}, r"vertices must be \(N, 3\), not \(3, 2\)"),
+        ({"vertices": np.zeros((3, 3))}, "there is no array 'faces' in it"),
+        ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
+    ],
+)
+def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path: Path, arrays, message: str):
+    np.savez(tmp_path / "mesh.npz", **arrays)
+    check_refused(message, load_mesh, tmp_path / "mesh.npz")
 
 
 def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_they_meet():

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import struct
 import warnings
 
 import numpy as np
 import pytest
-from support.mesh_files import INDICES, ORDERS, XYZ, box_files, check_refused, off_binary, ply
+from support.mesh_files import INDICES, ORDERS, XYZ, box_files, check_refused, ply
 from support.meshes import SQUARE, check_message, gltf_box, write
 
 import wrt
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_mesh, load_shapes
-from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 
 BOXES = box_files()
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
@@ -32,13 +30,10 @@ def huge_gltf() -> str:
 
 REFUSED: list[tuple[str, str | bytes, str]] = [
     ("a.xyz", "1 2 3", "not a known mesh format"),
-    *((f"a.{suffix}", "", "the file is empty") for suffix in SUFFIXES),
     *((f"noise.{suffix}", bytes(range(256)) * 3, "noise") for suffix in (*SUFFIXES, "3mf")),
     # Cut short, or longer than any memory
     *((name, BOXES[name][:-40], "truncated") for name in BOXES if name.endswith((".stl", ".ply"))),
-    ("a.off", OFF.replace("3 1", "3 2") + "3 0 1 2\n", "4 of 5 vertices and faces are there; it is truncated"),
     ("a.off", BOXES["big.off"][:-8], "not as long as its numbers"),
-    ("a.off", b"OFF BINARY\n" + b"\xff" * 64, "not as long as its numbers"),
     ("a.ply", b"ply\nformat binary_little_endian 1.0\n" + MANY, "truncated"),
     ("a.gltf", huge_gltf(), "not a whole GLTF file"),
     # Places and corners
@@ -48,30 +43,17 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
     ),
     ("a.obj", SQUARE + "f 1 2 9\n", r"a face names something that is not there \(index 8 is out of bounds .* size 4\)"),
     ("a.obj", SQUARE + "f 0 1 2\n", r"line 5: face corner '0' names a 'v' that is not there \(4 are\)"),
-    (
-        "a.obj",
-        SQUARE + "vt 0 0\nf 1/1 2/0 3/1\n",
-        r"line 6: face corner '2/0' names a 'vt' that is not there \(1 are\)",
-    ),
     ("a.obj", SQUARE + "f -1 -2 -9\n", r"line 5: face corner '-9' names a 'v'"),
-    ("a.off", "OFF\n0 1 0\n3 0 1 2\n", "a face names vertex 2, but there are 0"),
     ("a.off", OFF + "3 0 1 3\n", "names vertex 3, but there are 3"),
-    ("a.off", OFF + "4 0 1 2\n", "fewer corners than it says"),
     # No triangles
     ("a.obj", SQUARE + "f 1 1 2\n", "no triangles"),
     ("a.obj", "v 0 0 0\nv 1 1 1\nl 1 2\n", "it has 2 points and no faces; only triangles are rendered"),
     ("a.ply", ply("ascii", ("vertex", XYZ, POINTS)), "it has 3 points and no faces"),
-    ("a.off", "OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "3 points and no faces"),
     ("a.stl", bytes(range(128, 208)) + bytes(4), "no triangles in it"),  # its header is text in no encoding
     # Words and numbers
-    ("a.obj", SQUARE + "f 1 2 three\n", "something else where a number should be"),
     ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number should be"),
     ("a.ply", "ply\nformat ascii 1.0\n\nend_header\n", r"not a whole PLY file .* not as specified \(list index"),
-    ("a.off", OFF[4:] + "3 0 1 2\n", "does not begin with OFF"),
-    ("a.off", "4" + OFF, "more than three coordinates"),
-    ("a.off", "OFF\n", "the numbers of its vertices and faces are missing"),
     ("a.off", OFF.replace("1 0 0\n", "1 x 0\n") + "3 0 1 2\n", "not a whole OFF file"),
-    ("a.off", OFF.replace("0 1 0\n", "0 1\n") + "3 0 1 2\n", "fewer than three numbers"),
 ]
 
 
@@ -81,13 +63,6 @@ def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
     check_refused("no such file", load_mesh, tmp_path / "none.obj")
     (tmp_path / "folder.obj").mkdir()
     check_refused("is a directory", load_mesh, tmp_path / "folder.obj")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_unreadable_file_is_refused(tmp_path):
-    path = write(tmp_path, "mesh.obj", SQUARE + "f 1 2 3\n")
-    path.chmod(0)
-    check_refused("cannot be read: Permission denied", load_mesh, path)
 
 
 @pytest.mark.parametrize("order", ORDERS[1:])
@@ -110,9 +85,7 @@ def test_broken_files_load_or_are_refused_in_one_line(assets):
                 refused.add(path.name)
     assert refused <= {"obj_empty.obj", "obj_points.obj", "ply_empty_bin.ply", "ply_empty_header.ply"}
     with pytest.warns(InputWarning, match=r"nancolor\.obj: vertex colours are left out"):
-        (shape,) = load_shapes(assets / "broken" / "nancolor.obj")
-    assert (shape.mesh.colors, shape.material.reflectance) == (None, DEFAULT_REFLECTANCE)
-    assert len(shape.mesh.faces) == 12
+        assert load_shapes(assets / "broken" / "nancolor.obj")[0].mesh.colors is None
 
 
 def test_faces_without_area_are_dropped(tmp_path):
@@ -125,20 +98,6 @@ def test_colors_and_normals_of_no_use_are_told(tmp_path):
     path = write(tmp_path, "a.off", f"C{OFF}3 0 1 2\n")
     with pytest.warns(InputWarning, match="vertex colours of the OFF file are left out"):
         load_mesh(path)
-    assert load_mesh(write(tmp_path, "b.off", off_binary("<", POINTS, [(0, 1, 2)]))).colors is None
     text = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
     with pytest.warns(InputWarning, match=r"a\.stl: the STL file has no normals; .* the order of corners"):
         load_mesh(write(tmp_path, "a.stl", text))
-
-
-def test_what_trimesh_logs_about_damaged_files_is_not_passed_on(tmp_path, caplog):
-    import trimesh
-
-    with caplog.at_level("DEBUG", logger=trimesh.constants.log.name):
-        write(tmp_path, "mesh.mtl", "newmtl x\nKd a b c\nmap_Kd none.png\n")
-        with pytest.warns(InputWarning, match=r"none\.png"):
-            load_mesh(write(tmp_path, "mesh.obj", "mtllib mesh.mtl\n" + SQUARE + "usemtl x\nf 1 2 3 4\n"))
-        check_refused("no triangles", load_mesh, write(tmp_path, "mesh.ply", "ply\nformat ascii 1.0\nend_header"))
-        assert not caplog.records
-        trimesh.load_scene(tmp_path / "mesh.obj")
-        assert caplog.records  # it is heard again, and there was something to hear

