@@ -35,14 +35,12 @@ def png(codes: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def file_with(material: dict[str, Any], *, uvs: bool = True, colors: np.ndarray | None = None) -> dict[str, Any]:
+def file_with(material: dict[str, Any], *, uvs: bool = True) -> dict[str, Any]:
     """Return a triangle of one material. Texture 0 is the image CODES, texture 1 too, but held and not smoothed."""
     tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     tree["meshes"][0]["primitives"][0]["material"] = 0
     if uvs:
         attributes(tree)["TEXCOORD_0"] = add(tree, UVS)
-    if colors is not None:
-        attributes(tree)["COLOR_0"] = add(tree, colors)
     return tree | {
         "materials": [material],
         "images": [{"uri": data_uri(png(CODES), "image/png")}],
@@ -158,36 +156,18 @@ def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tm
         assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].two_sided_emission == expected
 
 
-@pytest.mark.parametrize("laid", [{}, {"baseColorTexture": IMAGE}])
-def test_vertex_colors_multiply(tmp_path, laid):
-    colors = np.array([[1.0, 0.5, 0.25]] * 3)
-    described = {"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 0.1, 1.0], **laid}}
-    shape = shape_of(tmp_path, file_with(described, colors=colors))
-    base = shape.material.base_color
-    assert (base.vertex_colors and base.factor == (1.0, 1.0, 1.0)) if laid else base == wrt.VertexColor()
-    np.testing.assert_allclose(shape.mesh.colors, colors * [0.5, 0.5, 0.1], rtol=1e-6)
-
-
-def test_texture_transforms_and_second_coordinates(tmp_path):
+def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_path):
     transform = {"offset": [0.2, -0.4], "rotation": 0.7, "scale": [2.0, 0.5]}
     c, s = np.cos(0.7), np.sin(0.7)  # the matrices that the extension's text gives, v downwards
     in_file = UVS * transform["scale"] @ np.array([[c, s], [-s, c]]).T + transform["offset"]
     expected = in_file * [1, -1] + [0, 1]
     placed = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
-    # One for all textures: in the mesh, where normal maps find it too.
     for number in (0, 1):
         tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {**placed, "texCoord": number}}}, uvs=False)
         attributes(tree)[f"TEXCOORD_{number}"] = add(tree, UVS)
         shape = shape_of(tmp_path, tree)
         np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
         assert shape.material.base_color.offset == (0.0, 0.0)
-    # Of several: each its own.
-    both = {"baseColorTexture": placed, "metallicRoughnessTexture": IMAGE}
-    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": both}))
-    np.testing.assert_allclose(shape.mesh.uvs, UVS * [1, -1] + [0, 1], atol=1e-6)
-    matrix = shape.material.base_color.placement
-    np.testing.assert_allclose(shape.mesh.uvs @ matrix[:, :2].T + matrix[:, 2], expected, atol=1e-6)
-    np.testing.assert_allclose(shape.material.roughness.placement, np.eye(2, 3))
 
 
 def test_what_cannot_be_read_is_told_and_left_out(tmp_path):

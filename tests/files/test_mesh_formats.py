@@ -5,14 +5,14 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from contextlib import nullcontext
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from support.mesh_files import ORDERS, Element, add, attributes, box_files, facets, ply
+from support.mesh_files import ORDERS, Element, add, attributes, box_files, ply
 from support.meshes import area, area_vector, gltf_box, repeated_edges, triangles, volume, write
 
 import wrt
@@ -22,28 +22,24 @@ from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
 
 
-def three_mf(vertices: np.ndarray, faces: np.ndarray, *transforms: str) -> bytes:
-    """Return a mesh in some places as a 3MF file."""
+def three_mf(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """Return a mesh as a 3MF file."""
     held = io.BytesIO()
     mesh = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in vertices.tolist())
     mesh = f"<vertices>{mesh}</vertices><triangles>"
     mesh += "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist()) + "</triangles>"
-    items = "".join(f'<item objectid="1" transform="1 0 0 0 1 0 0 0 1 {place}"/>' for place in transforms)
-    model = f'<model><resources><object id="1"><mesh>{mesh}</mesh></object></resources><build>{items}</build></model>'
+    model = f'<model><resources><object id="1"><mesh>{mesh}</mesh></object></resources>'
+    model += '<build><item objectid="1"/></build></model>'
     with zipfile.ZipFile(held, "w") as archive:
         archive.writestr("3D/3dmodel.model", '<?xml version="1.0"?>' + model)
     return held.getvalue()
 
 
-def usd(*meshes: str) -> str:
-    prims = "".join(f'def Mesh "M{k}"\n{{\n{mesh}}}\n' for k, mesh in enumerate(meshes))
-    return f'#usda 1.0\n(\nmetersPerUnit = 1\nupAxis = "Y"\n)\n{prims}'
-
-
-def usd_mesh(points: np.ndarray, faces: list[tuple[int, ...]]) -> str:
-    corners = [k for face in faces for k in face]
+def usd(points: np.ndarray, faces: Sequence[Sequence[int]], more: str = "") -> str:
+    corners, counts = [k for face in faces for k in face], [len(face) for face in faces]
     text = f"point3f[] points = {list(map(tuple, points.tolist()))}\nint[] faceVertexIndices = {corners}\n"
-    return f"{text}int[] faceVertexCounts = {[len(face) for face in faces]}\n"
+    text += f"int[] faceVertexCounts = {counts}\n{more}"
+    return f'#usda 1.0\n(\nmetersPerUnit = 1\nupAxis = "Y"\n)\ndef Mesh "M"\n{{\n{text}}}\n'
 
 
 LIBRARIES = {"usda": "pxr", "dae": "collada"}
@@ -59,8 +55,8 @@ def boxes_of_libraries() -> dict[str, str | bytes]:
     box, held = wrt.box((0, 0, 0), (1, 2, 3)), io.BytesIO()
     np.savez(held, vertices=box.vertices, faces=box.faces)
     found = {
-        "box.usda": usd(usd_mesh(box.vertices, list(map(tuple, box.faces.tolist())))),
-        "box.3mf": three_mf(box.vertices, box.faces, "0 0 0"),
+        "box.usda": usd(box.vertices, box.faces.tolist()),
+        "box.3mf": three_mf(box.vertices, box.faces),
         "box.npz": held.getvalue(),
     }
     if find_spec("collada"):
@@ -114,16 +110,14 @@ def houses() -> dict[str, str | bytes]:
         COLOR_0=add(tree, COLORS),
     )  # fmt: skip
     tree["materials"], tree["meshes"][0]["primitives"][0]["material"] = [{}], 0
-    attributes_of_usd = (
-        ("texCoord2f[] primvars:st", UVS), ("color3f[] primvars:displayColor", list(map(tuple, COLORS.tolist()))),
-    )  # fmt: skip
-    house = usd_mesh(np.array(PLACES), list(FACES)) + f"normal3f[] normals = {[(0, 0.6, 0.8)] * 5}\n"
-    house += "".join(f'{name} = {array} (interpolation = "vertex")\n' for name, array in attributes_of_usd)
+    more = f"normal3f[] normals = {[(0, 0.6, 0.8)] * 5}\n"
+    for name, array in (("texCoord2f[] primvars:st", UVS), ("color3f[] primvars:displayColor", COLORS.tolist())):
+        more += f'{name} = {list(map(tuple, array))} (interpolation = "vertex")\n'
     return {
         "house.obj": obj,
         "house.off": f"STCNOFF\n5 2 0\n{off}4 0 1 2 3\n3 3 2 4\n",
         "house.gltf": json.dumps(tree),
-        "house.usda": usd(house),
+        "house.usda": usd(np.array(PLACES), FACES, more),
         **{f"{order}.ply": ply_house(order) for order in ORDERS},
     }
 
@@ -141,31 +135,6 @@ def test_every_format_gives_the_same_normals_coordinates_and_colors(tmp_path):
             color = material.reflectance if isinstance(material, wrt.Diffuse) else material.base_color
             assert color == wrt.VertexColor(), name
             assert material.opacity == 1.0, name
-
-
-def test_several_objects_are_several_shapes(tmp_path):
-    """A triangle at the origin, and one at (5, 0, 1)."""
-    first = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], np.float64)
-    both = [first, first + (5, 0, 1)]
-    tree = gltf_box(first[0], np.array([[0, 1, 2]]))
-    tree["nodes"].append({"mesh": 0, "translation": [5, 0, 1]})
-    obj = "".join(f"v {x} {y} {z}\n" for x, y, z in np.concatenate(both).reshape(-1, 3).tolist())
-    contents = {
-        "two.obj": obj + "usemtl a\nf 1 2 3\nusemtl b\nf 4 5 6\n",
-        "two.stl": "".join(f"solid {k}\n{facets(one, '1 0 0')}endsolid {k}\n" for k, one in enumerate(both)),
-        "two.gltf": json.dumps(tree),
-        "two.3mf": three_mf(first[0], np.array([[0, 1, 2]]), "0 0 0", "5 0 1"),
-        "two.usda": usd(*(usd_mesh(corners[0], [(0, 1, 2)]) for corners in both)),
-    }
-    write(tmp_path, "two.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n")
-    for path in written(tmp_path, contents):
-        name = path.name
-        with pytest.warns(InputWarning, match=r"two\.mtl' is taken") if name == "two.obj" else nullcontext():
-            shapes = load_file(path).shapes
-        bounds = sorted(shape.bounds.tolist() for shape in shapes)
-        np.testing.assert_allclose(bounds, [[[0, 0, 0], [1, 1, 0]], [[5, 0, 1], [6, 1, 1]]], err_msg=name)
-        for shape in shapes:  # the normals of an STL file say otherwise
-            np.testing.assert_allclose(np.abs(shape.mesh.normals), [[0, 0, 1]] * 3, err_msg=name)
 
 
 @pytest.mark.parametrize(

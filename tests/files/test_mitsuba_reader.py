@@ -234,17 +234,6 @@ def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
     assert named_conductor("Pt") == wrt.scene.materials.presets.metal_ior("platinum")
 
 
-def test_scenes_of_versions_before_2_mean_what_they_meant(tmp_path: Path) -> None:
-    spectrum = '<spectrum name="reflectance" value="0.1, 0.2 0.3"/>'
-    body = f"""<shape type="sphere"><bsdf type="diffuse">{spectrum}</bsdf></shape>
-        <emitter type="sunsky"><vector name="sunDirection" x="0.6" y="0.8"/></emitter>"""
-    with pytest.warns(InputWarning, match="taken as a 'sunsky' of Mitsuba 3"):
-        scene = wrt.load(written(tmp_path, body, version="0.5.0"))
-    assert scene.shapes[0].material.front.reflectance == pytest.approx((0.1, 0.2, 0.3))
-    (sun,) = scene.lights
-    np.testing.assert_allclose(sun.direction, (-0.6, -0.8, 0.0), atol=1e-6)
-
-
 ERRORS = {
     '<shape type="sphere">': r"not well-formed XML",
     '<shape type="sphere"><ref id="paint"/></shape>': r"line 2: no object has the id 'paint'",
@@ -312,6 +301,7 @@ LEFT_OUT = {
     '<shape type="sphere"><bsdf type="diffuse"><rgb name="reflectance" value="2"/></bsdf></shape>': "clipped to 1",
     '<shape type="sphere"><bsdf type="diffuse"><texture type="noise" name="reflectance"/></bsdf></shape>': "'noise'",
     '<emitter type="sunsky"><float name="hour" value="23"/></emitter>' + BALL: "below the horizon",
+    '<emitter type="sky"/>' + BALL: "taken as a 'sunsky'",
 }
 
 

@@ -74,17 +74,6 @@ def test_the_own_arrays_cannot_be_written_to():
     assert TRIANGLE.flags.writeable  # the caller's array stays writeable
 
 
-def test_arrays_handed_over_are_not_copied():
-    vertices, faces = TRIANGLE.copy(), FACES.copy()
-    mesh = wrt.Mesh.taking(vertices, faces)
-    assert np.shares_memory(mesh.vertices, vertices)
-    assert np.shares_memory(mesh.faces, faces)
-    assert not vertices.flags.writeable
-    assert wrt.Mesh(mesh.vertices, mesh.faces).vertices is mesh.vertices
-    texture = wrt.ImageTexture(PIXELS.copy())
-    assert wrt.ImageTexture(texture.pixels, channel="g").pixels is texture.pixels
-
-
 def test_scenes_can_be_pickled_and_copied_and_renderers_say_that_they_cannot(render_kernels_when_launched):
     scene = of_shape(
         material=wrt.Mix(wrt.Principled(wrt.ImageTexture(PIXELS)), wrt.Dielectric(), weight=0.3),

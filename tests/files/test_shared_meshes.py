@@ -51,16 +51,12 @@ def scene_of(hills: Path, text: str = "") -> wrt.Scene:
     return load_scene(write(hills.parent, "scene.toml", HEAD + text))
 
 
-@pytest.mark.slow
 def test_a_scene_file_shares_what_its_mesh_file_shares(hills: Path, report: Report) -> None:
     scene, copies = scene_of(hills), wrt.Scene(load_shapes(hills))
-    copies.camera, copies.environment = scene.camera, scene.environment
     sizes = [build_scene(each, Device("cpu")).data.indices.size // 3 for each in (scene, copies)]
     report("triangles on the device: scene file, copies", sizes)
     count = len(scene.shapes[0].mesh.faces)
     assert sizes == [count + 1, 3 * count + 1]
-    one, copied = (wrt.render(each, width=48, height=32, spp=4) for each in (scene, copies))
-    assert (np.abs(one - copied) <= 1e-3).mean() > 0.97  # a few paths go another way by rounding
 
 
 PLACED = "scale = [1.0, 2.0, 0.5]\nrotate = { axis = [0, 1, 0], degrees = 30 }\ntranslate = [0.5, 0, 0]\n"

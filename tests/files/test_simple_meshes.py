@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PIL import Image
-from support.mesh_files import INDICES, ORDERS, XYZ, off_binary, ply
+from support.mesh_files import facets, INDICES, ORDERS, XYZ, off_binary, ply
 from support.meshes import SQUARE, area, area_vector, write
 
 import wrt
@@ -114,6 +114,17 @@ def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
         for shape in shapes:
             np.testing.assert_allclose(shape.mesh.uvs, shape.mesh.vertices[:, :2] / 2.0)
             np.testing.assert_array_equal(shape.material.reflectance.pixels[0, 0], (1, 0, 0))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r"])
+def test_solids_of_a_stl_file_are_shapes_and_its_wrong_normals_do_not_count(end, tmp_path):
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    text = "".join(f"solid {k}\n{facets(corners + k, '1 0 0')}endsolid {k}\n" for k in range(2))
+    shapes = load_shapes(write(tmp_path, "two.stl", text.replace("\n", end)))
+    for k, shape in enumerate(shapes):
+        np.testing.assert_allclose(shape.bounds, [[k, k, k], [k + 1, k + 1, k]])
+        np.testing.assert_allclose(shape.mesh.normals, [[0, 0, 1]] * 3)
+    assert len(shapes) == 2
 
 
 POINTS = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 1, 0), (1, 3, 0)]

@@ -103,31 +103,6 @@ def test_solids_are_closed_and_face_outwards(tmp_path, kind, values, size, expec
     assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
-def test_a_material_may_read_the_colors_for_display(folder):
-    reader = """
-        color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
-        token outputs:surface
-        }
-        def Shader "Reader"
-        {
-            uniform token info:id = "UsdPrimvarReader_float3"
-            string inputs:varname = "displayColor"
-            color3f inputs:fallback = (0.1, 0.2, 0.3)
-            float3 outputs:result
-        }
-        def Shader "Unused"
-        {
-    """
-    text = USD.replace("color3f inputs:diffuseColor.connect = </World/Red/Image.outputs:rgb>", reader, 1)
-    colored = text.replace(ST, f"        color3f[] primvars:displayColor = [(0, 0.5, 1)]\n{ST}", 1)
-    square = square_of(load_file(write(folder, "a.usda", colored)))
-    assert square.material.base_color == wrt.VertexColor()
-    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
-    square = square_of(load_file(write(folder, "b.usda", text)))
-    assert square.material.base_color == pytest.approx((0.1, 0.2, 0.3))
-    assert square.mesh.colors is None
-
-
 def test_what_a_scene_lacks_is_told_and_values_of_other_types_are_left_out(folder):
     text = USD.replace('def Xform "World"', 'def Xform "World" (references = @look.usda@</World>)')
     with pytest.warns(InputWarning, match=r"look\.usda', which it refers to, cannot be opened"):
