@@ -1,4 +1,4 @@
-"""What is no file, is not what its name says, or is out of all proportion: refused in one line, or shown."""
+"""What is no file, is damaged, not what its name says or out of proportion: refused in one line, or shown."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import json
 import math
 import os
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
-from support.mesh_files import check_refused
-from support.meshes import SQUARE, gltf_box, write
+from support.gltf_rays import joined
+from support.mesh_files import INDICES, ORDERS, XYZ, box_files, check_refused, ply
+from support.meshes import SQUARE, check_message, gltf_box, write
 
 import wrt
 from wrt.cli import main
 from wrt.errors import LONGEST_MESSAGE, InputWarning, one_line
 from wrt.io import npy
 from wrt.io.images import load_image
-from wrt.io.load_mesh import load_file, load_mesh
+from wrt.io.load_mesh import load_file, load_mesh, load_shapes
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.npy import read_array
 
@@ -34,11 +36,6 @@ def image(kind: str) -> bytes:
     buffer = io.BytesIO()
     Image.new("RGB", (8, 8)).save(buffer, kind)
     return buffer.getvalue()
-
-
-def glb() -> bytes:
-    text = TREE + b" " * (-len(TREE) % 4)
-    return b"glTF" + struct.pack("<IIII", 2, 20 + len(text), len(text), 0x4E4F534A) + text
 
 
 XML = b'<?xml version="1.0"?>\n'
@@ -73,7 +70,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
 
 def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
     """Both forms of glTF are told apart by what is in them."""
-    assert len(load_file(write(tmp_path, "a.gltf", glb())).shapes) == 1
+    assert len(load_file(write(tmp_path, "a.gltf", joined(json.loads(TREE), b""))).shapes) == 1
     assert len(load_file(write(tmp_path, "a.glb", TREE)).shapes) == 1
     for kind in ("obj", "xml", "toml"):
         with pytest.raises(wrt.InputError) as caught:
@@ -184,3 +181,87 @@ def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_
     triangles, _ = triangulate(points, np.arange(4), np.array([4]))
     a, b, c = (points[triangles[:, k]] for k in range(3))
     assert (np.cross(b - a, c - a)[:, 2] > 0.0).all()
+
+
+BOXES = box_files()
+# --- Meshes ------------------------------------------------------------------------------------------
+
+POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
+OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
+SUFFIXES = "obj", "ply", "stl", "off", "glb", "gltf"
+MANY = b"element vertex 4000000000000\nproperty float x\nproperty float y\nproperty float z\nend_header\n1234"
+
+
+REFUSED: list[tuple[str, str | bytes, str]] = [
+    ("a.xyz", "1 2 3", "not a known mesh format"),
+    *((f"noise.{suffix}", bytes(range(256)) * 3, "noise") for suffix in (*SUFFIXES, "3mf")),
+    # Cut short, or longer than any memory
+    *((name, BOXES[name][:-40], "truncated") for name in BOXES if name.endswith((".stl", ".ply"))),
+    ("a.off", BOXES["big.off"][:-8], "not as long as its numbers"),
+    ("a.ply", b"ply\nformat binary_little_endian 1.0\n" + MANY, "truncated"),
+    ("a.gltf", TREE.replace(b'"count": 3', b'"count": 1000000000000000'), "not a whole GLTF file"),
+    # Places and corners
+    *(
+        ("a.obj", f"v 0 0 0\nv 1 {word} 0\nv 1 1 0\nf 1 2 3\n", r"a vertex is at 1 \S+ 0; positions must be finite")
+        for word in ("nan", "1e39")
+    ),
+    ("a.obj", SQUARE + "f 1 2 9\n", r"a face names something that is not there \(index 8 is out of bounds .* size 4\)"),
+    ("a.obj", SQUARE + "f 0 1 2\n", r"line 5: face corner '0' names a 'v' that is not there \(4 are\)"),
+    ("a.obj", SQUARE + "f -1 -2 -9\n", r"line 5: face corner '-9' names a 'v'"),
+    ("a.off", OFF + "3 0 1 3\n", "names vertex 3, but there are 3"),
+    # No triangles
+    ("a.obj", SQUARE + "f 1 1 2\n", "no triangles"),
+    ("a.obj", "v 0 0 0\nv 1 1 1\nl 1 2\n", "it has 2 points and no faces; only triangles are rendered"),
+    ("a.ply", ply("ascii", ("vertex", XYZ, POINTS)), "it has 3 points and no faces"),
+    ("a.stl", bytes(range(128, 208)) + bytes(4), "no triangles in it"),  # its header is text in no encoding
+    # Words and numbers
+    ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number should be"),
+    ("a.ply", "ply\nformat ascii 1.0\n\nend_header\n", r"not a whole PLY file .* not as specified \(list index"),
+    ("a.off", OFF.replace("1 0 0\n", "1 x 0\n") + "3 0 1 2\n", "not a whole OFF file"),
+]
+
+
+def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
+    for name, content, message in REFUSED:
+        check_refused(message, load_mesh, write(tmp_path, name, content))
+    check_refused("no such file", load_mesh, tmp_path / "none.obj")
+    (tmp_path / "folder.obj").mkdir()
+    check_refused("is a directory", load_mesh, tmp_path / "folder.obj")
+
+
+@pytest.mark.parametrize("order", ORDERS[1:])
+def test_a_ply_file_of_mixed_polygons_says_that_it_is_cut_short(order, tmp_path):
+    elements = ("vertex", XYZ, [*POINTS, (1.0, 1.0, 0.0)]), ("face", (INDICES,), [[(0, 1, 2)], [(0, 1, 3, 2)]])
+    path = write(tmp_path, "a.ply", ply(order, *elements)[:-1])
+    check_refused("not as long as the PLY header says: it is truncated", load_shapes, path)
+
+
+def test_broken_files_load_or_are_refused_in_one_line(assets):
+    refused = set()
+    for path in sorted((assets / "broken").glob("*")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # numpy's among them
+            warnings.simplefilter("ignore", InputWarning)
+            try:
+                assert all(len(shape.mesh.faces) for shape in load_shapes(path))
+            except wrt.InputError as error:
+                check_message(error, path)
+                refused.add(path.name)
+    assert refused <= {"obj_empty.obj", "obj_points.obj", "ply_empty_bin.ply", "ply_empty_header.ply"}
+    with pytest.warns(InputWarning, match=r"nancolor\.obj: vertex colours are left out"):
+        assert load_shapes(assets / "broken" / "nancolor.obj")[0].mesh.colors is None
+
+
+def test_faces_without_area_are_dropped(tmp_path):
+    path = write(tmp_path, "mesh.obj", SQUARE + "v 0 0 0\nf 1 2 3\nf 1 1 2\nf 1 5 2\n")
+    with pytest.warns(InputWarning, match=r"mesh\.obj: 2 of 3 triangles are left out: .* no area"):
+        assert len(load_mesh(path).faces) == 1
+
+
+def test_colors_and_normals_of_no_use_are_told(tmp_path):
+    path = write(tmp_path, "a.off", f"C{OFF}3 0 1 2\n")
+    with pytest.warns(InputWarning, match="vertex colours of the OFF file are left out"):
+        load_mesh(path)
+    text = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
+    with pytest.warns(InputWarning, match=r"a\.stl: the STL file has no normals; .* the order of corners"):
+        load_mesh(write(tmp_path, "a.stl", text))

@@ -1,4 +1,4 @@
-"""Every mesh format gives the same meshes: positions, faces, normals, coordinates, colours, several objects."""
+"""Every mesh format gives the same meshes; OBJ, PLY, STL and OFF files are read to their letter."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from support.mesh_files import ORDERS, Element, add, attributes, box_files, ply
-from support.meshes import area, area_vector, gltf_box, repeated_edges, triangles, volume, write
+from PIL import Image
+from support.mesh_files import INDICES, ORDERS, XYZ, Element, add, attributes, box_files, facets, off_binary, ply
+from support.meshes import SQUARE, area, area_vector, gltf_box, repeated_edges, triangles, volume, write
 
 import wrt
 from wrt.errors import InputWarning
@@ -228,3 +229,136 @@ def test_what_stands_in_several_places_is_there_once(tmp_path):
     # One mesh of all, and shapes without transforms, for those who want no more.
     assert load_mesh(path).bounds.tolist() == [[-2, 0, 0], [12, 2, 0]]
     assert all(shape.transform is None for shape in load_shapes(path))
+
+
+@pytest.mark.filterwarnings("ignore:.*it names no file .mtllib. that describes its materials")
+def test_obj_reads_what_is_found_in_the_wild(tmp_path):
+    quad = SQUARE + "f 1 2 3 4\n"
+    cases = {
+        "comments": SQUARE + "f 1 2 3 # here\n# f 1 2 4\nf 1 3 4\n",
+        "relative": "vn 1 0 0\n" + SQUARE + "vn 0 0 1\nf -4//-1 -3//-1 -2//-1\nf -4//2 -2//2 -1//2\nv 9 9 9\n",
+        "relative between": "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 1 0\nf -4 -2 -1\n",
+        "mixed corners": SQUARE + "vn 0 0 1\nvt 0 0\nf 1/1/1 2//1 3\nf 1/1 3 4\n",
+        "indented": "".join(f"\t {line}\n" for line in quad.splitlines()),
+        "continued": SQUARE + "f 1 2 \\\n 3 4\n",
+        "windows": quad.replace("\n", "\r\n"),
+        "old mac": quad.replace("\n", "\r"),
+        "weights": quad.replace(" 0\n", " 0 1\n"),
+        "groups": SQUARE + "o one\ng a\ns 1\nf 1 2 3\ng b\nusemtl x\nf 1 3 4\nl 1 2\np 1\n",
+    }
+    for name, text in cases.items():
+        mesh = load_mesh(write(tmp_path, "mesh.obj", text))
+        assert len(mesh.faces) == 2, name
+        np.testing.assert_allclose(area_vector(mesh), [0, 0, 1], err_msg=name)
+        np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * len(mesh.vertices), atol=1e-6, err_msg=name)
+
+
+def test_obj_faces_of_different_kinds_keep_what_each_gives(tmp_path):
+    """A triangle with normals, one with coordinates, and an arrowhead: trimesh mistakes each in company."""
+    text = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nvt 0.25 0.5\nvn 0 0.6 0.8\n"
+    text += "f 1//1 2//1 3//1\nf 1/1 3/1 4/1\nf 4 1 2 3\n"
+    first, second, arrow = (shape.mesh for shape in load_shapes(write(tmp_path, "mesh.obj", text)))
+    np.testing.assert_allclose(first.normals, [[0, 0.6, 0.8]] * 3, atol=1e-6)
+    assert first.uvs is None
+    np.testing.assert_allclose(second.uvs, [[0.25, 0.5]] * 3)
+    assert area_vector(arrow) == pytest.approx([0, 0, 4.0])
+    assert area(arrow) == pytest.approx(4.0)  # a fan from the first corner would cover more
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_concave_polygons_are_filled_exactly(axis, tmp_path):
+    rng = np.random.default_rng(axis)
+    for size in (4, 7, 31):
+        angle = 2.0 * np.pi * (np.arange(size) + rng.uniform(-0.2, 0.2, size)) / size
+        flat = rng.uniform(0.2, 1.0, (size, 1)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points = np.insert(flat, axis, 0.5, axis=1).astype(np.float32).astype(np.float64)
+        face = "f " + " ".join(str(k + 1) for k in range(size))
+        text = "".join("v {!r} {!r} {!r}\n".format(*point) for point in points.tolist()) + face + "\n"
+        mesh = load_mesh(write(tmp_path, "mesh.obj", text))
+        newell = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)[axis] / 2.0
+        # Positive parts that add up to the polygon's own area can neither overlap nor spill.
+        assert len(mesh.faces) == size - 2
+        assert area_vector(mesh)[axis] == pytest.approx(newell, rel=1e-5)
+        assert area(mesh) == pytest.approx(abs(newell), rel=1e-5)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_ply_strips_keep_their_winding_and_restarts(tmp_path, order):
+    """A band of four triangles, then a triangle, and further along one more, joined by none of its area."""
+    band = [(x, y, 0) for x in range(3) for y in (1, 0)]
+    points = [*band, (4, 0, 0), (5, 0, 0), (4, 1, 0), (7, 0, 0), (8, 0, 0), (7, 1, 0)]
+    strip = [0, 1, 2, 3, 4, 5, -1, -1, 6, 7, 8, 8, 8, 9, 9, 10, 11, -1, 3]
+    data = ply(order, ("vertex", XYZ, points), ("tristrips", ["list int int vertex_indices"], [[strip]]))
+    mesh = load_mesh(write(tmp_path, "strip.ply", data), smooth_degrees=None)
+    assert area_vector(mesh) == pytest.approx([0, 0, 3.0])
+    assert area(mesh) == pytest.approx(3.0)  # so no triangle faces down, and none bridges the gaps
+
+
+RGB = "uchar red", "uchar green", "uchar blue"
+RED, BLUE = (255, 0, 0), (0, 0, 255)
+
+
+@pytest.mark.parametrize(
+    ("points", "faces"),
+    [
+        ([(0, 0, 0), (4, 0, 0), (1, 1, 0), (0, 4, 0), (4, 4, 0)], [(3, 0, 1, 2), (2, 1, 4, 3)]),  # one is concave
+        ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)], [(0, 1, 2, 3), (3, 2, 4)]),
+    ],
+)
+def test_ply_faces_keep_their_shape_and_color(tmp_path, points, faces):
+    rows = [(face, *color) for face, color in zip(faces, (RED, BLUE), strict=True)]
+    data = ply("binary_little_endian", ("vertex", XYZ, points), ("face", [INDICES, *RGB], rows))
+    mesh = load_mesh(write(tmp_path, "faces.ply", data))
+    places = np.array(points, np.float64)
+    areas = [np.cross(places[list(f)], np.roll(places[list(f)], -1, axis=0)).sum(axis=0)[2] / 2 for f in faces]
+    assert area_vector(mesh)[2] == pytest.approx(sum(areas))
+    for color, expected in ((0, areas[0]), (2, areas[1])):
+        of_color = mesh.faces[(mesh.colors[mesh.faces] == np.eye(3)[color]).all(axis=(1, 2))]
+        assert area(wrt.Mesh(mesh.vertices, of_color)) == pytest.approx(expected)
+
+
+def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "red_A.png")
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)]
+    for order in ORDERS:
+        faces = [(0, 1, 2), (0, 2, 3), (3, 2, 4)] if order == "ascii" else [(0, 1, 2, 3), (3, 2, 4)]
+        rows = [(face, [x / 2 for k in face for x in points[k][:2]]) for face in faces]
+        kinds = "list uchar int vertex_indices", "list ushort float texcoord"
+        elements = ("edge", ["int vertex1"], [[3]]), ("vertex", XYZ, points), ("face", kinds, rows)
+        path = write(tmp_path, "red.ply", ply(order, *elements, head="comment TextureFile <this>_A.png\n"))
+        shapes = load_shapes(path)
+        assert sum(area(shape.mesh) for shape in shapes) == pytest.approx(1.5)
+        for shape in shapes:
+            np.testing.assert_allclose(shape.mesh.uvs, shape.mesh.vertices[:, :2] / 2.0)
+            np.testing.assert_array_equal(shape.material.reflectance.pixels[0, 0], (1, 0, 0))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r"])
+def test_solids_of_a_stl_file_are_shapes_and_its_wrong_normals_do_not_count(end, tmp_path):
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
+    text = "".join(f"solid {k}\n{facets(corners + k, '1 0 0')}endsolid {k}\n" for k in range(2))
+    shapes = load_shapes(write(tmp_path, "two.stl", text.replace("\n", end)))
+    for k, shape in enumerate(shapes):
+        np.testing.assert_allclose(shape.bounds, [[k, k, k], [k + 1, k + 1, k]])
+        np.testing.assert_allclose(shape.mesh.normals, [[0, 0, 1]] * 3)
+    assert len(shapes) == 2
+
+
+LINES = "\n".join(f"{x} {y} {z}" for x, y, z in PLACES)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        f"# a comment\nOFF 5 2 0\n\n{LINES}  # its last point\r\n\n4 0 1 2 3 255 0 0\n3 3 2 4\n",
+        f"OFF\n5 2 0\n{LINES}\n4 0 1\n2 3 3\n3 2 4\n",  # one face is not one line
+        off_binary(">", PLACES, FACES, colors=3),  # as the manual says
+        off_binary("<", PLACES, FACES),
+    ],
+    ids=["comments", "stream", "big-endian-colored", "little-endian"],
+)
+def test_off_files_of_every_kind_are_the_same_polygons(tmp_path, data):
+    (shape,) = load_shapes(write(tmp_path, "a.off", data))
+    assert len(shape.mesh.faces) == 3
+    np.testing.assert_allclose(area_vector(shape.mesh), [0, 0, 4.0])
+    assert shape.material.reflectance == DEFAULT_REFLECTANCE

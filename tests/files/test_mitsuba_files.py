@@ -51,22 +51,19 @@ CASES = {
     "clouds": Case(('"scale" value="6"', '"scale" value="6.6"'), 1024),
     "milk": Case(('"0.95, 0.9, 0.8"', '"0.9, 0.9, 0.8"'), 1024),
     "glass": Case(('"diamond"', '"bk7"')),
-    "pane": Case(('"0.9, 0.7, 0.8"', '"0.9, 0.75, 0.8"')),
     "coats": Case(NONLINEAR),
     "principled": Case(('"0.4"', '"0.5"')),
     "mixtures": Case(('"0.3"', '"0.35"')),
     "textures": Case(('x="5" y="3"', 'x="5" y="3.3"')),
     "meshes": Case(FLIP_UVS),
-    "smooth": Case(('"ball.obj"/>', '"ball.obj"/><boolean name="face_normals" value="true"/>'), 1024),
+    "smooth": Case(('"ball.obj"/>', '"ball.obj"/><boolean name="face_normals" value="true"/>'), 768),
     "instances": Case(('x="1" y="1.6"', 'x="1" y="1.7"')),
     "normals": Case(FLIP_UVS),
     "bumps": Case(('"0.15"', '"0.13"')),
     "sides": Case(('"0.8, 0.2, 0.1"', '"0.1, 0.4, 0.8"')),
-    "direct": Case(('"direct"', '"path"')),
     "media": Case(('"g" value="0.5"', '"g" value="0.2"'), 1024),
     "fog": Case(('"0.15, 0.2, 0.25"', '"0.2, 0.2, 0.25"'), 1024),
     "nested": Case(('"0.9, 0.8, 0.6"', '"0.7, 0.8, 0.6"'), 1024),
-    "old": Case(('name="intIOR" value="1.5"', 'name="intIOR" value="1.3"')),
 }
 """Scenes of tests/scenes/mitsuba, whose first lines say what is in them."""
 

@@ -108,19 +108,14 @@ def test_teapot_is_one_pot_with_six_published_openings():
     assert all(volume(wrt.Mesh(part.vertices - part.vertices.mean(axis=0), part.faces)) > 0.0 for part in parts)
 
 
-def test_cornell_box_faces_are_flat_but_the_published_left_wall_and_face_the_room(cornell: wrt.Scene):
+def test_cornell_box_faces_are_flat_but_the_published_left_wall(cornell: wrt.Scene):
     """Two triangles make each published quadrilateral: how far is its fourth corner off the plane of the others?"""
-    middle = np.array([0.278, 0.274, 0.28])
     for shape in cornell.shapes:
-        normals, corners = face_normals(shape.mesh), shape.mesh.vertices[shape.mesh.faces].astype(np.float64)
-        unit = normals[::2] / np.linalg.norm(normals[::2], axis=1, keepdims=True)
+        normals, corners = face_normals(shape.mesh)[::2], shape.mesh.vertices[shape.mesh.faces].astype(np.float64)
+        unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         off = np.einsum("mk,mk->m", corners[1::2, 2] - corners[::2, 0], unit)
         expected = 3.1997e-3 if shape.name == "left wall" else 0.0  # by hand from the published numbers
         np.testing.assert_allclose(np.abs(off), expected, atol=1e-6, err_msg=shape.name)
-        is_block, centers = "block" in shape.name, corners.mean(axis=1)
-        toward = np.einsum("mk,mk->m", normals, (centers.mean(axis=0) if is_block else middle) - centers)
-        assert (toward < 0.0 if is_block else toward > 0.0).all(), shape.name
-        assert shape.name != "light" or (normals[:, 1] < 0.0).all()
 
 
 def test_cornell_picture_shows_red_left_and_green_right_in_the_measured_colors(cornell: wrt.Scene):
