@@ -133,13 +133,12 @@ def test_files_may_lie_anywhere_or_in_the_folder_of_the_scene_alone(name, folder
 def test_links_among_the_files_themselves(folders):
     scene, outside = folders
     (scene / "a.ply").symlink_to(outside / "a.ply")
-    assert wrt.load(scene / "a.ply").shapes
     with pytest.raises(wrt.InputError, match="outside the scene's folder"):
         wrt.load(scene / "a.ply", confined=True)
-    (scene / "b.ply").write_text(PLY)
-    (scene / "c.ply").symlink_to("b.ply")
-    assert wrt.load(scene / "c.ply", confined=True).shapes
-    assert wrt.load("cornell-box", confined=True).shapes  # a built-in scene is nobody's upload
+    (scene / "b.ply").symlink_to("a.ply")
+    (scene / "a.ply").unlink()
+    (scene / "a.ply").write_text(PLY)
+    assert wrt.load(scene / "b.ply", confined=True).shapes
 
 
 @pytest.mark.parametrize("command", ["render", "info", "convert"])

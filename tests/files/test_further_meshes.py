@@ -16,7 +16,6 @@ from support.mesh_files import check_refused
 from support.meshes import area, write
 
 import wrt
-from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file
 from wrt.scene.srgb import linear_from_srgb
 
@@ -124,12 +123,6 @@ LEVELS = "".join(
 )
 def test_damaged_models_are_refused_in_one_line(tmp_path, model, message):
     check_refused(message, load_file, archive(tmp_path, model))
-
-
-def test_properties_that_are_not_there_are_told(tmp_path):
-    with pytest.warns(InputWarning, match="a property that is not there is left out"):
-        (shape,) = loaded(tmp_path, model_of('pid="2" p1="7"', 'pid="99" p1="0"', COLORS))
-    assert area(shape.mesh) == pytest.approx(1.0)
 
 
 COLLADA = (SCENES / "square.dae").read_text("utf-8")

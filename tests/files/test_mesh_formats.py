@@ -151,15 +151,6 @@ def test_real_files_load_whole_and_consistently_wound(name, count, closed, asset
         assert np.abs(area_vector(mesh)).max() < 1e-5 * area(mesh)
 
 
-@pytest.mark.slow
-def test_igea_strips_keep_every_vertex_and_bridge_nothing(assets):
-    mesh = load_mesh(assets / "meshes" / "igea.ply", smooth_degrees=None)
-    # A closed surface of genus 0: F = 2 V - 4.
-    assert (len(mesh.vertices), len(mesh.faces)) == (134345, 2 * 134345 - 4)
-    longest = np.linalg.norm(np.diff(triangles(mesh)[:, [0, 1, 2, 0]], axis=1), axis=2).max()
-    assert longest < 0.02 * np.linalg.norm(np.diff(mesh.bounds, axis=0))
-
-
 def test_textures_of_real_files_lie_right(assets):
     """The duck is yellow: sampled where its vertices lie, red and green are far above blue."""
     duck = load_shapes(assets / "meshes" / "Duck.glb")[0]

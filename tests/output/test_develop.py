@@ -102,13 +102,6 @@ def test_what_a_picture_cannot_hold_is_said_before_it_is_rendered(options, messa
     assert not os.path.exists("c.jpg")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["cornell-box", "still-life"])
-def test_built_in_scenes_do_not_nag(name, capsys):
-    assert run("render", name, "-o", "a.png", "--size", "48x36", "--spp", "4") == 0
-    assert "warning" not in capsys.readouterr().err
-
-
 def test_scene_files_have_tone_and_exposure():
     scene = wrt.load("cornell-box")
     scene.settings = wrt.RenderSettings(tone="agx", exposure="auto", width=16, height=16)

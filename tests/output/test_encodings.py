@@ -60,15 +60,3 @@ def test_what_only_begins_so_is_refused_in_one_line(name, folder):
     file.write_bytes(codecs.BOM_UTF16_LE + file.read_bytes() + b"\0\xd8")
     with pytest.raises(wrt.InputError, match=rf"^{re.escape(str(file))}: [^\n]+\Z"):
         wrt.load(file)
-
-
-@pytest.mark.filterwarnings("ignore:.*the STL file has no normals")
-def test_binary_files_may_begin_with_a_mark(folder):
-    """An STL file, with anything; before the header of a PLY file stands a mark."""
-    stl, ply = folder / "box.stl", folder / "little.ply"
-    before = scene_fingerprint(wrt.load(stl)), scene_fingerprint(wrt.load(ply))
-    for mark in (*ENCODINGS.values(), codecs.BOM_UTF16_BE + b"\xd8\0\xd8\0"):
-        stl.write_bytes(mark + stl.read_bytes()[len(mark) :])
-        assert scene_fingerprint(wrt.load(stl)) == before[0]
-    ply.write_bytes(codecs.BOM_UTF8 + ply.read_bytes())
-    assert scene_fingerprint(wrt.load(ply)) == before[1]

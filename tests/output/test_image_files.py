@@ -182,13 +182,6 @@ def test_radiance_hdr_decodes_shared_exponents(tmp_path):
     np.testing.assert_allclose(load_image(tmp_path / "a.hdr"), expected, rtol=0.005)
 
 
-def test_a_real_environment_loads(assets):
-    environment = load_environment(assets / "textures" / "envmap.hdr", scale=2.0, rotation_degrees=30)
-    assert environment.pixels.shape == (512, 1024, 3)
-    assert environment.pixels.max() > 100.0  # the sun, which 8 bits would have clipped
-    assert (environment.name, environment.scale, environment.rotation_degrees) == ("envmap.hdr", 2.0, 30.0)
-
-
 def test_files_that_are_no_images_are_refused(tmp_path, capfd):
     refused("^an image is read from a path, not from BytesIO$", load_image, io.BytesIO())
     refused(r"none\.png: no such file", load_image, tmp_path / "none.png")
@@ -232,10 +225,3 @@ def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, 
     # Twice the rows, of which Pillow would take half to be black.
     path.write_bytes(whole[:8] + chunk(b"IHDR", whole[16:20] + struct.pack(">I", 2000) + whole[24:29]) + whole[33:])
     refused(r"even\.png: the file is too short for 1500x2000 pixels", load_image, path)
-
-
-def test_decompression_bombs_are_refused(tmp_path):
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0))
-    body = chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b"")
-    (tmp_path / "bomb.png").write_bytes(b"\x89PNG\r\n\x1a\n" + header + body)
-    refused(r"bomb\.png: the image is too large", load_image, tmp_path / "bomb.png")

@@ -58,22 +58,6 @@ def test_an_error_in_a_pass_loses_nothing_that_was_rendered(error, after_passes)
     assert wrt.load_image("a.png").shape == (8, 8, 3)
 
 
-def test_a_save_that_fails_meanwhile_is_a_warning(folder, monkeypatch, capsys):
-    save, calls = wrt.Renderer.save_checkpoint, []
-
-    def fail_once(self, path):
-        calls.append(path)
-        if len(calls) == 1:
-            raise OSError(28, "No space left on device")
-        save(self, path)
-
-    monkeypatch.setattr(wrt.Renderer, "save_checkpoint", fail_once)
-    options = ("--checkpoint", "a.ckpt", "--save-every", "0.001", "--size", "16x16", "--spp", "8")
-    assert run("render", "cornell-box", "-o", "a.png", *options) == 0
-    assert "a.ckpt: cannot be written: No space left on device; rendering continues" in capsys.readouterr().err
-    assert sorted(contents(folder)) == ["a.ckpt", "a.png"]
-
-
 def test_convert_replaces_no_file_without_leave_nor_one_that_it_reads(folder, capsys):
     write_obj(folder)
     (folder / "ok.toml").write_text("# by hand\n")
