@@ -15,7 +15,6 @@ from support.meshes import gltf_box
 import wrt
 from wrt.cli import main
 from wrt.io.load_mesh import load_file
-from wrt.studio.reach import reach_of
 
 BOX = wrt.box((0, 0, 0), (1, 1, 1))
 POINTS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
@@ -173,16 +172,6 @@ def test_camera_and_studio_stay(tmp_path: Path, up: str | None) -> None:
     np.testing.assert_allclose(np.diff(lows, axis=0), [step] * 2, atol=1e-5)
     assert scenes[0].shapes[1].bounds[0][1] == pytest.approx(min(low[1] for low in lows))  # the ground is below all
     assert scenes[0].camera != wrt.load(path, up=up).camera  # which frames the box alone
-
-
-def test_the_reach_of_a_round_shape_is_nearly_its_own() -> None:
-    ball = wrt.sphere(radius=2.0, subdivisions=5)
-    reach = reach_of([wrt.Scene([wrt.Shape(ball)])])
-    assert len(reach.points) <= 256 < len(ball.vertices)
-    np.testing.assert_allclose(reach.bounds, ball.bounds, atol=1e-12)
-    directions = np.random.default_rng(1).normal(size=(2000, 3))
-    farthest = (directions @ reach.points.T).max(axis=1) / np.linalg.norm(directions, axis=1)
-    assert 1.96 < farthest.min() <= farthest.max() < 2.001
 
 
 def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from support.meshes import SQUARE, area, area_vector, gltf_box, repeated_edges, 
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io.load_mesh import from_trimesh, load_file, load_mesh, load_shapes
+from wrt.io.load_mesh import load_mesh, load_shapes
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
 
@@ -151,15 +151,6 @@ def test_real_files_load_whole_and_consistently_wound(name, count, closed, asset
         assert np.abs(area_vector(mesh)).max() < 1e-5 * area(mesh)
 
 
-def test_textures_of_real_files_lie_right(assets):
-    """The duck is yellow: sampled where its vertices lie, red and green are far above blue."""
-    duck = load_shapes(assets / "meshes" / "Duck.glb")[0]
-    u, v = (duck.mesh.uvs * [1, -1] + [0, 1]).T * 512
-    pixels = duck.material.base_color.pixels[v.astype(int) % 512, u.astype(int) % 512]
-    red, green, blue = np.median(pixels, axis=0)
-    assert min(red, green) > 0.4 > 0.1 > blue
-
-
 @pytest.mark.parametrize("channels", [3, 4])
 def test_a_bare_mesh_has_its_colors_and_else_the_material_of_files(channels, tmp_path):
     arrays = {"vertices": np.eye(3), "faces": [[0, 1, 2]]}
@@ -203,23 +194,6 @@ def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
         wrt.Mesh(away, TRIANGLES, name="map")
     for harmless in (CORNERS + 1e4, away.astype(np.float32), 1e4 * CORNERS + AWAY, CORNERS * 0.0 + AWAY):
         wrt.Mesh(harmless, TRIANGLES)
-
-
-def test_what_stands_in_several_places_is_there_once(tmp_path):
-    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    first, second = {"mesh": 0, "translation": [5, 0, 0]}, {"mesh": 0, "scale": [-1, 1, 1]}
-    tree["nodes"] = [first, {"children": [0, 2], "scale": [2, 2, 2]}, second]
-    tree["scenes"], tree["scene"] = [{"nodes": [1]}], 0
-    path = write(tmp_path, "two.gltf", json.dumps(tree))
-    matrices = [[[2, 0, 0, 10], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]], np.diag([-2.0, 2.0, 2.0, 1.0])]
-    for shapes in (load_file(path).shapes, from_trimesh(trimesh.load(path))):
-        shapes = sorted(shapes, key=lambda shape: -shape.transform[0, 3])
-        assert shapes[0].mesh is shapes[1].mesh
-        np.testing.assert_allclose([shape.transform for shape in shapes], matrices)
-        np.testing.assert_allclose(shapes[0].bounds, [[10, 0, 0], [12, 2, 0]])
-    # One mesh of all, and shapes without transforms, for those who want no more.
-    assert load_mesh(path).bounds.tolist() == [[-2, 0, 0], [12, 2, 0]]
-    assert all(shape.transform is None for shape in load_shapes(path))
 
 
 @pytest.mark.filterwarnings("ignore:.*it names no file .mtllib. that describes its materials")

@@ -204,6 +204,9 @@ def test_codes_are_decoded_and_transforms_that_mirror_keep_fronts_in_front():
     (moved,) = from_trimesh(scene)
     np.testing.assert_allclose(moved.mesh.bounds, [[6.5, -0.5, -0.5], [7.5, 0.5, 0.5]])
     assert volume(moved.mesh.translated([-7, 0, 0])) == pytest.approx(1.0)
+    scene.graph.update(frame_to="again", geometry="geometry_0")
+    first, second = load_object(scene).shapes
+    assert first.mesh is second.mesh
     for plain in (box(), laid(None)):
         assert from_trimesh(plain)[0].material.reflectance == DEFAULT_REFLECTANCE
 
