@@ -132,13 +132,6 @@ BOUND = (
     "<bind_material><technique_common><instance_material symbol='M' target='#m'/></technique_common></bind_material>"
 )
 GEOMETRY = COLLADA.replace("INSTANCE", f"<instance_geometry url='#g'>{BOUND}</instance_geometry>")
-CAMERA = (
-    "<library_cameras><camera id='x'><optics><technique_common><perspective><yfov>35</yfov><znear>1</znear>"
-    "<zfar>9</zfar></perspective></technique_common></optics></camera></library_cameras>"
-)
-SEEN = GEOMETRY.replace("<library_geometries>", f"{CAMERA}<library_geometries>").replace(
-    "</instance_geometry>", "</instance_geometry><instance_camera url='#x'/>"
-)
 NO_IMAGE = r"none\.png', which it refers to: no such file; it is left out"
 GREY = r"textures that lead to no image are grey \(1\)"
 LEFT_OUT = r"uses of materials that are not there are left out \(1\)"
@@ -156,7 +149,6 @@ POSE = "skins and morph targets are shown in their bind pose"
         (GEOMETRY.replace("</newparam>\n<technique", MORE), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("mesh>", "convex_mesh>"), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("geometry url='#g'", "controller url='#c'"), POSE, (5, 0, 0)),
-        (SEEN, "cameras of COLLADA files are left out", (0, 0, 7)),
     ],
 )
 def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, told, shift):

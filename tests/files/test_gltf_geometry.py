@@ -116,15 +116,6 @@ SHARES = np.array([[1, 0, 0, 0]] * 2 + [[0.25, 0.75, 0, 0]] * 2, np.float32)
 """The upper two vertices follow the second joint by three quarters."""
 
 
-def test_morph_targets_are_as_at_rest(tmp_path):
-    tree = square()
-    tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": add(tree, RAISED)}]
-    tree["meshes"][0]["weights"] = [0.5]
-    np.testing.assert_allclose(corners(tmp_path, tree), (POINTS + 0.5 * RAISED)[FACES])
-    tree["nodes"][0]["weights"] = [0.0]  # those of the node come first
-    np.testing.assert_allclose(corners(tmp_path, tree), POINTS[FACES])
-
-
 def pack_bytes(rows: np.ndarray) -> bytes:
     """Return (N, stride) bytes as meshoptimizer compresses them, each group of 16 in its shortest form."""
     count, stride = rows.shape

@@ -18,8 +18,6 @@ from support.meshes import gltf_box
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io import memory_limits
-from wrt.io.safe_read import read_file
 
 CHILD = """
 import resource, sys, warnings
@@ -136,18 +134,6 @@ def test_what_is_honest_is_read(tmp_path: Path) -> None:
         assert len(wrt.load(tmp_path / name).shapes) >= count
     Image.new("L", (8192, 4096)).save(tmp_path / "black.png")
     assert wrt.load_image(tmp_path / "black.png").shape == (4096, 8192, 3)
-
-
-def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(bytes(1000))
-    (tmp_path / "b").symlink_to("a")
-    few = memory_limits.Limit("things", 10, 1)
-    with memory_limits.one_load():
-        for name in ("a", "b", "./a"):
-            read_file(tmp_path / name)
-        memory_limits.take(few, 1010)
-        with pytest.raises(wrt.InputError, match=r"its things would take 1.01 kB; for files of 1 kB"):
-            memory_limits.take(few, 1)
 
 
 @pytest.mark.slow

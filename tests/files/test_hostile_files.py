@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
 from support.gltf_rays import joined
-from support.mesh_files import INDICES, ORDERS, XYZ, box_files, check_refused, ply
+from support.mesh_files import XYZ, box_files, check_refused, ply
 from support.meshes import SQUARE, check_message, gltf_box, write
 
 import wrt
@@ -94,13 +94,6 @@ def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path: Pa
     ):
         with pytest.raises(wrt.InputError, match=f"{path.name}.*{reason}"):
             wrt.load(path)
-
-
-def test_devices_are_never_read(tmp_path: Path):
-    write(tmp_path, "m.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_Kd /dev/zero\nmap_Pr /dev/random\n")
-    path = write(tmp_path, "mesh.obj", "mtllib m.mtl\nvt 0 0\n" + SQUARE + "usemtl m\nf 1/1 2/1 3/1\n")
-    with pytest.warns(InputWarning, match="a pipe or a device"):
-        assert len(load_file(path).shapes) == 1
 
 
 def test_messages_are_one_line_whatever_is_in_them():
@@ -229,13 +222,6 @@ def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
     check_refused("is a directory", load_mesh, tmp_path / "folder.obj")
 
 
-@pytest.mark.parametrize("order", ORDERS[1:])
-def test_a_ply_file_of_mixed_polygons_says_that_it_is_cut_short(order, tmp_path):
-    elements = ("vertex", XYZ, [*POINTS, (1.0, 1.0, 0.0)]), ("face", (INDICES,), [[(0, 1, 2)], [(0, 1, 3, 2)]])
-    path = write(tmp_path, "a.ply", ply(order, *elements)[:-1])
-    check_refused("not as long as the PLY header says: it is truncated", load_shapes, path)
-
-
 def test_broken_files_load_or_are_refused_in_one_line(assets):
     refused = set()
     for path in sorted((assets / "broken").glob("*")):
@@ -250,12 +236,6 @@ def test_broken_files_load_or_are_refused_in_one_line(assets):
     assert refused <= {"obj_empty.obj", "obj_points.obj", "ply_empty_bin.ply", "ply_empty_header.ply"}
     with pytest.warns(InputWarning, match=r"nancolor\.obj: vertex colours are left out"):
         assert load_shapes(assets / "broken" / "nancolor.obj")[0].mesh.colors is None
-
-
-def test_faces_without_area_are_dropped(tmp_path):
-    path = write(tmp_path, "mesh.obj", SQUARE + "v 0 0 0\nf 1 2 3\nf 1 1 2\nf 1 5 2\n")
-    with pytest.warns(InputWarning, match=r"mesh\.obj: 2 of 3 triangles are left out: .* no area"):
-        assert len(load_mesh(path).faces) == 1
 
 
 def test_colors_and_normals_of_no_use_are_told(tmp_path):

@@ -218,18 +218,6 @@ def test_obj_reads_what_is_found_in_the_wild(tmp_path):
         np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * len(mesh.vertices), atol=1e-6, err_msg=name)
 
 
-def test_obj_faces_of_different_kinds_keep_what_each_gives(tmp_path):
-    """A triangle with normals, one with coordinates, and an arrowhead: trimesh mistakes each in company."""
-    text = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nvt 0.25 0.5\nvn 0 0.6 0.8\n"
-    text += "f 1//1 2//1 3//1\nf 1/1 3/1 4/1\nf 4 1 2 3\n"
-    first, second, arrow = (shape.mesh for shape in load_shapes(write(tmp_path, "mesh.obj", text)))
-    np.testing.assert_allclose(first.normals, [[0, 0.6, 0.8]] * 3, atol=1e-6)
-    assert first.uvs is None
-    np.testing.assert_allclose(second.uvs, [[0.25, 0.5]] * 3)
-    assert area_vector(arrow) == pytest.approx([0, 0, 4.0])
-    assert area(arrow) == pytest.approx(4.0)  # a fan from the first corner would cover more
-
-
 @pytest.mark.parametrize("axis", range(3))
 def test_concave_polygons_are_filled_exactly(axis, tmp_path):
     rng = np.random.default_rng(axis)

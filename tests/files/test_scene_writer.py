@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.cli import main
 from wrt.rendering.fingerprint import scene_fingerprint
 from wrt.scene.environment import SphericalHarmonicsEnvironment, SunSkyEnvironment
 from wrt.scene.materials import MATERIALS
@@ -118,15 +117,3 @@ def test_lights_cameras_and_environments(tmp_path: Path) -> None:
     for environment, camera in zip(environments, cameras, strict=True):
         scene.environment, scene.camera = environment, camera
         assert_same(scene, again(scene, tmp_path))
-
-
-def test_what_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "b.toml").mkdir()
-    for name, message in (
-        ("a.txt", "must end in .toml"),
-        ("none/a.toml", "does not exist"),
-        ("b.toml", "is a directory"),
-    ):
-        assert main(["convert", "cornell-box", str(tmp_path / name)]) == 2
-        assert message in capsys.readouterr().err
-    assert not (tmp_path / "b_files").exists()

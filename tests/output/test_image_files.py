@@ -96,17 +96,6 @@ def test_dither_keeps_the_mean_and_leaves_no_bands():
         assert abs((half * np.roll(half, 1, axis=axis)).mean()) < 0.25 * 5 / half.size**0.5
 
 
-def test_metadata_is_found_again(tmp_path):
-    save_image(tmp_path / "a.png", NOISE, metadata={"spp": 12, "scène": "boîte"})
-    with Image.open(tmp_path / "a.png") as image:
-        found = {key: str(value) for key, value in image.text.items()}
-    assert found.pop("Software").startswith("wrt ")
-    assert found == {"spp": "12", "scène": "boîte", "Tone": "soft", "Exposure": "0 stops"}
-    save_image(tmp_path / "a.exr", NOISE, metadata={"software": "wrt", "spp": 12})
-    header = OpenEXR.File(str(tmp_path / "a.exr")).header()
-    assert (header["software"], header["spp"]) == ("wrt", "12")
-
-
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])
 def test_a_write_that_fails_changes_nothing(tmp_path, name, monkeypatch):
     path = tmp_path / name
