@@ -177,13 +177,13 @@ def test_images_are_found_in_any_case_and_where_programs_keep_them(named, place,
 
 
 def test_materials_split_the_mesh_and_may_be_in_several_files(tmp_path):
-    write(tmp_path, "a.mtl", "newmtl one\nKd 0.1 0.2 0.3\n")
+    write(tmp_path, "a.mtl", "newmtl dark red\nKd 0.1 0.2 0.3\n")
     write(tmp_path, "two b.mtl", "newmtl two\nKd 0.3 0.2 0.1\n")
-    write(tmp_path, "mesh.mtl", "newmtl one\nKd 0.9 0.9 0.9\n")
+    write(tmp_path, "mesh.mtl", "newmtl dark red\nKd 0.9 0.9 0.9\n")
     # A roof folded by 20 degrees, one side of each material: its ridge is smooth all the same.
     y = np.tan(np.deg2rad(10))
     points = f"v -1 0 0\nv 0 {y} 0\nv 0 {y} 1\nv -1 0 1\nv 1 0 0\nv 1 0 1\n"
-    text = f"mtllib a.mtl none.MTL\nmtllib two b.mtl\n{points}usemtl one\nf 1 4 3 2\nusemtl two\nf 2 3 6 5\n"
+    text = f"mtllib a.mtl none.MTL\nmtllib two b.mtl\n{points}usemtl dark red\nf 1 4 3 2\nusemtl two\nf 2 3 6 5\n"
     with pytest.warns(InputWarning, match=r"none\.MTL', which") as caught:
         shapes = load_shapes(write(tmp_path, "mesh.obj", text))
     assert len(caught) == 1
@@ -191,20 +191,6 @@ def test_materials_split_the_mesh_and_may_be_in_several_files(tmp_path):
     for shape in shapes:
         ridge = shape.mesh.vertices[:, 1] > 0.1
         np.testing.assert_allclose(shape.mesh.normals[ridge], [[0, 1, 0]] * 2, atol=1e-6)
-
-
-def test_names_with_spaces(tmp_path):
-    """Of the file, its folder, its materials' file, a material, and an image above the folder."""
-    folder = tmp_path / "my meshes"
-    save_rgb(tmp_path / "light wood.png")
-    folder.mkdir()
-    text = "newmtl dark red\nKd 0.5 0.1 0.1\nnewmtl light\nKd 1 1 1\nmap_Kd ..\\light wood.png\n"
-    write(folder, "my materials.mtl", text)
-    text = "mtllib my materials.mtl\no one thing\n" + SQUARE + "vt 0 0\nvt 1 0\nvt 1 1\n"
-    text += "usemtl dark red\nf 1 2 3\nusemtl light\nf 1/1 3/2 4/3\n"
-    dark, light = (shape.material.reflectance for shape in load_shapes(write(folder, "my mesh.obj", text)))
-    assert dark == pytest.approx((0.5, 0.1, 0.1))
-    np.testing.assert_allclose(light.pixels, COLORS, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -17,12 +17,9 @@ SMALL = ["--size", "24x18", "--spp", "1", "--quiet"]
 def mesh(tmp_path, monkeypatch):
     """A box in the current folder."""
     monkeypatch.chdir(tmp_path)
-    path = tmp_path / "box.obj"
-    path.write_text(
-        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 3\nv 1 0 3\nv 1 1 3\nv 0 1 3\n"
-        "f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
-    )
-    return path
+    box = wrt.box((0, 0, 0), (1, 1, 3))
+    np.savez("box.npz", vertices=box.vertices, faces=box.faces)
+    return tmp_path / "box.npz"
 
 
 def test_a_mesh_turns_once_and_its_studio_stays(mesh):
@@ -46,7 +43,7 @@ def test_the_camera_turns_around_a_scene():
 
 
 def test_frames_are_the_pictures_of_their_scenes_and_missing_ones_are_rendered_on_resuming(mesh, capsys):
-    command = ["render", "box.obj", "--turntable", "3", "-o", "box_%02d.exr", *SMALL]
+    command = ["render", "box.npz", "--turntable", "3", "-o", "box_%02d.exr", *SMALL]
     assert main(command) == 0
     paths = [mesh.parent / f"box_{number:02d}.exr" for number in range(3)]
     paths[1].unlink()
@@ -62,14 +59,14 @@ def test_frames_are_the_pictures_of_their_scenes_and_missing_ones_are_rendered_o
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])
 def test_videos_have_all_frames(mesh, suffix):
-    assert main(["render", "box.obj", "--turntable", "3", "--fps", "10", "-o", f"box{suffix}", *SMALL]) == 0
+    assert main(["render", "box.npz", "--turntable", "3", "--fps", "10", "-o", f"box{suffix}", *SMALL]) == 0
     with Image.open(f"box{suffix}") as video:
         assert video.size == (24, 18)
         frames = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(video)]
         assert video.info.get("duration") == 100
     assert len(frames) == 3
     assert not np.array_equal(frames[0], frames[1])
-    assert set(os.listdir()) == {f"box{suffix}", "box.obj"}
+    assert set(os.listdir()) == {f"box{suffix}", "box.npz"}
 
 
 def test_keyframes_move_from_frame_to_frame():
@@ -94,11 +91,11 @@ def test_keyframes_move_from_frame_to_frame():
 )
 def test_mistakes_are_named(options, words, mesh, capsys):
     (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
-    assert main(["render", "box.obj", *options]) in (1, 2)
+    assert main(["render", "box.npz", *options]) in (1, 2)
     said = capsys.readouterr().err
     assert words in said
     assert "Traceback" not in said
-    assert sorted(os.listdir()) == ["box.obj", "mine.gif"]
+    assert sorted(os.listdir()) == ["box.npz", "mine.gif"]
     assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
 
 

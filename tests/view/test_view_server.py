@@ -1,15 +1,12 @@
 """`wrt view` in a browser: the picture converges, follows the mouse, and is saved as `wrt render` writes it."""
 
-import asyncio
 import contextlib
 import http.client
 import json
 import os
-import queue
 import re
 import signal
 import socket
-import threading
 import time
 from urllib.parse import urlsplit
 
@@ -20,10 +17,7 @@ from support.commands import CAMERA, ENVIRONMENT, LAMP, QUAD, run, start
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-import wrt
 from wrt.cli import main
-from wrt.view.server import bound_socket, run_server
-from wrt.view.session import Session
 
 SIZE = ("--size", "64x64")
 
@@ -46,28 +40,6 @@ class Page:
         return answer.status, answer.read()
 
 
-@pytest.fixture(scope="module")
-def page():
-    """Serve a view of the Cornell box from a thread of this process."""
-    scene = wrt.load("cornell-box")
-    session = Session(lambda: wrt.Renderer(scene, width=64, height=64), name="cornell-box", spp=4)
-    bound, told = bound_socket(None), queue.Queue()
-
-    async def serve():
-        told.put((asyncio.get_running_loop(), asyncio.current_task()))
-        with contextlib.suppress(asyncio.CancelledError):
-            await run_server(session, bound, "a-token", told.put)
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    loop, task = told.get(timeout=60)
-    yield Page(told.get(timeout=60))
-    loop.call_soon_threadsafe(task.cancel)
-    thread.join()
-    bound.close()
-    session.close()
-
-
 @contextlib.contextmanager
 def program(folder, *arguments, **options):
     """Run `wrt view`; return the process and its page."""
@@ -79,6 +51,13 @@ def program(folder, *arguments, **options):
     finally:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """Serve a view of the Cornell box."""
+    with program(tmp_path_factory.mktemp("view"), "cornell-box", *SIZE, "--spp", "4") as (_, page):
+        yield page
 
 
 def received(socket, wanted, seconds=60):
