@@ -57,11 +57,6 @@ def doubled() -> str:
     return scene(first + "".join(f'<default name="a{i}" value="{f"$a{i - 1}" * 10}"/>' for i in range(1, 10)))
 
 
-def write_included(folder: Path) -> str:
-    (folder / "part.xml").write_text(scene('<shape type="cube"/>' * 100))
-    return scene('<include filename="part.xml"/>' * 999)
-
-
 def write_copies(folder: Path) -> str:
     ball = wrt.sphere(subdivisions=7)
     np.savez_compressed(folder / "ball.npz", vertices=ball.vertices, faces=ball.faces)
@@ -86,7 +81,6 @@ LONG_VALUE = f'<default name="a" value="{"a" * 60000}"/>'
 BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] = {
     "defaults": ("xml", doubled(), "longer than 65536 characters"),
     "values": ("xml", scene(LONG_VALUE + '<shape type="$a"/>' * 5000), "XML elements and texts would take"),
-    "includes": ("xml", write_included, "shapes would take"),
     "groups": ("xml", scene(GROUP + '<shape type="instance"><ref id="g"/></shape>' * 1800), "shapes would take"),
     "ellipsoids": ("xml", scene(ELLIPSOID * 2000), "round shapes would take"),
     "dotted": ("toml", "x = 1\na" + ".a" * 50000 + " = 1\n", "line 2: a dotted key has more than 64 parts"),

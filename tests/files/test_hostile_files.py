@@ -104,8 +104,8 @@ def test_messages_are_one_line_whatever_is_in_them():
     assert one_line("Größe: 3 µm") == "Größe: 3 µm"
 
 
-@pytest.mark.parametrize("name", ["new\nline  b", "\udcff\udcfe日本"])
-def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, name: str, monkeypatch, capfd):
+def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, monkeypatch, capfd):
+    name = "new\nline \x1b[31m"
     monkeypatch.chdir(tmp_path)
     Path(f"{name}.toml").write_text(ROOM)
     assert main(["render", f"./{name}.toml", *SMALL]) == 0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
-from types import ModuleType
 
+import cornell_box
+import make_meshes
 import numpy as np
 import pytest
 import trimesh
@@ -16,13 +16,6 @@ import wrt
 import wrt.meshes
 from wrt.io.toml.reader import load_scene
 from wrt.meshes import many_triangles
-
-
-def script(name: str) -> ModuleType:
-    """Import a module of scripts/, where it finds its neighbours."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "scripts"))
-        return importlib.import_module(name)
 
 
 @pytest.fixture(scope="module")
@@ -60,16 +53,8 @@ def loops(edges: np.ndarray) -> list[list[int]]:
     return found
 
 
-def test_names_and_descriptions_agree():
-    names = wrt.meshes.scene_names()
-    assert names == ["cornell-box", "teapot", "still-life", "many-triangles"]
-    assert list(wrt.meshes.scene_descriptions()) == names
-    with pytest.raises(wrt.InputError, match=rf"teepot[^\n]*{names[0]}[^\n]*{names[-1]}[^\n]*$"):
-        wrt.meshes.scene_path("teepot")
-
-
 def test_meshes_are_what_the_script_makes(tmp_path: Path):
-    script("make_meshes").main(tmp_path)
+    make_meshes.main(tmp_path)
     for name in ("teapot.ply", "sweep.ply"):
         ours, made = wrt.load_mesh(ROOT / "meshes" / name), wrt.load_mesh(tmp_path / name)
         assert np.array_equal(ours.faces, made.faces)
@@ -115,7 +100,7 @@ def test_cornell_picture_shows_red_left_and_green_right_in_the_measured_colors(c
     middles = np.array([by_name[name].mesh.vertices.mean(axis=0) for name in names])
     assert (np.diff(middles @ right) > 0.0).all()
     assert np.tan(np.radians(cornell.camera.fov_degrees) / 2) == pytest.approx(0.0125 / 0.035, rel=1e-12)
-    colors = script("cornell_box").colors()
+    colors = cornell_box.colors()
     for shape, color in (("floor", "white"), ("right wall", "green"), ("left wall", "red")):
         np.testing.assert_allclose(by_name[shape].material.reflectance, colors[color], rtol=0.0, atol=0.5e-4)
     np.testing.assert_allclose(by_name["light"].emission, colors["light"], rtol=5e-4)
@@ -124,7 +109,7 @@ def test_cornell_picture_shows_red_left_and_green_right_in_the_measured_colors(c
 def test_matching_functions_have_the_areas_and_peak_of_cie_1931():
     """The CIE tables sum to 106.86, 106.86 and 106.89 over 1 nm steps; ȳ is 1 at 555 nm."""
     wavelength = np.arange(360.0, 831.0)
-    functions = script("cornell_box").matching_functions(wavelength)
+    functions = cornell_box.matching_functions(wavelength)
     np.testing.assert_allclose(functions.sum(axis=1), [106.86, 106.86, 106.89], rtol=0.005)
     assert functions[1].max() == pytest.approx(1.0, abs=0.01)
     assert wavelength[functions[1].argmax()] == pytest.approx(555.0, abs=3.0)
