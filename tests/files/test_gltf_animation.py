@@ -134,7 +134,10 @@ def test_morph_targets_follow_their_weights(tmp_path: Path) -> None:
     tree = box()
     up, out = POINTS * [0, 1, 0], POINTS * [0, 0, 2]
     tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": add(tree, each)} for each in (up, out)]
-    path = saved(tmp_path, animated((0, "weights", "LINEAR", [0, 1], [0.0, 0.0, 1.0, 0.5]), tree=tree))
+    tree = animated((0, "weights", "LINEAR", [0, 1], [0.0, 0.0, 1.0, 0.5]), tree=tree)
+    tree["meshes"][0]["weights"] = [0.5, 0.0]  # those at rest
+    path = saved(tmp_path, tree)
+    np.testing.assert_allclose(corners(path, None), POINTS + 0.5 * up, atol=1e-6)
     for time in (0.0, 0.5, 1.0):
         np.testing.assert_allclose(corners(path, time), POINTS + time * up + 0.5 * time * out, atol=1e-6)
 
