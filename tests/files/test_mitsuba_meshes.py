@@ -76,30 +76,23 @@ def read(folder: Path, data: bytes, index: int = 0, color: str = "", more: str =
     return shape_of(folder, "serialized", inside + (attribute(color) if color else "")).mesh
 
 
-@pytest.mark.parametrize(("version", "double"), [(3, False), (4, True)])
-def test_all_arrays_of_each_mesh_are_read(version: int, double: bool, tmp_path: Path) -> None:
-    data = together(*(mesh(version, double=double, shift=float(k)) for k in range(2)), version=version)
-    found = read(tmp_path, data, 1, "vertex_color")
-    expected = VERTICES + 1.0, FACES, NORMALS, UVS, COLORS
-    arrays = found.vertices, found.faces, found.normals, found.uvs, found.colors
-    for array, values in zip(arrays, expected, strict=True):
-        np.testing.assert_allclose(array, values, atol=1e-6)
+@pytest.mark.parametrize(
+    ("version", "double", "flags"),
+    [(3, False, 0xB), (4, True, 0xB), (4, False, 0x0), (4, False, 0x2), (4, False, 0x10), (4, False, 0x9)],
+)
+def test_arrays_of_each_mesh_are_read_as_its_flags_say(version: int, double: bool, flags: int, tmp_path: Path) -> None:
+    meshes = (mesh(version, double=double, flags=flags, shift=shift) for shift in (0.0, 1.0))
+    data = together(*meshes, version=version)
+    found = read(tmp_path, data, 1, "vertex_color" if flags & 0x8 else "")
+    np.testing.assert_allclose(found.vertices[found.faces], (VERTICES + 1.0)[FACES], atol=1e-6)
+    for flag, array, values in ((0x1, found.normals, NORMALS), (0x2, found.uvs, UVS), (0x8, found.colors, COLORS)):
+        if flags & flag:
+            np.testing.assert_allclose(array, values, atol=1e-6)
+        else:  # normals are made where flags do not forbid them
+            assert (array is None) == (flag != 0x1 or bool(flags & 0x10))
     with pytest.raises(wrt.InputError, match="'shape_index' is 2, but its meshes are numbered from 0 to 1"):
         read(tmp_path, data, 2)
     assert read(tmp_path, data, more='<boolean name="face_normals" value="true"/>').normals is None
-
-
-@pytest.mark.parametrize("flags", [0, 0x2, 0x10, 0x1 | 0x8])
-def test_flags_say_which_arrays_there_are(flags: int, tmp_path: Path) -> None:
-    data = together(mesh(flags=flags))
-    found = read(tmp_path, data)
-    np.testing.assert_array_equal(found.vertices[found.faces], VERTICES.astype(np.float32)[FACES])
-    assert (found.normals is None) == bool(flags & 0x10)
-    assert (found.uvs is not None) == bool(flags & 0x2)
-    if flags & 0x1:
-        np.testing.assert_allclose(found.normals, NORMALS, atol=1e-7)
-    if flags & 0x8:
-        np.testing.assert_allclose(read(tmp_path, data, color="vertex_color").colors, COLORS, atol=1e-6)
 
 
 def test_the_newest_version_has_attributes_of_faces_and_vertices(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import stat
 import subprocess
 import sys
@@ -54,11 +53,10 @@ def check_refused(message: str, folder: Path, capsys: pytest.CaptureFixture[str]
 def test_the_default_name_steps_aside_for_a_texture(folder, capsys):
     write_obj(folder)
     before = contents(folder)
-    assert run("render", "fuze.obj", *SMALL[:-1]) == 0
-    assert_only_added(before, folder, "fuze-render.png")
+    for _ in range(2):  # the second picture replaces the first one
+        assert run("render", "fuze.obj", *SMALL[:-1]) == 0
+        assert_only_added(before, folder, "fuze-render.png")
     assert "fuze.png must not be overwritten; the picture will be fuze-render.png" in capsys.readouterr().err
-    assert run("render", "fuze.obj", *SMALL) == 0  # replaces the first one's picture
-    assert_only_added(before, folder, "fuze-render.png")
 
 
 def test_the_environment_is_not_replaced_under_any_name(folder, capsys):
@@ -139,9 +137,6 @@ def test_a_checkpoint_replaces_a_checkpoint_alone(folder, capsys):
 def make_special(kind: str, path: Path) -> None:
     if kind == "pipe":
         os.mkfifo(path)
-    elif kind == "socket":
-        with socket.socket(socket.AF_UNIX) as server:
-            server.bind(str(path))
     elif kind == "folder":
         path.mkdir()
     elif kind == "loop":
@@ -156,7 +151,7 @@ def make_special(kind: str, path: Path) -> None:
 PLACES = ("a.png", "a.npy", "a.toml", "a.ckpt", "fuze-render.png")
 
 
-@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "folder", "loop"])
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "loop"])
 def test_what_is_no_file_is_refused_in_every_place(kind, folder, capsys):
     write_obj(folder)
     for name in PLACES:
