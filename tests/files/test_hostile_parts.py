@@ -23,10 +23,6 @@ def part(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_part_is_whole(part: Path) -> None:
-    assert merge([part]).spp == 1
-
-
 def claim_many_parts(header: dict[str, Any]) -> None:
     header["identity"] |= {"width": 40_000, "height": 40_000}
     header["part"] = [1, 1_600_000_000]
@@ -38,18 +34,16 @@ def claim_many_parts(header: dict[str, Any]) -> None:
         (claim_many_parts, "parts 2, 3, 4 and 1599999996 more of 1600000000 are missing"),
         (lambda header: header.update(part=[float("inf"), 2]), "Infinity in its header"),
         (lambda header: header.update(part=[1, 2, 3]), "'part' is not a pair"),
-        (lambda header: header.update(part=[1.5, 2]), "number of a part"),
         (lambda header: header.update(identity=[]), "'identity' is no table"),
         (lambda header: header.pop("arithmetic"), "'arithmetic'"),
         (lambda header: header.update(seconds=10**400), "seconds is too large"),
-        (lambda header: header.update(spp="many"), "samples per pixel"),
-        (lambda header: header["identity"].update(seed="x"), "seed must be"),
         (lambda header: header["identity"].update(integrator="../../x\n"), "integrator must be one of"),
     ],
 )
 def test_impossible_headers_are_refused(
     change: Callable[[dict[str, Any]], object], message: str, part: Path, tmp_path: Path
 ) -> None:
+    assert merge([part]).spp == 1
     with np.load(part) as stored:
         arrays = dict(stored)
     header = json.loads(str(arrays["header"]))

@@ -91,24 +91,12 @@ def test_the_contrast_of_agx_is_the_published_table():
     np.testing.assert_allclose(sigmoid(np.arange(0, 4096, 273) / 4095.0), table, atol=1e-7)
 
 
-def test_aces_is_close_to_the_transform_that_it_fits():
-    """OpenColorIO has the output transform of ACES 1.x itself; Hill's fit is within 4 % for greys."""
-    grey = greys(-4.0, 3.0, 30)[None].astype(np.float32)
-    config = "ocio:ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3,sRGB - Display,ACES 1.0 - SDR Video"
-    ocio, ours = (wrt.develop_image(grey, tone=tone, exposure=0.0).astype(float) for tone in (config, "aces"))
-    assert np.abs(ours - ocio).max() < 0.04 * 255.0
-
-
 def test_ocio_is_what_its_processor_gives(tmp_path):
     """The un-tone-mapped view of the built-in configuration is the sRGB curve, so our own curve is its reference."""
     image = COLORS[None].clip(0.0, 1.0).astype(np.float32)
     view = wrt.develop_image(image, tone="ocio:ocio://default,sRGB - Display,Un-tone-mapped", exposure=0.0)
     plain = wrt.develop_image(image, tone="none", exposure=0.0)
     assert np.abs(view.astype(int) - plain.astype(int)).max() <= 1
-    # Middle grey and white in ACES 2.0, as OpenColorIO 2.4 gives them for its configurations.
-    grey = np.repeat(np.array([0.18, 1.0], np.float32), 3).reshape(1, 2, 3)
-    aces = wrt.develop_image(grey, tone="ocio", exposure=0.0)[0, :, 0]
-    np.testing.assert_allclose(aces / 255.0, [0.34919, 0.70668], atol=1.01 * CODE)
     config = tmp_path / "half.ocio"
     config.write_text(
         "ocio_profile_version: 2\nroles: {default: Linear Rec.709, scene_linear: Linear Rec.709}\n"
@@ -125,9 +113,7 @@ def test_ocio_is_what_its_processor_gives(tmp_path):
 def test_a_curve_stays_on_the_display_and_ascends(name):
     for values in (COLORS, COLORS * 1e30, np.zeros((1, 3))):
         out = CURVES[name].apply(values, 1e3)
-        assert np.isfinite(out).all()
-        assert out.min() >= -1e-12
-        assert out.max() <= 1.0 + 1e-12
+        assert -1e-12 <= out.min() <= out.max() <= 1.0 + 1e-12
     assert (np.diff(CURVES[name].apply(greys(-9.0, 5.0, 400), 1e3)[:, 0]) >= -1e-12).all()
 
 
@@ -142,12 +128,6 @@ def test_by_default_what_fits_the_display_is_exact():
     np.testing.assert_array_equal(codes[exact], plain[exact])
 
 
-def test_the_default_changes_continuously_as_a_picture_exceeds_white():
-    image = np.random.default_rng(2).random((32, 32, 3))
-    gains = 2.0 ** np.arange(-0.2, 1.6, 0.02)
-    assert np.abs(np.diff([wrt.develop_image(image * g, exposure=0.0).astype(int) for g in gains], axis=0)).max() <= 6
-
-
 @pytest.mark.parametrize("tone", [*TONES, "ocio"])
 def test_nothing_infinite_survives(tone):
     codes = wrt.develop_image([[[math.nan, -1.0, 0.5], [math.inf, 1e38, 0.0]]], tone=tone, exposure=0.0)
@@ -159,9 +139,7 @@ def test_nothing_infinite_survives(tone):
     ("tone", "message"),
     [
         ("agxx", "did you mean 'agx'"),
-        (7, "tone must be one of"),
         ("ocio:nothing.ocio", "nothing.ocio: no such OpenColorIO configuration"),
-        ("ocio:ocio://nothing", "cannot be read as an OpenColorIO configuration"),
         ("ocio:,sRGB - Display,nothing", "view of 'sRGB - Display' must be one of"),
     ],
 )
