@@ -76,7 +76,7 @@ def camera_rays(camera: Any, width: int, height: int) -> Array:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("integrator", ["path", pytest.param("aov", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("integrator", ["path", "aov"])
 def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
     scene = two_panes()
     layers = render(scene, integrator=integrator, device=device).layers()
@@ -155,16 +155,6 @@ def test_coverage_is_a_mean_and_depth_is_not(device: str) -> None:
     np.testing.assert_allclose(layers["depth"][:, (0, 6)], [[4.0, 3.0]] * 8, rtol=1e-6)
 
 
-def test_what_is_not_opaque_covers_its_share(device: str) -> None:
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), fov_degrees=10.0))
-    scene.add(wrt.quad((-2.0, -2.0, 0.0), (4.0, 0.0, 0.0), (0.0, 4.0, 0.0)), material=wrt.Diffuse(0.5, opacity=0.25))
-    layers = render(scene, 256, width=16, height=16, device=device).layers()
-    n = 256 * 256
-    assert t_test_mean(float(layers["alpha"].mean()), 0.25 * 0.75 / n, n, 0.25) > 0.01
-    # All samples are in the middle, so the first one is the nearest.
-    assert set(np.unique(layers["object"])) == {0, 1}
-
-
 # --- Motion ----------------------------------------------------------------------------------------
 
 CAMERAS: dict[str, tuple[Any, dict[str, Any]]] = {
@@ -225,11 +215,9 @@ def test_a_moving_camera_moves_what_it_sees(kind: str, device: str, report: Repo
 @pytest.mark.slow
 def test_a_moving_shape_moves_on_the_film(device: str) -> None:
     """A pane that goes 0.3 m to the right and 0.1 m up while the shutter is open, before a wall that stands still."""
-    camera = wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=3.0, shutter_close=1.0)
-    scene = wrt.Scene(camera=camera)
-    scene.add(wrt.quad((-9.0, -9.0, -1.0), (18.0, 0.0, 0.0), (0.0, 18.0, 0.0)))
-    pane = wrt.quad((-0.6, -0.5, 0.3), (1.2, 0.0, 0.4), (0.0, 1.0, 0.0))
-    scene.shapes.append(wrt.Shape(pane, transform=wrt.Motion.translation((0.3, 0.1, 0.0))))
+    scene = two_panes()
+    scene.camera = wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=3.0, shutter_close=1.0)
+    scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, transform=wrt.Motion.translation((0.3, 0.1, 0.0)))
     layers = render(scene, device=device).layers()
     met = layers["object"] == 2
     assert 0.05 < met.mean() < 0.5
@@ -289,35 +277,24 @@ def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(devi
     assert holes.image()[inside == 0.0].max() == 0.0
 
 
-def wall(*edges: tuple[float, float, float]) -> wrt.Scene:
-    """A wall that fills the picture, and between it and the camera a lamp, if given."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 0, 3), (0, 0, 0), fov_degrees=40.0))
-    scene.add(wrt.quad((-5, -5, 0), (10, 0, 0), (0, 10, 0)), material=wrt.Diffuse(0.5))
-    scene.environment = wrt.ConstantEnvironment(0.8)
-    if edges:
-        scene.add_light(wrt.RectangleLight((-0.4, -0.4, 1.0), *edges, radiance=3.0))
-    return scene
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "whitted"])
 def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
-    """It shines away from the wall, so with the lamp hidden the picture of ray trees is that without it.
-
-    For paths the wall receives from the environment all that the lamp does not cover.
-    """
-    across, up = (0.8, 0.0, 0.0), (0.0, 0.8, 0.0)
-    assert seen(wall(across, up), integrator=integrator, transparent=False).image().max() == pytest.approx(3.0)
-    hidden = seen(wall(across, up), 64, integrator=integrator)
-    np.testing.assert_array_equal(hidden.alpha(), np.ones((18, 24)))
-    without = seen(wall(), 64, integrator=integrator, transparent=False).image()
-    if integrator == "whitted":
-        np.testing.assert_allclose(hidden.image(), without, rtol=1e-4)
-    else:
-        assert hidden.image().max() < 0.5
-        assert 0.25 < hidden.image()[9, 12, 0] < without.mean()
-    backwards = seen(wall(up, across), 16, integrator=integrator).image()
-    assert backwards[9, 12].min() > 1.5 * hidden.image()[9, 12].max()  # its light is there
+    """It hangs before a wall and is hidden, but it lights the wall if it faces that."""
+    scenes, pictures = [], []
+    for edges in (((0.8, 0.0, 0.0), (0.0, 0.8, 0.0)), ((0.0, 0.8, 0.0), (0.8, 0.0, 0.0))):
+        scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 0, 3), (0, 0, 0), fov_degrees=40.0))
+        scene.add(wrt.quad((-5, -5, 0), (10, 0, 0), (0, 10, 0)), material=wrt.Diffuse(0.5))
+        scene.environment = wrt.ConstantEnvironment(0.8)
+        scene.add_light(wrt.RectangleLight((-0.4, -0.4, 1.0), *edges, radiance=3.0))
+        scenes.append(scene)
+        pictures.append(seen(scene, 64, integrator=integrator))
+    away, towards = pictures
+    np.testing.assert_array_equal(away.alpha(), np.ones((18, 24)))
+    assert away.image().max() < 0.5
+    assert towards.image()[9, 12].min() > 1.5 * away.image()[9, 12].max()
+    shown = seen(scenes[0], integrator=integrator, transparent=False)
+    assert shown.image().max() == pytest.approx(3.0)
 
 
 def test_any_split_of_the_work_gives_the_same_layers_and_coverage(device: str, tmp_path: Path) -> None:
@@ -333,9 +310,6 @@ def test_any_split_of_the_work_gives_the_same_layers_and_coverage(device: str, t
     assert list(resumed.layers()) == list(whole.layers()) == list(LAYERS)
     for name, values in whole.layers().items():
         np.testing.assert_array_equal(resumed.layers()[name], values)
-    resumed.save(tmp_path / "a.exr")
-    channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
-    np.testing.assert_array_equal(channels["A"].pixels, whole.alpha())
     for name, given in (("layers", {"transparent": True}), ("transparent", {"layers": tuple(LAYERS)})):
         other = wrt.Renderer(scene, width=32, height=24, sampler="independent", **given)
         with pytest.raises(wrt.InputError, match=name):
@@ -364,15 +338,13 @@ def test_png_has_straight_alpha_and_the_others_associated(tmp_path: Path) -> Non
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), np.dstack([colors, alpha]))
     for name in ("a.exr", "a.npy"):
         np.testing.assert_array_equal(wrt.load_image(tmp_path / name), colors)
-    wrt.save_image(tmp_path / "b.exr", np.dstack([colors, alpha]))
-    assert (tmp_path / "b.exr").read_bytes() == (tmp_path / "a.exr").read_bytes()
     with pytest.raises(wrt.InputError, match="alpha must be"):
         wrt.save_image(tmp_path / "c.png", colors, alpha=np.ones((3, 1)))
 
 
 @pytest.mark.slow
 def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
-    """OpenEXR and OpenImageIO read what the renderer holds, and what made it."""
+    """OpenImageIO reads what the renderer holds, and what made it."""
     import OpenImageIO
 
     scene = tmp_path / "a.toml"
@@ -389,19 +361,13 @@ def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
         for k, name in enumerate(channel_names(layer)):
             expected[name] = values if values.ndim == 2 else values[..., k]
     assert set(expected) == set("RGBA") | {"albedo.R", "albedo.G", "albedo.B", "depth.Z", "object.N"}
-    file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
     source = OpenImageIO.ImageInput.open(str(tmp_path / "a.exr"))
     spec, pixels = source.spec(), source.read_image("float")
-    assert set(file.channels()) == set(spec.channelnames) == set(expected)
+    assert set(spec.channelnames) == set(expected)
     for name, values in expected.items():
-        np.testing.assert_array_equal(file.channels()[name].pixels, values)
         np.testing.assert_array_equal(pixels[..., spec.channelnames.index(name)], values)
-        assert file.channels()[name].pixels.dtype == np.float32
-    header = file.header()
-    assert (header["Integrator"], header["Samples per pixel"], header["Seed"]) == ("path", "3", "5")
-    assert float(header["Render seconds"]) >= 0.0
-    assert header["Software"] == f"wrt {wrt.__version__}"
-    assert spec.getattribute("Integrator") == "path"
+    texts = [spec.getattribute(key) for key in ("Integrator", "Samples per pixel", "Seed", "Software")]
+    assert texts == ["path", "3", "5", f"wrt {wrt.__version__}"]
     source.close()
     np.testing.assert_array_equal(wrt.load_image(tmp_path / "a.exr"), renderer.image())
 
@@ -409,11 +375,9 @@ def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "a.toml"
-    scene.write_text(
-        '[settings]\nwidth = 16\nheight = 12\nspp = 1\nintegrator = "aov"\nsampler = "independent"\n'
-        '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\n'
-    )
-    render_it = ["render", str(scene), "--quiet", "--json"]
+    wrt.save_scene(scene, two_panes())
+    size = ["--size", "16x12", "--spp", "1", "--sampler", "independent"]
+    render_it = ["render", str(scene), *size, "--integrator", "aov", "--quiet", "--json"]
     assert main([*render_it, "-o", str(tmp_path / "a.exr"), "--layers", "normal,uv"]) == 0
     channels = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).channels()
     assert set(channels) == {"normal.X", "normal.Y", "normal.Z", "uv.U", "uv.V"}
