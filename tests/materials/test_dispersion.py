@@ -11,7 +11,7 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.bsdfs import Case, hemisphere, sphere
 from support.covering_kernels import covering, render_with
-from support.statistics import image_z_test, sidak, t_test_mean
+from support.statistics import sidak, t_test_mean
 
 import wrt
 from wrt.io.measured.observer import OBSERVER, WAVELENGTHS
@@ -110,45 +110,6 @@ def rendered(scene: wrt.Scene, device: str, spp: int, **options: Any) -> tuple[A
     for _ in renderer.passes(spp=spp):
         pass
     return renderer.image().astype(np.float64), renderer.variance().astype(np.float64)
-
-
-GLASSES: list[Any] = [
-    wrt.Dielectric(1.33, dispersion=4.0, specular_transmittance=(0.9, 0.7, 0.8), priority=1),
-    wrt.RoughDielectric(1.6, alpha=0.15, dispersion=4.0, priority=2),
-    wrt.Dielectric(1.5, dispersion=4.0, priority=3),
-    wrt.Principled(transmission=0.9, roughness=0.3, coat=0.6, base_color=(0.9, 0.8, 0.6), dispersion=4.0, priority=4),
-]
-"""Of balls that overlap."""
-
-
-def still_life(materials: list[Any]) -> wrt.Scene:
-    """Balls of these materials in a row before a wall of stripes, lit by a lamp and a sky."""
-    sky = np.random.default_rng(5).random((8, 16, 3)) ** 3
-    scene = wrt.Scene(environment=wrt.ImageEnvironment(np.asarray(2.0 * sky, np.float32)))
-    scene.camera = wrt.PerspectiveCamera((0.0, 0.4, 6.0), (0.0, 0.0, 0.0), fov_degrees=40)
-    for x in np.linspace(-2.0, 2.0, 9):
-        scene.add(wrt.quad((x, -2.0, -2.0), (0.2, 0.0, 0.0), (0.0, 4.0, 0.0)), material=wrt.Diffuse(0.8))
-    scene.add(wrt.quad((-1.0, 2.5, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=6.0)
-    for k, material in enumerate(materials):
-        center = (1.2 * (k - 0.5 * (len(materials) - 1)), 0.0, 0.0)
-        scene.add(wrt.sphere(radius=0.7, center=center, subdivisions=3), material=material)
-    return scene
-
-
-@pytest.mark.slow
-def test_a_picture_is_that_of_three_indices(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Red by the index of red, green by that of green and blue by that of blue, pixel by pixel, by Welch's t."""
-    models = {material.model for glass in GLASSES for material in (glass, of_channel(glass, 0))}
-    render_with([covering("diffuse", *models, nested=True, composite="none")], monkeypatch)
-    options: dict[str, Any] = {"width": 40, "height": 16, "max_depth": 8, "spp": 1024}
-    spread, spread_variance = rendered(still_life(GLASSES), device, seed=1, **options)
-    alone, alone_variance = np.empty_like(spread), np.empty_like(spread)
-    for k in range(3):
-        image, variance = rendered(still_life([of_channel(m, k) for m in GLASSES]), device, seed=2 + k, **options)
-        alone[..., k], alone_variance[..., k] = image[..., k], variance[..., k]
-    result = image_z_test(spread, spread_variance, alone, alone_variance, n_a=1024, n_b=1024)
-    report("pixels alike", result.pass_fraction, 1.0, p=min(result.block_p, result.mean_p))
-    assert result.agrees(), result.message
 
 
 def refracted(direction: Array, normal: Array, eta: float) -> tuple[Array, float]:

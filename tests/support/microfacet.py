@@ -5,15 +5,15 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
 from support.kernels import upload
 from support.statistics import integrate_pdf_over_bins
-from wrt.kernels.microfacet import DISTRIBUTIONS, make_microfacet, maskings_of
+from wrt.kernels.microfacet import make_microfacet, maskings_of
 from wrt.scene.materials.microfacet import sgd_normalization
 
 N = 2**18
@@ -24,58 +24,51 @@ RESOLUTION = (25, 51)
 Array = NDArray[np.float64]
 
 
+class Kernels(NamedTuple):
+    """A distribution's density and sampling, and its maskings by name."""
+
+    density: wp.Kernel
+    sample: wp.Kernel
+    maskings: dict[str, wp.Kernel]
+
+
 @functools.cache
-def kernels(name: str) -> tuple[wp.Kernel, wp.Kernel]:
-    """Return a kernel that evaluates a distribution with any of its maskings, by number, and one that samples it."""
+def kernels(name: str) -> Kernels:
+    module = wp.get_module(f"test.microfacet.{name}")
     parts = make_microfacet(name, "implicit")
     d, normal_pdf, sample_normal = parts.d, parts.normal_pdf, parts.sample_normal
 
-    @wp.func(name=f"test_no_masking_{DISTRIBUTIONS[name].__name__.split('.')[-1]}")
-    def masking(which: int, wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> wp.vec2:
-        return wp.vec2(-1.0, -1.0)
+    @wp.kernel(enable_backward=False, module=module)
+    def density(
+        shape: wp.vec3, wo: wp.array(dtype=wp.vec3), m: wp.array(dtype=wp.vec3), values_out: wp.array(dtype=wp.vec2)
+    ):
+        i = wp.tid()
+        values_out[i] = wp.vec2(d(m[i], shape), normal_pdf(wo[i], m[i], shape))
 
-    for number, masking_name in enumerate(maskings_of(name)):
-        masking = link(masking, number, name, masking_name)
+    @wp.kernel(enable_backward=False, module=module)
+    def sample(shape: wp.vec3, wo: wp.array(dtype=wp.vec3), u: wp.array(dtype=wp.vec2), m_out: wp.array(dtype=wp.vec3)):
+        i = wp.tid()
+        m_out[i] = sample_normal(wo[i], shape, u[i])
 
-    @wp.kernel(enable_backward=False, module="unique")
+    return Kernels(density, sample, {masking: masking_kernel(name, masking, module) for masking in maskings_of(name)})
+
+
+def masking_kernel(name: str, masking: str, module: wp.Module) -> wp.Kernel:
+    parts = make_microfacet(name, masking)
+    g, g1 = parts.g, parts.g1
+
+    @wp.kernel(enable_backward=False, module=module)
     def evaluate(
-        which: int,
         shape: wp.vec3,
         wo: wp.array(dtype=wp.vec3),
         wi: wp.array(dtype=wp.vec3),
         m: wp.array(dtype=wp.vec3),
-        values_out: wp.array(dtype=wp.vec4),
+        values_out: wp.array(dtype=wp.vec2),
     ):
         i = wp.tid()
-        both = wp.vec2(0.0, 0.0)
-        if which >= 0:
-            both = masking(which, wo[i], wi[i], m[i], shape)
-        values_out[i] = wp.vec4(d(m[i], shape), normal_pdf(wo[i], m[i], shape), both[0], both[1])
+        values_out[i] = wp.vec2(g(wo[i], wi[i], m[i], shape), g1(wo[i], m[i], shape))
 
-    @wp.kernel(enable_backward=False, module="unique")
-    def sample(
-        shape: wp.vec3,
-        wo: wp.array(dtype=wp.vec3),
-        u: wp.array(dtype=wp.vec2),
-        m_out: wp.array(dtype=wp.vec3),
-    ):
-        i = wp.tid()
-        m_out[i] = sample_normal(wo[i], shape, u[i])
-
-    return evaluate, sample
-
-
-def link(others: wp.Function, number: int, distribution: str, masking: str) -> wp.Function:
-    parts = make_microfacet(distribution, masking)
-    g, g1 = parts.g, parts.g1
-
-    @wp.func(name=f"test_masking_{distribution}_{masking}".replace("-", "_"))
-    def masked(which: int, wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> wp.vec2:
-        if which == wp.static(number):
-            return wp.vec2(g(wo, wi, m, shape), g1(wo, m, shape))
-        return others(which, wo, wi, m, shape)
-
-    return masked
+    return evaluate
 
 
 @dataclass(frozen=True)
@@ -89,26 +82,28 @@ class Case:
     def __str__(self) -> str:
         return f"{self.name} {self.shape[0]:g}, {self.shape[1]:g}"
 
-    def values(self, device: str, m: Array, wo: ArrayLike, wi: ArrayLike | None = None, masking: str = "") -> Array:
-        """Return rows of D, density of normals, G and G1(wo)."""
-        which = maskings_of(self.name).index(masking) if masking else -1
-        rows = [np.broadcast_to(a, m.shape) for a in (wo, wo if wi is None else wi, m)]
-        out = wp.empty(len(m), dtype=wp.vec4, device=device)
-        inputs = [which, wp.vec3(*self.shape), *(upload(a, wp.vec3, device) for a in rows)]
-        wp.launch(kernels(self.name)[0], len(m), inputs, [out], device=device)
+    def _launch(self, kernel: wp.Kernel, dtype: Any, device: str, *columns: ArrayLike) -> Array:
+        n = len(np.asarray(columns[-1]))
+        arrays = [
+            upload(np.broadcast_to(a, (n, np.shape(a)[-1])), wp.types.vector(np.shape(a)[-1], float), device)
+            for a in columns
+        ]
+        out = wp.empty(n, dtype=dtype, device=device)
+        wp.launch(kernel, n, [wp.vec3(*self.shape), *arrays], [out], device=device)
         return out.numpy().T.astype(np.float64)
 
+    def masking(self, name: str, m: Array, wo: ArrayLike, wi: ArrayLike, device: str) -> Array:
+        """Return rows of G and G1(wo)."""
+        return self._launch(kernels(self.name).maskings[name], wp.vec2, device, wo, wi, m)
+
     def d(self, m: Array, device: str) -> Array:
-        return self.values(device, m, [0.0, 0.0, 1.0])[0]
+        return self._launch(kernels(self.name).density, wp.vec2, device, [0.0, 0.0, 1.0], m)[0]
 
     def pdf(self, wo: ArrayLike, m: Array, device: str) -> Array:
-        return self.values(device, m, wo)[1]
+        return self._launch(kernels(self.name).density, wp.vec2, device, wo, m)[1]
 
     def sample(self, wo: ArrayLike, u: NDArray[np.float32], device: str) -> Array:
-        out = wp.empty(len(u), dtype=wp.vec3, device=device)
-        rows = upload(np.broadcast_to(wo, (len(u), 3)), wp.vec3, device)
-        wp.launch(kernels(self.name)[1], len(u), [wp.vec3(*self.shape), rows, upload(u, wp.vec2, device)], [out])
-        return out.numpy().astype(np.float64)
+        return self._launch(kernels(self.name).sample, wp.vec3, device, wo, u).T
 
     def unstretched(self, stretched: Array) -> tuple[Array, Array]:
         """Return the normals that stretched ones stand for, and what a density of normals is multiplied by.
@@ -183,21 +178,3 @@ def hemisphere(n: int, seed: int) -> Array:
 
 def normalised(v: Array) -> Array:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
-# --- Beckmann's masking, exact and as Walter fits it --------------------------------------------------
-
-
-def stretched_cotangent(w: Array, alpha: tuple[float, float]) -> Array:
-    """Return a = 1 / (α tanθ); where it is 100 and more, nothing is hidden."""
-    return np.minimum(w[:, 2] / np.maximum(np.hypot(alpha[0] * w[:, 0], alpha[1] * w[:, 1]), 1e-10), 100.0)
-
-
-def smith_lambda_beckmann(a: Array) -> Array:
-    """Return Λ of Beckmann's distribution (Walter 2007): G1 = 1 / (1 + Λ)."""
-    return np.asarray(0.5 * (np.exp(-a * a) / (a * np.sqrt(np.pi)) - special.erfc(a)))
-
-
-def g1_fit(a: Array) -> Array:
-    """Return Walter's rational fit of 1 / (1 + Λ): Walter 2007, eq. 27."""
-    return np.where(a >= 1.6, 1.0, (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a))

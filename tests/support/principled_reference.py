@@ -17,10 +17,9 @@ from conftest import ROOT
 from numpy.typing import NDArray
 
 import wrt
-from support.fresnel import cook_torrance as exact
 
 Array = NDArray[np.float64]
-__all__ = ["Albedos", "charlie", "dot", "exact", "facets", "ggx", "load_fits", "masking", "smith", "unit", "value"]
+__all__ = ["Albedos", "charlie", "dot", "facets", "ggx", "load_fits", "masking", "smith", "unit", "value"]
 
 Albedo = Callable[[Array, tuple[float, float]], tuple[Array, Array]]
 
