@@ -194,48 +194,31 @@ def test_walters_fit(device: str, report: Report) -> None:
         assert found.max() == 1.0
 
 
-def pairs(eta: float, seed: int) -> tuple[Array, Array, Array]:
-    """Return viewers, lights on the same side (eta 1) or the other, and the normals that join them."""
+def pairs(seed: int) -> tuple[Array, Array, Array]:
+    """Return viewers, lights, and the normals that join them."""
     wo, wi = hemisphere(20_000, seed), hemisphere(20_000, seed + 1)
-    if eta != 1.0:
-        # The normal of refraction (Walter 2007, eq. 16), on the viewer's side; pairs it cannot join are left out.
-        wi *= np.array([1.0, 1.0, -1.0])
-        m = normalised(wo + eta * wi)
-        m *= np.sign(m[:, 2:])
-        joined = (np.sum(m * wo, axis=1) > 1e-4) & (np.sum(m * wi, axis=1) < -1e-4)
-        return wo[joined], wi[joined], m[joined]
     return wo, wi, normalised(wo + wi)
 
 
-@pytest.mark.parametrize("eta", [1.0, 1.5])
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
-def test_masking_is_a_fraction_and_symmetric(name: str, eta: float, device: str) -> None:
-    wo, wi, m = pairs(eta, seed=5)
-    assert len(m) > 2_000
+def test_masking_is_a_fraction_and_symmetric(name: str, device: str) -> None:
+    wo, wi, m = pairs(seed=5)
+    mirrored = m * np.array([-1.0, -1.0, 1.0])
+    behind = np.sum(mirrored * wo, axis=1) < -1e-6
+    assert behind.sum() > 40
     for case in (case for case in CASES if case.name == name):
-        values = {}
         for masking in maskings_of(name):
             g, g1 = case.masking(masking, m, wo, wi, device)
             np.testing.assert_array_equal(g, case.masking(masking, m, wi, wo, device)[0])
             assert g.min() >= 0.0
             assert max(g.max(), g1.max()) <= 1.0
             assert not g[g1 == 0.0].any()
-            values[masking] = g
             # A direction behind the microfacet sees nothing of it.
-            mirrored = m * np.array([-1.0, -1.0, 1.0])
-            g, g1 = case.masking(masking, mirrored, wo, wi, device)
-            behind = np.sum(mirrored * wo, axis=1) < -1e-6
-            assert behind.sum() > 40
-            assert not g[behind].any()
-            assert not g1[behind].any()
-        if "smith" in values:
-            # Heights help each other on one side, and hinder each other across, where rounding is that of logarithms.
-            difference = values["smith"] - values["smith-separable"]
-            assert (difference.min() > -2e-7) if eta == 1.0 else (difference.max() < 2e-6)
+            assert not case.masking(masking, mirrored, wo, wi, device)[:, behind].any()
 
 
 def test_maskings_are_the_printed_ones(device: str) -> None:
-    wo, wi, m = pairs(1.0, seed=7)
+    wo, wi, m = pairs(seed=7)
     case = slopes("ggx", 0.5)
     dot, nl, nv, nh = np.sum(wo * m, axis=1), wi[:, 2], wo[:, 2], m[:, 2]
     g_o, g_i = smith_g1(case, wo), smith_g1(case, wi)
@@ -268,10 +251,5 @@ def test_materials_may_ask_for_what_kernels_have() -> None:
     known["blinn-phong"].remove("smith")  # borrowed, and makes light at grazing angles whatever the roughness
     assert known == {name: set(maskings) for name, maskings in described.MASKINGS.items()}
     assert float(LEAST_ALPHA) == described.LEAST_ALPHA
-    for pair, message in (
-        (("abc", "smith"), "'smith' is not known for the distribution 'abc'"),
-        (("phong", "smith"), "no distribution 'phong'"),
-        (("ggx", "none"), "no masking 'none'"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            make_microfacet(*pair)
+    with pytest.raises(ValueError, match="'smith' is not known for the distribution 'abc'"):
+        make_microfacet("abc", "smith")
