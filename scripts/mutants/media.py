@@ -69,7 +69,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/dielectric.py",
         "(component(shares, channel) * eta * eta)",
         "(eta * eta)",
-        "tests/materials/test_dispersion.py -k 'prism or lost'",
+        "tests/materials/test_dispersion.py -k snells",
     ),
     Mutant(
         "dispersion-density",

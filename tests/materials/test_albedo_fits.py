@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import albedo_fits as quadrature  # scripts/albedo_fits.py, which has nothing to do with the kernels
 import numpy as np
 import pytest
 from conftest import Report
@@ -12,8 +13,6 @@ from support.bsdfs import viewer
 from support.kernels import map_function
 
 from wrt.kernels.bsdf.lobes import albedo_fits
-
-FITS = reference.load_fits()
 
 
 def test_quadrature_is_right(report: Report) -> None:
@@ -27,11 +26,11 @@ def test_quadrature_is_right(report: Report) -> None:
         wo = np.broadcast_to(viewer(degrees), wi.shape)
         for alpha in (0.3, 1.0):
             value = reference.facets(wo, wi, (alpha, alpha), "correlated") * wi[:, 2] * weights
-            found = FITS.specular_albedos(math.cos(math.radians(degrees)), alpha)
+            found = quadrature.specular_albedos(math.cos(math.radians(degrees)), alpha)
             grazing = (1.0 - reference.dot(wo, reference.unit(wo + wi))) ** 5
             np.testing.assert_allclose(found, (value.sum(), (value * grazing).sum()), atol=3e-4)
         expected = (reference.charlie(wo, wi, 0.6) * wi[:, 2] * weights).sum()
-        found = FITS.sheen_albedo(math.cos(math.radians(degrees)), 0.6)
+        found = quadrature.sheen_albedo(math.cos(math.radians(degrees)), 0.6)
         report(f"sheen at {degrees:g}°", found, expected)
         assert found == pytest.approx(expected, abs=1e-3)
 
@@ -42,14 +41,14 @@ def test_fits_are_above_the_albedos(device: str, report: Report) -> None:
     n = 80
     mu = (rng.random(n) ** 2 + 1e-5).clip(max=1.0)
     alpha = 10.0 ** rng.uniform(-4.0, 0.0, n)
-    expected = np.array([FITS.specular_albedos(x, a, 96) for x, a in zip(mu, alpha, strict=True)])
+    expected = np.array([quadrature.specular_albedos(x, a, 96) for x, a in zip(mu, alpha, strict=True)])
     excess = map_function(albedo_fits.specular_albedo, mu, alpha, device=device) - expected
     for name, values, most in (("W", excess[:, 0], 0.004), ("G", excess[:, 1], 0.009)):
         report(f"{name}: least and most above", float(values.min()), float(values.max()))
         assert values.min() > -2e-4
         assert values.max() < most
     roughness = rng.uniform(0.07, 1.0, n)
-    expected = np.array([FITS.sheen_albedo(x, r, 96) for x, r in zip(mu, roughness, strict=True)])
+    expected = np.array([quadrature.sheen_albedo(x, r, 96) for x, r in zip(mu, roughness, strict=True)])
     excess = (map_function(albedo_fits.sheen_albedo, mu, roughness, device=device) - expected) / expected.clip(min=1.0)
     report("sheen: least and most above", float(excess.min()), float(excess.max()))
     assert excess.min() > -5e-4

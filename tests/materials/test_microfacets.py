@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from scipy import integrate, special
-from support.kernels import map_function, uniforms
+from support.kernels import uniforms
 from support.microfacet import (
     ANGLES,
     CASES,
@@ -23,7 +23,6 @@ from support.microfacet import (
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 from wrt.kernels.microfacet import DISTRIBUTIONS, LEAST_ALPHA, make_microfacet, maskings_of
-from wrt.kernels.microfacet.masking import beta_from_one
 from wrt.scene.materials import microfacet as described
 from wrt.scene.materials.microfacet import sgd_normalization
 
@@ -233,17 +232,6 @@ def test_maskings_are_the_printed_ones(device: str) -> None:
     for masking, value in expected.items():
         found = case.masking(masking, m, wo, wi, device)[0]
         np.testing.assert_allclose(found[clear], value[clear], rtol=1e-5 if "smith" in masking else 1e-4)
-
-
-def test_masking_across_the_surface_is_a_beta_function(device: str, report: Report) -> None:
-    a, b = (x.ravel() for x in np.meshgrid(*[np.concatenate([[0.0], np.geomspace(1e-6, 1e4, 80)])] * 2))
-    found = map_function(beta_from_one, a, b, device=device)
-    expected = special.betaln(1.0 + a, 1.0 + b)
-    likely = expected > -40.0
-    error = float(np.abs(found[likely] / np.exp(expected[likely]) - 1.0).max())
-    report("largest relative error", error, 0.0)
-    assert error < 2e-5
-    assert (found[~likely] < 1e-17).all()
 
 
 def test_materials_may_ask_for_what_kernels_have() -> None:

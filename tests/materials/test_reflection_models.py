@@ -262,7 +262,8 @@ def furnace() -> Iterator[tuple[str, list[Case], float]]:
     yield "diffuse", [Case(wrt.OrenNayar(1.0, s)) for s in (0.0, 1e-4, 0.05, 0.35, 1.0, 0.5 * math.pi)], 1e-5
     sides = (True, False)
     clear = (wrt.Dielectric(1.5), wrt.Dielectric(1.0, 1.33), wrt.Dielectric(2.42), wrt.ThinDielectric(), wrt.Mirror())
-    yield "deltas", [Case(material, front) for material in clear for front in sides], 1e-6
+    deltas = (*clear, wrt.Dielectric(1.5, dispersion=4.0))
+    yield "deltas", [Case(material, front) for material in deltas for front in sides], 1e-6
     yield "plastic", [Case(wrt.Plastic(1.0)), Case(wrt.Plastic(1.0, 2.42, nonlinear=True))], 1e-5
     yield "rough plastic", [Case(wrt.RoughPlastic(1.0, alpha=a, multiple_bounces=True)) for a in ALPHAS[2:]], 0.01
     for name in ("ggx", "beckmann"):

@@ -5,22 +5,16 @@ By glTF's appendix B and its extensions, but with height-correlated masking, and
 
 from __future__ import annotations
 
-import functools
-import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
-from conftest import ROOT
 from numpy.typing import NDArray
 
 import wrt
 
 Array = NDArray[np.float64]
-__all__ = ["Albedos", "charlie", "dot", "facets", "ggx", "load_fits", "masking", "smith", "unit", "value"]
-
 Albedo = Callable[[Array, tuple[float, float]], tuple[Array, Array]]
 
 
@@ -214,14 +208,3 @@ def value(p: wrt.Principled, wo: Array, wi: Array, albedos: Albedos, *, front: b
             fresnel = schlick(dot(wo, unit(wo + wi)), np.full(3, 0.04), 1.0)[:, 0]
             result = result + (p.coat * fresnel * facets(wo, wi, alpha, "correlated") * wi[:, 2])[:, None]
     return result
-
-
-@functools.cache
-def load_fits() -> ModuleType:
-    """Return scripts/albedo_fits.py, whose quadratures have nothing to do with the kernels."""
-    spec = importlib.util.spec_from_file_location("albedo_fits_script", ROOT / "scripts" / "albedo_fits.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
