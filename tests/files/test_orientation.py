@@ -27,18 +27,9 @@ def turned(mesh: wrt.Mesh, degrees: float = 90.0) -> wrt.Mesh:
 
 def lathe(profile: list[tuple[float, float]], sides: int = 48) -> wrt.Mesh:
     """A closed solid of (radius, y), turned about the y axis."""
-    angles = np.arange(sides) * (2.0 * np.pi / sides)
-    rings = [np.stack([r * np.cos(angles), np.full(sides, y), r * np.sin(angles)], axis=1) for r, y in profile]
-    k = np.arange(sides)
-    n = (k + 1) % sides
-    faces = []
-    for i in range(len(profile) - 1):
-        a, b = i * sides, (i + 1) * sides
-        faces += [np.stack([a + k, b + k, b + n], axis=1), np.stack([a + k, b + n, a + n], axis=1)]
-    last = (len(profile) - 1) * sides
-    faces.append(np.stack([np.zeros(sides - 2, int), k[1:-1], k[2:]], axis=1))
-    faces.append(last + np.stack([np.zeros(sides - 2, int), k[2:], k[1:-1]], axis=1))
-    return wrt.Mesh(np.concatenate(rings), np.concatenate(faces))
+    closed = [(0.0, profile[0][1]), *profile, (0.0, profile[-1][1])]
+    about_z = trimesh.creation.revolve(closed, sections=sides)
+    return turned(wrt.Mesh(about_z.vertices, about_z.faces), -90.0)
 
 
 CYLINDER = lathe([(0.5, 0.0), (0.5, 4.0)])

@@ -120,16 +120,6 @@ def test_metals_reflect_as_tabulated(device: str) -> None:
     np.testing.assert_allclose(found, [0.94, 0.82, 0.73, 0.83], atol=0.005)
 
 
-def test_schlick_is_its_formula(device: str) -> None:
-    cos_i = np.concatenate([[0.0, 1.0], COSINES]).astype(np.float32).astype(np.float64)
-    f0 = np.broadcast_to(np.array([0.0, 0.04, 1.0], np.float32), (len(cos_i), 3))
-    found = map_function(fresnel_schlick, cos_i, f0, device=device)
-    np.testing.assert_array_equal(found[0], 1.0)
-    np.testing.assert_array_equal(found[1], f0[1])
-    np.testing.assert_allclose(found, schlick(cos_i[:, None], f0), atol=4.0 * EPS)
-    assert found.max() <= 1.0 + EPS
-
-
 def test_schlicks_error_for_dielectrics(device: str, report: Report) -> None:
     """Against the exact law: largest near 85°, least for indices around 1.6, and everywhere bounded."""
     cos_i = np.linspace(0.0, 1.0, 2001)

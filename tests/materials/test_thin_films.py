@@ -12,11 +12,10 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.bsdfs import Case, albedo, viewer
 from support.fresnel import complex_fresnel
-from support.kernels import upload
 
 import wrt
 from wrt.io.measured.observer import D65, OBSERVER, WAVELENGTHS
-from wrt.kernels.bsdf.lobes.thin_film import film_change, film_reflectance, sensitivity
+from wrt.kernels.bsdf.lobes.thin_film import film_change, film_reflectance
 
 Array = NDArray[np.float64]
 
@@ -60,13 +59,6 @@ def reflect(rows: wp.array2d(dtype=float), seen_out: wp.array(dtype=wp.vec3), ch
     change_out[i] = film_change(wp.vec3(1.0, rows[i, 1], rows[i, 2]), rows[i, 0], wp.vec3(root * root))
 
 
-@wp.kernel(module="test.thin_film", enable_backward=False)
-def see(differences: wp.array(dtype=float), re_out: wp.array(dtype=wp.vec3), im_out: wp.array(dtype=wp.vec3)):
-    s = sensitivity(differences[wp.tid()])
-    re_out[wp.tid()] = s.re
-    im_out[wp.tid()] = s.im
-
-
 def reflected(rows: Array, device: str) -> tuple[Array, Array]:
     """Return (N, 3) reflectances of rows of cosine, index, thickness in nm, η and k, and the changes by the film."""
     out = [wp.zeros(len(rows), dtype=wp.vec3, device=device) for _ in range(2)]
@@ -79,18 +71,6 @@ def reflected(rows: Array, device: str) -> tuple[Array, Array]:
 def grid(angles: Any, indices: Any, thicknesses: Any, below: Any) -> Array:
     found = itertools.product(np.cos(np.radians(angles)), indices, thicknesses, below)
     return np.array([(mu, index, thickness, *base) for mu, index, thickness, base in found])
-
-
-def test_what_channels_see_of_a_difference_of_paths(device: str, report: Report) -> None:
-    """The sum of Gaussians is the Fourier transform of the channels' weights to 0.02, and 1 without a difference."""
-    d = np.linspace(0.0, 12.0, 1201)
-    out = [wp.zeros(len(d), dtype=wp.vec3, device=device) for _ in range(2)]
-    wp.launch(see, len(d), [upload(d, wp.float32, device)], out, device=device)
-    found = out[0].numpy() + 1j * out[1].numpy()
-    error = float(np.abs(found - np.exp(2j * np.pi * d[:, None] / (WAVELENGTHS / 1000.0)) @ SEEN).max())
-    report("largest error of a channel's transform", error, 0.0)
-    np.testing.assert_allclose(found[0], 1.0, atol=1e-4)
-    assert error < 0.02
 
 
 @pytest.mark.parametrize("below", [((1.0, 0.0), *DIELECTRICS), METALS], ids=["dielectrics", "metals"])

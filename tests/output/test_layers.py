@@ -281,20 +281,18 @@ def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(devi
 @pytest.mark.parametrize("integrator", ["path", "whitted"])
 def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
     """It hangs before a wall and is hidden, but it lights the wall if it faces that."""
-    scenes, pictures = [], []
-    for edges in (((0.8, 0.0, 0.0), (0.0, 0.8, 0.0)), ((0.0, 0.8, 0.0), (0.8, 0.0, 0.0))):
+    across, up, pictures = (0.8, 0.0, 0.0), (0.0, 0.8, 0.0), []
+    for edges in ((up, across), (across, up)):
         scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 0, 3), (0, 0, 0), fov_degrees=40.0))
         scene.add(wrt.quad((-5, -5, 0), (10, 0, 0), (0, 10, 0)), material=wrt.Diffuse(0.5))
         scene.environment = wrt.ConstantEnvironment(0.8)
         scene.add_light(wrt.RectangleLight((-0.4, -0.4, 1.0), *edges, radiance=3.0))
-        scenes.append(scene)
         pictures.append(seen(scene, 64, integrator=integrator))
-    away, towards = pictures
+    assert seen(scene, integrator=integrator, transparent=False).image().max() == pytest.approx(3.0)
+    towards, away = pictures
     np.testing.assert_array_equal(away.alpha(), np.ones((18, 24)))
     assert away.image().max() < 0.5
     assert towards.image()[9, 12].min() > 1.5 * away.image()[9, 12].max()
-    shown = seen(scenes[0], integrator=integrator, transparent=False)
-    assert shown.image().max() == pytest.approx(3.0)
 
 
 def test_any_split_of_the_work_gives_the_same_layers_and_coverage(device: str, tmp_path: Path) -> None:
@@ -303,7 +301,6 @@ def test_any_split_of_the_work_gives_the_same_layers_and_coverage(device: str, t
     whole = render(scene, 13, threads=1, **options)
     render(scene, 5, threads=2, **options).save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, device=device)
-    assert resumed.settings.layers == tuple(LAYERS)
     for _ in resumed.passes(spp=13):
         pass
     np.testing.assert_array_equal(resumed.alpha(), whole.alpha())
@@ -344,18 +341,11 @@ def test_png_has_straight_alpha_and_the_others_associated(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
-    """OpenImageIO reads what the renderer holds, and what made it."""
+    """OpenImageIO reads what the renderer holds."""
     import OpenImageIO
 
-    scene = tmp_path / "a.toml"
-    scene.write_text(
-        '[settings]\nwidth = 16\nheight = 12\nspp = 3\nsampler = "independent"\n'
-        'layers = ["depth", "albedo", "alpha", "object"]\n[[shapes]]\ntype = "sphere"\nemission = 1.0\n'
-    )
-    assert main(["render", str(scene), "-o", str(tmp_path / "a.exr"), "--seed", "5", "--quiet"]) == 0
-    renderer = wrt.Renderer(wrt.load(scene), seed=5)
-    for _ in renderer.passes(spp=3):
-        pass
+    renderer = render(two_panes(), layers=("depth", "albedo", "alpha", "object"))
+    renderer.save(tmp_path / "a.exr")
     expected = {name: renderer.image()[..., k] for k, name in enumerate("RGB")}
     for layer, values in renderer.layers().items():
         for k, name in enumerate(channel_names(layer)):
@@ -366,8 +356,6 @@ def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
     assert set(spec.channelnames) == set(expected)
     for name, values in expected.items():
         np.testing.assert_array_equal(pixels[..., spec.channelnames.index(name)], values)
-    texts = [spec.getattribute(key) for key in ("Integrator", "Samples per pixel", "Seed", "Software")]
-    assert texts == ["path", "3", "5", f"wrt {wrt.__version__}"]
     source.close()
     np.testing.assert_array_equal(wrt.load_image(tmp_path / "a.exr"), renderer.image())
 
@@ -388,23 +376,15 @@ def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["-o", "a.png", "--layers", "albedo"], "a.png: layers go into OpenEXR files"),
-        (["-o", "a.npy", "--integrator", "aov", "--layers", "uv"], "a.npy: layers go into OpenEXR files"),
-        (["-o", "a.exr", "--integrator", "aov"], "integrator aov renders only layers; name some"),
-        (["-o", "a.exr", "--layers", "albedo,nomal"], "there is no layer 'nomal' (did you mean 'normal'?)"),
-    ],
-)
 def test_what_layers_cannot_do_is_said_before_rendering(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["render", "cornell-box", *arguments]) == 2
-    assert f"wrt: error: {message}" in capsys.readouterr().err
+    for arguments, message in (
+        ("-o a.png --layers albedo", "a.png: layers go into OpenEXR files"),
+        ("-o a.exr --integrator aov", "integrator aov renders only layers; name some"),
+        ("-o a.exr --layers albedo,nomal", "there is no layer 'nomal' (did you mean 'normal'?)"),
+    ):
+        assert main(["render", "cornell-box", *arguments.split()]) == 2
+        assert f"wrt: error: {message}" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
