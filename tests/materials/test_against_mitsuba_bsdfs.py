@@ -1,4 +1,4 @@
-"""Metals, coats and transparent boundaries have the values and densities of Mitsuba 3, another renderer.
+"""Metals, coats, boundaries and Burley's material have the values and densities of Mitsuba 3, another renderer.
 
 But for what it approximates, each of which is derived here. Its `plastic` takes a fit for the light sent back from
 below. For Beckmann's distribution its rough models take Walter's rational fit of Smith's function, in densities too,
@@ -8,6 +8,7 @@ test_mitsuba_files.py.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -206,3 +207,51 @@ def test_smooth_boundaries(kind: str, front: bool, device: str) -> None:
         sure = (u[:, 2] >= 0.0) & (u[:, 2] < 1.0)
         other = case.sample(wo, u, device)["wi"][:, 2] < 0.0
         assert (other[goes & sure] != through).all()
+
+
+# --- Burley's material ----------------------------------------------------------------------------------
+
+BODIES = {
+    "default": {},
+    "tinted metal": {"metallic": 0.6, "roughness": 0.3, "spec_tint": 0.7, "anisotropic": 0.6},
+    "cloth": {"sheen": 0.9, "sheen_tint": 0.4, "flatness": 0.7, "roughness": 0.8},
+    "lacquer": {"clearcoat": 0.8, "clearcoat_gloss": 0.3, "specular": 0.7, "roughness": 0.4},
+    "glass": {"spec_trans": 0.7, "eta": 1.4, "roughness": 0.5, "metallic": 0.2},
+}
+SHEETS = {
+    "leaf": {"diff_trans": 0.6, "flatness": 0.5, "sheen": 0.4, "sheen_tint": 0.8},
+    "pane": {"spec_trans": 0.6, "eta": 1.6, "roughness": 0.5, "spec_tint": 0.5, "anisotropic": 0.4, "sheen": 0.3},
+}
+QUICK = ("tinted metal", "cloth", "lacquer")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in (*BODIES, *SHEETS)]
+)
+def test_burleys_material(name: str, tmp_path: Path, device: str, report: Report) -> None:
+    """As it is read from a file of Mitsuba without a warning.
+
+    From both sides, but of opaque bodies, which are black from inside in Mitsuba and the same on both sides here.
+    """
+    thin, values, color = name in SHEETS, {**BODIES, **SHEETS}[name], (0.7, 0.3, 0.2)
+    kind = "principledthin" if thin else "principled"
+    numbers = "".join(f'<float name="{key}" value="{value}"/>' for key, value in values.items())
+    bsdf = f'<bsdf type="{kind}">{numbers}<rgb name="base_color" value="{", ".join(map(str, color))}"/></bsdf>'
+    file = tmp_path / "scene.xml"
+    file.write_text(f'<scene version="3.0.0"><shape type="sphere">{bsdf}</shape></scene>', "utf-8")
+    read = wrt.load(file, strict=True).shapes[0].material
+    for front in (True, False) if thin or "spec_trans" in values else (True,):
+        wo, wi = hemisphere(300, seed=80).astype(np.float32), hemisphere(300, seed=81).astype(np.float32)
+        wi[::2, 2] *= -1.0
+        expected, _ = ask_mitsuba(plugin(kind, base_color=color, **values), wo, wi, front=front)
+        measured, pdf, _ = Case(getattr(read, "front", read), front).evaluate(wo, wi, device)
+        if thin and "spec_trans" in values:
+            # Mitsuba loses what facets transmit towards their own side.
+            half = wo + wi * np.float32([1.0, 1.0, -1.0])
+            lost = (wi[:, 2] < 0.0) & ((half * wi).sum(axis=1) >= 0.0)
+            assert lost.sum() > 20
+            assert not expected[lost].any()
+            measured, expected, pdf = measured[~lost], expected[~lost], pdf[~lost]
+        report(f"{name}, front {front}: mean value", float(measured.mean()), float(expected.mean()))
+        np.testing.assert_allclose(measured, expected, rtol=2e-3, atol=2e-5)
+        assert (pdf[expected.max(axis=1) > 1e-3] > 0.0).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +17,6 @@ from support.fresnel import complex_fresnel, schlick
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.bsdf.lobes.albedo import VALUES
-from wrt.scene.materials.microfacet import MASKINGS
 from wrt.scene.materials.presets import metal_f0, metal_ior
 from wrt.upload.tables.material_tables import pack_tables
 
@@ -120,15 +118,6 @@ def test_other_distributions_are_white_too(
 
 
 # --- Descriptions -----------------------------------------------------------------------------------
-
-
-def test_every_combination_has_a_model() -> None:
-    for distribution, maskings in MASKINGS.items():
-        for masking, f0, bounces in itertools.product(maskings, (None, 0.5), (False, True)):
-            alpha = (1.0, 1.0) if distribution in ("abc", "sgd") else 0.3
-            case = metal(alpha, distribution, masking, f0=f0, multiple_bounces=bounces)
-            assert case.model.slots == len(case.material.slots)
-            assert case.model.widens == (distribution != "sgd")
 
 
 @pytest.mark.parametrize("make", [wrt.Conductor, wrt.RoughConductor])

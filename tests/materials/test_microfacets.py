@@ -317,31 +317,9 @@ def test_walters_fit(device: str, report: Report) -> None:
         assert found.max() == 1.0
 
 
-def pairs(seed: int) -> tuple[Array, Array, Array]:
-    """Return viewers, lights, and the normals that join them."""
-    wo, wi = hemisphere(20_000, seed), hemisphere(20_000, seed + 1)
-    return wo, wi, normalised(wo + wi)
-
-
-@pytest.mark.parametrize("name", DISTRIBUTIONS)
-def test_masking_is_a_fraction_and_symmetric(name: str, device: str) -> None:
-    wo, wi, m = pairs(seed=5)
-    mirrored = m * np.array([-1.0, -1.0, 1.0])
-    behind = np.sum(mirrored * wo, axis=1) < -1e-6
-    assert behind.sum() > 40
-    for case in (case for case in CASES if case.name == name):
-        for masking in maskings_of(name):
-            g, g1 = case.masking(masking, m, wo, wi, device)
-            np.testing.assert_array_equal(g, case.masking(masking, m, wi, wo, device)[0])
-            assert g.min() >= 0.0
-            assert max(g.max(), g1.max()) <= 1.0
-            assert not g[g1 == 0.0].any()
-            # A direction behind the microfacet sees nothing of it.
-            assert not case.masking(masking, mirrored, wo, wi, device)[:, behind].any()
-
-
 def test_maskings_are_the_printed_ones(device: str) -> None:
-    wo, wi, m = pairs(seed=7)
+    wo, wi = hemisphere(20_000, seed=7), hemisphere(20_000, seed=8)
+    m = normalised(wo + wi)
     case = slopes("ggx", 0.5)
     dot, nl, nv, nh = np.sum(wo * m, axis=1), wi[:, 2], wo[:, 2], m[:, 2]
     g_o, g_i = smith_g1(case, wo), smith_g1(case, wi)

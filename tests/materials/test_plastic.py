@@ -101,30 +101,6 @@ def test_tables_hold_what_gets_in(alpha: float, eta: float, device: str, report:
         assert table[2] == pytest.approx(1.0 - float(np.mean(2.0 * z * look_up(table, z))) / eta**2, abs=1e-6)
 
 
-class VaryingRoughness(wrt.RoughPlastic):
-    """A constant roughness that reads the table of all roughnesses."""
-
-    @property
-    def table_key(self) -> tuple:
-        key = super().table_key
-        return (*key[:4], None, key[5])
-
-
-@pytest.mark.slow
-def test_one_table_serves_all_roughnesses(device: str, report: Report) -> None:
-    """Where roughness varies over a surface, its table has columns; they agree with that of each roughness alone."""
-    many = wrt.RoughPlastic(1.0, alpha=wrt.VertexColor()).table_key
-    assert many[4] is None
-    wo, wi = aside(5000, seed=55)
-    for alpha in (1e-3, 0.37, 1.0):
-        constant = wrt.RoughPlastic((0.0, 0.5, 1.0), alpha=alpha, nonlinear=True)
-        varying = VaryingRoughness((0.0, 0.5, 1.0), alpha=alpha, nonlinear=True)
-        assert varying.table_key == many
-        a, b = (Case(material).evaluate(wo, wi, device)[0][:, 2] for material in (constant, varying))
-        report(f"α = {alpha}: largest relative difference", float(np.abs(a / b - 1.0).max()))
-        np.testing.assert_allclose(a, b, rtol=5e-3)
-
-
 @pytest.mark.slow
 def test_a_smooth_coat_is_the_limit_of_rough_ones(device: str) -> None:
     wo, wi = aside(5000, seed=56)

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from scipy.special import beta
 from support.bsdfs import Case, hemisphere, viewer
 from support.fresnel import cook_torrance
-from support.kernels import uniforms, upload
+from support.kernels import uniforms
 from support.principled_reference import dot, ggx, smith, unit
 
 import wrt
-from wrt.backend.device import Device
-from wrt.kernels.bsdf.lobes.albedo import missing_energy
-from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel, side_table
-from wrt.upload.tables.material_tables import table
 
 MULTIPLE = [False, pytest.param(True, marks=pytest.mark.slow)]
 
@@ -36,43 +31,6 @@ def test_refraction_is_walters(device: str, report: Report) -> None:
     found = Case(wrt.RoughDielectric(eta, alpha=alpha)).evaluate(wo, wi, device)[0][:, 0]
     report("f, largest error", float(np.abs(found - expected).max()))
     assert (np.abs(found - expected) <= 1.5e-4 * expected + 1e-9).all()
-
-
-@pytest.mark.slow
-def test_what_is_tabulated_is_what_is_lost(device: str, report: Report) -> None:
-    """Between the table's own points, to 5e-3 up to 89.9 degrees: as white is the furnace. Nowhere is more made."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def look_up(
-        front: bool,
-        tables: wp.array(dtype=float),
-        directions: wp.array(dtype=wp.vec3),
-        shapes: wp.array(dtype=wp.vec3),
-        missing_out: wp.array(dtype=float),
-    ):
-        i = wp.tid()
-        missing_out[i] = missing_energy(tables, side_table(0, front), directions[i], shapes[i][0])
-
-    rng = np.random.default_rng(7)
-    n = 400
-    mu = np.concatenate([rng.random(n // 2), 0.1 * rng.random(n // 2) ** 3])
-    directions = np.stack([np.sqrt(1.0 - mu**2), np.zeros(n), mu], axis=1)
-    shapes = np.repeat(np.maximum(rng.random(n) ** 2, 1e-3)[:, None], 3, axis=1)
-    where = Device(device)
-    for ior in (1.05, 1.5, 2.42):
-        key = wrt.RoughDielectric(ior, alpha=0.3, multiple_bounces=True).table_key
-        tables = upload(table(key, where), wp.float32, device)
-        for front in (True, False):
-            arrays = [upload(directions, wp.vec3, device), upload(shapes, wp.vec3, device)]
-            looked_up, computed = (wp.empty(n, dtype=float, device=device) for _ in range(2))
-            wp.launch(look_up, n, [front, tables, *arrays], [looked_up], device=device)
-            eta = ior if front else 1.0 / ior
-            where.launch(make_missing_dielectric_kernel("ggx", "smith"), n, [8192, eta, *arrays, computed])
-            error = looked_up.numpy() - computed.numpy()
-            off = float(np.abs(error[mu > 0.0017]).max())
-            report(f"index {ior}, {'outside' if front else 'inside'}: 1 − E off by at most", off, 0.0)
-            assert off < 5e-3
-            assert error.max() < 8e-3  # beyond 89.9 degrees, where the table has its last points, the most is 6.1e-3
 
 
 @pytest.mark.parametrize("multiple", MULTIPLE)
