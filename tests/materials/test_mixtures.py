@@ -101,8 +101,6 @@ def test_weight_and_opacity_may_be_vertex_colours_and_are_kept_within_0_and_1(de
         np.testing.assert_allclose(partly.passed, 1.0 - share, atol=1e-6)
 
 
-
-
 # --- Pictures ---------------------------------------------------------------------------------------
 
 
