@@ -25,7 +25,7 @@ def test_quadrature_is_right(report: Report) -> None:
     for degrees in (0.0, 45.0, 80.0):
         wo = np.broadcast_to(viewer(degrees), wi.shape)
         for alpha in (0.3, 1.0):
-            value = reference.facets(wo, wi, (alpha, alpha), "correlated") * wi[:, 2] * weights
+            value = reference.facets(wo, wi, (alpha, alpha)) * wi[:, 2] * weights
             found = quadrature.specular_albedos(math.cos(math.radians(degrees)), alpha)
             grazing = (1.0 - reference.dot(wo, reference.unit(wo + wi))) ** 5
             np.testing.assert_allclose(found, (value.sum(), (value * grazing).sum()), atol=3e-4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from collections.abc import Iterable
 from types import SimpleNamespace
@@ -15,37 +14,12 @@ from conftest import Report
 from numpy.typing import NDArray
 from support import principled_reference as reference
 from support.bsdfs import Case, hemisphere
-from support.kernels import map_function
-from support.principled_reference import Albedos
 
 import wrt
 from wrt.kernels.bsdf import model_of
-from wrt.kernels.bsdf.lobes import albedo_fits
 
 P = wrt.Principled
 GOLD, WOOD = (1.0, 0.71, 0.29), (0.8, 0.5, 0.1)
-
-
-@functools.cache
-def albedos_of(device: str) -> Albedos:
-    """Return the kernels' albedos for the reference: `test_albedo_fits.py` tests them by themselves."""
-
-    def each(alpha: tuple[float, float], n: int) -> NDArray:
-        return np.broadcast_to(np.array([*alpha, 0.0]), (n, 3))
-
-    def facets(w: NDArray, alpha: tuple[float, float]) -> tuple[NDArray, NDArray]:
-        found = map_function(albedo_fits.facet_albedo, w, each(alpha, len(w)), device=device).astype(np.float64)
-        return found[:, 0], found[:, 1]
-
-    def average(alpha: tuple[float, float]) -> tuple[float, float]:
-        white, grazing = map_function(albedo_fits.average_facet_albedo, each(alpha, 1), device=device)[0].tolist()
-        return white, grazing
-
-    def sheen(w: NDArray, roughness: float) -> NDArray:
-        found = map_function(albedo_fits.sheen_albedo, w[:, 2], np.full(len(w), roughness), device=device)
-        return np.asarray(found, np.float64)
-
-    return Albedos(facets, average, sheen)
 
 
 def pairs(n: int = 1000, *, below: bool = False) -> tuple[NDArray, NDArray]:
@@ -105,7 +79,7 @@ def test_agrees_with_the_extensions_in_double_precision(name: str, device: str, 
         if below and not p.transmission:
             assert not found.any()
             continue
-        expected = reference.value(p, wo, wi, albedos_of(device), front=front)
+        expected = reference.value(p, wo, wi, device, front=front)
         assert (expected > 0.0).mean() > 0.15
         error = relative_error(found, expected)
         report(f"{name}, front {front}, below {below}: largest relative error", error, "< 1e-4")

@@ -15,6 +15,7 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
+from support.cameras import camera_rays
 from support.composites import WITH_OPACITY
 from support.covering_kernels import covering, render_with
 from support.statistics import t_test_mean
@@ -63,15 +64,6 @@ def two_panes() -> wrt.Scene:
     return scene
 
 
-def camera_rays(camera: Any, width: int, height: int) -> Array:
-    """Return the unit directions through the middles of all pixels."""
-    right, up, forward = (np.asarray(axis) for axis in camera.frame())
-    scale = 2.0 * np.tan(np.radians(camera.fov_degrees) / 2.0) / height
-    a, b = np.meshgrid((np.arange(width) + 0.5 - width / 2) * scale, (height / 2 - np.arange(height) - 0.5) * scale)
-    rays = forward + a[..., None] * right + b[..., None] * up
-    return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
-
-
 # --- Against geometry ------------------------------------------------------------------------------
 
 
@@ -80,7 +72,9 @@ def camera_rays(camera: Any, width: int, height: int) -> Array:
 def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
     scene = two_panes()
     layers = render(scene, integrator=integrator, device=device).layers()
-    rays, origin = camera_rays(scene.camera, 32, 24), np.array([0.0, 0.0, 4.0])
+    middles = np.stack(np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5), axis=-1)
+    rays = camera_rays(scene.camera, 32, 24, middles, device=device).directions.reshape(24, 32, 3)
+    origin = np.array([0.0, 0.0, 4.0])
     depth = np.full((24, 32), np.inf)
     number = np.zeros((24, 32), int)
     normal, uv = np.zeros((24, 32, 3)), np.zeros((24, 32, 2))
