@@ -139,7 +139,7 @@ def sgd(alpha: float, p: float) -> Case:
     return Case("sgd", (alpha, p, sgd_normalization(alpha, p)), (width, width))
 
 
-ROUGHNESSES = (1e-4, 0.1, 0.5, 1.0)
+ROUGHNESSES = (1e-4, 0.1, 1.0)
 # Those of sgd are of chrome steel, alum-bronze and dark red paint (Bagher et al. 2012), but for the exact p.
 CASES = [
     *(slopes(name, alpha) for name in ("ggx", "beckmann", "blinn-phong") for alpha in ROUGHNESSES),

@@ -17,7 +17,6 @@ from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.scene import materials as device_materials
 from wrt.rendering.fingerprint import scene_fingerprint
 from wrt.scene.materials import composite
-from wrt.upload.materials import describe_materials
 
 N = 2**16
 EVEN = ((np.arange(N) + 0.5) / N).astype(np.float32)
@@ -219,20 +218,6 @@ class WithHoles(wrt.Renderer):
     def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
         assert not features.opacity
         return super()._choose_kernel(dataclasses.replace(features, opacity=True, composite="none"), compile, read)
-
-
-@pytest.mark.parametrize(
-    ("materials", "expected"),
-    [
-        ([wrt.Diffuse()], (False, "none")),
-        ([wrt.Diffuse(), wrt.TwoSided(wrt.Diffuse(), BLACK)], (False, "sides")),
-        ([wrt.TwoSided(wrt.Mix(wrt.Diffuse(), wrt.Mirror()), BLACK)], (False, "mixed")),
-        ([wrt.TwoSided(wrt.Diffuse(opacity=0.5), BLACK)], (True, "none")),
-    ],
-)
-def test_kernels_have_what_materials_need(materials: list[wrt.Material], expected: tuple[bool, str]) -> None:
-    table = describe_materials(materials)
-    assert (table.opacity, table.composite) == expected
 
 
 @pytest.mark.machinery
