@@ -83,7 +83,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/media/skin.py",
         "line.direction = -ray.direction",
         "line.direction = ray.direction",
-        "tests/materials/test_skin.py",
+        "tests/media/test_skin.py",
     ),
     Mutant(
         "quadric-scale",

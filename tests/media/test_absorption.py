@@ -57,7 +57,7 @@ def test_a_slab_of_coloured_glass(degrees: float, device: str, report: Report) -
 
     What is seen is F + (1 − F)² T (1 + F T) / (1 − F² T²), a series in F T.
     """
-    renderer = render(slab(wrt.Dielectric(1.5, interior=MEDIUM), degrees=degrees), device, size=(16, 16), spp=1024)
+    renderer = render(slab(wrt.Dielectric(1.5, interior=MEDIUM), degrees=degrees), device, size=(16, 16), spp=256)
     mean, error = mean_and_error(renderer)
 
     def seen(thickness: float) -> np.ndarray:
