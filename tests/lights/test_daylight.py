@@ -49,7 +49,7 @@ def radiance(mi: Any, emitter: Any, directions: Array) -> Array:
     return np.array(result)
 
 
-@pytest.mark.parametrize(("degrees", "turbidity"), [(0.5, 10.0), (10.0, 2.3), (45.0, 6.5), (90.0, 1.0)])
+@pytest.mark.parametrize(("degrees", "turbidity"), [(0.5, 10.0), (45.0, 6.5), (90.0, 1.0)])
 def test_the_sky_is_mitsuba_s(degrees: float, turbidity: float, report: Report) -> None:
     mi, elevation = mitsuba(), math.radians(degrees)
     d = np.random.default_rng(4).normal(size=(100, 3))
@@ -143,6 +143,3 @@ def test_the_sun_stands_where_the_almanac_has_it(report: Report) -> None:
     # The solstice of June 2010 was on the 21st at 11:28; then the sun's declination is the lean of the axis, 23.438.
     noon = [sun_position(2010, 6, 21, 11.47 + minutes / 60.0, 50.0, 8.4)[0] for minutes in range(-90, 91)]
     assert math.degrees(min(noon)) == pytest.approx(50.0 - 23.438, abs=0.01)
-    # A month of 13 or a day of 0 is the neighbour's.
-    assert sun_position(2009, 18, 21, 3.0, 10.0, 20.0) == sun_position(2010, 6, 21, 3.0, 10.0, 20.0)
-    assert sun_position(2010, 7, 0, 3.0, 10.0, 20.0) == sun_position(2010, 6, 30, 3.0, 10.0, 20.0)

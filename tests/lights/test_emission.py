@@ -89,28 +89,24 @@ def test_a_textured_light_is_as_many_small_ones(strategy: str, device: str, repo
 
 
 @pytest.mark.slow
-def test_vertex_colors_shine(device: str, report: Report) -> None:
-    """Colours 0 to 1 along the light: halved by the factor, their mean is a quarter."""
-    colors = np.repeat(np.float32([0, 1, 1, 0])[:, None], 3, axis=1)
-    scene = floor()
-    scene.add(dataclasses.replace(LAMP, colors=colors), material=wrt.Emissive(wrt.VertexColor(8.0)))
-    means, _ = mean_emissions(scene.shapes[-1])
-    assert means[:, 0].mean() == pytest.approx(4.0)
-    steps = mosaic(np.tile((np.arange(32, dtype=np.float32)[None, :, None] + 0.5) / 8.0, (1, 1, 3)))
-    a, b = rendered(scene, device), rendered(steps, device, seed=3)
-    seen = b[0].max(axis=2) > 0.9  # the light itself, which shows the steps
-    assert 0 < seen.sum() < 200
-    dark = ~seen
-    difference = float(a[0][dark].mean() / b[0][dark].mean() - 1.0)
-    error = float(np.sqrt(a[1][dark].sum() + b[1][dark].sum()) / b[0][dark].sum())
-    report("light on the floor, per cent", 100.0 * difference, f"{300.0 * 1.7 * error:.2g} at most")
-    assert abs(difference) < 3.0 * 1.7 * error < 0.02
+def test_vertex_colors_shine(device: str) -> None:
+    """As does an image of two texels, between whose middles the lamp lies."""
+    ramps = (
+        wrt.ImageTexture(np.repeat(np.float32([[0.0, 1.0]])[..., None], 3, axis=2), factor=8.0),
+        wrt.VertexColor(8.0),
+    )
+    pictures = []
+    for seed, emission in enumerate(ramps):
+        colors = np.repeat(np.float32([0, 1, 1, 0])[:, None], 3, axis=1)
+        scene = floor()
+        lamp = dataclasses.replace(LAMP, colors=colors, uvs=0.5 * LAMP.uvs + np.float32(0.25))
+        scene.add(lamp, material=wrt.Emissive(emission))
+        pictures += rendered(scene, device, seed=seed)
+    assert image_z_test(*pictures).agrees()
 
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
 LAID = {
-    "once": (SQUARE, {}),
-    "many times": (SQUARE * 5.0 - 1.3, {}),
     "mirrored": (SQUARE * 3.0 + 0.4, {"wrap": "mirror"}),
     "held at its edge": (SQUARE * 2.0 - 0.5, {"wrap": ("clamp", "repeat")}),
     "nearest texels, turned": (SQUARE, {"filter": "nearest", "rotation_degrees": 30.0, "scale": (2.0, 3.0)}),
@@ -167,18 +163,4 @@ def test_no_triangle_that_shines_is_left_out(where: tuple[int, int]) -> None:
     x, y = where[1] + 0.5, 1024 - where[0] - 0.5
     assert luminance[0 if y < x else 1] > 0.0  # the lower triangle has the texels below the diagonal
     assert np.isfinite(means).all()
-    strips = np.stack([np.linspace(0, 1, 65), np.zeros(65)], axis=1)
-    points = np.concatenate([strips, strips + [0, 1]])
-    i = np.arange(64)
-    faces = np.concatenate([np.stack([i, i + 1, i + 66], 1), np.stack([i, i + 66, i + 65], 1)])
-    fine = wrt.Mesh(np.pad(points, ((0, 0), (0, 1))).astype(np.float32), faces, uvs=points.astype(np.float32))
-    weights = mean_emissions(Shape(fine, emission=texture))[1]
-    column = int(x / 16.0)
-    assert weights[[column, column + 64]].any()
-    assert (weights > 0.0).sum() <= 12
-
-
-def test_what_is_black_is_no_light() -> None:
-    assert shape(wrt.ImageTexture(np.ones((2, 2, 3)))).emits
-    assert not shape(wrt.ImageTexture(np.zeros((2, 2, 3)))).emits
-    assert not shape(wrt.ImageTexture(np.ones((2, 2, 3)), factor=0.0)).emits
+    assert not shape(wrt.ImageTexture(pixels, factor=0.0)).emits
