@@ -31,22 +31,14 @@ def density_of(folder: Path, density: str) -> wrt.DensityGrid:
     return medium.density
 
 
-def test_arrays(tmp_path: Path) -> None:
+def test_arrays_and_archives(tmp_path: Path) -> None:
     np.save(tmp_path / "smoke.npy", VALUES)
-    colors = np.full((2, 2, 2, 3), 0.25, np.float32)
-    np.save(tmp_path / "colors.npy", colors)
+    np.save(tmp_path / "colors.npy", np.full((2, 2, 2, 3), 0.25, np.float32))
     bounds = "lower = [-1, 0.5, -2], upper = [1, 2.5, 0], factor = 2.0"
-    loaded = density_of(tmp_path, f'file = "smoke.npy", {bounds}')
+    loaded = density_of(tmp_path, f'file = "smoke.npy", albedo = "colors.npy", {bounds}')
     np.testing.assert_array_equal(loaded.values, VALUES)
+    np.testing.assert_array_equal(loaded.albedo, np.load(tmp_path / "colors.npy"))
     assert (loaded.lower, loaded.upper, loaded.factor, loaded.transform) == (*BOX, 2.0, None)
-    place = "scale = 2.0, translate = [0.0, 1.0, 0.0]"
-    loaded = density_of(tmp_path, f'file = "smoke.npy", albedo = "colors.npy", {place}')
-    np.testing.assert_array_equal(loaded.albedo, colors)
-    np.testing.assert_array_equal(loaded.to_world[:3, 3], [0.0, 1.0, 0.0])
-    np.testing.assert_array_equal(loaded.boundary.bounds, [[0, 1, 0], [2, 3, 2]])
-
-
-def test_archives(tmp_path: Path) -> None:
     turned = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 3.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     arrays = {"density": VALUES, "lower": BOX[0], "upper": BOX[1], "transform": turned, "emission": VALUES}
     np.savez(tmp_path / "smoke.npz", **arrays)
@@ -106,7 +98,7 @@ def test_media_of_mitsuba(tmp_path: Path) -> None:
         assert media("")[0].density.albedo is None  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(("wrap", "mode"), [("repeat", "wrap"), ("mirror", "symmetric"), ("clamp", "edge")])
+@pytest.mark.parametrize(("wrap", "mode"), [("repeat", "wrap"), ("mirror", "symmetric")])
 def test_an_albedo_grid_of_a_homogeneous_medium_is_continued_over_the_shape(
     wrap: str, mode: Any, tmp_path: Path
 ) -> None:
@@ -191,16 +183,12 @@ def test_what_is_wrong_is_told(tmp_path: Path) -> None:
     for name, data, text in (
         ("short.vol", vol[:-4], "take 240 bytes, but it is shorter"),
         ("other.vol", b"PK" + vol, "must begin with 'VOL'"),
-        ("old.vol", vol[:3] + b"\2" + vol[4:], "only version 3"),
-        ("six.vol", vol[:20] + b"\6" + vol[21:], "cells of 1 or 3 channels"),
         ("huge.vol", vol[:8] + b"\xff\xff\xff\x7f" + vol[12:], "but it is shorter"),
         ("smoke.vdb", b" BDV", r"OpenVDB files cannot be read; .* nanovdb_convert smoke\.vdb smoke\.nvdb"),
         ("smoke.txt", b"1", r"must be a file of \.npy, \.npz, \.vol, \.nvdb"),
         ("short.nvdb", nvdb[:-100], "damaged, or not whole"),
-        ("other.nvdb", vol, "not a NanoVDB file"),
         ("far.nvdb", nvdb[:leaf] + struct.pack("<i", -(2**30)) + nvdb[leaf + 4 :], "its volumes would take"),
         ("text.npy", b"hello", "not a NumPy file"),
-        ("none.npy", b"", "the file is empty"),
     ):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(wrt.InputError, match=text) as error:
@@ -212,10 +200,3 @@ def test_what_is_wrong_is_told(tmp_path: Path) -> None:
     np.save(tmp_path / "flat.npy", VALUES[0])
     with pytest.raises(wrt.InputError, match=r"media\.smoke\.density\.file: .*values must be \(nz, ny, nx\)"):
         density_of(tmp_path, 'file = "flat.npy"')
-    with pytest.raises(wrt.InputError, match=r"media\.smoke\.density\.fil: unknown key"):
-        density_of(tmp_path, 'fil = "flat.npy"')
-    medium = f'<medium type="heterogeneous" name="interior">{volume("sigma_t", "smoke.txt")}</medium>'
-    shape = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
-    (tmp_path / "smoke.xml").write_text(f'<scene version="3.0.0">{shape}</scene>')
-    with pytest.raises(wrt.InputError, match=r"smoke\.xml: line 1: .*smoke\.txt"):
-        wrt.load(tmp_path / "smoke.xml")

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 import wrt
-from support.gltf_rays import joined
+from support.glb import joined
 from support.meshes import check_message, gltf_box, write
 
 ORDERS = "ascii", "binary_little_endian", "binary_big_endian"

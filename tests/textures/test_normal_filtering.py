@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from scipy import stats
@@ -18,7 +17,6 @@ from support.bumps import (
     SQUARE,
     WITH_PROBES,
     Probe,
-    constant_map,
     encoded,
     lit,
     registered_probes,
@@ -27,20 +25,15 @@ from support.bumps import (
     with_uvs,
 )
 from support.covering_kernels import covering, render_with
-from support.kernels import map_function, upload
+from support.kernels import map_function
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.accel.intersect import NO_HIT, closest_hit
 from wrt.kernels.bsdf import filtered_name
-from wrt.kernels.geometry.rays import Ray
-from wrt.kernels.geometry.surface import surface_at
 from wrt.kernels.microfacet.widening import WIDENED
-from wrt.kernels.scene.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE, SceneData
-from wrt.kernels.textures.footprint import texels_across, texture_footprint
+from wrt.kernels.scene.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
 from wrt.upload.scene_data import build_scene
 from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
-from wrt.upload.textures.pyramid import halved
 
 SIZE = 128
 """Texels along a side of the map."""
@@ -113,20 +106,16 @@ def glass(alpha: Any, normal_map: wrt.NormalMap | None, **options: Any) -> wrt.M
     return wrt.RoughDielectric(1.5, alpha=alpha, normal_map=normal_map, **options)
 
 
-BECKMANN = {"distribution": "beckmann", "masking": "walter"}
 MAKERS: dict[str, Callable[[Any, wrt.NormalMap | None], wrt.Material]] = {
-    **{name: functools.partial(metal, distribution=name) for name in ("beckmann", "ggx", "blinn-phong", "abc")},
-    "plastic, ggx": plastic,
-    "plastic, beckmann": functools.partial(plastic, **BECKMANN),
-    "glass, ggx": glass,
-    "glass, beckmann": functools.partial(glass, **BECKMANN),
-    "glass, blinn-phong": functools.partial(glass, distribution="blinn-phong"),
+    **{name: functools.partial(metal, distribution=name) for name in ("beckmann", "blinn-phong", "abc")},
+    "ggx": functools.partial(metal, distribution="ggx", multiple_bounces=True),
+    "plastic": plastic,
+    "glass": functools.partial(glass, distribution="beckmann", masking="walter"),
 }
 
 
 def models() -> set[str]:
     names = {make((2.0, 2.0) if name == "abc" else 0.1, None).model for name, make in MAKERS.items()}
-    names.add(metal(0.1, None, distribution="ggx", multiple_bounces=True).model)
     return names | {filtered_name(name) for name in names}
 
 
@@ -160,7 +149,7 @@ def interpolated(normals: NDArray, n: int) -> NDArray[np.float64]:
     return whole[..., :2] / whole[..., 2:]
 
 
-@pytest.mark.parametrize("size", [(8, 8), (5, 7), (1, 6), (1, 1)])
+@pytest.mark.parametrize("size", [(5, 7), (1, 6)])
 def test_levels_hold_the_moments_of_the_interpolated_map(size: tuple[int, int]) -> None:
     """Of what is seen, bilinear between texels, and not of the texels: those vary more."""
     slopes = np.random.default_rng(2).normal(scale=0.2, size=(*size, 2))
@@ -178,70 +167,6 @@ def test_levels_hold_the_moments_of_the_interpolated_map(size: tuple[int, int]) 
         # Whatever the size, nothing is lost or counted twice.
         for part, finest in zip(level, levels[0], strict=True):
             np.testing.assert_allclose(part.mean(axis=(0, 1)), finest.mean(axis=(0, 1)), atol=1e-6)
-    if min(size) > 4:
-        texels = (normals[..., :2] / normals[..., 2:]).var(axis=(0, 1))
-        assert (levels[-1][1][0, 0, :2] < 0.7 * texels).all()
-
-
-def test_levels_of_odd_sizes_are_cut_evenly() -> None:
-    """A row of five becomes three of 5/3 each, by share."""
-    found = halved(np.broadcast_to(np.float32([1, 2, 3, 4, 5])[None, :, None], (1, 5, 3)).copy())
-    expected = [(1 + 2 * 2 / 3) * 0.6, (2 / 3 + 3 + 4 * 2 / 3 - 4 / 3) * 0.6, (4 * 2 / 3 + 5) * 0.6]
-    np.testing.assert_allclose(found[0, :, 0], expected, rtol=1e-6)
-
-
-# --- What a pixel covers -----------------------------------------------------------------------------
-
-
-@wp.kernel(enable_backward=False)
-def footprint_kernel(
-    scene: SceneData,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    width: float,
-    texels_out: wp.array(dtype=float),
-):
-    i = wp.tid()
-    ray = Ray()
-    ray.origin = origins[i]
-    ray.direction = directions[i]
-    hit = closest_hit(scene, ray)
-    texels_out[i] = -1.0
-    if hit.triangle != NO_HIT:
-        surface = surface_at(scene, ray, hit)
-        texels_out[i] = texels_across(texture_footprint(scene, hit, surface, ray.direction, width), scene.images[0])
-
-
-@pytest.mark.slow
-def test_footprint_is_the_ellipse_in_the_texture(device: str) -> None:
-    """Its narrower axis is that of circles of rays, carried to the triangle's plane and into the texture."""
-    rng = np.random.default_rng(6)
-    corners, uvs = rng.normal(size=(3, 3)), rng.normal(size=(3, 2)) * [0.3, 2.0]
-    mesh = wrt.Mesh(corners.astype(np.float32), np.array([[0, 1, 2]]), uvs=uvs.astype(np.float32))
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    scene.add(mesh, material=wrt.Diffuse(normal_map=wrt.NormalMap(np.full((24, 40, 3), 0.5, np.float32))))
-    n, width = 2000, 0.01
-    origins = rng.normal(size=(n, 3)) * 3.0
-    directions = rng.dirichlet((1.0, 1.0, 1.0), n) @ corners - origins
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    out = wp.empty(n, dtype=float, device=device)
-    arrays = [upload(v.astype(np.float32), wp.vec3, device) for v in (origins, directions)]
-    wp.launch(footprint_kernel, n, [build_scene(scene, Device(device)).data, *arrays, width], [out], device=device)
-    edges = np.stack([corners[1] - corners[0], corners[2] - corners[0]], axis=1)
-    normal = np.cross(*edges.T)
-    expected = []
-    for d in directions:
-        across = np.cross(d, [0.3, 0.5, 0.8])
-        across /= np.linalg.norm(across)
-        # Parallel rays of a circle of diameter `width` hit the plane here, and the texture there.
-        on_plane = [v - d * (v @ normal) / (d @ normal) for v in (width * across, width * np.cross(d, across))]
-        shares = [np.linalg.lstsq(edges, v, rcond=None)[0] for v in on_plane]
-        in_texture = np.stack([((uvs[1:] - uvs[0]).T @ s) * [40, 24] for s in shares])
-        expected.append(np.linalg.svd(in_texture, compute_uv=False)[1])
-    found = out.numpy()
-    assert (found > 0.0).mean() > 0.99
-    slanted = np.abs(directions @ normal) / np.linalg.norm(normal) > 2e-3
-    np.testing.assert_allclose((found / expected)[(found > 0.0) & slanted], 1.0, rtol=2e-3)
 
 
 # --- The variance that is left -----------------------------------------------------------------------
@@ -261,14 +186,19 @@ def test_far_away_all_variance_is_left(covariance: tuple[float, float, float], d
 
 
 @pytest.mark.slow
-def test_variance_grows_with_distance(device: str) -> None:
-    """From none, where texels are wider than two pixels; and nothing is filtered unless that was asked for."""
+@pytest.mark.parametrize("slant", [0.0, 65.0])
+def test_variance_grows_with_distance(slant: float, device: str) -> None:
+    """From none, where texels are wider than two pixels across the narrower axis of what a pixel covers.
+
+    Nothing is filtered unless that was asked for.
+    """
 
     def mean(texels: float, filtered: bool = True) -> float:
         material = Probe("probe_variance", normal_map=wrt.NormalMap(bumps(even(0.1)), filter=filtered))
-        return float(rendered(plane(material, UP, far(texels, 16)), device, size=16)[..., :2].sum(axis=2).mean())
+        scene = plane(material, UP, far(texels, 16, np.radians(slant)))
+        return float(rendered(scene, device, size=16)[..., :2].sum(axis=2).mean())
 
-    means = [mean(texels) for texels in (0.45, 0.6, 1.0, 2.0, 4.0, 8.0, 16.0, 100.0)]
+    means = [mean(texels) for texels in (0.45, 0.6, 1.0, 4.0, 16.0, 100.0)]
     assert means[0] == mean(100.0, filtered=False) == 0.0
     assert (np.diff(means) > 0.0).all()
     assert means[1] < 0.05 * means[-1]
@@ -288,10 +218,8 @@ def case(name: str, covariance: tuple[float, float, float], alpha: Any, toleranc
 
 HIGHLIGHTS = [
     case("beckmann", even(0.1), 0.1, 0.02, quick=True),
-    case("beckmann", (0.01, 0.001, 0.0), 0.1, 0.02),
     case("beckmann", (0.008, 0.008, 0.006), 0.1, 0.02),
     case("beckmann", (0.01, 0.001, 0.0), (0.05, 0.15), 0.03),
-    case("ggx", (0.008, 0.008, 0.006), 0.1, 0.03),
     case("abc", even(0.1), (40.0, 5.0), 0.1),
     *(case(name, even(0.1), 0.1, 0.03) for name in MAKERS if name not in ("beckmann", "abc")),
 ]
@@ -331,8 +259,8 @@ def test_one_filtered_sample_is_the_mean_of_many(
 @pytest.mark.parametrize(
     ("name", "texels", "slant"),
     [
-        *(("beckmann", *view) for view in ((1.0, 0.0), (4.0, 40.0), (16.0, 0.0), (16.0, 40.0), (64.0, 40.0))),
-        *((name, 16.0, 40.0) for name in MAKERS if name != "beckmann"),
+        *(("beckmann", *view) for view in ((1.0, 0.0), (4.0, 40.0), (16.0, 0.0), (64.0, 40.0))),
+        *((name, 16.0, 40.0) for name in ("ggx", "glass")),
     ],
 )
 def test_a_highlight_keeps_its_energy_as_it_shrinks(
@@ -342,12 +270,11 @@ def test_a_highlight_keeps_its_energy_as_it_shrinks(
 
     Bumps are about 16 texels long. What a pixel sees of a few of them is not Gaussian, though its moments are right.
     """
-    tolerance = 0.03 if texels in (1.0, 64.0) else 0.08 if name == "abc" else 0.06
+    tolerance = 0.03 if texels in (1.0, 64.0) else 0.06
     resolution = max(2, int(SIZE / texels))
-    alpha = (80.0, 5.0) if name == "abc" else 0.07
 
     def mean(filtered: bool, spp: int) -> float:
-        material = MAKERS[name](alpha, wrt.NormalMap(bumps(even(0.07)), filter=filtered))
+        material = MAKERS[name](0.07, wrt.NormalMap(bumps(even(0.07)), filter=filtered))
         scene = plane(material, direction(6.0 - slant), far(texels, resolution, np.radians(slant)))
         return float(picture(scene, device, spp, resolution).mean())
 
@@ -371,39 +298,6 @@ def test_bumps_on_a_tilted_mean_normal(device: str, report: Report) -> None:
         values.append(picture(plane(metal(0.05, normal_map), light, far(64.0, 8)), device, spp, 8).mean())
     report("tilted by 27 degrees: filtered over unfiltered", values[1] / values[0], 1.0)
     assert abs(values[1] / values[0] - 1.0) < 0.04
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("multiple", [False, True])
-def test_reflected_energy_is_kept(multiple: bool, device: str, report: Report) -> None:
-    """Under an even sky a white metal is white, but for what one bounce loses.
-
-    With multiple bounces it is GGX of the roughness that it now has.
-    """
-    values = {}
-    for name, alpha, normal_map in (
-        ("bumpy", 0.15, wrt.NormalMap(bumps(even(0.1)))),
-        ("filtered", 0.15, wrt.NormalMap(bumps(even(0.1)), filter=True)),
-        ("as rough", float(np.sqrt(0.15**2 + 2.0 * 0.1**2)), constant_map(0.0, 0.0, 1.0)),
-    ):
-        material = metal(alpha, normal_map, distribution="ggx", multiple_bounces=multiple)
-        scene = plane(material, direction(0.0), far(64.0, 8))
-        scene.lights, scene.environment = [], wrt.ConstantEnvironment(1.0)
-        values[name] = float(picture(scene, device, 1024, 8).mean())
-        report(f"albedo, {name}", values[name])
-    if multiple:
-        assert abs(values["filtered"] / values["as rough"] - 1.0) < 0.003
-    assert abs(values["filtered"] / values["bumpy"] - 1.0) < (0.005 if multiple else 0.03)
-
-
-def test_one_sample_has_less_noise(device: str, report: Report) -> None:
-    """What filtering is for: between pictures of one sample a pixel, in the highlight."""
-    variances = []
-    for filtered in (False, True):
-        scene = plane(metal(0.05, wrt.NormalMap(bumps(even(0.1)), filter=filtered)), direction(5.0), far(64.0, 16))
-        variances.append(np.var([picture(scene, device, 1, 16, seed) for seed in range(4)], axis=0).mean())
-    report("variance of one sample, filtered over unfiltered", variances[1] / variances[0])
-    assert variances[1] < 1e-3 * variances[0]
 
 
 def test_what_has_no_roughness_is_not_filtered() -> None:
