@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import resource
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import CAMERA, ENVIRONMENT, QUAD, SMALL, modules_imported, run, start, without_progress
+from support.commands import CAMERA, ENVIRONMENT, QUAD, SMALL, modules_imported, run, without_progress
 
 from wrt import meshes
 from wrt.cli import main
-from wrt.progress.terminal import columns_of
 
 BOX = ["render", "cornell-box", "--size", "32x32"]
 
@@ -165,40 +163,3 @@ def test_short_answers_import_nothing_heavy(arguments: list[str]) -> None:
         assert own <= {f"wrt.{name}" for name in allowed}
     assert "wrt.cli" in imported
     assert not imported & heavy
-
-
-def shown_on_terminal(folder: Path, columns: int, *arguments: str) -> list[str]:
-    """Return what is sent to a terminal of some width, by lines and frames; width 0 means unknown."""
-    import fcntl
-    import pty
-    import struct
-    import termios
-
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    environment = {name: value for name, value in ENVIRONMENT.items() if name != "COLUMNS"}
-    process = start(folder, *arguments, stderr=theirs, env=environment)
-    os.close(theirs)
-    shown = b""
-    try:
-        while part := os.read(ours, 4096):
-            shown += part
-    except OSError:  # how Linux says that the other side of a pseudo-terminal is closed
-        pass
-    os.close(ours)
-    process.communicate(timeout=60)
-    assert process.returncode == 0
-    return re.split(r"[\r\n]+", shown.decode())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("columns", [120, 12, 0])
-def test_the_bar_fits_the_terminal_and_is_wiped(columns: int, tmp_path: Path) -> None:
-    name = "x.png" if columns == 120 else "a-long-name-絵絵絵絵絵絵絵絵-of-a-picture-that-takes-more-than-there-is.png"
-    *frames, last, _ = shown_on_terminal(tmp_path, columns, *BOX, "--time", "0.6", "-o", name)
-    assert any("%" in frame for frame in frames)
-    assert all(columns_of(frame) < (columns or 80) for frame in frames)
-    assert f"{name}  32x32" in last, "the summary stands alone on the last line"
-    if columns == 120:
-        bar = r"x\s+\d+%\|.*\| +\d+/1 s  \d+ spp  pass \d+  .*paths/s"
-        assert any(re.match(bar, frame) for frame in frames), frames

@@ -6,7 +6,6 @@ import dataclasses
 import inspect
 import re
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -58,32 +57,6 @@ def test_one_material_is_explained_in_full() -> None:
         words = " ".join(text.split())
         assert [said for said in (*description.split("\n\n"), *meanings) if " ".join(said.split()) not in words] == []
         assert [parameter.name for parameter in parameters_of(cls) if not parameter.meaning] == [], name
-
-
-def test_a_material_of_ones_own_is_listed_too(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    @dataclasses.dataclass(frozen=True)
-    class Chalk(wrt.Diffuse):
-        """Soft white limestone.
-
-        Attributes:
-            crumbs, size: of what fell off.
-        """
-
-        crumbs: tuple[float, ...] = (1.0, 2.0)
-        size: str = "small"
-
-        type_name: ClassVar[str] = "chalk"
-
-    monkeypatch.setitem(MATERIALS, "chalk", Chalk)
-    assert main(["materials"]) == 0
-    rows = [" ".join(row.split()) for row in sections(capsys.readouterr().out)["chalk"]]
-    assert rows == [
-        "reflectance* 0.18 fraction of light reflected per channel, 0 to 1",
-        "crumbs [1.0, 2.0] of what fell off",
-        'size "small" of what fell off',
-    ]
-    assert main(["materials", "chalk"]) == 0
-    assert capsys.readouterr().out.startswith(f"chalk (in Python {__name__}.Chalk)\n\nSoft white limestone.\n\n  refl")
 
 
 def row(text: str, name: str) -> list[str]:

