@@ -103,9 +103,8 @@ def test_skies_are_skies(elevation: float, turbidity: float, model: str) -> None
     to_sun = np.array(environment.to_sun)
     np.testing.assert_allclose(-np.array(sun.direction), to_sun)
     d = image_directions(*image.pixels.shape[:2])[: height // 2]
-    if elevation < 80.0:
-        # At a low sun the brightest place may be the haze below it.
-        assert np.linalg.norm((d.reshape(-1, 3)[luminance.argmax()] - to_sun)[[0, 2]]) < 0.6
+    # At a low sun the brightest place may be the haze below it.
+    assert np.linalg.norm((d.reshape(-1, 3)[luminance.argmax()] - to_sun)[[0, 2]]) < 0.6
     solid_angle = np.sin(np.arccos(d[..., 1])) * (np.pi / height) ** 2
     down = np.einsum("ijc,ij->c", sky, d[..., 1] * solid_angle) + np.asarray(sun.irradiance) * to_sun[1]
     np.testing.assert_allclose(ground, np.broadcast_to(down * albedo / np.pi, ground.shape), rtol=1e-3)
@@ -141,15 +140,14 @@ def test_color_matching_functions_are_those_of_the_cie() -> None:
     np.testing.assert_allclose(rgb_from_xyz([0.95047, 1.0, 1.08883]), 1.0, atol=1e-4)
 
 
-@pytest.mark.parametrize(("degrees", "turbidity"), [(10.0, 2.0), (60.0, 6.0)])
-def test_the_sun_s_illuminance_is_that_of_its_spectrum(degrees: float, turbidity: float) -> None:
+def test_the_sun_s_illuminance_is_that_of_its_spectrum() -> None:
     """∫ L ȳ dλ, with the table of the CIE's standard observer of 1931."""
     wavelengths = np.arange(380.0, 721.0, 20.0)
     y_bar = [0.0, 0.0004, 0.004, 0.023, 0.06, 0.139, 0.323, 0.71, 0.954]
     y_bar += [0.995, 0.87, 0.631, 0.381, 0.175, 0.061, 0.017, 0.0041, 0.001]
-    elevation = math.radians(degrees)
-    expected = 20.0 * float(np.interp(wavelengths, WAVELENGTHS, sun_spectrum(elevation, turbidity)) @ y_bar)
-    assert float(sun_rgb(elevation, turbidity) @ LUMINANCE) == pytest.approx(expected, rel=0.01)
+    for elevation, turbidity in ((math.radians(10.0), 2.0), (math.radians(60.0), 6.0)):
+        expected = 20.0 * float(np.interp(wavelengths, WAVELENGTHS, sun_spectrum(elevation, turbidity)) @ y_bar)
+        assert float(sun_rgb(elevation, turbidity) @ LUMINANCE) == pytest.approx(expected, rel=0.01)
 
 
 DEPARTURES = {15.0: (1.22, 1.05), 60.0: (1.08, 0.87)}
@@ -178,14 +176,6 @@ def test_daylight_is_as_bright_as_measured(degrees: float, report: Report) -> No
     np.testing.assert_allclose(own / expected, DEPARTURES[degrees], rtol=0.01)
     # The reason for the default.
     assert illuminances("preetham")[0] > 1.5 * expected[0]
-
-
-def test_bright_ground_brightens_the_air() -> None:
-    dark, bright = (wrt.SunSkyEnvironment(ground_albedo=a, ground=False).image_and_sun()[0].pixels for a in (0.0, 1.0))
-    half = len(dark) // 2
-    assert not dark[half:].any()
-    assert not bright[half:].any()
-    assert 1.2 < bright[:half].sum() / dark[:half].sum() < 2.0
 
 
 def test_the_sun_is_seen_and_can_be_left_out(device: str, monkeypatch: pytest.MonkeyPatch) -> None:

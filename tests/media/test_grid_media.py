@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from support.covering_kernels import render_with
 from support.media import KERNELS, mean_and_error, render, stage
-from support.small_scenes import image_of
 from support.statistics import chi_square_test
 
 import wrt
@@ -246,16 +245,6 @@ def test_majorants_bound_the_density() -> None:
         density = map_coordinates(values, cells.T, order=1, mode="nearest")
         block = (points * bounds.shape).astype(int)
         assert (density <= bounds[tuple(block.T)] + 1e-6).all()
-
-
-@pytest.mark.slow
-def test_bits(device: str) -> None:
-    """Neither passes nor a crop change any bit."""
-    scene = lit(on(CLOUD, wrt.Medium.from_albedo(0.9, (5.0, 9.0, 14.0), 0.5)))
-    options: dict[str, Any] = {"width": 40, "height": 24, "device": device, "sampler": "independent"}
-    whole = image_of(wrt.Renderer(scene, **options), 8)
-    part = image_of(wrt.Renderer(scene, crop=(5, 3, 21, 18), **options), 1, 2, 5, 8)
-    np.testing.assert_array_equal(whole[3:18, 5:21], part)
 
 
 ONE = np.ones((1, 1, 1))

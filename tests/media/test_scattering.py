@@ -141,18 +141,6 @@ def test_emission_while_it_scatters(device: str, report: Report) -> None:
 
 
 @pictures
-def test_a_wall_in_fog_under_roulette(device: str) -> None:
-    """Roulette changes no mean: a medium in a furnace of walls that emit 1 and reflect 0.5, where radiance is 2."""
-    outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-    fog = wrt.Medium.from_albedo(1.0, (0.3, 1.0, 3.0), g=0.5)
-    scene = stage(medium=fog, origin=(0.3, -0.2, 0.5), target=(-0.4, 0.3, -1.0), fov_degrees=90.0)
-    scene.add(wrt.Mesh(outside.vertices, outside.faces[:, ::-1]), material=wrt.Diffuse(0.5), emission=1.0)
-    mean, error = mean_and_error(render(scene, device, size=(24, 24), spp=128, max_depth=1000))
-    assert (np.abs(mean - 2.0) < 3.5 * error).all()
-    assert error.max() < 0.01
-
-
-@pictures
 @pytest.mark.parametrize("g", [0.0, pytest.param(0.6, marks=pytest.mark.slow)])
 def test_color_of_a_deep_medium(g: float, device: str, report: Report) -> None:
     """Under even light, seen from all sides alike, `from_subsurface` shows the colour that it was given.

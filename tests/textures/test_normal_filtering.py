@@ -25,12 +25,10 @@ from support.bumps import (
     with_uvs,
 )
 from support.covering_kernels import covering, render_with
-from support.kernels import map_function
 
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.bsdf import filtered_name
-from wrt.kernels.microfacet.widening import WIDENED
 from wrt.kernels.scene.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
 from wrt.upload.scene_data import build_scene
 from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
@@ -315,24 +313,3 @@ def test_what_has_no_roughness_is_not_filtered() -> None:
         np.testing.assert_array_equal(found, kinds if filtered else [NORMALS_AT_POINT] * 6)
         # One image of normals for all; with another one for those that filter comes the pyramid, of eight levels.
         assert len(data.images) == (1 if not filtered else 1 + 1 + 2 * 8)
-
-
-def test_variance_widens_a_gaussian_by_addition() -> None:
-    """The variances of slopes, α²/2 of Beckmann's, add; the rest stays within its limits."""
-    rng = np.random.default_rng(8)
-    alpha, variance = rng.uniform(1e-4, 0.5, (1000, 2)), rng.uniform(0.0, 0.2, (1000, 2))
-    shapes = np.column_stack([alpha, np.zeros(1000)]).astype(np.float32)
-
-    def widened(distribution: str, shapes: NDArray, variance: NDArray = variance) -> NDArray[np.float64]:
-        return map_function(WIDENED[distribution], shapes, variance, device="cpu").astype(np.float64)
-
-    np.testing.assert_allclose(widened("beckmann", shapes)[:, :2] ** 2 / 2.0, alpha**2 / 2.0 + variance, rtol=1e-5)
-    np.testing.assert_array_equal(widened("beckmann", shapes, np.zeros((1000, 2))), shapes)
-    np.testing.assert_array_equal(widened("beckmann", shapes, np.full((1000, 2), 10.0))[:, :2], 1.0)
-    same = np.column_stack([alpha[:, 0], alpha[:, 0], np.zeros(1000)])
-    mean = alpha[:, 0] ** 2 / 2.0 + variance.mean(axis=1)
-    np.testing.assert_allclose(widened("blinn-phong", same)[:, 0] ** 2 / 2.0, mean, rtol=1e-5)
-    # Near its peak the ABC distribution is exp(−B C θ²/2).
-    b, c = rng.uniform(1.0, 1e4, 1000), rng.uniform(0.5, 5.0, 1000)
-    wide = widened("abc", np.column_stack([b, c, np.zeros(1000)]))
-    np.testing.assert_allclose(1.0 / (wide[:, 0] * wide[:, 1]), 1.0 / (b * c) + variance.mean(axis=1), rtol=1e-5)
