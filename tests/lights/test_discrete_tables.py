@@ -1,4 +1,4 @@
-"""Tables of weights, alias tables and tiles of probabilities: each index gets its share, and kernels draw it so."""
+"""Tables of weights and alias tables: each index gets its share, and kernels draw it so."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels.sampling.piecewise import sample_tile, tile_probability
 from wrt.kernels.sampling.warps import sample_alias
 from wrt.upload.lights.alias import AliasTable, make_alias_table
-from wrt.upload.lights.piecewise import UNITS, integrals, part_edges, tiles
+from wrt.upload.lights.piecewise import UNITS, integrals, part_edges
 
 
 @wp.kernel(enable_backward=False)
@@ -28,24 +26,6 @@ def draw_indices(
     i = wp.tid()
     choice = sample_alias(thresholds, aliases, u[i][0], u[i][1])
     out[i] = wp.vec2(float(choice.index), choice.rest)
-
-
-@wp.struct
-class Tile:
-    edges: wp.array(dtype=wp.uint16)
-    first: int
-    rows: int
-    columns: int
-
-
-@wp.kernel(enable_backward=False)
-def draw_cells(tile: Tile, u: wp.array(dtype=wp.vec2), out: wp.array2d(dtype=wp.vec2)):
-    i = wp.tid()
-    s = sample_tile(tile.edges, tile.first, tile.rows, tile.columns, u[i])
-    p = tile_probability(tile.edges, tile.first, tile.rows, tile.columns, s.row, s.column)
-    out[0, i] = wp.vec2(float(s.row), float(s.column))
-    out[1, i] = wp.vec2(s.probability, p)
-    out[2, i] = s.rest
 
 
 def drawn(table: AliasTable, u: NDArray, device: str) -> tuple[NDArray, NDArray]:
@@ -121,49 +101,6 @@ def test_large_alias_tables_draw_equal_weights_equally_often(device: str) -> Non
     share, expected = float(rich[index].mean()), float(rich.mean())
     result = chi_square_test(np.array([share, 1.0 - share]) * samples, np.array([expected, 1.0 - expected]) * samples)
     assert result.passed, result.message
-
-
-def tile_weights(name: str, rows: int, columns: int) -> NDArray[np.float64]:
-    """Return (2, R, C) weights, of which the first tile is not drawn."""
-    weights = np.random.default_rng(2).random((2, rows, columns)) ** 3
-    if name == "holes":
-        weights[1] *= np.random.default_rng(3).random((rows, columns)) < 0.4
-        weights[1, [0, -1]] = 0.0
-    elif name == "sun":
-        weights[1, rows // 2, 0] = 1e9
-    return weights
-
-
-@pytest.mark.parametrize(("name", "rows", "columns"), [("noise", 1, 2), ("holes", 16, 32), ("sun", 64, 64)])
-def test_cells_are_drawn_by_their_weights(name: str, rows: int, columns: int, device: str) -> None:
-    initialize_warp()
-    n = 2**18
-    weights = tile_weights(name, rows, columns)
-    edges = tiles(weights)
-    tile, out = Tile(), wp.empty((3, n), dtype=wp.vec2, device=device)
-    tile.edges, tile.first = upload(edges.ravel(), wp.uint16, device), edges.shape[1]
-    tile.rows, tile.columns = rows, columns
-    wp.launch(draw_cells, n, [tile, upload(uniforms(n, 2, seed=3), wp.vec2, device)], [out], device=device)
-    cells, probabilities, rests = out.numpy()
-    cells = cells.astype(int)
-
-    share = weights[1] / weights[1].sum()
-    by_row = np.diff(edges[1, :rows].astype(int), append=UNITS) / UNITS
-    in_row = np.diff(edges[1, rows:].reshape(rows, columns).astype(int), axis=1, append=UNITS) / UNITS
-    stated = (by_row[:, None] * in_row).astype(np.float32)
-    np.testing.assert_array_equal(probabilities[:, 0], probabilities[:, 1])
-    np.testing.assert_array_equal(probabilities[:, 0], stated[cells[:, 0], cells[:, 1]])
-    np.testing.assert_array_equal(stated > 0.0, share > 0.0)
-    # Rows and columns are whole units, and those that would be shorter than a few are made that long.
-    assert np.abs(stated - share).max() < 4.0 * (rows + columns) / UNITS
-    counts = np.bincount(cells[:, 0] * columns + cells[:, 1], minlength=rows * columns)
-    assert not counts[share.ravel() == 0.0].any()
-    result = chi_square_test(counts, n * stated.ravel(), tests=3)
-    assert result.passed, result.message
-    assert 0.0 <= rests.min() <= rests.max() < 1.0
-    for axis in range(2):
-        evenly = chi_square_test(np.histogram(rests[:, axis], 51, (0.0, 1.0))[0], np.full(51, n / 51), tests=10)
-        assert evenly.passed, evenly.message
 
 
 def test_every_part_with_a_weight_has_a_length() -> None:
