@@ -116,6 +116,8 @@ def test_mean_emission_of_triangles() -> None:
     for uvs, wrap in ((SQUARE * 5.0 - 1.3, "repeat"), (SQUARE * 4.0 + 0.4, "mirror")):
         means, _ = mean_emissions(shape(wrt.ImageTexture(picture(7, 5), wrap=wrap), uvs))
         np.testing.assert_allclose(means.mean(axis=0), picture(7, 5).mean(axis=(0, 1)), rtol=0.02)
+        second = shape(wrt.ImageTexture(picture(7, 5), wrap=wrap, uv_set=1), np.hstack([0.0 * uvs, uvs]))
+        np.testing.assert_array_equal(mean_emissions(second)[0], means)
 
 
 @pytest.mark.parametrize("where", [(0, 0), (700, 31)])

@@ -13,7 +13,6 @@ from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import map_coordinates
-from support.covering_kernels import covering, render_with
 from support.glb import joined
 
 import wrt
@@ -169,11 +168,14 @@ def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_pat
 
 
 def test_textures_by_two_sets(tmp_path: Path) -> None:
-    """Each by its own, with its own transform; the first is that of the normal texture."""
+    """Each by its own, with its own transform, in scene files too; the first is that of the normal texture."""
     transform = {"KHR_texture_transform": {"offset": [0.25, 0.0], "scale": [2.0, 1.0]}}
     material = textured({"texCoord": 1, "extensions": transform}, metallicRoughnessTexture={"index": 1})
-    material |= {"normalTexture": {"index": 0}, "extensions": {}}
-    shape = load_file(file_of(tmp_path, material, TEXCOORD_0=UVS, TEXCOORD_1=SECOND)).shapes[0]
+    material |= {"normalTexture": {"index": 0}, "extensions": {}, "alphaMode": "BLEND"}
+    path = file_of(tmp_path, material, TEXCOORD_0=UVS, TEXCOORD_1=SECOND, COLOR_0=COLORS)
+    wrt.save_scene(tmp_path / "scene.toml", load_file(path))
+    shape = wrt.load(tmp_path / "scene.toml").shapes[0]
+    assert (shape.material.opacity.uv_set, shape.material.opacity.vertex_alpha) == (1, True)
     turned = np.concatenate([UVS, SECOND], axis=1) * (1, -1, 1, -1) + (0, 1, 0, 1)
     np.testing.assert_allclose(shape.mesh.uvs, turned, atol=1e-6)
     base, roughness = shape.material.base_color, shape.material.roughness
@@ -198,49 +200,6 @@ def test_samplers_say_whether_they_want_levels(tmp_path: Path, sampler: dict[str
     material = {**textured({}), "extensions": {}}
     shape = load_file(file_of(tmp_path, material, sampler, TEXCOORD_0=UVS)).shapes[0]
     assert shape.material.base_color.filter == filter
-
-
-def leaves(uvs: Array, colors: Array, uv_set: int, alpha: bool) -> wrt.Scene:
-    """Return leaves by masks and opacities before a wall, lit by a lamp with a picture on it."""
-    pixels = np.random.default_rng(3).random((3, 5, 3)).astype(np.float32)
-    own = {"vertex_alpha" if alpha else "vertex_colors": True}
-    faces = FACES.reshape(2, 3)
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 0.5, 5.0), fov_degrees=40))
-    opacities = [
-        wrt.VertexColor(0.9, alpha=alpha),
-        wrt.VertexColor(alpha=alpha, cutoff=0.4),
-        wrt.ImageTexture(pixels, channel="g", uv_set=uv_set, **own),
-        wrt.ImageTexture(pixels, channel="r", uv_set=uv_set, cutoff=0.3, **own),
-    ]
-    for number, opacity in enumerate(opacities):
-        place = POINTS * 0.4 + np.array([number - 1.5, 0.0, 0.3 * number], np.float32)
-        color = wrt.ImageTexture(pixels, uv_set=uv_set, scale=2.0)
-        scene.add(wrt.Mesh(place, faces, uvs=uvs, colors=colors), material=wrt.Diffuse(color, opacity=opacity))
-    scene.add(wrt.quad((-3, -2, -1), (6, 0, 0), (0, 4, 0)), material=wrt.Diffuse(0.6))
-    lamp = wrt.Mesh(POINTS * (1, -1, 1) + np.array([0, 3, 4], np.float32), faces, uvs=uvs)
-    scene.add(lamp, emission=wrt.ImageTexture(pixels, uv_set=uv_set, factor=4.0))
-    return scene
-
-
-@pytest.mark.slow
-def test_second_sets_and_alpha_do_what_first_sets_and_colors_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The same numbers give the same bits, wherever they are kept; in a scene file too."""
-    kernel = covering("diffuse", opacity=True, composite="none", sampler=wrt.RenderSettings().sampler)
-    render_with([kernel], monkeypatch)
-    alpha = (COLORS[:, 3:] / 255.0).astype(np.float32)
-    plain = leaves(SECOND, np.repeat(alpha, 3, axis=1), 0, False)
-    noise = np.random.default_rng(4).random((4, 3)).astype(np.float32)
-    extra = leaves(np.concatenate([UVS, SECOND], axis=1), np.concatenate([noise, alpha], axis=1), 1, True)
-    assert [build_scene(scene, Device("cpu")).features.uv2_alpha for scene in (plain, extra)] == [False, True]
-    wrt.save_scene(tmp_path / "scene.toml", extra)
-    first, *others = (
-        wrt.render(scene, width=40, height=24, spp=4) for scene in (plain, extra, wrt.load(tmp_path / "scene.toml"))
-    )
-    assert first.max() > 0.0
-    for other in others:
-        np.testing.assert_array_equal(other, first)
 
 
 def test_meshes_without_alpha_and_opaque_materials_are_opaque(tmp_path: Path) -> None:
