@@ -19,23 +19,10 @@ from wrt.rendering.passes import LONGEST_PASS
 LONG = ("render", "cornell-box", "--size", "16x16", "--spp", "8")
 
 
-def due(plan: Renewal, left: float | None) -> tuple[bool, bool]:
-    return plan.due(SimpleNamespace(seconds_left=left))
-
-
-class Clock:
-    """A clock that tests move on."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 def times(cost: float, seconds: float, step: float, save_every: float | None = None) -> tuple[list[float], float]:
     """When a render of passes of `step` seconds renews its picture, and the share of time that this takes."""
-    clock = Clock()
-    plan = Renewal(save_every, clock=clock)
+    clock = SimpleNamespace(now=100.0)
+    plan = Renewal(save_every, clock=lambda: clock.now)
     written = []
 
     def write() -> None:
@@ -43,7 +30,7 @@ def times(cost: float, seconds: float, step: float, save_every: float | None = N
 
     while clock.now < 100.0 + seconds:
         clock.now += step
-        picture, checkpoint = due(plan, 1000.0)
+        picture, checkpoint = plan.due(SimpleNamespace(seconds_left=1000.0))
         if picture:
             plan.run(write, picture=True, checkpoint=checkpoint)
             written.append(clock.now - 100.0)
@@ -69,24 +56,8 @@ def test_slow_renewals_take_a_fiftieth_of_the_time_at_most() -> None:
 def test_intervals_can_be_given_and_turned_off() -> None:
     assert np.diff(times(0.01, 100.0, 0.5, 5.0)[0]) == pytest.approx(5.0, abs=0.6)
     assert times(0.01, 1e6, 1e3, float("inf"))[0] == []
-    for every, options, expected in (
-        (5.0, {}, 5.0),
-        (None, {}, None),
-        (None, {"watched": False}, UNWATCHED_PASS),
-        (float("inf"), {"watched": False}, LONGEST_PASS),
-        (None, {"watched": False, "longest": 3.0 * LONGEST_PASS}, 3.0 * UNWATCHED_PASS),
-    ):
-        assert Renewal(every, **options).pass_seconds == expected
-
-
-def test_the_last_second_is_left_alone() -> None:
-    clock = Clock()
-    plan = Renewal(None, clock=clock)
-    clock.now += 2.1
-    assert due(plan, 0.5) == (False, False)
-    assert due(plan, None) == (True, False)
-    clock.now += 60.0
-    assert due(plan, 0.5) == (False, True)
+    assert [Renewal(5.0).pass_seconds, Renewal(None).pass_seconds] == [5.0, None]
+    assert Renewal(None, watched=False, longest=3.0 * LONGEST_PASS).pass_seconds == 3.0 * UNWATCHED_PASS
 
 
 @pytest.fixture

@@ -201,29 +201,6 @@ def test_lights_are_drawn_as_often_as_said(kind: str, receives: int, far: float,
             assert result.passed, result.message
 
 
-def test_lights_rarer_than_a_float_can_choose(device: str) -> None:
-    """Lights that share 1024 of the 2^24 values of the first number, unevenly: the second number tells them apart."""
-    rng = np.random.default_rng(0)
-    n = 1024
-    lights = points_of(rng.random((n + 1, 3)), np.r_[rng.random(n) * 2.0**-23, 1.0])
-    far = np.array([[0.0, 1000.0, 0.0]], np.float32)
-    asked = Asked(build_light_tree(lights), (far, far), ANYWHERE, device)
-    said = asked.said()[0]
-    assert 2.0**-15 < said[:-1].sum() < 2.0**-13
-    # The bright light has a run of values; those before and behind it belong to the others.
-    values = np.r_[0:1100, 2**24 - 1100 : 2**24].astype(np.float32) / np.float32(2**24)
-    both = [asked.drawn(np.stack([values, np.full_like(values, x)], 1))[0][0] for x in (0, 0.9999)]
-    values = values[(both[0] < n) & (both[1] < n)]
-    assert 900 < len(values) < 1100
-    u = uniforms(2**18, 2, seed=1)
-    u[:, 0] = values[rng.integers(0, len(values), len(u))]
-    light, _, _ = asked.drawn(u)
-    assert light.max() < n
-    expected = len(u) * said[:-1] / (len(values) / 2**24)
-    wrong = np.abs(np.bincount(light[0], minlength=n) - expected) > 5.0 * np.sqrt(expected) + 1.0
-    assert wrong.sum() <= 2  # beside the bright one
-
-
 @pytest.mark.parametrize("receives", [FRONT, BOTH], ids=["front", "both"])
 def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, report: Report) -> None:
     """Small scenes of all kinds, with many points each, half of them close to some light."""

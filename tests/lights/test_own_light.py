@@ -119,9 +119,7 @@ def test_what_cannot_be_registered_is_refused() -> None:
     before, families = dict(LIGHTS), dict(LIGHT_SHAPES.families)
     half = "half: a light that rays can meet needs both"
     for name, model, message in (
-        ("", DISK, "type_name '' is empty or taken"),
         ("disk", DISK, "type_name 'disk' is empty or taken"),
-        ("ring", DISK, "type_name 'ring' is empty or taken"),
         ("half", DISK._replace(shines_back=None), half),
         ("half", DISK._replace(pdf=None), "half: a light needs a `pdf` if it has"),
     ):

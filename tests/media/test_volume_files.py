@@ -31,7 +31,7 @@ def density_of(folder: Path, density: str) -> wrt.DensityGrid:
     return medium.density
 
 
-def test_arrays_and_archives(tmp_path: Path) -> None:
+def test_arrays_archives_and_volumes_of_mitsuba(tmp_path: Path) -> None:
     np.save(tmp_path / "smoke.npy", VALUES)
     np.save(tmp_path / "colors.npy", np.full((2, 2, 2, 3), 0.25, np.float32))
     bounds = "lower = [-1, 0.5, -2], upper = [1, 2.5, 0], factor = 2.0"
@@ -47,6 +47,10 @@ def test_arrays_and_archives(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.emission, VALUES)
     # The table's transform comes after the file's.
     np.testing.assert_array_equal(loaded.transform[:3, 3], [0.0, 3.0, 5.0])
+    write_vol(tmp_path / "plain.vol", VALUES, *BOX)
+    loaded = density_of(tmp_path, 'file = "plain.vol"')
+    np.testing.assert_array_equal(loaded.values, VALUES)
+    assert (loaded.lower, loaded.upper) == BOX
     np.savez(tmp_path / "several.npz", a=VALUES, b=2.0 * VALUES)
     np.testing.assert_array_equal(wrt.load_density(tmp_path / "several.npz", grid="b").values, 2.0 * VALUES)
     with pytest.raises(wrt.InputError, match=r"several\.npz: there is no array 'density' in it, but 'a', 'b'"):
@@ -65,51 +69,18 @@ def test_scenes_are_written_and_read_back(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("scene_files/density-*.npz"))) == 1
 
 
-def volume(name: str, file: str, inside: str = "") -> str:
-    return f'<volume type="gridvolume" name="{name}"><string name="filename" value="{file}"/>{inside}</volume>'
-
-
-def test_media_of_mitsuba(tmp_path: Path) -> None:
-    color = np.array([1.0, 0.5, 0.25], np.float32)
-    write_vol(tmp_path / "plain.vol", VALUES, *BOX)
-    loaded = density_of(tmp_path, 'file = "plain.vol"')
-    np.testing.assert_array_equal(loaded.values, VALUES)
-    assert (loaded.lower, loaded.upper) == BOX
-    write_vol(tmp_path / "smoke.vol", VALUES[..., None] * color, *BOX)
-    write_vol(tmp_path / "albedo.vol", np.random.default_rng(5).random((2, 3, 2, 3)))
-    place = '<transform name="to_world"><scale value="2"/><translate y="1"/></transform>'
-    cube = '<shape type="cube"><bsdf type="null"/><ref id="smoke" name="interior"/></shape>'
-    path = tmp_path / "scene.xml"
-
-    def media(albedo_place: str) -> list[wrt.Medium]:
-        volumes = volume("sigma_t", "smoke.vol", place) + volume("albedo", "albedo.vol", albedo_place)
-        medium = f'<medium type="heterogeneous" id="smoke">{volumes}<float name="scale" value="3"/></medium>'
-        path.write_text(f'<scene version="3.0.0">{medium}{cube}{cube}</scene>')
-        return wrt.load(path).media
-
-    first, second = media(place)
-    assert first == second
-    assert first.density is not None
-    assert first.density.albedo is not None
-    np.testing.assert_allclose(first.extinction, 3.0 * color, rtol=1e-6)
-    np.testing.assert_allclose(first.density.values, VALUES, rtol=1e-6)
-    np.testing.assert_array_equal(first.density.to_world, [[2, 0, 0, 0], [0, 2, 0, 1], [0, 0, 2, 0], [0, 0, 0, 1]])
-    with pytest.warns(UserWarning, match="'albedo' can vary only in the box of 'sigma_t'"):
-        assert media("")[0].density.albedo is None  # type: ignore[union-attr]
-
-
 @pytest.mark.parametrize(("wrap", "mode"), [("repeat", "wrap"), ("mirror", "symmetric")])
 def test_an_albedo_grid_of_a_homogeneous_medium_is_continued_over_the_shape(
     wrap: str, mode: Any, tmp_path: Path
 ) -> None:
     albedo = np.random.default_rng(7).random((2, 3, 4, 3)).astype(np.float32)
     write_vol(tmp_path / "albedo.vol", albedo)
-    wrapped = volume("albedo", "albedo.vol", f'<string name="wrap_mode" value="{wrap}"/>')
     (tmp_path / "scene.xml").write_text(
         f"""<scene version="3.0.0"><shape type="cube"><bsdf type="null"/>
         <transform name="to_world"><scale x="0.6" y="0.9" z="0.2"/><translate x="1.2" y="0.5" z="0.5"/></transform>
-        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>{wrapped}</medium>
-        </shape></scene>"""
+        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>
+        <volume type="gridvolume" name="albedo"><string name="filename" value="albedo.vol"/>
+        <string name="wrap_mode" value="{wrap}"/></volume></medium></shape></scene>"""
     )
     (medium,) = wrt.load(tmp_path / "scene.xml", strict=True).media
     np.testing.assert_allclose(medium.extinction, 2.0)
