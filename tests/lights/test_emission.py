@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.irradiance import EVERY_LIGHT
 from support.media import render
 from support.statistics import image_z_test
@@ -55,9 +55,7 @@ def mosaic(pixels: NDArray[np.float32]) -> wrt.Scene:
     return scene
 
 
-@pytest.fixture(autouse=True)
-def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([EVERY_LIGHT], monkeypatch)
+one_kernel = rendering_with(EVERY_LIGHT)
 
 
 def rendered(scene: wrt.Scene, device: str, strategy: str = "mis", seed: int = 1) -> tuple[NDArray, NDArray]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.irradiance import (
     EVERY_LIGHT,
     POINTS,
@@ -26,10 +26,7 @@ from support.irradiance import (
 
 import wrt
 
-
-@pytest.fixture(autouse=True)
-def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([EVERY_LIGHT], monkeypatch)
+one_kernel = rendering_with(EVERY_LIGHT)
 
 
 class Case(NamedTuple):

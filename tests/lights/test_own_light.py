@@ -17,7 +17,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import ROOT, Report
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.irradiance import EVERY_LIGHT, check, disk_irradiance, floor_scene, irradiance, pixel_mean
 
 import wrt
@@ -55,9 +55,7 @@ def _forget() -> Iterator[None]:
     LIGHTS.pop("ring", None)
 
 
-@pytest.fixture(autouse=True)
-def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring"))], monkeypatch)
+one_kernel = rendering_with(replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring")))
 
 
 def ring() -> wrt.Light:

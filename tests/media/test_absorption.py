@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.testing import assert_allclose
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.media import KERNELS, fresnel, mean_and_error, render, stage
 
 import wrt
@@ -22,9 +22,7 @@ GLOWING = {"material": wrt.Diffuse(0.0), "emission": 1.0}
 WALL = wrt.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def slab(material: wrt.Material, thickness: float = 0.7, *, degrees: float = 0.0, sky: float = 1.0) -> wrt.Scene:

@@ -13,7 +13,7 @@ import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.media import KERNELS, mean_and_error, render, stage
 from support.statistics import chi_square_test
 
@@ -35,9 +35,7 @@ CLOUD = RNG.random((9, 20, 13)).astype(np.float32) ** 3 * (RNG.random((9, 20, 13
 """Cells of very different densities, some of them empty."""
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def boxed(medium: wrt.Medium, **view: Any) -> wrt.Scene:

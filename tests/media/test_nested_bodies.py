@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.testing import assert_allclose
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.media import FAR, KERNELS, mean_and_error, render, stage
 
 import wrt
@@ -23,9 +23,7 @@ ICE_BODY = wrt.Dielectric(ICE, interior=wrt.Medium(TINTS["ice"]), priority=2)
 WATER_BODY = wrt.Dielectric(WATER, interior=wrt.Medium(TINTS["water"]), priority=1)
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def layer(top: float, bottom: float, size: float = 60.0) -> wrt.Mesh:

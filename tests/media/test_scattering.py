@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from scipy.integrate import quad
-from support.covering_kernels import render_with
+from support.covering_kernels import render_with, rendering_with
 from support.kernels import map_function, uniforms
 from support.media import KERNELS, mean_and_error, render, stage
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
@@ -55,18 +55,11 @@ def test_directions_turn_with_the_way(device: str) -> None:
     assert abs((directions @ np.cross(forward, [0.0, 0.0, 1.0])).mean()) < 4.0 * 0.4 / np.sqrt(N)
 
 
-@pytest.fixture
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
-
-
-pictures = pytest.mark.usefixtures("few_kernels")
-
+few_kernels = rendering_with(*KERNELS)
 BLOCK = wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
 ASIDE = {"sky": 1.0, "origin": (1.8, 1.3, 3.0), "fov_degrees": 20.0}
 
 
-@pictures
 @pytest.mark.parametrize(
     ("boundary", "thickness", "g"),
     [
@@ -89,7 +82,6 @@ def test_white_in_a_furnace(boundary: type, thickness: float, g: float, device: 
     assert error.max() < 0.01
 
 
-@pictures
 @pytest.mark.parametrize(
     ("g", "strategy"),
     [(0.7, "mis"), *(pytest.param(0.7, s, marks=pytest.mark.slow) for s in ("light", "bsdf"))],
@@ -129,7 +121,6 @@ def test_single_scattering_in_a_thin_slab(g: float, strategy: str, device: str, 
         assert (np.abs(mean - 1.05 * expected) > 3.5 * error).all()
 
 
-@pictures
 def test_emission_while_it_scatters(device: str, report: Report) -> None:
     """In a medium without end that emits, scatters and absorbs, radiance is e / a everywhere."""
     medium = wrt.Medium(absorption=(0.5, 1.0, 2.0), scattering=(3.0, 1.0, 0.5), g=0.3, emission=(1.0, 2.0, 3.0))
@@ -140,7 +131,6 @@ def test_emission_while_it_scatters(device: str, report: Report) -> None:
     assert (np.abs(mean - expected) < 0.02 * expected).all()
 
 
-@pictures
 @pytest.mark.parametrize("g", [0.0, pytest.param(0.6, marks=pytest.mark.slow)])
 def test_color_of_a_deep_medium(g: float, device: str, report: Report) -> None:
     """Under even light, seen from all sides alike, `from_subsurface` shows the colour that it was given.
@@ -175,7 +165,6 @@ def test_color_and_albedo_are_inverse() -> None:
         assert abs(color_of_albedo(albedo) - (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.17 * s)) < 2.5e-3
 
 
-@pictures
 def test_path_lets_media_absorb_alone(device: str) -> None:
     scene = stage(sky=1.0)
     medium = wrt.Medium(absorption=1.0, scattering=5.0)

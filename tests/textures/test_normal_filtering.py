@@ -24,7 +24,7 @@ from support.bumps import (
     unit,
     with_uvs,
 )
-from support.covering_kernels import covering, render_with
+from support.covering_kernels import covering, rendering_with
 
 import wrt
 from wrt.backend.device import Device
@@ -123,10 +123,8 @@ def _probes() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(autouse=True)
-def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of Beckmann's distribution, one of all models."""
-    render_with([WITH_PROBES, covering(*models())], monkeypatch)
+two_kernels = rendering_with(WITH_PROBES, covering(*models()))
+"""One of Beckmann's distribution, one of all models."""
 
 
 # --- The pyramid -------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from support.bumps import (
     unit,
     with_uvs,
 )
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.kernels import map_function
 
 import wrt
@@ -51,9 +51,7 @@ def _probes() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(autouse=True)
-def _one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([WITH_PROBES], monkeypatch)
+one_kernel = rendering_with(WITH_PROBES)
 
 
 def square(matrix: object = ((1.0, 0.0), (0.0, 1.0))) -> wrt.Mesh:

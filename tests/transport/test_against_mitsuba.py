@@ -20,7 +20,7 @@ import wrt
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
-from support.covering_kernels import covering, render_with
+from support.covering_kernels import covering, rendering_with
 from support.mitsuba_scene import Reference, render_reference
 from support.statistics import ImageTest, sidak
 
@@ -32,9 +32,7 @@ KERNELS = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 CAMERA = wrt.PerspectiveCamera(origin=(1.2, 1.6, 3.4), target=(0.0, 0.45, 0.0), fov_degrees=36.0)

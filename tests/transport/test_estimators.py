@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.kernels import map_function
 from support.media import KERNELS, render
 from support.statistics import image_z_test, sidak, t_test_mean
@@ -23,9 +23,7 @@ from wrt.kernels.integrators.next_event import STRATEGY_BSDF, STRATEGY_LIGHT, ST
 Array = NDArray[np.float64]
 
 
-@pytest.fixture(autouse=True)
-def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def check_mean(renderer: wrt.Renderer, claim: str, expected: float, report: Report) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT, Report
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.media import KERNELS
 from support.statistics import t_test_mean
 
@@ -29,9 +29,7 @@ def rendered(scene: wrt.Scene, spp: int, size: int = 24, **options: Any) -> wrt.
     return renderer
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def room() -> wrt.Scene:
