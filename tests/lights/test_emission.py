@@ -105,10 +105,11 @@ def shape(texture: wrt.ImageTexture, uvs: NDArray = SQUARE) -> Shape:
 
 
 def test_mean_emission_of_triangles() -> None:
-    """Of a ramp along u, 2/3 below the diagonal and 1/3 above; of whole repeats, the mean of the image."""
-    ramp = np.broadcast_to(((np.arange(64) + 0.5) / 64.0)[:, None], (2, 64, 3))
-    means, luminance = mean_emissions(shape(wrt.ImageTexture(ramp, wrap="clamp", factor=(1.0, 2.0, 0.5))))
-    np.testing.assert_allclose(means, np.outer([2.0 / 3.0, 1.0 / 3.0], [1.0, 2.0, 0.5]), rtol=0.01)
+    """Of u and v, 2/3 and 1/3 below the diagonal and the reverse above; of whole repeats, the mean of the image."""
+    places = (np.arange(64) + 0.5) / 64.0
+    v, u = np.meshgrid(1.0 - places, places, indexing="ij")
+    means, luminance = mean_emissions(shape(wrt.ImageTexture(np.dstack([u, v, u]), wrap="clamp", factor=(3, 6, 1.5))))
+    np.testing.assert_allclose(means, [[2.0, 2.0, 1.0], [1.0, 4.0, 0.5]], rtol=0.01)
     assert (luminance >= weighted_sum(means, LUMINANCE)).all()
     assert (luminance <= weighted_sum(means, LUMINANCE) * 1.2).all()
     for uvs, wrap in ((SQUARE * 5.0 - 1.3, "repeat"), (SQUARE * 4.0 + 0.4, "mirror")):
