@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a kill: status and one line, no file half written, and the same bytes after a resume."""
+"""Ctrl-C and SIGTERM: status and one line, and no file half written."""
 
 from __future__ import annotations
 

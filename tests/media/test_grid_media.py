@@ -1,4 +1,4 @@
-"""Media whose density varies on a grid: tracking against closed forms, furnaces, and bits."""
+"""Media whose density varies on a grid: tracking against closed forms, and furnaces."""
 
 from __future__ import annotations
 
