@@ -144,7 +144,7 @@ class Case(NamedTuple):
 CASES = {
     "sky": Case(sky, 6, 1024, 1024, mistakes=({"degrees": 38.0},)),
     "glass": Case(glass, 10, 512, 1024, mistakes=({"ior": 1.53}, {"inside": 1.2, "outside": 1.8})),
-    "cornell box": Case(lambda: wrt.load("cornell-box"), 64, 2048, 2048, (64, 64)),
+    "cornell box": Case(lambda: wrt.load("cornell-box"), 64, 2048, 2048, (32, 32)),
     "media in glass": Case(media_in_glass, 200, 256, 512, (32, 24), ({"factor": 1.1},)),
     "clouds": Case(clouds, 200, 256, 512, (32, 24), ({"factor": 1.1},)),
 }
