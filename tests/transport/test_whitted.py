@@ -267,6 +267,7 @@ def test_the_picture_is_the_same_for_any_seed(device: str) -> None:
     scene = scene_from((0.0, 1.5, 5.0), (0.0, 0.5, 0.0), sky=0.3, fov_degrees=45.0)
     scene.add(wrt.quad((-3.0, 0.0, 3.0), (6.0, 0.0, 0.0), (0.0, 0.0, -6.0)), material=wrt.Diffuse(0.5))
     scene.add(wrt.sphere((-0.7, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Dielectric())
+    scene.add(wrt.sphere((0.7, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Mirror(0.9))
     scene.add(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=5.0)
     scene.add_light(wrt.PointLight((2.0, 2.0, 2.0), intensity=1.0))
     one, other = (seen(scene, device, size=(48, 32), seed=seed, spp=seed) for seed in (1, 3))
