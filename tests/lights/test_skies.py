@@ -18,7 +18,6 @@ from wrt.scene.environment import image_directions
 from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import WAVELENGTHS, sun_rgb, sun_spectrum
 from wrt.scene.skies.preetham import LUMINOUS_EFFICACY, color_matching, rgb_from_xyz, sun_xyz, zenith_luminance
-from wrt.upload.lights.environment import resolve_environment
 
 Array = NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -176,22 +175,6 @@ def test_daylight_is_as_bright_as_measured(degrees: float, report: Report) -> No
     np.testing.assert_allclose(own / expected, DEPARTURES[degrees], rtol=0.01)
     # The reason for the default.
     assert illuminances("preetham")[0] > 1.5 * expected[0]
-
-
-def test_the_sun_is_seen_and_can_be_left_out(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([EVERY_LIGHT], monkeypatch)
-    environment = wrt.SunSkyEnvironment(30.0, 70.0)
-    scene = wrt.Scene(environment=environment)
-    scene.camera = wrt.PerspectiveCamera((0, 0, 0), environment.to_sun, fov_degrees=0.2)
-    scene.add(wrt.quad((0, -9, 0), (1, 0, 0), (0, 0, 1)))
-    options = {"width": 4, "height": 4, "spp": 1, "device": device, "sampler": "independent"}
-    _, (sun,) = resolve_environment(environment)
-    radiance = np.asarray(sun.irradiance) / (math.pi * math.sin(math.radians(0.265)) ** 2)
-    image = wrt.render(scene, **options)
-    assert (image > radiance).all()
-    np.testing.assert_allclose(image, np.broadcast_to(radiance, image.shape), rtol=1e-3)
-    scene.environment = wrt.SunSkyEnvironment(30.0, 70.0, sun_scale=0.0)
-    assert wrt.render(scene, **options).max() < 1e-3 * radiance.max()
 
 
 def test_the_sun_may_be_given_by_its_direction() -> None:

@@ -126,17 +126,6 @@ def test_what_is_not_opaque_hides_its_share(device: str) -> None:
         assert t_test_mean(mean, variance, n, expected) > 0.01
 
 
-@pytest.mark.slow
-def test_an_open_plane_is_white_and_a_closed_box_is_black(device: str) -> None:
-    assert occlusion(corner(), device)[0] == 1.0
-    outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-    scene = corner()
-    scene.add(wrt.Mesh(outside.vertices + np.float32([0, 50, 0]), outside.faces[:, ::-1]))
-    scene.camera = wrt.PerspectiveCamera((0.0, 50.0, 0.0), (0.1, 49.0, 0.2), fov_degrees=5.0)
-    assert occlusion(scene, device)[0] == 0.0
-    assert occlusion(scene, device, ao_distance=0.5)[0] == 1.0
-
-
 ROUGH = wrt.RoughConductor(0.03, f0=0.9)
 
 
