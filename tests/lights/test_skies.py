@@ -177,7 +177,8 @@ def test_daylight_is_as_bright_as_measured(degrees: float, report: Report) -> No
     assert illuminances("preetham")[0] > 1.5 * expected[0]
 
 
-def test_the_sun_may_be_given_by_its_direction() -> None:
+def test_the_sun_may_be_given_by_its_direction_or_left_out() -> None:
+    assert wrt.SunSkyEnvironment(30.0, sun_scale=0.0).image_and_sun()[1] is None
     angles = wrt.SunSkyEnvironment(30.0, -100.0)
     direction = wrt.SunSkyEnvironment(sun_direction=tuple(3.0 * x for x in angles.to_sun))  # type: ignore[arg-type]
     assert (direction.elevation_degrees, direction.azimuth_degrees) == pytest.approx((30.0, -100.0))
