@@ -105,8 +105,7 @@ def glass(alpha: Any, normal_map: wrt.NormalMap | None, **options: Any) -> wrt.M
 
 
 MAKERS: dict[str, Callable[[Any, wrt.NormalMap | None], wrt.Material]] = {
-    **{name: functools.partial(metal, distribution=name) for name in ("beckmann", "blinn-phong", "abc")},
-    "ggx": functools.partial(metal, distribution="ggx", multiple_bounces=True),
+    **{name: functools.partial(metal, distribution=name) for name in ("beckmann", "ggx", "blinn-phong", "abc")},
     "plastic": plastic,
     "glass": functools.partial(glass, distribution="beckmann", masking="walter"),
 }
@@ -114,6 +113,7 @@ MAKERS: dict[str, Callable[[Any, wrt.NormalMap | None], wrt.Material]] = {
 
 def models() -> set[str]:
     names = {make((2.0, 2.0) if name == "abc" else 0.1, None).model for name, make in MAKERS.items()}
+    names.add(metal(0.1, None, "ggx", multiple_bounces=True).model)
     return names | {filtered_name(name) for name in names}
 
 
@@ -294,6 +294,16 @@ def test_bumps_on_a_tilted_mean_normal(device: str, report: Report) -> None:
         values.append(picture(plane(metal(0.05, normal_map), light, far(64.0, 8)), device, spp, 8).mean())
     report("tilted by 27 degrees: filtered over unfiltered", values[1] / values[0], 1.0)
     assert abs(values[1] / values[0] - 1.0) < 0.04
+
+
+@pytest.mark.slow
+def test_with_multiple_bounces_metal_is_as_rough_as_it_now_is(device: str, report: Report) -> None:
+    light, options = direction(8.0, 30.0), {"distribution": "ggx", "multiple_bounces": True}
+    bumpy = metal(0.15, wrt.NormalMap(bumps(even(0.1)), filter=True), **options)
+    rough = metal(float(np.sqrt(0.15**2 + 2.0 * 0.1**2)), None, **options)
+    filtered, expected = (picture(plane(each, light, far(64.0, 8)), device, 1, 8).mean() for each in (bumpy, rough))
+    report("filtered over as rough", filtered / expected, 1.0)
+    assert abs(filtered / expected - 1.0) < 0.02
 
 
 def test_what_has_no_roughness_is_not_filtered() -> None:
