@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -31,7 +30,7 @@ from wrt.backend.device import Device
 from wrt.kernels.bsdf import filtered_name
 from wrt.kernels.scene.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
 from wrt.upload.scene_data import build_scene
-from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
+from wrt.upload.textures.normal_maps import normals_of
 
 SIZE = 128
 """Texels along a side of the map."""
@@ -143,26 +142,6 @@ def interpolated(normals: NDArray, n: int) -> NDArray[np.float64]:
 
     whole = (at(0, 0) * (1 - fx) + at(0, 1) * fx) * (1 - fy) + (at(1, 0) * (1 - fx) + at(1, 1) * fx) * fy
     return whole[..., :2] / whole[..., 2:]
-
-
-@pytest.mark.parametrize("size", [(5, 7), (1, 6)])
-def test_levels_hold_the_moments_of_the_interpolated_map(size: tuple[int, int]) -> None:
-    """Of what is seen, bilinear between texels, and not of the texels: those vary more."""
-    slopes = np.random.default_rng(2).normal(scale=0.2, size=(*size, 2))
-    normals = normals_of(wrt.NormalMap(encoded(np.dstack([slopes, np.ones(size)]))))
-    seen = interpolated(normals, 16)
-    products = np.stack([seen[..., 0] ** 2, seen[..., 1] ** 2, seen[..., 0] * seen[..., 1]], axis=-1)
-    levels = list(slope_pyramid(normals))
-    for found, values in ((levels[0][0][..., :2], seen), (levels[0][1], products)):
-        blocks = values.reshape(size[0], 16, size[1], 16, -1).mean(axis=(1, 3))
-        np.testing.assert_allclose(found, blocks, atol=2e-4)
-    heights = [len(mean) for mean, _ in levels]
-    assert heights[-1] == 1
-    assert all(coarser == (finer + 1) // 2 for finer, coarser in itertools.pairwise(heights))
-    for level in levels:
-        # Whatever the size, nothing is lost or counted twice.
-        for part, finest in zip(level, levels[0], strict=True):
-            np.testing.assert_allclose(part.mean(axis=(0, 1)), finest.mean(axis=(0, 1)), atol=1e-6)
 
 
 # --- The variance that is left -----------------------------------------------------------------------
