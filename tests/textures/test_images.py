@@ -13,6 +13,7 @@ import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.ndimage import map_coordinates
 from support.composites import WITH_OPACITY
 from support.covering_kernels import render_with
 from support.kernels import upload
@@ -73,37 +74,22 @@ def uploaded(*materials: wrt.Material, device: str = "cpu") -> SceneData:
     return data
 
 
-def beyond(i: NDArray[np.int64], n: int, wrap: str) -> NDArray[np.int64]:
-    """Return which texel stands at place i of an image n wide that goes on for ever."""
-    if wrap == "repeat":
-        return i % n
-    if wrap == "clamp":
-        return np.clip(i, 0, n - 1)
-    j = i % (2 * n)
-    return np.where(j < n, j, 2 * n - 1 - j)
+BEYOND: dict[str, Any] = {"repeat": "wrap", "mirror": "symmetric", "clamp": "edge"}
+"""How NumPy pads an image that goes on for ever."""
 
 
 def expected(texture: wrt.ImageTexture, uvs: Pixels) -> tuple[Array, NDArray[np.bool_]]:
     """Return (N, 3) values, and where they are sure: not within rounding of where the nearest texel changes."""
     height, width = texture.pixels.shape[:2]
     u, v = texture.placement @ np.column_stack([uvs.astype(np.float64), np.ones(len(uvs))]).T
-    u, v = (np.clip(w, 0.0, 1.0) if wrap == "clamp" else w for w, wrap in zip((u, v), texture.wrap, strict=True))
     x, y = u * width - 0.5, (1.0 - v) * height - 0.5
-    sure = np.ones(len(uvs), bool)
-    if texture.filter == "nearest":
-        sure = inside_texel(x, u, texture.wrap[0]) & inside_texel(y, v, texture.wrap[1])
-        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    total = np.zeros((len(uvs), 3))
-    for dx, dy in itertools.product((0, 1), (0, 1)):
-        i, j = np.floor(x).astype(int) + dx, np.floor(y).astype(int) + dy
-        share = (1.0 - np.abs(x - i)) * (1.0 - np.abs(y - j))
-        total += share[:, None] * texture.pixels[beyond(j, height, texture.wrap[1]), beyond(i, width, texture.wrap[0])]
-    return total, sure
-
-
-def inside_texel(x: Array, u: Array, wrap: str) -> NDArray[np.bool_]:
-    """Return where x is not between two texels, or u is held at the image's edge."""
-    return (np.abs((x + 0.5) % 1.0 - 0.5) < 0.499) | ((wrap == "clamp") & ((u == 0.0) | (u == 1.0)))
+    around = texture.pixels.astype(np.float64)
+    around = np.pad(around, ((9 * height, 9 * height), (0, 0), (0, 0)), mode=BEYOND[texture.wrap[1]])
+    around = np.pad(around, ((0, 0), (9 * width, 9 * width), (0, 0)), mode=BEYOND[texture.wrap[0]])
+    place, order = (y + 9 * height, x + 9 * width), 0 if texture.filter == "nearest" else 1
+    values = [map_coordinates(around[..., k], place, order=order) for k in range(3)]
+    sure = np.minimum(np.abs(x % 1.0 - 0.5), np.abs(y % 1.0 - 0.5)) > (0.001 if order == 0 else -1.0)
+    return np.stack(values, axis=1), sure
 
 
 def coordinates(seed: int) -> Pixels:
