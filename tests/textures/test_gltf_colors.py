@@ -13,7 +13,8 @@ from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import map_coordinates
-from support.glb import joined
+from support.mesh_files import add, data_uri, saved
+from support.meshes import gltf_box
 
 import wrt
 from wrt.backend.device import Device
@@ -44,26 +45,15 @@ def png(codes: Array) -> bytes:
 
 
 def file_of(folder: Path, material: dict[str, Any], sampler: dict[str, int] | None = None, **attributes: Array) -> Path:
-    """Return a GLB of a square in front of another, which is opaque, and a camera that looks at both.
+    """Return a glTF file of a square in front of another, which is opaque, and a camera that looks at both.
 
     Texture 0 is CODES, texture 1 an orange.
     """
-    chunks = [FACES.tobytes(), POINTS.tobytes(), png(CODES), png(np.full((1, 1, 3), ORANGE, np.uint8))]
-    chunks += [values.tobytes() for values in attributes.values()]
-    starts = np.cumsum([0] + [len(chunk) + -len(chunk) % 4 for chunk in chunks]).tolist()
-    accessors: list[dict[str, Any]] = [
-        {"bufferView": 0, "componentType": 5123, "type": "SCALAR", "count": 6},
-        {"bufferView": 1, "componentType": 5126, "type": "VEC3", "count": 4},
-    ]
-    for number, values in enumerate(attributes.values(), 4):
-        kind = {"componentType": {"f": 5126, "u": 5121}[values.dtype.kind], "normalized": values.dtype.kind == "u"}
-        accessors.append({"bufferView": number, "type": f"VEC{values.shape[1]}", "count": 4, **kind})
-    named = dict(zip(attributes, range(2, 2 + len(attributes)), strict=True))
+    tree = gltf_box(POINTS, FACES)
+    named = {key: add(tree, v, v.dtype.str, normalized=v.dtype.kind == "u") for key, v in attributes.items()}
+    near, far = {"POSITION": 0, **named}, {"POSITION": 0, "TEXCOORD_0": named["TEXCOORD_0"]}
     unlit = {"extensions": {"KHR_materials_unlit": {}}}
-    behind = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}, **unlit}
-    near, far = {"POSITION": 1, **named}, {"POSITION": 1, "TEXCOORD_0": named["TEXCOORD_0"]}
-    tree = {
-        "asset": {"version": "2.0"},
+    tree |= {
         "scenes": [{"nodes": [0, 1, 2]}],
         "nodes": [
             {"mesh": 0},
@@ -72,23 +62,15 @@ def file_of(folder: Path, material: dict[str, Any], sampler: dict[str, int] | No
         ],
         "cameras": [{"type": "perspective", "perspective": {"yfov": FOV, "znear": 0.1}}],
         "meshes": [
-            {"primitives": [{"attributes": near, "indices": 0, "material": 0}]},
-            {"primitives": [{"attributes": far, "indices": 0, "material": 1}]},
+            {"primitives": [{"attributes": each, "indices": 1, "material": number}]}
+            for number, each in enumerate((near, far))
         ],
-        "materials": [{**unlit, **material}, behind],
+        "materials": [{**unlit, **material}, {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}, **unlit}],
         "textures": [{"source": 0, **({} if sampler is None else {"sampler": 0})}, {"source": 1}],
         "samplers": [sampler or {}],
-        "images": [{"bufferView": 2, "mimeType": "image/png"}, {"bufferView": 3, "mimeType": "image/png"}],
-        "accessors": accessors,
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": start, "byteLength": len(chunk)}
-            for start, chunk in zip(starts, chunks, strict=False)
-        ],
-        "buffers": [{"byteLength": starts[-1]}],
+        "images": [{"uri": data_uri(png(codes), "image/png")} for codes in (CODES, np.uint8([[ORANGE]]))],
     }
-    path = folder / "squares.glb"
-    path.write_bytes(joined(tree, b"".join(chunk + bytes(-len(chunk) % 4) for chunk in chunks)))
-    return path
+    return saved(folder, tree)
 
 
 def textured(texture: dict[str, Any], **more: Any) -> dict[str, Any]:
