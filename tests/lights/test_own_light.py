@@ -104,10 +104,7 @@ def test_it_is_a_light_like_any_other(tmp_path: Path, device: str) -> None:
     means = []
     for choice in ("power", "tree"):
         options = {"device": device, "light_choice": choice, "sampler": "independent", "max_depth": 2}
-        renderer = wrt.Renderer(scene, width=16, height=12, **options)
-        for _ in renderer.passes(spp=512):
-            pass
-        means.append(renderer.image().mean())
+        means.append(wrt.render(scene, width=16, height=12, spp=512, **options).mean())
     assert means[0] == pytest.approx(means[1], rel=0.02)
     with pytest.raises(wrt.InputError, match=r"outer must be greater than 0\.6"):
         example().RingLight((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.6)

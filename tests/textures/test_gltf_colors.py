@@ -15,6 +15,7 @@ from PIL import Image
 from scipy.ndimage import map_coordinates
 from support.mesh_files import add, data_uri, saved
 from support.meshes import gltf_box
+from support.small_scenes import image_of
 
 import wrt
 from wrt.backend.device import Device
@@ -134,9 +135,7 @@ def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_pat
     scene = load_file(file_of(tmp_path, material, TEXCOORD_0=UVS, **attributes))
     options = {"width": SIZE, "height": SIZE, "crop": (CROP[0], CROP[0], CROP[1], CROP[1]), "filter": "box"}
     renderer = wrt.Renderer(scene, integrator="whitted", **options)
-    for _ in renderer.passes(spp=16):
-        pass
-    found = linear_to_srgb(renderer.image().astype(np.float64))
+    found = linear_to_srgb(image_of(renderer, 16).astype(np.float64))
 
     def around(reach: float) -> Array:
         return np.stack([expected(material, attributes, s) for s in itertools.product((-reach, 0.0, reach), repeat=2)])

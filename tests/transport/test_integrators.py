@@ -13,6 +13,7 @@ import pytest
 from conftest import ROOT, Report
 from support.covering_kernels import rendering_with
 from support.media import KERNELS
+from support.small_scenes import finish, image_of
 from support.statistics import t_test_mean
 
 import wrt
@@ -24,9 +25,7 @@ from wrt.upload.integrators import integrator_features
 def rendered(scene: wrt.Scene, spp: int, size: int = 24, **options: Any) -> wrt.Renderer:
     options = {"sampler": "independent", "seed": 3, **options}
     renderer = wrt.Renderer(scene, width=size, height=size, **options)
-    for _ in renderer.passes(spp=spp) if spp else ():
-        pass
-    return renderer
+    return finish(renderer, spp) if spp else renderer
 
 
 few_kernels = rendering_with(*KERNELS)
@@ -61,10 +60,7 @@ def test_a_checkpoint_knows_its_settings(settings: dict[str, Any], tmp_path: Pat
     first = rendered(room(), 3, size=4, **settings)
     first.save_checkpoint(tmp_path / "a.ckpt")
     second = wrt.Renderer.resume(tmp_path / "a.ckpt", room())
-    for renderer in (first, second):
-        for _ in renderer.passes(spp=8):
-            pass
-    np.testing.assert_array_equal(first.image(), second.image())
+    np.testing.assert_array_equal(image_of(first, 8), image_of(second, 8))
     others = {"integrator": "path", "ao_distance": 0.5, "min_attenuation": 0.25, "jittered_rays": 3}
     for name, value in (others if "integrator" in settings else {"clamp_indirect": 0.4, "regularization": 0.5}).items():
         with pytest.raises(wrt.InputError, match=name):

@@ -9,6 +9,7 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from support.media import fresnel
+from support.small_scenes import finish
 
 import wrt
 from wrt.upload.integrators import mean_radiance
@@ -47,9 +48,7 @@ def rendered(scene: wrt.Scene, device: str, *, spp: int = 1, size: tuple[int, in
     options = {"integrator": "whitted", "sampler": "independent", "device": device, **options}
     renderer = wrt.Renderer(scene, width=size[0], height=size[1], **options)
     renderer._inputs[2].zero_()
-    for _ in renderer.passes(spp=spp):
-        pass
-    return renderer
+    return finish(renderer, spp)
 
 
 def seen(scene: wrt.Scene, device: str, **options: Any) -> NDArray[np.float64]:
