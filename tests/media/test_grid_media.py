@@ -238,6 +238,6 @@ def test_grids_that_cannot_be_are_refused(values: Any, options: dict[str, Any], 
 
 def test_media_that_cannot_be_rendered_are_refused() -> None:
     with pytest.raises(wrt.InputError, match="optical depth"):
-        wrt.Renderer(boxed(on(ONE, wrt.Medium(1e9))), width=2, height=2)
+        wrt.Renderer(boxed(on(ONE, wrt.Medium(1e9)), sky=1.0), width=2, height=2)
     with pytest.raises(wrt.InputError, match="'whitted' cannot render media"):
-        wrt.Renderer(boxed(on(ONE, wrt.Medium(1.0))), width=2, height=2, integrator="whitted")
+        wrt.Renderer(boxed(on(ONE, wrt.Medium(1.0)), sky=1.0), width=2, height=2, integrator="whitted")
