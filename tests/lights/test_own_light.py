@@ -19,6 +19,7 @@ import pytest
 from conftest import ROOT, Report
 from support.covering_kernels import rendering_with
 from support.irradiance import EVERY_LIGHT, check, disk_irradiance, floor_scene, irradiance, pixel_mean
+from support.small_scenes import image_of
 
 import wrt
 from wrt.backend.device import Device
@@ -104,7 +105,7 @@ def test_it_is_a_light_like_any_other(tmp_path: Path, device: str) -> None:
     means = []
     for choice in ("power", "tree"):
         options = {"device": device, "light_choice": choice, "sampler": "independent", "max_depth": 2}
-        means.append(wrt.render(scene, width=16, height=12, spp=512, **options).mean())
+        means.append(image_of(wrt.Renderer(scene, width=16, height=12, **options), 512).mean())
     assert means[0] == pytest.approx(means[1], rel=0.02)
     with pytest.raises(wrt.InputError, match=r"outer must be greater than 0\.6"):
         example().RingLight((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.6)
