@@ -39,8 +39,8 @@ TURNED = '<rotate x="1" angle="-90"/><rotate y="1" angle="50"/>'
 DIRECTION = '<vector name="sun_direction" x="0.3" y="0.5" z="0.7"/>'
 SUNS = {
     "direction": (f'{DIRECTION}<float name="turbidity" value="4.2"/>', ""),
-    "low": ('<vector name="sun_direction" x="1" y="0.01"/><float name="turbidity" value="9.5"/>', ""),
-    "high": ('<vector name="sun_direction" y="1"/><float name="turbidity" value="1"/>', ""),
+    "low": ('<vector name="sun_direction" x="1" y="0" z="0.05"/><float name="turbidity" value="9.5"/>', ""),
+    "high": ('<vector name="sun_direction" x="0.01" y="0" z="1"/><float name="turbidity" value="1"/>', ""),
     "wide": (f'{DIRECTION}<float name="sun_aperture" value="20"/>', TURNED),
     "date": (
         '<float name="latitude" value="-33.9"/><float name="longitude" value="151.2"/><float name="hour" value="9"/>'
