@@ -13,9 +13,6 @@ from support.covering_kernels import rendering_with
 from support.media import FAR, KERNELS, mean_and_error, render, stage
 
 import wrt
-from wrt.backend.device import Device
-from wrt.scene.materials.body import Body
-from wrt.upload.scene_data import build_scene
 
 AIR, GLASS, WATER, ICE = 1.0, 1.5, 1.33, 1.31
 TINTS = {"glass": (0.3, 0.5, 0.9), "water": (1.0, 0.4, 0.2), "ice": (0.1, 0.2, 2.0)}
@@ -141,22 +138,6 @@ def test_the_camera_under_water(device: str) -> None:
     r = ((WATER - ICE) / (WATER + ICE)) ** 2
     expected = (1.0 - r) * (WATER / ICE) ** 2 * np.exp(-2.0 * np.array(TINTS["water"]) - np.array(TINTS["ice"]))
     assert (np.abs(mean - expected) < 3.5 * error + 3e-5 * expected).all()
-
-
-@pytest.mark.parametrize(("height", "expected"), [(0.0, ["ice", "water"]), (-0.7, ["water"]), (1.5, [])])
-def test_bodies_around_the_camera(height: float, expected: list[str], device: str) -> None:
-    """Outermost first; the surface of a body that is not closed decides by most directions."""
-    scene = stage(origin=(0.01, 0.02, height), target=(5.0, 0.0, 0.0))
-    bodies = {"water": WATER_BODY, "ice": ICE_BODY}
-    for name, half in (("water", 1.0), ("ice", 0.5)):
-        box = layer(half, -half, 4.0 * half)
-        # Without its bottom and one side.
-        scene.add(wrt.Mesh(box.vertices, box.faces[:-3] if name == "water" else box.faces), material=bodies[name])
-    data = build_scene(scene, Device(device)).data
-    # Bodies are numbered as their materials come.
-    order = list(dict.fromkeys(shape.material for shape in scene.shapes if isinstance(shape.material, Body)))
-    found = [order[int(number) - 1] for number in data.inside_at_camera if number]
-    assert found == [bodies[name] for name in reversed(expected)]
 
 
 @pytest.mark.slow
