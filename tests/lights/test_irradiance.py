@@ -61,9 +61,9 @@ def zenith_irradiance(rows: int) -> float:
 
 
 def texel_at_the_zenith() -> wrt.ImageEnvironment:
-    """A sun in one texel of the first row. Interpolated, it is spread over azimuths, with one texel's mean."""
+    """A sun in one texel of the first row, at the seam. Interpolated, it is spread over azimuths, also across that."""
     pixels = np.zeros((16, 32, 3), np.float32)
-    pixels[0, 5] = 32.0 * 20.0
+    pixels[0, 0] = 32.0 * 20.0
     return wrt.ImageEnvironment(pixels, rotation_degrees=50.0)
 
 
