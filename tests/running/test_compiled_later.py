@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import hashlib
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -16,17 +15,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import ROOT
 from support.caches import copy_of_warm_cache, without_notes
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
 from wrt.backend.builds import Builds
-from wrt.backend.device import Device
-from wrt.backend.kernel_cache import compiled_modules
 from wrt.backend.lanes import SWITCH as WIDE
-from wrt.backend.lanes import lanes_here
 from wrt.cli import main
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
@@ -260,34 +255,6 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
 # --- Before any render --------------------------------------------------------------------------------
 
 
-def test_the_second_call_compiles_nothing() -> None:
-    assert lanes_here() == 0, "tests run without the wide kernel, else this says nothing"
-    wrt.precompile("cornell-box")
-    again = wrt.precompile(wrt.load("cornell-box"), width=20, height=10, threads=1)
-    assert (again.modules, again.lanes, again.wide_seconds) == ((), 1, 0.0)
-    assert str(again) == "everything was compiled before; there is only the scalar kernel"
-    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
-    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
-    assert str(wrt.Precompiled(("a",), 1.0, 8, 0.0)) == "1 module of kernels compiled in 1.0 s"
-
-
-def test_what_is_compiled_is_named() -> None:
-    number = float(random.SystemRandom().randrange(10**9))
-    unique = f"unique{number:.0f}"
-
-    @wp.kernel(module=unique, enable_backward=False)
-    def set_number(x: wp.array(dtype=float)):  # type: ignore[valid-type]
-        x[0] = wp.static(number)
-
-    device = Device("cpu")
-    with compiled_modules() as outer, compiled_modules() as modules:
-        device.compile(set_number)
-    assert modules == outer == {unique}
-    with compiled_modules() as modules:
-        device.compile(set_number)
-    assert modules == set()
-
-
 def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("shapes = 1")
@@ -297,6 +264,10 @@ def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch
     none, bad = said.err.splitlines()
     assert "none.obj" in none
     assert "bad.toml" in bad
+    assert main(["compile", "cornell-box", "--threads", "1"]) == 0
+    assert capsys.readouterr().out == "cornell-box: everything was compiled before; there is only the scalar kernel\n"
+    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
+    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
     assert main(["compile"]) == 2
     assert capsys.readouterr().err == "wrt: error: name a scene, or give --general\n"
 

@@ -20,9 +20,8 @@ import pytest
 import warp as wp
 from conftest import ROOT, WARPS_FLAGS
 
-from wrt.backend import headers, kernel_cache
+from wrt.backend import headers
 from wrt.backend.device import Device
-from wrt.backend.kernel_cache import Build
 from wrt.backend.warp_backend import initialize_warp
 
 VARIABLES = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -56,11 +55,6 @@ def kernel(name: str) -> SimpleNamespace:
     return SimpleNamespace(module=SimpleNamespace(name=name))
 
 
-def test_a_launch_compiles_once_for_all_its_threads(loads: Loads) -> None:
-    Device("cpu", threads=4).launch(kernel("a"), 1000, [])
-    assert [name for name, _ in loads.begun] == ["a"]
-
-
 def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
     device = Device("cpu", threads=2)
     with device.compiling() as compile:
@@ -71,16 +65,6 @@ def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> No
     assert sorted(name for name, _ in loads.begun) == sorted(loads.ended) == ["a", "b", "c", "d"]
     assert len({thread for _, thread in loads.begun}) == 2
     assert next(name for name, thread in loads.begun if thread.startswith("wrt-compile")) == "a"
-
-
-def test_one_thread_alone_does_all_there_is_when_it_comes_to_it(loads: Loads) -> None:
-    device = Device("cpu", threads=1)
-    with device.compiling() as compile:
-        compile(kernel("a"))
-        compile(kernel("b"))
-        device.compile(kernel("b"))
-    assert [name for name, _ in loads.begun] == ["b", "a"]
-    assert len({thread for _, thread in loads.begun}) == 1
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -175,20 +159,6 @@ def test_a_fork_works_by_threads_of_its_own() -> None:
     subprocess.run([sys.executable, "-c", FORKED], env=VARIABLES, check=True)
 
 
-def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[str] = []
-    monkeypatch.setattr("wrt.backend.warp_backend.trim", lambda: given.append("heap"))
-    monkeypatch.setattr(
-        "wrt.backend.warp_backend.forget_code", lambda *libraries: given.extend(each.name for each in libraries)
-    )
-    monkeypatch.setattr("wrt.backend.warp_backend.LOAD_SECONDS", 0.1)
-    device = Device("cpu")
-    given.clear()
-    device.compile(kernel("a"))
-    device.compile(kernel("a"))  # only loaded
-    assert given == ["heap", "warp.so", "warp-clang.so"]
-
-
 def test_a_process_ends_with_its_last_message_and_its_folders(tmp_path: Path) -> None:
     # A signal may end a process whose compiler still runs: that would complain of the folder that has been removed.
     program = """import atexit, os, sys, tempfile
@@ -202,52 +172,7 @@ end(143)"""
     assert not list(tmp_path.iterdir())
 
 
-def test_seconds_are_those_that_somebody_waited(monkeypatch: pytest.MonkeyPatch) -> None:
-    # By a clock of its own, a load takes a second. It ends only after somebody has looked at the clock and waits.
-    now, ended, loaded, waits = 0.0, threading.Event(), set[str](), threading.Event()
-
-    def clock() -> float:
-        waits.set()
-        return now
-
-    def load(module: SimpleNamespace, device: str) -> None:
-        nonlocal now
-        if module.name not in loaded:
-            assert waits.wait(60.0)
-            loaded.add(module.name)
-            now += 1.0
-        ended.set()
-
-    monkeypatch.setattr(wp, "load_module", load)
-    monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
-    monkeypatch.setattr("wrt.backend.device.time", SimpleNamespace(perf_counter=clock))
-    device = Device("cpu", threads=2)
-    with device.compiling() as compile:
-        waits.set()
-        compile(kernel("beside"))
-        assert ended.wait(60.0), "other work takes longer"
-    assert device.seconds_compile == 0.0
-    waits.clear()
-    with device.compiling() as compile:
-        compile(kernel("waited for"))
-    assert device.seconds_compile == 1.0
-    device.launch(kernel("needed at once"), 1, [])
-    device.launch(kernel("needed at once"), 1, [])
-    assert device.seconds_compile == 2.0
-
-
 # --- Headers ------------------------------------------------------------------------------------------
-
-
-def test_the_thread_that_compiles_is_always_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Warp writes its headers down, in a form quick to read, for each thread anew.
-    threads: list[threading.Thread] = []  # themselves, not their numbers, which others get after them
-    monkeypatch.setattr(wp, "load_module", lambda *_, **__: threads.append(threading.current_thread()))
-    for _ in range(3):
-        with Device("cpu", threads=2).compiling() as compile:
-            compile(kernel("a"))
-    assert (len(threads), len(set(threads))) == (3, 1)
-    assert threads[0] is not threading.current_thread()
 
 
 @pytest.fixture
@@ -283,36 +208,6 @@ def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> No
         found = dict(pool.map(compile, range(4)))
     assert len(asked) == 1
     assert list(found.values()) == [b"headers"] * 4
-
-
-@pytest.mark.machinery
-@pytest.mark.parametrize("early", [False, True], ids=["by Warp", "without Warp"])
-def test_headers_precompiled_before_kernels_are_those_of_kernels(early: bool, no_headers: Path, tmp_path: Path) -> None:
-    @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_headers"))
-    def nothing(first: int) -> None:
-        pass
-
-    own = Build.of(nothing.module, "cpu")
-    assert own is not None
-
-    def precompile() -> None:
-        assert not early
-        kernel_cache.compile_nothing()
-
-    def compile() -> str:
-        headers.lend_headers(precompile)
-        (written,) = Path(str(headers._of_thread())).glob(headers.WRITTEN)
-        before = written.stat().st_mtime_ns
-        own.compile(tmp_path / "build")
-        assert [path.stat().st_mtime_ns for path in written.parent.glob(headers.WRITTEN)] == [before]
-        return written.name
-
-    if early:
-        headers.precompile_early()
-        headers._PRECOMPILER.submit(int).result()
-    with ThreadPoolExecutor(1) as pool:
-        name = pool.submit(compile).result()
-    assert [kept.name.rpartition("-")[0] for kept in no_headers.iterdir()] == [name]
 
 
 COMPILE_ONCE = """

@@ -18,9 +18,7 @@ from wrt.backend.slices import (
     FIRST_SLICE,
     SLICE_SECONDS,
     SLICES_PER_THREAD,
-    SMALLEST_SLICE,
     Slices,
-    available_threads,
 )
 
 
@@ -69,21 +67,6 @@ def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: i
         end, _, size, took = heapq.heappop(running)
         slices.ended(size, took)
         free.append(end)
-
-
-@pytest.mark.parametrize("threads", [1, 2, 64])
-@pytest.mark.parametrize("n", [0, 1, 63, 65_536])
-def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) -> None:
-    slices = simulated(n, threads, lambda _: 1e-9)
-    sizes = [size for _, size, _ in slices]
-    assert [start for start, _, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
-    assert sum(sizes) == n
-    few = [size for _, size, _ in simulated(n, threads, lambda _: 1e-9, least=40)][:-1]
-    assert min(few, default=40) >= 40
-    if n == 65_536:
-        assert max(sizes) == -(-n // (threads * SLICES_PER_THREAD))
-        assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * max(sizes)
-        assert len(sizes) < threads * (SLICES_PER_THREAD + 13)
 
 
 @pytest.mark.parametrize(("threads", "total"), [(1, 1.0), (2, 60.0), (16, 60.0), (2, 1000.0)])
@@ -172,22 +155,13 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
 # --- Names and numbers --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["", "gpu", "CPU", "cpu:0", "cuda:x", "cuda:-1", "cuda0", None, 0])
-def test_unknown_devices_are_refused(name: object) -> None:
-    with pytest.raises(wrt.InputError, match="unknown device") as caught:
+@pytest.mark.parametrize("name", ["", "gpu", "cpu:0", "cuda:-1", None])
+def test_unknown_devices_and_bad_numbers_of_threads_are_refused(name: object) -> None:
+    with pytest.raises(wrt.InputError, match=f"^unknown device {name!r}.*use cpu, cuda or cuda:N[^\n]*$"):
         Device(name)  # type: ignore[arg-type]
-    said = str(caught.value)
-    assert repr(name) in said
-    assert "use cpu, cuda or cuda:N" in said
-    assert name != "gpu" or said.endswith("(did you mean 'cuda'?)")
-    assert "\n" not in said
-
-
-@pytest.mark.parametrize("threads", [0, 1025, 2.0, "two", True])
-def test_bad_numbers_of_threads_are_refused(threads: object) -> None:
-    with pytest.raises(wrt.InputError, match="threads") as caught:
-        Device("cpu", threads=threads)  # type: ignore[arg-type]
-    assert "\n" not in str(caught.value)
+    for threads in (0, 1025, 2.0, True):
+        with pytest.raises(wrt.InputError, match="threads"):
+            Device("cpu", threads=threads)  # type: ignore[arg-type]
 
 
 def test_gpus_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,16 +176,3 @@ def test_gpus_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) ->
     assert (device.name, device.threads, device.is_cpu) == ("cuda:1", 1, False)
     with pytest.raises(wrt.InputError, match="only cuda:0 to cuda:1"):
         Device("cuda:2")
-
-
-def test_threads_default_to_the_cores_there_are() -> None:
-    assert Device("cpu").threads == available_threads() >= 1
-    assert Device("cpu", threads=3).threads == 3
-
-
-def test_the_renderer_refuses_as_the_device_does() -> None:
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    scene.add(wrt.box())
-    for options in ({"device": "gpu"}, {"threads": 0}):
-        with pytest.raises(wrt.InputError):
-            wrt.Renderer(scene, width=4, height=4, **options)

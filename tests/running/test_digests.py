@@ -43,7 +43,6 @@ def recorded() -> dict[str, str]:
 
 def test_every_case_is_recorded() -> None:
     assert set(CASES) == {name for films in RECORDED.values() for name in films}
-    assert len(CASES) >= 40
 
 
 SLOW = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import itertools
 from typing import Any
 
@@ -17,9 +16,7 @@ from warp._src.context import user_modules
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.features import Features, identifier
-from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.render import make_render_kernel
-from wrt.kernels.scene.materials import make_bsdf_at
 from wrt.kernels.specialise import specialised
 from wrt.upload.scene_data import build_scene
 
@@ -36,16 +33,6 @@ def test_names_are_of_modules_and_tell_variants_apart() -> None:
     variants = itertools.product(models, (False, True), ("none", "constant", "image"))
     assert len({Features(*each).name for each in variants}) == 6 * len(models)
     assert identifier(["a:b-c", ("d", "e"), 1, True]) == "a_b_c_d_e_1_True"
-
-
-def test_hashes_tell_variants_apart() -> None:
-    """Each of these differs from the first in one feature alone."""
-    base = Features(("diffuse", "mirror"), False, "constant")
-    changes = [{}, {"models": ("diffuse",)}, {"models": ("conductor", "mirror")}, {"textured": True}]
-    changes += [{"environment": "none"}, {"environment": "image"}, {"models": ("conductor", "diffuse", "mirror")}]
-    kernels = [make_render_kernel(dataclasses.replace(base, **change)) for change in changes]
-    assert len({bytes(kernel.module.get_module_hash()) for kernel in kernels}) == len(kernels)
-    assert make_render_kernel(Features(("diffuse", "mirror"), bool(0), "".join(["cons", "tant"]))) is kernels[0]
 
 
 def scene(*materials: wrt.Material, environment: object = None) -> wrt.Scene:
@@ -114,22 +101,6 @@ def test_a_new_scene_of_seen_features_loads_nothing(device: str) -> None:
 
 
 # --- Factories of device functions --------------------------------------------------------------------
-
-
-def test_equal_fields_share_one_result() -> None:
-    assert make_bsdf_at(PLAIN) is make_bsdf_at(dataclasses.replace(PLAIN, sampler="sobol", media="absorbing"))
-    assert make_bsdf_at(PLAIN) is not make_bsdf_at(dataclasses.replace(PLAIN, textured=True))
-    assert make_lights(PLAIN) is make_lights(dataclasses.replace(PLAIN, models=("mirror",)))
-    made = []
-
-    @specialised()
-    def make(first: str, second: int = 1) -> list[str]:
-        made.append((first, second))
-        return [first]
-
-    assert make("a") is make("a")
-    assert make("a") is not make("a", 2)
-    assert made == [("a", 1), ("a", 2)]
 
 
 def test_what_a_factory_does_not_declare_it_cannot_read() -> None:

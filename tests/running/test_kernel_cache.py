@@ -260,15 +260,6 @@ def test_a_cache_that_cannot_be_written_is_done_without(cache: Cache) -> None:
 
 
 @pytest.mark.machinery
-def test_empty_and_relative_variables_make_no_folder_here(cache: Cache, tmp_path: Path) -> None:
-    home = tmp_path / "home"
-    assert cache.run(XDG_CACHE_HOME="", WARP_CACHE_PATH="", HOME=str(home)) == (1, "")
-    assert (home / ".cache" / "warp").is_dir()
-    assert cache.run(XDG_CACHE_HOME="relative", HOME=str(home)) == (0, "")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "program.py"]
-
-
-@pytest.mark.machinery
 def test_a_read_only_cache_is_of_use_and_a_full_disk_is_done_without(cache: Cache) -> None:
     with mounted(cache.folder):
         assert cache.run() == (1, "")

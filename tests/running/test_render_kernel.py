@@ -46,6 +46,9 @@ class Noted:
 
     compiled = False
 
+    def __init__(self) -> None:
+        self.folders: list[str] = []
+
     def has(self, name: str) -> bool:
         return self.compiled
 
