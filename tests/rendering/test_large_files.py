@@ -36,15 +36,6 @@ def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(name, tm
     np.testing.assert_array_equal(mesh.vertices, before)
 
 
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_arrays_of_a_person_are_not_shared():
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
-    mesh = wrt.Mesh(vertices, np.array([[0, 1, 2]], np.int32))
-    renderer = wrt.Renderer(wrt.Scene([wrt.Shape(mesh, emission=1.0)]), width=8, height=8)
-    assert not np.shares_memory(vertices, mesh.vertices)
-    assert not np.shares_memory(vertices, renderer._built.data.points.numpy())
-
-
 def test_zeros_take_no_memory_until_they_are_written_however_often_there_were_some_before():
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

@@ -59,16 +59,6 @@ def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
 
 
 @pytest.mark.slow
-def test_independent_samples_agree_with_their_variance():
-    """Both estimates hold for them. What the mean absolute value leaves out are the tails of the distribution."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
-    scene.environment = wrt.ConstantEnvironment(1.0)
-    scene.add(wrt.sphere(), material=wrt.Diffuse(0.5))
-    renderer = finish(wrt.Renderer(scene, sampler="independent", width=64, height=64), noise=0.01)
-    assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "adaptive", [*(pytest.param(each, marks=pytest.mark.slow) for each in (False, True)), "unbiased"]
 )
@@ -147,15 +137,11 @@ def test_damaged_states_are_refused():
     for change in (
         {"noise_mean": good["noise_mean"][1:]},
         {"noise_mean": good["noise_mean"] * np.nan},
-        {"noise_tiles": good["noise_tiles"] - 1.0},
         {"noise_counts": good["noise_counts"] + 1},
-        {"noise_counts": good["noise_counts"] * 1.0},
         {"noise_target": np.array([2.0])},
     ):
         with pytest.raises(wrt.InputError, match="noise"):
             again.restore({**good, **change})
-    with pytest.raises(wrt.InputError, match="noise"):
-        again.restore({"noise_mean": good["noise_mean"]})
 
 
 @pytest.mark.parametrize("adaptive", [pytest.param(True, marks=pytest.mark.slow), "unbiased"])
@@ -206,11 +192,3 @@ def test_the_last_sample_of_each_pixel_removes_as_much_error():
         assert not stop[9:].any()
     enough = float(errors.sum()) * 1.5
     assert not tiles_to_stop(tiles, errors, going, 0.5, enough, enough).any()  # all end before the next power of two
-
-
-def test_tiles_cover_every_pixel_once():
-    tiles = Tiles(SIDE + 3, 2 * SIDE + 1)
-    assert tiles.count == 6
-    assert tiles.pixels.tolist() == [256, 48, 256, 48, 16, 3]
-    assert tiles.sums(np.ones((SIDE + 3) * (2 * SIDE + 1))).tolist() == tiles.pixels.tolist()
-    assert tiles.around(np.arange(6.0))[0] == pytest.approx((0 * 4 + 1 * 2 + 2 * 2 + 3) / 9)

@@ -19,13 +19,6 @@ def progress(**changes):
     return Progress(**{**values, "paths_per_second": 2.31e6, "rays_per_second": 9e6, **changes})
 
 
-def test_progress_counts_the_limit_that_is_nearer():
-    assert bar.fraction_done(progress(), time_limit=None) == 0.25
-    assert bar.fraction_done(progress(), time_limit=10.0) == 0.5
-    assert bar.fraction_done(progress(target_spp=None), time_limit=20.0) == 0.25
-    assert bar.fraction_done(progress(seconds=11.0), time_limit=10.0) == 1.0
-
-
 def test_text_counts_samples_or_else_seconds():
     assert bar.status_text(progress(), time_limit=None) == "16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"
     by_time = progress(target_spp=None, noise=None, seconds_left=None)
@@ -66,12 +59,6 @@ def test_what_matters_least_is_left_out_first(columns, line):
     assert terminal.fitted_bar("room", " 25%", bar.status_pieces(progress(), time_limit=None), columns) == line
 
 
-def test_long_names_lose_their_middle():
-    assert terminal.shortened("living-room-at-night", 12) == "livin...ight"
-    assert terminal.shortened("絵絵絵絵絵絵絵絵", 10) == "絵絵...絵"
-    assert terminal.shortened("room", 4) == "room"
-
-
 class Terminal(io.StringIO):
     """An ASCII-only terminal that keeps what is written to it."""
 
@@ -88,19 +75,6 @@ def screen_of(monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen := Terminal())
     monkeypatch.setattr(os, "get_terminal_size", lambda _: os.terminal_size((100, 24)))
     return screen
-
-
-def test_a_terminal_of_unknown_size_has_79_columns(monkeypatch):
-    screen_of(monkeypatch)
-
-    def unknown(_):
-        raise OSError
-
-    for size in (unknown, lambda _: os.terminal_size((0, 0))):
-        monkeypatch.setattr(os, "get_terminal_size", size)
-        for said, columns in (("", 79), ("40", 39), ("many", 79)):
-            monkeypatch.setenv("COLUMNS", said)
-            assert terminal.terminal_columns() == columns
 
 
 def test_the_bar_follows_a_terminal_that_changes_its_size(monkeypatch):

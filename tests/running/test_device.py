@@ -164,12 +164,8 @@ def test_unknown_devices_and_bad_numbers_of_threads_are_refused(name: object) ->
             Device("cpu", threads=threads)  # type: ignore[arg-type]
 
 
-def test_gpus_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gpus_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     Device("cpu")
-    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 0)
-    for name in ("cuda", "cuda:7"):
-        with pytest.raises(wrt.InputError, match=f"{name!r}.* was found; use cpu"):  # no driver, or no GPU
-            Device(name)
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 2)
     assert Device("cuda").name == "cuda:0"
     device = Device("cuda:1", threads=4)
