@@ -16,12 +16,10 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 import wrt
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels import regeneration
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.features import Features
-from wrt.kernels.integrators import path
 from wrt.kernels.integrators.path import has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
@@ -179,8 +177,6 @@ VALUES = {
 }
 """What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
 
-ASKED = "media", "grid_media", "nested", "opacity", "mixed", "clamped", "light_shapes", "geometry", "models"
-"""The features that the loops along a path ask for: the rest is in functions that both loops call."""
 
 CHOSEN = {"cameras", "slot_loop", "shadows_meet", "tiles"}
 """Features from outside, and those that `make_gpu_render_kernel` chooses."""
@@ -211,19 +207,6 @@ def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
         assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
         assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
         assert {True, False} == {has_panes(features.models) for features in loop}
-
-
-def test_three_kernels_have_all_features_that_are_on_or_off() -> None:
-    on = {name for features in THREE for name in FLAGS if getattr(features, name)}
-    assert on >= FLAGS - {"guides"}
-
-
-def test_the_loop_asks_for_nothing_else() -> None:
-    asked: set[str] = set()
-    for module in (path, regeneration):
-        asked |= set(re.findall(r"\bfeatures\.(\w+)", Path(str(module.__file__)).read_text(encoding="utf-8")))
-    # The source of random numbers is a function too, bodies are media or nested, and layers have no such kernel.
-    assert asked - {"sampler", "bodies", "integrator", "aovs"} == set(ASKED)
 
 
 def test_no_kernel_is_left_out() -> None:
