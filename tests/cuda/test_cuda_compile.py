@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import warp as wp
@@ -135,16 +135,15 @@ def test_modules_compile(name: str, tmp_path: Path) -> None:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
 
 
-@pytest.mark.machinery
-@pytest.mark.parametrize("instances", ["none", "still", "deforming"])
-def test_kernels_that_look_around_compile(instances: str, tmp_path: Path) -> None:
-    compile_for_cuda(make_count_crossings(instances).module, tmp_path)
+OTHERS = [(make_count_crossings, instances) for instances in ("none", "still", "deforming")]
+OTHERS += [(make_kernel, "ggx", "smith") for make_kernel in TABLE_KERNELS]
 
 
 @pytest.mark.machinery
-@pytest.mark.parametrize("make_kernel", TABLE_KERNELS, ids=lambda make_kernel: make_kernel.__name__)
-def test_kernels_of_tables_compile(make_kernel: Callable[[str, str], wp.Kernel], tmp_path: Path) -> None:
-    compile_for_cuda(make_kernel("ggx", "smith").module, tmp_path)
+@pytest.mark.parametrize("made", OTHERS, ids=str)
+def test_kernels_that_look_around_or_fill_tables_compile(made: tuple[Any, ...], tmp_path: Path) -> None:
+    make_kernel, *arguments = made
+    compile_for_cuda(make_kernel(*arguments).module, tmp_path)
 
 
 @wp.func_native("return __builtin_elementwise_max(a, 1.0f);")
@@ -257,13 +256,6 @@ def test_values_of_all_models_are_read_in_one_loop_and_shadow_rays_may_meet_hole
     fog = replace(holes, media="absorbing")
     negative = "media would count a way of negative length"
     assert make_gpu_render_kernel(fog) is make_regenerating_kernel(replace(fog, slot_loop=True)), negative
-
-
-def test_threads_of_a_gpu_take_pixels_tile_by_tile_with_every_kernel() -> None:
-    for features in (replace(PLAIN, aovs=True), replace(PLAIN, integrator="ao"), replace(PLAIN, integrator="whitted")):
-        assert make_gpu_render_kernel(features) is make_render_kernel(replace(features, slot_loop=True, tiles=True))
-    of_paths = make_gpu_render_kernel(PLAIN, regenerates=False)
-    assert of_paths is make_render_kernel(replace(PLAIN, slot_loop=True, tiles=True))
 
 
 def test_no_source_asks_for_the_architecture() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -196,25 +195,3 @@ def test_what_is_fetched_again_and_again_pins_memory_once(fetching: tuple[WarpBa
     assert backend.fetch(OnGpu(gpu, np.ones(LEAST_PINNED // 4 + 1, np.float32))).sum() == LEAST_PINNED // 4 + 1
     backend.fetch(OnGpu(gpu, numbers[0]))
     assert warp.pinned == [LEAST_PINNED, 2 * LEAST_PINNED]
-
-
-def test_threads_that_fetch_at_once_get_their_own(
-    fetching: tuple[WarpBackend, FetchedWarp, StandIn], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    backend, warp, gpu = fetching
-    copied, others = threading.Event(), []
-
-    def waits(stream: str) -> None:
-        copied.set()
-        if threading.current_thread() is not thread:
-            return
-        threading.Event().wait(0.05)  # the other one could copy over it now
-
-    monkeypatch.setattr(warp, "synchronize_stream", waits)
-    first, second = (OnGpu(gpu, np.full(9, value, np.float32)) for value in (1.0, 2.0))
-    thread = threading.Thread(target=lambda: others.append(backend.fetch(first)))
-    thread.start()
-    assert copied.wait(10.0)
-    assert (backend.fetch(second) == 2.0).all()
-    thread.join()
-    assert (others[0] == 1.0).all()

@@ -12,17 +12,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import warp as wp
-from conftest import ROOT, WARPS_FLAGS
+from conftest import ROOT
 
 from wrt.backend import headers
 from wrt.backend.device import Device
-from wrt.backend.warp_backend import initialize_warp
 
 VARIABLES = {**os.environ, "PYTHONPATH": str(ROOT)}
 
@@ -173,41 +171,6 @@ end(143)"""
 
 
 # --- Headers ------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def no_headers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of a cache without precompiled headers."""
-    initialize_warp()
-    headers._PRECOMPILER.submit(int).result()  # what Warp's start has begun is done
-    monkeypatch.setattr(headers, "_kept", lambda: tmp_path / "headers-0")
-    monkeypatch.setattr(wp.config, "cpu_compiler_flags", WARPS_FLAGS)
-    return tmp_path / "headers-0"
-
-
-def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> None:
-    asked: list[int] = []
-
-    def header() -> Path:
-        return Path(str(headers._of_thread()), "builtin_1.pch")
-
-    def precompile() -> None:
-        asked.append(threading.get_ident())
-        time.sleep(0.05)
-        header().write_bytes(b"headers")
-
-    def compile(_: int) -> tuple[int, bytes]:
-        everybody.wait()
-        headers.lend_headers(precompile)
-        found = header().read_bytes()
-        header().unlink()  # a thread of another test may get this folder
-        return threading.get_ident(), found
-
-    everybody = threading.Barrier(4)
-    with ThreadPoolExecutor(4) as pool:
-        found = dict(pool.map(compile, range(4)))
-    assert len(asked) == 1
-    assert list(found.values()) == [b"headers"] * 4
 
 
 COMPILE_ONCE = """
