@@ -6,7 +6,6 @@ import json
 import re
 import shlex
 from pathlib import Path
-from xml.etree import ElementTree
 
 import benchmark
 import mutate
@@ -15,7 +14,6 @@ import pytest
 from benchmarks import agreement, figures, measure, render, report, scenes
 from conftest import ROOT, Report
 from peers import peer
-from peers.mitsuba_worker import square_text
 from peers.picture_tests import image_z_test
 from support import statistics
 
@@ -47,23 +45,6 @@ def test_peers_get_the_same_scene(tmp_path: Path) -> None:
             peer.prepare(peer.PEERS["mitsuba-llvm"], scene, folder)
             tree = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
             assert tree["integrator"]["max_depth"] == case.depth
-
-
-def test_scene_files_of_others_are_rendered_alike(tmp_path: Path) -> None:
-    """Mitsuba's text has the size and the filter, also where another file has the film."""
-    sizes = '<integer name="width" value="$width"/><integer name="height" value="32"/>'
-    film = f'<film type="hdrfilm">{sizes}<rfilter type="gaussian"/></film>'
-    (tmp_path / "camera.xml").write_text(f'<scene><sensor type="perspective">{film}</sensor></scene>')
-    file = tmp_path / "box.xml"
-    file.write_text(
-        '<scene version="3.0.0"><default name="width" value="64"/><include filename="camera.xml"/>'
-        '<integrator type="path"/><shape type="rectangle"/></scene>'
-    )
-    found = ElementTree.fromstring(square_text(file, 24, box=True)).find("sensor/film")
-    assert found is not None
-    assert [entry.get("value") for entry in found.iterfind("integer")] == ["24", "24"]
-    assert [entry.get("type") for entry in found.iterfind("rfilter")] == ["box"]
-    assert 'rfilter type="gaussian"' in square_text(file, 24)
 
 
 # --- Verdicts, errors, laws and timings --------------------------------------------------------------

@@ -85,7 +85,6 @@ def test_other_limits_come_first():
     assert finish(box(), time=1e-6, noise=0.01).spp == 1
     scene = wrt.load("cornell-box")
     scene.settings = wrt.RenderSettings(width=32, height=32, noise=0.5)
-    assert wrt.render(scene).shape == (32, 32, 3)
     own = finish(wrt.Renderer(scene))
     assert 8 <= own.spp < 64
     assert finish(own, 70).spp == 70

@@ -111,12 +111,12 @@ TOO_BRIGHT = "^shape: vertex colors must be linear, from 0 to 1; .* from 0 to 3$
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        *((wrt.Shape(BRIGHT, material), TOO_BRIGHT) for material in (COLORED, wrt.Mix(wrt.Mirror(), COLORED))),
+        (wrt.Shape(BRIGHT, wrt.Mix(wrt.Mirror(), COLORED)), TOO_BRIGHT),
         (wrt.Shape(BRIGHT, wrt.Diffuse(opacity=wrt.VertexColor())), TOO_BRIGHT),
         (wrt.Shape(DARK, COLORED), "^shape: vertex colors must be linear, from 0 to 1; .* from -0.5 to 0.5$"),
-        *(
-            (wrt.Shape(DARK, *shining), r"^shape: vertex colors that shine must be at least 0, not -1$")
-            for shining in ((wrt.Diffuse(), wrt.VertexColor(2.0)), (wrt.Emissive(wrt.VertexColor(2.0)),))
+        (
+            wrt.Shape(DARK, emission=wrt.VertexColor(2.0)),
+            "^shape: vertex colors that shine must be at least 0, not -1$",
         ),
         (wrt.Shape(BRIGHT, emission=wrt.VertexColor()), None),
         (wrt.Shape(BRIGHT, wrt.Diffuse(wrt.VertexColor(1.0 / 3.0))), None),

@@ -288,19 +288,6 @@ def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, caps
     assert len(asked) == 5
 
 
-RENDER = """
-import sys
-from wrt.cli import main
-from wrt.rendering import wide_kernel
-wide_kernel.COMPILED_LOADING_SECONDS = 0.0
-sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", "wide.npy", "--quiet"]
-assert main() == 0
-from wrt.backend import current_backend
-assert "warp" not in sys.modules
-print(*(name for name in current_backend().builds._loaded if ".wide" in name))
-"""
-
-
 @needs_lanes
 @pytest.mark.machinery
 @pytest.mark.parametrize("cache", ["warm", "empty"])
@@ -321,7 +308,7 @@ def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     if cache == "empty":
         assert "modules of kernels compiled in" in said
         assert f"the wide kernel of {LANES} lanes compiled in" in said
-    assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{LANES}.")
+    assert python("-c", SHORT, "wide.npy").startswith(f"wrt.render.wide{LANES}.")
     scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
     list(scalar.passes(spp=40))
     np.testing.assert_array_equal(np.load(tmp_path / "wide.npy"), scalar.image())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
 import math
 import os
@@ -31,10 +30,7 @@ from wrt.rendering.wide_kernel import (
     COMPILED_LOADING_SECONDS,
     COMPILING_SECONDS,
     LOADING_SECONDS,
-    SPEEDUP,
-    SPEEDUP_OF_OWN,
     WideKernel,
-    compiling_pays,
     largest_array,
 )
 
@@ -153,16 +149,6 @@ def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(note
     kernel = kernel_of(renderer)
     kernel.wait()
     assert kernel.kernel is None
-
-
-def test_compiling_pays_where_the_render_ends_earlier() -> None:
-    """Without the wide kernel a render takes `seconds` on all threads; one of them compiles meanwhile."""
-    for threads, speedup, seconds in itertools.product(
-        (1, 2, 16), (SPEEDUP, SPEEDUP_OF_OWN), (10.0, 20.0, 45.0, 100.0)
-    ):
-        done = COMPILING_SECONDS * (1.0 - 1.0 / threads)
-        with_compiler = COMPILING_SECONDS + (seconds - done) / speedup
-        assert compiling_pays(seconds, threads, speedup) == (with_compiler < seconds)
 
 
 def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, asked, monkeypatch) -> None:
