@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from support.caches import copy_of_warm_cache, without_notes
+from support.caches import copy_of_warm_cache, python, without_notes
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
@@ -298,19 +298,14 @@ def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     if cache == "empty":
         del variables["WARP_CACHE_PATH"]
 
-    def python(*arguments: str) -> str:
-        command = [sys.executable, *arguments]
-        done = subprocess.run(command, env=variables, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True)
-        return done.stdout
-
-    said = python("-m", "wrt", "compile", "cornell-box")
+    said = python(tmp_path, variables, "-m", "wrt", "compile", "cornell-box")
     assert said.startswith("cornell-box: ")
     if cache == "empty":
         assert "modules of kernels compiled in" in said
         assert f"the wide kernel of {LANES} lanes compiled in" in said
-    assert python("-c", SHORT, "wide.npy").startswith(f"wrt.render.wide{LANES}.")
+    assert python(tmp_path, variables, "-c", SHORT, "wide.npy").startswith(f"wrt.render.wide{LANES}.")
     scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
     list(scalar.passes(spp=40))
     np.testing.assert_array_equal(np.load(tmp_path / "wide.npy"), scalar.image())
     call = "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"
-    assert python("-c", call) == "cornell-box: everything was compiled before\n"
+    assert python(tmp_path, variables, "-c", call) == "cornell-box: everything was compiled before\n"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from PIL import Image
-from support.caches import render_small, without_notes
+from support.caches import python, render_small, without_notes
 from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
@@ -203,7 +201,7 @@ def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)
     assert render_small(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
-    subprocess.run([sys.executable, "-c", COMPILE, str(LANES)], cwd=tmp_path, env=variables, check=True)
+    python(tmp_path, variables, "-c", COMPILE, str(LANES))
     alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
     for name, options in (("film", []), ("smooth", ["--denoise"])):
         assert render_small(tmp_path, variables, f"{name}.npy", "new.toml", *options) == (False, "")

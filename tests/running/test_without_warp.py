@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import shutil
-import subprocess
-import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ import numpy as np
 import pytest
 import warp as wp
 from conftest import ROOT
-from support.caches import render_small, without_notes
+from support.caches import python, render_small, without_notes
 from support.wide_scenes import CAMERAS, SCENES, add_balls
 
 import wrt
@@ -170,10 +168,7 @@ PRECOMPILE = "print(json.dumps([True, [str(wrt.precompile(scene, denoise=True)) 
 
 def run(folder: Path, variables: dict[str, str], script: str, begin: str = BEGIN) -> tuple[bool, list[Any]]:
     """Run a script; return whether it has imported Warp, and what it found."""
-    command = [sys.executable, "-W", "error", "-c", begin + script]
-    process = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
-    assert process.returncode == 0, process.stderr
-    has_warp, found = json.loads(process.stdout)
+    has_warp, found = json.loads(python(folder, variables, "-W", "error", "-c", begin + script))
     return has_warp, found
 
 
@@ -217,8 +212,7 @@ def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, environment:
     launch = "wp.launch_tiled(sums, dim=[1], inputs=[values, total], block_dim=8, device='cpu')\n"
     script = tmp_path / "script.py"
     script.write_text(BEGIN + started + OF_A_USER + compiled + launch + "print(total.numpy().tolist())")
-    process = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=False)
-    assert process.stdout.splitlines()[-1:] == ["[8.0]"], process.stderr
+    assert python(tmp_path, environment, str(script)).endswith("[8.0]\n")
 
 
 # --- Structs ------------------------------------------------------------------------------------------
