@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import ROOT
 from support.feature_sets import FEATURES
+from support.small_scenes import LAMP, block_scene, finish, image_of
 from warp._src.context import user_modules
 
 import wrt
@@ -66,38 +66,23 @@ def loaded() -> set[tuple[str, str]]:
     return {(name, str(key)) for name, module in user_modules.items() for key in module.execs}
 
 
-def room(triangles: int, metal: wrt.Material, lamps: int, seed: int) -> wrt.Scene:
-    rng = np.random.default_rng(seed)
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera(tuple(rng.normal(0.0, 0.2, 3) + (0.0, 1.0, 3.0)), (0.0, 0.5, 0.0)))
-    scene.environment = wrt.ConstantEnvironment(float(rng.uniform(0.1, 0.9)))
-    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(float(rng.uniform(0.2, 0.8))))
-    corners = rng.normal(0.0, 0.1, (triangles, 3, 3)) + rng.uniform(-1.0, 1.0, (triangles, 1, 3)) + (0.0, 1.2, 0.0)
-    scene.add(wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * triangles).reshape(-1, 3)), material=metal)
-    for k in range(lamps):
-        scene.add_light(wrt.PointLight((k - 1.0, 3.0, 1.0), intensity=4.0))
-    return scene
-
-
 @pytest.mark.slow
 def test_a_new_scene_of_seen_features_loads_nothing(device: str) -> None:
-    list(wrt.Renderer(room(3_000, wrt.Conductor(), 1, 1), device=device, width=16, height=12).passes(spp=2))
+    """Other meshes, sizes, values, numbers of lights, depths and seeds."""
+
+    def scene_with(subdivisions: int, lamps: int) -> wrt.Scene:
+        lights = [wrt.PointLight((k - 1.0, 3.0, 1.0), intensity=4.0) for k in range(lamps)]
+        return block_scene(shapes=[wrt.Shape(wrt.sphere(subdivisions=subdivisions)), LAMP], lights=lights)
+
+    options: dict[str, Any] = {"device": device, "light_choice": "power"}
+    finish(wrt.Renderer(scene_with(4, 1), **options, width=16, height=12), 2)
     before = loaded()
     kernels = "wrt.render." if device == "cpu" else "wrt.regenerating."
     assert any(name.startswith(kernels) for name, _ in before)
     assert any(name == "wrt.kernels.accel.build.split" for name, _ in before)
-    # Other meshes, sizes, values, numbers of lights, places, depths and seeds.
-    other = {"device": device, "width": 23, "height": 9, "seed": 7, "max_depth": 5}
-    renderer = wrt.Renderer(room(5_000, wrt.Conductor(metal="gold"), 3, 2), **other)
-    list(renderer.passes(spp=2))
-    assert renderer.image().max() > 0.0
+    options |= {"width": 23, "height": 9, "seed": 7, "max_depth": 5}
+    assert image_of(wrt.Renderer(scene_with(5, 3), **options), 2).max() > 0.0
     assert loaded() == before
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def double(x: wp.array(dtype=float)):  # type: ignore[valid-type]
-        x[wp.tid()] *= 2.0
-
-    wp.launch(double, 3, [wp.ones(3, dtype=float, device="cpu")], device="cpu")
-    assert len(loaded() - before) == 1, "what is new is seen to be loaded"
 
 
 # --- Factories of device functions --------------------------------------------------------------------
