@@ -57,16 +57,6 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
         assert [large.covers(plain), large.covers(large)] == [False, True]
 
 
-def test_there_are_none_for_what_few_use() -> None:
-    few = {"media": "absorbing", "aovs": True, "clamped": True, "cameras": ("own",), "integrator": "ao"}
-    for name, value in few.items():
-        assert general.general_features(dataclasses.replace(PLAIN, **{name: value})) == []
-    for changes in ({}, {"sampler": "independent"}, {"instances": "moving"}, {"exact": "spheres"}):
-        scene = dataclasses.replace(PLAIN, **changes)
-        assert all(general.is_general(kernel) for kernel in general.general_features(scene))
-        assert not general.is_general(scene)
-
-
 def test_the_exercise_has_all_models_and_lights() -> None:
     names = {model_name(material) for material in exercise.materials() if not material.parts}
     assert names == set(general.TIERS[-1].models)

@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 from conftest import ROOT
 from support.caches import python, render_small, without_notes
+from support.commands import CAMERA, QUAD
 from support.wide_scenes import CAMERAS, SCENES, add_balls
 
 import wrt
@@ -24,16 +25,6 @@ from wrt.backend.compiled_backend import CompiledBackend
 from wrt.backend.kernel_cache import digest
 from wrt.backend.warp_backend import WarpBackend
 from wrt.kernels.bsdf import model_of
-
-DARK = """
-[camera]
-origin = [0, 0, 3]
-[[shapes]]
-type = "quad"
-origin = [-1, -1, 0]
-edge_u = [2, 0, 0]
-edge_v = [0, 2, 0]
-"""
 
 
 @pytest.fixture
@@ -74,7 +65,7 @@ def read_notes(path: Path) -> dict[str, dict[str, object]]:
 
 @pytest.mark.slow
 def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, environment: dict[str, str]) -> None:
-    (tmp_path / "dark.toml").write_text(DARK)
+    (tmp_path / "dark.toml").write_text(CAMERA + QUAD)
     has_warp, said = render_small(tmp_path, environment, "a.npy", "dark.toml")
     assert (has_warp, said.count("no light")) == (True, 1)
     (index,) = (tmp_path / "cache" / "wrt").glob("builds-*.json")
