@@ -178,16 +178,10 @@ class OnGpu:
         self.dtype, self.capacity = wp.float32, numbers.nbytes
 
 
-@pytest.fixture
-def fetching(second_gpu: StandIn) -> tuple[WarpBackend, FetchedWarp, StandIn]:
+def test_what_is_fetched_again_and_again_pins_memory_once(second_gpu: StandIn) -> None:
     second_gpu.stream = "the current stream"  # type: ignore[attr-defined]
-    backend, warp = WarpBackend(), FetchedWarp()
+    backend, warp, gpu = WarpBackend(), FetchedWarp(), second_gpu
     backend._wp = warp
-    return backend, warp, second_gpu
-
-
-def test_what_is_fetched_again_and_again_pins_memory_once(fetching: tuple[WarpBackend, FetchedWarp, StandIn]) -> None:
-    backend, warp, gpu = fetching
     numbers = np.random.default_rng(1).random((5, 40, 30), np.float32)
     found = [backend.fetch(OnGpu(gpu, each)) for each in numbers]
     np.testing.assert_array_equal(found, numbers)  # none shares the memory of the next

@@ -6,7 +6,6 @@ from support.small_scenes import finish, image_of
 
 import wrt
 from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.rendering.noise.pilot import one_of_each_block
 from wrt.rendering.noise.tile_budget import SIDE, Tiles, tiles_to_stop
 
 TARGET = 0.002
@@ -162,16 +161,6 @@ def test_with_a_pilot_the_picture_decides_nothing(adaptive):
         noisy = clean.variance().min(axis=2)[measured] > 1e-9
         assert noisy.sum() > 100
         assert np.equal(*means).any(axis=1)[noisy].mean() < 0.05  # at edges of the sky by chance
-
-
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (5, 4), (96, 72)])
-def test_a_pilot_measures_one_pixel_of_each_block(width, height):
-    measured = one_of_each_block(width, height).reshape(height, width)
-    padded = np.pad(measured, ((0, height % 2), (0, width % 2)))
-    assert (padded.reshape(len(padded) // 2, 2, -1, 2).sum(axis=(1, 3)) == 1).all()
-    if width > 5:
-        places = [measured[y::2, x::2].mean() for y in (0, 1) for x in (0, 1)]
-        np.testing.assert_allclose(places, 0.25, atol=0.02)
 
 
 def test_the_last_sample_of_each_pixel_removes_as_much_error():

@@ -25,7 +25,7 @@ from wrt.backend.lanes import SWITCH as WIDE
 from wrt.cli import main
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
-from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
+from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done, request
 from wrt.describe.system import system_text
 from wrt.kernels.features import Features
 from wrt.rendering.guides import guide_features
@@ -100,10 +100,8 @@ def test_build_machines_and_the_switch(
 
 def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, tmp_path: Path) -> None:
     kernels, others = tmp_path / "kernels", tmp_path / "others"
-    path, other = (
-        request(MIRROR, 8, builds, kernels),
-        request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others),
-    )
+    path = request(MIRROR, 8, builds, kernels)
+    other = request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others)
     general = general_features(DIFFUSE)[0]
     request(general, 8, builds, kernels)
     assert path is not None
@@ -116,18 +114,19 @@ def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, t
     assert started == [kernels, others, kernels]
 
 
-def test_what_cannot_be_compiled_is_left_for_an_hour(started, builds: Builds, compiled, tmp_path: Path) -> None:
-    path = request(DIFFUSE, 8, builds, tmp_path)
+def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_removed(
+    started, builds: Builds, compiled, tmp_path: Path
+) -> None:
+    path, other = request(DIFFUSE, 8, builds, tmp_path), request(MIRROR, 8, builds, tmp_path)
     assert path is not None
-    request(MIRROR, 8, builds, tmp_path)
+    assert other is not None
+    other.write_text("{")
     assert serve(builds, tmp_path) == 0
-    assert compiled == [MIRROR]
-    begun = path.with_suffix(BEGUN)
-    assert begun.exists()
+    assert compiled == []
+    assert not other.exists()
     assert request(DIFFUSE, 8, builds, tmp_path) is None
-    assert len(started) == 2
     before = time.time() - RETRY_SECONDS - 1.0
-    os.utime(begun, (before, before))
+    os.utime(path.with_suffix(BEGUN), (before, before))
     assert request(DIFFUSE, 8, builds, tmp_path) == path
     assert len(started) == 3
 
@@ -151,19 +150,6 @@ def test_one_process_compiles_and_serves_what_comes_meanwhile(
     assert compiled == [MIRROR, second]
     assert len(started) == 1
     assert is_done(paths[0])
-
-
-def test_damaged_and_old_requests_are_removed(started, builds: Builds, compiled, tmp_path: Path) -> None:
-    path = request(MIRROR, 8, builds, tmp_path)
-    assert path is not None
-    old = path.with_name(f"builds-old{REQUESTED}")
-    old.write_text("[]")
-    os.utime(old, (1.0, 1.0))
-    path.write_text("{")
-    serve(builds, tmp_path)
-    assert compiled == []
-    assert not path.exists()
-    assert not old.exists()
 
 
 def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], builds: Builds, tmp_path: Path) -> None:
