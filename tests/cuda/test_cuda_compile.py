@@ -140,7 +140,7 @@ OTHERS += [(make_kernel, "ggx", "smith") for make_kernel in TABLE_KERNELS]
 
 
 @pytest.mark.machinery
-@pytest.mark.parametrize("made", OTHERS, ids=str)
+@pytest.mark.parametrize("made", OTHERS, ids=lambda made: "-".join((made[0].__name__, *made[1:])))
 def test_kernels_that_look_around_or_fill_tables_compile(made: tuple[Any, ...], tmp_path: Path) -> None:
     make_kernel, *arguments = made
     compile_for_cuda(make_kernel(*arguments).module, tmp_path)
