@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from PIL import Image
 from support.caches import python, render_small, without_notes
+from support.commands import CAMERA, QUAD
 from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
@@ -160,12 +161,9 @@ compile_kernel(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exe
 compile_kernel(general_features(guide_features(plain, RenderSettings()))[0], SCALAR, Builds.known(), exercise)
 """
 
-NEW = """
-[camera]
-origin = [0, 0, 3]
+NEW = f"""{CAMERA}{QUAD}material = "painted"
 [environment]
 type = "constant"
-radiance = 0.5
 [[lights]]
 type = "spot"
 position = [1, 1, 2]
@@ -173,14 +171,8 @@ direction = [-1, -1, -2]
 intensity = 9.0
 [materials.painted]
 type = "principled"
-base_color = { texture = "squares.png" }
+base_color = {{ texture = "squares.png" }}
 metallic = 0.5
-[[shapes]]
-type = "quad"
-origin = [-1, -1, 0]
-edge_u = [2, 0, 0]
-edge_v = [0, 2, 0]
-material = "painted"
 """
 
 
