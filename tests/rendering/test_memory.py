@@ -4,22 +4,12 @@ import ctypes
 import os
 import re
 import resource
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from support.commands import run
 
 from wrt.backend.memory import memory_left, trim
-
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
-
-
-def run(*arguments, **options):
-    """Run Python in a process of its own."""
-    how = {"env": ENVIRONMENT, "check": False, "capture_output": True, "text": True, "timeout": 300, **options}
-    return subprocess.run([sys.executable, *arguments], **how)
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="the C library cannot give memory back")
@@ -74,8 +64,8 @@ def test_limits_of_control_groups(cgroup, files, limit, tmp_path):
 
 @pytest.mark.parametrize("kind", [resource.RLIMIT_AS, pytest.param(resource.RLIMIT_DATA, marks=pytest.mark.slow)])
 def test_limits_of_the_process_are_known(kind, tmp_path):
-    command = ("-m", "wrt", "render", "cornell-box", "--size", "8000x8000", "--spp", "1", "-o", "x.png", "--quiet")
-    result = run(*command, cwd=tmp_path, preexec_fn=lambda: resource.setrlimit(kind, (2 << 30, 2 << 30)))
+    command = ("render", "cornell-box", "--size", "8000x8000", "--spp", "1", "-o", "x.png", "--quiet")
+    result = run(tmp_path, *command, before=lambda: resource.setrlimit(kind, (2 << 30, 2 << 30)))
     assert result.returncode == 1, result.stderr
     said = r"wrt: error: a picture of 8000x8000 needs 7\.7 GB, more than the [0-2]\.\d GB that cpu has left\n"
     assert re.fullmatch(said, result.stderr)

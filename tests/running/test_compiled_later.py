@@ -7,8 +7,6 @@ import dataclasses
 import hashlib
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -206,11 +204,8 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
 
     def render(name: str) -> list[str]:
         """Return the wide kernels that were loaded without Warp."""
-        done = subprocess.run(
-            [sys.executable, "-c", SHORT, name], env=variables, cwd=tmp_path, stdout=subprocess.PIPE, check=True
-        )
-        # The stream is read to its end: a compiler that held it open would keep the shell waiting.
-        return done.stdout.decode().split()
+        # The streams are read to their end: a compiler that held them open would keep the shell waiting.
+        return python(tmp_path, variables, "-c", SHORT, name).split()
 
     requests, kernels = tmp_path / "cache" / "wrt" / "requests", tmp_path / "cache" / "warp"
     render("first.npy")

@@ -169,10 +169,9 @@ def test_nobody_waits_for_ever_for_a_stopped_writer_or_writes_beside_it(
 def test_damage_is_told_once_and_mended_and_an_unsealed_kernel_silently_compiled(cache: Cache) -> None:
     copy_of_headers(cache.folder)
     assert cache.run() == (1, "")
-    for suffix in (".o", ".meta", ".checksum"):
-        flip(cache.file(suffix), 7)
-        assert cache.run() == (1, f"{cache.file('.o')}: the compiled kernel was damaged, and is compiled again")
-        assert cache.run() == (0, "")
+    flip(cache.file(".o"), 7)
+    assert cache.run() == (1, f"{cache.file('.o')}: the compiled kernel was damaged, and is compiled again")
+    assert cache.run() == (0, "")
     cache.file(".checksum").unlink()  # as in the caches of older versions
     flip(cache.file(".o"), 100)
     assert cache.run() == (1, "")
@@ -328,6 +327,7 @@ time.sleep(600)
 def test_the_folder_of_a_killed_process_is_removed_by_the_next(cache: Cache, tmp_path: Path) -> None:
     temporary = tmp_path / "temporary"
     temporary.mkdir()
+    copy_of_headers(cache.folder)
     cache.program.write_text(WORK)
     processes = [cache.begin(TMPDIR=str(temporary)) for _ in range(2)]
     try:

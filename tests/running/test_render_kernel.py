@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -15,8 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
-from conftest import ROOT
+from support.caches import without_notes
 from support.wide_scenes import needs_lanes, with_uvs
 
 import wrt
@@ -271,12 +269,9 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 @pytest.mark.slow
 def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
     """Killed while another compiles, so that its own waits; nothing is left of it."""
-    kernels = Path(wp.config.kernel_cache_dir).parent
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
-    environment["WARP_CACHE_PATH"] = str(kernels)
-    builds = Builds.known()
+    environment, builds = without_notes(tmp_path), Builds.known()
     assert builds is not None
-    builds.path = tmp_path / "wrt" / builds.path.name
+    builds.path = tmp_path / "cache" / "wrt" / builds.path.name
     with builds.alone():
         process = subprocess.Popen([sys.executable, "-c", LONG], env=environment, stdout=subprocess.PIPE, text=True)
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
