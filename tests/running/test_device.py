@@ -14,12 +14,7 @@ import warp as wp
 
 import wrt
 from wrt.backend.device import Device
-from wrt.backend.slices import (
-    FIRST_SLICE,
-    SLICE_SECONDS,
-    SLICES_PER_THREAD,
-    Slices,
-)
+from wrt.backend.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
 
 
 @wp.kernel(enable_backward=False)

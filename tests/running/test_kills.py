@@ -51,11 +51,7 @@ def test_the_script_notices_what_a_kill_would_damage(tmp_path: Path) -> None:
 @pytest.mark.machinery
 @pytest.mark.parametrize(
     ("number", "seconds", "options"),
-    [
-        (signal.SIGTERM, 0.1, ["--threads", "1"]),
-        (signal.SIGINT, 0.7, []),
-        (signal.SIGKILL, 1.5, []),
-    ],
+    [(signal.SIGTERM, 0.1, ["--threads", "1"]), (signal.SIGINT, 0.7, []), (signal.SIGKILL, 1.5, [])],
 )
 def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
     number: signal.Signals, seconds: float, options: list[str], tmp_path: Path

@@ -82,12 +82,7 @@ def test_the_wide_kernel_gives_the_same_film() -> None:
 
     @wp.func_native(f"render_tile(tile, {width}, {height}, 0, last, max_depth, mirrors, film, counts);")
     def render_tile(
-        tile: int,
-        last: int,
-        max_depth: int,
-        mirrors: Mirrors,
-        film: wp.array(dtype=float),
-        counts: wp.array(dtype=int),
+        tile: int, last: int, max_depth: int, mirrors: Mirrors, film: wp.array(dtype=float), counts: wp.array(dtype=int)
     ):
         wide_code_h()
 

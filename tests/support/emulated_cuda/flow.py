@@ -115,12 +115,7 @@ def flow_of(entry: Entry, functions: Mapping[str, Entry] = _NONE) -> Flow:
 
 
 def _following(
-    i: int,
-    block: list[Instruction],
-    labels: dict[str, int],
-    tables: dict[str, tuple[str, ...]],
-    after: int,
-    end: int,
+    i: int, block: list[Instruction], labels: dict[str, int], tables: dict[str, tuple[str, ...]], after: int, end: int
 ) -> tuple[int, ...]:
     """Return the blocks that may follow block i; `after` is where its function returns to."""
     last = block[-1]
