@@ -61,10 +61,10 @@ def without_notes(folder: Path) -> dict[str, str]:
 
 
 def python(folder: Path, environment: dict[str, str], *arguments: str) -> str:
-    """Run Python in a folder and return what it prints; it must succeed and write no error."""
+    """Run Python in a folder, and return what it prints; it must succeed."""
     command = [sys.executable, *arguments]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
     return done.stdout
 
 
