@@ -1,6 +1,5 @@
 """A Dask cluster, or several processes, render the bits of one machine, whatever happens to the workers."""
 
-import collections
 import contextlib
 import gc
 import os
@@ -14,12 +13,11 @@ import wrt
 import wrt.distributed
 from wrt.backend import arithmetic
 from wrt.cli import main
-from wrt.distributed import head, worker
+from wrt.distributed import head
 from wrt.distributed.clients import client_of
 from wrt.distributed.dask_cluster import DaskCluster
 from wrt.distributed.processes import devices_of
 from wrt.distributed.windows import windows_of_pass
-from wrt.parts import render
 from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
@@ -116,29 +114,6 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
 
     monkeypatch.setattr(client, "sync", sync_and_renew)
     assert len(DaskCluster(client).addresses()) == 2
-
-
-def test_a_worker_keeps_what_it_has_built_for_other_cameras(client, monkeypatch):
-    built, make = [], wrt.Renderer.__init__
-    monkeypatch.setattr(worker, "_renderers", collections.OrderedDict())
-    monkeypatch.setattr(wrt.Renderer, "__init__", lambda *a, **k: (built.append(k), make(*a, **k))[1])
-    renderer = spread(client)
-    film_of(renderer, 1)
-    assert len(built) == 2  # the head node's, which builds no scene, and one of this process, where both workers are
-    camera = wrt.PerspectiveCamera((2.0, 1.0, 3.0), (0.0, 0.0, 0.0))
-    renderer.set_camera(camera)
-    seen = film_of(renderer, 2)
-    assert len(built) == 2
-    assert_same_arrays(seen, film_of(wrt.Renderer(block_scene(camera=camera), **SIZE), 2))
-
-
-def test_a_window_knows_how_long_the_picture_takes(client, monkeypatch):
-    """Alone it would be too short to load the wide kernel."""
-    left, windows = [], render.render_windows
-    monkeypatch.setattr(render, "render_windows", lambda *a, **k: left.append(k["seconds_left"]) or windows(*a, **k))
-    film_of(spread(client), 64, pass_seconds=1e-3)
-    assert left[0] == 0.0
-    assert max(left) > 0.0
 
 
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
