@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NoReturn
 
 from wrt.cli.process import end, end_soon
@@ -12,6 +15,11 @@ from wrt.errors import InputError, NotEnoughMemory, one_line
 FAILED = 1
 UNUSABLE = 2
 INTERRUPTED = 130
+
+NO_THREAD = "can't start new thread"
+"""What Python says when the system allows no more threads."""
+
+NO_MORE_THREADS = "the system allows no more threads or processes (ulimit -u, or the pids.max of a control group)"
 
 
 def complain(kind: str, what: object) -> None:
@@ -31,8 +39,14 @@ def give_up(status: int, what: str) -> NoReturn:
     end(status)
 
 
+class Failed(Exception):
+    """Work that had begun did not end; the message is one line that names the cause, and says what was saved."""
+
+
 def outcome(run: Callable[[], int], *, name: str = "") -> int:
     """Return the exit status of `run`; if it raises, report the error and return its status.
+
+    What nobody expects, such as a fault in wrt, is raised.
 
     Args:
         run: the work to do.
@@ -40,22 +54,50 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
     """
     try:
         return run()
-    except InputError as error:
-        _complain_of(name, str(error))
-        return FAILED if isinstance(error, NotEnoughMemory) else UNUSABLE
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _complain_of(name, f"{where}{error.strerror or error}")
-        return FAILED
-    except MemoryError as error:
-        _complain_of(name, f"not enough memory{f': {error}' if str(error) else ''}")
-        return FAILED
-    except RuntimeError as error:
-        # Warp's messages when memory, or address space for its libraries, runs out
-        if not str(error).startswith(("Failed to allocate", "Failed to load the shared library")):
+    except Exception as error:
+        if not _is_expected(error):
             raise
-        _complain_of(name, f"not enough memory: {error}")
-        return FAILED
+        _complain_of(name, cause_of(error))
+        return UNUSABLE if isinstance(error, InputError) and not isinstance(error, NotEnoughMemory) else FAILED
+
+
+def _is_expected(error: Exception) -> bool:
+    """Return whether a person, the machine or the system may have caused an exception."""
+    return isinstance(error, (Failed, InputError, OSError, MemoryError)) or _is_lack(error)
+
+
+def _is_lack(error: Exception) -> bool:
+    """Return whether memory, address space for libraries, or threads ran out."""
+    lacks = ("Failed to allocate", "Failed to load the shared library", NO_THREAD)
+    return isinstance(error, RuntimeError) and str(error).startswith(lacks)
+
+
+def cause_of(error: BaseException) -> str:
+    """Return the text of a message about an exception: for an unexpected one, also its kind and where it was raised."""
+    if isinstance(error, (Failed, InputError)):
+        return str(error)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return f"{where}{error.strerror or error}"
+    if isinstance(error, MemoryError):
+        return f"not enough memory{f': {error}' if str(error) else ''}"
+    if isinstance(error, RuntimeError) and _is_lack(error):
+        no_thread = str(error).startswith(NO_THREAD)
+        return NO_MORE_THREADS if no_thread else f"not enough memory: {error}"
+    kind = f"{type(error).__name__}{f': {error}' if str(error) else ''}"
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{kind} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else kind
+
+
+@contextlib.contextmanager
+def failing_in_one_line() -> Iterator[None]:
+    """Within the context, turn exceptions that `outcome` would raise into Failed."""
+    try:
+        yield
+    except Exception as error:
+        if _is_expected(error):
+            raise
+        raise Failed(cause_of(error)) from error
 
 
 def _complain_of(name: str, what: str) -> None:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrt.cli.exit_status import complain, give_up, outcome
+from wrt.cli.exit_status import complain, failing_in_one_line, give_up, outcome
 from wrt.cli.output_paths import default_output
 from wrt.cli.signals import Interrupts
 from wrt.errors import InputError, one_line
@@ -76,7 +76,8 @@ def _render(options: argparse.Namespace, interrupts: Interrupts, said: set[str])
         short_warnings(say := once(bar.message, said)),
     ):
         try:
-            _render_missing(options, animation, interrupts, bar)
+            with failing_in_one_line():
+                _render_missing(options, animation, interrupts, bar)
             if animation.video:
                 bar.relabel(f"{label} (writing)")
                 _assemble(options, animation, interrupts)
