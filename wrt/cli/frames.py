@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -255,7 +256,7 @@ def _identity(options: argparse.Namespace, renderer: Renderer) -> dict[str, Any]
         chosen.pop("--frames")  # other frames of the same animation can be added
     whole = {**own, **{f"the scene's {part}": digest for part, digest in scene.items()}, **chosen}
     source = Path(options.input)
-    if source.is_file():
+    if os.path.isfile(source):
         with source.open("rb") as file:
             digest = hashlib.blake2b(digest_size=16)
             while block := file.read(1 << 20):

@@ -233,7 +233,7 @@ def _make_renderer(
 ) -> Renderer:
     renderer = make_renderer(options, scene)
     if options.resume and checkpoint is not None:
-        if not checkpoint.exists():
+        if not os.path.exists(checkpoint):
             say(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
         else:
             renderer.load_checkpoint(checkpoint)
