@@ -11,13 +11,11 @@ from typing import NoReturn
 
 from wrt.cli.process import end, end_soon
 from wrt.errors import InputError, NotEnoughMemory, one_line
+from wrt.threads import is_lack_of_threads
 
 FAILED = 1
 UNUSABLE = 2
 INTERRUPTED = 130
-
-NO_THREAD = "can't start new thread"
-"""What Python says when the system allows no more threads."""
 
 NO_MORE_THREADS = "the system allows no more threads or processes (ulimit -u, or the pids.max of a control group)"
 
@@ -63,12 +61,12 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
 
 def _is_expected(error: Exception) -> bool:
     """Return whether a person, the machine or the system may have caused an exception."""
-    return isinstance(error, (Failed, InputError, OSError, MemoryError)) or _is_lack(error)
+    return isinstance(error, (Failed, InputError, OSError, MemoryError)) or _is_lack(error) or is_lack_of_threads(error)
 
 
-def _is_lack(error: Exception) -> bool:
-    """Return whether memory, address space for libraries, or threads ran out."""
-    lacks = ("Failed to allocate", "Failed to load the shared library", NO_THREAD)
+def _is_lack(error: BaseException) -> bool:
+    """Return whether memory, or address space for libraries, ran out, of which Warp says so."""
+    lacks = ("Failed to allocate", "Failed to load the shared library")
     return isinstance(error, RuntimeError) and str(error).startswith(lacks)
 
 
@@ -81,9 +79,10 @@ def cause_of(error: BaseException) -> str:
         return f"{where}{error.strerror or error}"
     if isinstance(error, MemoryError):
         return f"not enough memory{f': {error}' if str(error) else ''}"
-    if isinstance(error, RuntimeError) and _is_lack(error):
-        no_thread = str(error).startswith(NO_THREAD)
-        return NO_MORE_THREADS if no_thread else f"not enough memory: {error}"
+    if is_lack_of_threads(error):
+        return NO_MORE_THREADS
+    if _is_lack(error):
+        return f"not enough memory: {error}"
     kind = f"{type(error).__name__}{f': {error}' if str(error) else ''}"
     frames = traceback.extract_tb(error.__traceback__)
     return f"{kind} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else kind

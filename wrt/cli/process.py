@@ -12,6 +12,8 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
+from wrt.threads import start_if_possible
+
 LARGE = 1 << 22
 """Bytes from which freed allocations are returned to the system; smaller intermediate arrays stay in the heap."""
 
@@ -78,12 +80,13 @@ def importing(names: Sequence[str], kernels: Sequence[str] = ()) -> Iterator[Non
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_SECONDS)
     thread = threading.Thread(target=run, daemon=True)
-    thread.start()
+    started = start_if_possible(thread)
     try:
         yield
     finally:
         sys.setswitchinterval(interval)
-        thread.join()
+        if started:
+            thread.join()
 
 
 @contextlib.contextmanager
@@ -129,4 +132,4 @@ def end_soon(status: int) -> None:
     """End the process within a second, whatever its threads are doing."""
     timer = threading.Timer(1.0, os._exit, (status,))
     timer.daemon = True
-    timer.start()
+    start_if_possible(timer)
