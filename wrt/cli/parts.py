@@ -136,6 +136,7 @@ def _merge(options: argparse.Namespace, interrupts: Interrupts) -> int:
         require_writable(checkpoint, CHECKPOINT)
     merged = merge_parts(options.inputs)
     check_contents(output, merged)
+    merged.require_own_tone(output, options.tone)
     if merged.settings.denoise:
         complain(
             "warning", f"{output}: not denoised, which needs the scene: wrt render --checkpoint FILE --resume does it"

@@ -75,8 +75,8 @@ def _save_picture(renderer: Renderer, options: argparse.Namespace, output: Path)
         if not renderer.settings.denoise:
             raise
         renderer.settings = dataclasses.replace(renderer.settings, denoise=False)
-        saved = _save_picture(renderer, options, output)
-        raise OSError(f"{saved.path}: saved with its noise, denoising failed: {cause_of(error)}") from error
+        noisy = _save_picture(renderer, options, output)
+        raise OSError(f"{noisy.path}: saved with its noise, denoising failed: {cause_of(error)}") from error
     except InputError as error:
         saved = _save_elsewhere(renderer, options, output)
         if saved is None:

@@ -36,12 +36,15 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         views = b"ascii" not in header.lower()
         fields = load(path, data, "ply", views=views, fix_texture=b"texcoord" in header)
     except InputError as error:
-        if "unexpected length" not in str(error):
+        # NumPy's words where coordinates at corners differ in number from face to face
+        ragged = "array element with a sequence" in str(error) and b"format ascii" in header
+        if "unexpected length" not in str(error) and not ragged:
             raise
         try:
             data = triangulated(data)
         except ValueError as reason:
             raise InputError(f"{path}: the data are not as long as the PLY header says: {reason}") from None
+        header = data[: data.find(b"end_header")]
         fields = load(path, data, "ply", views=True, fix_texture=b"texcoord" in header)
     elements = fields["metadata"]["_ply_raw"]
     for name, element in elements.items():
