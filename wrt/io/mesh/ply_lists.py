@@ -123,7 +123,7 @@ def _as_binary(text: bytes, elements: list[_Element]) -> bytes:
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # of a word that is no number
         try:
-            values = np.fromstring(text, sep=" ")  # type: ignore[call-overload]  # bytes are taken, too
+            values = np.fromstring(text, sep=" ")
         except DeprecationWarning:
             raise ValueError("a number is none") from None
     memory_limits.take(memory_limits.MESHES, 32 * len(values))
