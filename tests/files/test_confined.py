@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import socket
 import struct
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -214,3 +217,23 @@ def test_a_mitsuba_scene_does_not_learn_which_files_there_are_outside(is_there, 
         (outside.parent / "a.ply").write_text(PLY)
     text = '<path value="sub"/><shape type="ply"><string name="filename" value="../a.ply"/></shape>'
     assert wrt.load(scene / xml(text)(scene, ""), confined=True).shapes
+
+
+def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
+    """A server that nobody asks: not for what a scene names, nor for the scene itself."""
+    scene, _ = folders
+    monkeypatch.chdir(tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        address = f"http://127.0.0.1:{server.getsockname()[1]}"
+        for case in CASES.values():
+            with contextlib.suppress(wrt.InputError), warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)
+                wrt.load(scene / case(scene, address))
+        for name in ("a.toml", "a.xml", "a.obj", "a.glb", "a.usda", "a.png"):
+            with pytest.raises(wrt.InputError):
+                wrt.load(f"{address}/{name}")
+            with pytest.raises(wrt.InputError):
+                wrt.load_image(f"{address}/{name}")
+        with pytest.raises(BlockingIOError):
+            server.accept()
