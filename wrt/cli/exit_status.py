@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn
 
 from wrt.cli.process import end, end_soon
 from wrt.errors import InputError, NotEnoughMemory, one_line
-from wrt.threads import is_lack_of_threads
 
 FAILED = 1
 UNUSABLE = 2
@@ -61,6 +59,8 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
 
 def _is_expected(error: Exception) -> bool:
     """Return whether a person, the machine or the system may have caused an exception."""
+    from wrt.threads import is_lack_of_threads  # not at the top: --help must import little
+
     return isinstance(error, (Failed, InputError, OSError, MemoryError)) or _is_lack(error) or is_lack_of_threads(error)
 
 
@@ -72,6 +72,10 @@ def _is_lack(error: BaseException) -> bool:
 
 def cause_of(error: BaseException) -> str:
     """Return the text of a message about an exception: for an unexpected one, also its kind and where it was raised."""
+    import traceback
+
+    from wrt.threads import is_lack_of_threads
+
     if isinstance(error, (Failed, InputError)):
         return str(error)
     if isinstance(error, OSError):

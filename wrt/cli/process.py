@@ -12,8 +12,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
-from wrt.threads import start_if_possible
-
 LARGE = 1 << 22
 """Bytes from which freed allocations are returned to the system; smaller intermediate arrays stay in the heap."""
 
@@ -80,6 +78,8 @@ def importing(names: Sequence[str], kernels: Sequence[str] = ()) -> Iterator[Non
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_SECONDS)
     thread = threading.Thread(target=run, daemon=True)
+    from wrt.threads import start_if_possible
+
     started = start_if_possible(thread)
     try:
         yield
@@ -130,6 +130,8 @@ def _silence() -> None:
 
 def end_soon(status: int) -> None:
     """End the process within a second, whatever its threads are doing."""
+    from wrt.threads import start_if_possible
+
     timer = threading.Timer(1.0, os._exit, (status,))
     timer.daemon = True
     start_if_possible(timer)
