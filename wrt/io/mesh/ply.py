@@ -48,9 +48,10 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         fields = load(path, data, "ply", views=True, fix_texture=b"texcoord" in header)
     elements = fields["metadata"]["_ply_raw"]
     for name, element in elements.items():
-        # trimesh takes as many lines of text as there are.
-        held = next(iter(element.get("data", {}).values()), ()) if b"format ascii" in header else None
-        if held is not None and len(held) < element["length"]:
+        # trimesh takes as many lines of text as there are; it makes records of binary data.
+        columns = element.get("data", {})
+        held = next(iter(columns.values()), ()) if isinstance(columns, dict) else None
+        if b"format ascii" in header and held is not None and len(held) < element["length"]:
             raise InputError(f"{path}: {len(held)} of {element['length']} {name!r} rows are there; it is truncated")
     strips = strips_of(elements)
     if len(strips):
