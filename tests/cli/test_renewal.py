@@ -19,10 +19,23 @@ from wrt.rendering.passes import LONGEST_PASS
 LONG = ("render", "cornell-box", "--size", "16x16", "--spp", "8")
 
 
+def due(plan: Renewal, left: float | None) -> tuple[bool, bool]:
+    return plan.due(SimpleNamespace(seconds_left=left))
+
+
+class Clock:
+    """A clock that tests move on."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
 def times(cost: float, seconds: float, step: float, save_every: float | None = None) -> tuple[list[float], float]:
     """When a render of passes of `step` seconds renews its picture, and the share of time that this takes."""
-    clock = SimpleNamespace(now=100.0)
-    plan = Renewal(save_every, clock=lambda: clock.now)
+    clock = Clock()
+    plan = Renewal(save_every, clock=clock)
     written = []
 
     def write() -> None:
@@ -30,7 +43,7 @@ def times(cost: float, seconds: float, step: float, save_every: float | None = N
 
     while clock.now < 100.0 + seconds:
         clock.now += step
-        picture, checkpoint = plan.due(SimpleNamespace(seconds_left=1000.0))
+        picture, checkpoint = due(plan, 1000.0)
         if picture:
             plan.run(write, picture=True, checkpoint=checkpoint)
             written.append(clock.now - 100.0)
@@ -41,23 +54,50 @@ def test_the_first_renewal_is_soon_and_intervals_grow() -> None:
     written, share = times(0.01, 3600.0, 0.5)
     assert written[0] == pytest.approx(FIRST_SECONDS, abs=0.6)
     gaps = np.diff(written)
+    assert gaps.min() >= FIRST_SECONDS
     assert gaps.max() <= 61.0
     assert gaps[-1] > 4.0 * gaps[0]
     assert share < 0.01
 
 
-def test_slow_renewals_take_a_fiftieth_of_the_time_at_most() -> None:
-    written, share = times(30.0, 4000.0, 1.0)
+@pytest.mark.parametrize("cost", [0.1, 5.0, 30.0])
+def test_renewals_take_a_fiftieth_of_the_time_at_most(cost: float) -> None:
+    written, share = times(cost, 4000.0, 1.0)
     assert len(written) >= 2
     # The cost of the first one is not known before.
-    assert share <= MOST_TIME + 1.1 * 30.0 / 4000.0
+    assert share <= MOST_TIME + 1.1 * cost / 4000.0
 
 
 def test_intervals_can_be_given_and_turned_off() -> None:
     assert np.diff(times(0.01, 100.0, 0.5, 5.0)[0]) == pytest.approx(5.0, abs=0.6)
     assert times(0.01, 1e6, 1e3, float("inf"))[0] == []
-    assert [Renewal(5.0).pass_seconds, Renewal(None).pass_seconds] == [5.0, None]
-    assert Renewal(None, watched=False, longest=3.0 * LONGEST_PASS).pass_seconds == 3.0 * UNWATCHED_PASS
+    cluster = {"watched": False, "longest": 3.0 * LONGEST_PASS}
+    for every, options, expected in (
+        (5.0, {}, 5.0),
+        (None, {}, None),
+        (float("inf"), {}, None),
+        (5.0, {"watched": False}, 5.0),
+        (None, {"watched": False}, UNWATCHED_PASS),
+        (float("inf"), {"watched": False}, LONGEST_PASS),
+        (20.0, cluster, 20.0),
+        (None, cluster, 3.0 * UNWATCHED_PASS),
+        (float("inf"), cluster, 3.0 * LONGEST_PASS),
+    ):
+        assert Renewal(every, **options).pass_seconds == expected
+
+
+def test_short_renders_and_the_last_second_are_left_alone() -> None:
+    clock = Clock()
+    plan = Renewal(None, clock=clock)
+    assert due(plan, 100.0) == (False, False)
+    clock.now += 1.9
+    assert due(plan, 100.0) == (False, False)
+    clock.now += 0.2
+    assert due(plan, 0.5) == (False, False)
+    assert due(plan, 5.0) == (True, False)
+    assert due(plan, None) == (True, False)
+    clock.now += 60.0
+    assert due(plan, 0.5) == (False, True)
 
 
 @pytest.fixture
@@ -81,12 +121,14 @@ def watched(monkeypatch: pytest.MonkeyPatch, look: Callable[[int], object]) -> N
     monkeypatch.setattr(wrt.Renderer, "passes", watch)
 
 
-def test_the_picture_can_be_read_while_it_renders(monkeypatch: pytest.MonkeyPatch, often: None) -> None:
+@pytest.mark.parametrize("name", ["a.png", pytest.param("a.exr", marks=pytest.mark.slow)])
+def test_the_picture_can_be_read_while_it_renders(monkeypatch: pytest.MonkeyPatch, often: None, name: str) -> None:
     seen = []
-    watched(monkeypatch, lambda number: seen.append(wrt.load_image("a.exr").mean()) if number else None)
-    assert run(*LONG, "-o", "a.exr", "--layers", "albedo", "--quiet") == 0
+    layers = ("--layers", "albedo") if name == "a.exr" else ()
+    watched(monkeypatch, lambda number: seen.append(wrt.load_image(name).mean()) if number else None)
+    assert run(*LONG, "-o", name, *layers, "--quiet") == 0
     assert len(set(seen)) == len(seen) >= 2
-    assert os.listdir() == ["a.exr"]
+    assert os.listdir() == [name]
 
 
 def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch: pytest.MonkeyPatch, often: None) -> None:
@@ -99,19 +141,33 @@ def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch: pytest.Monkey
     np.testing.assert_array_equal(wrt.load_image("a.exr"), wrt.load_image("b.exr"))
 
 
+@pytest.mark.parametrize(
+    ("method", "error", "message"),
+    [
+        ("save", OSError(28, "No space left on device"), "No space left on device; rendering continues"),
+        ("image", MemoryError(), "not enough memory for the picture; rendering continues"),
+        ("image", RuntimeError("CUDA error"), "RuntimeError: CUDA error (test_renewal.py, line "),
+    ],
+)
 def test_what_fails_in_a_renewal_is_one_warning_and_the_picture_comes_at_the_end(
-    monkeypatch: pytest.MonkeyPatch, often: None, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
+    often: None,
+    capsys: pytest.CaptureFixture[str],
+    method: str,
+    error: Exception,
+    message: str,
 ) -> None:
-    original, errors = wrt.Renderer.save, [OSError(28, "No space left on device")] * 2
+    original, calls = getattr(wrt.Renderer, method), []
 
     def failing(self, *arguments, **options):
-        if errors:
-            raise errors.pop()
+        calls.append(1)
+        if len(calls) <= 2:
+            raise error
         return original(self, *arguments, **options)
 
-    monkeypatch.setattr(wrt.Renderer, "save", failing)
+    monkeypatch.setattr(wrt.Renderer, method, failing)
     assert run(*LONG, "-o", "a.png") == 0
-    assert capsys.readouterr().err.count("No space left on device; rendering continues") == 1
+    assert capsys.readouterr().err.count(message) == 1
     assert wrt.load_image("a.png").shape == (16, 16, 3)
     assert os.listdir() == ["a.png"]
 

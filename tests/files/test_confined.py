@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import socket
 import struct
+import warnings
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -15,6 +18,7 @@ from support.meshes import gltf_box
 
 import wrt
 from wrt.cli import main
+from wrt.errors import InputWarning
 from wrt.io.safe_read import confined_to, read_file
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
@@ -168,6 +172,57 @@ def test_a_link_that_is_changed_between_look_and_opening_is_noticed(folders, mon
     monkeypatch.setattr(os, "open", swapped)
     with pytest.raises(wrt.InputError, match="outside"), confined_to(scene):
         read_file(scene / "link")
+
+
+def test_a_place_that_is_only_guessed_is_left_out_where_it_is_outside(tmp_path):
+    """Images of an OBJ file are looked for in ../textures, too; in confinement no file was named there."""
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    path = scene / "a.obj"
+    path.write_text(f"mtllib a.mtl\n{OBJ}")
+    (scene / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n")
+    (tmp_path / "textures").mkdir()
+    Image.new("RGB", (4, 4), (10, 200, 30)).save(tmp_path / "textures" / "a.png")
+    with pytest.warns(InputWarning, match=r"a\.png', which it refers to, is not there; '.*textures/a\.png' is taken"):
+        assert wrt.load(path).shapes
+    with pytest.warns(InputWarning, match=r"a\.png', which it refers to: no such file"):
+        assert wrt.load(path, confined=True).shapes
+    (tmp_path / "textures").rename(scene / "textures")
+    with pytest.warns(InputWarning, match=r"'.*textures/a\.png' is taken"):
+        assert wrt.load(path, confined=True).shapes
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_mitsuba_scene_does_not_learn_which_files_there_are_outside(is_there, folders):
+    """A file is looked for in several folders; one outside that is there would be found first, and refused."""
+    scene, outside = folders
+    (scene / "sub").mkdir()
+    (scene / "a.ply").write_text(PLY)
+    if is_there:
+        (outside.parent / "a.ply").write_text(PLY)
+    text = '<path value="sub"/><shape type="ply"><string name="filename" value="../a.ply"/></shape>'
+    (scene / "a.xml").write_text(xml(text))
+    assert wrt.load(scene / "a.xml", confined=True).shapes
+
+
+def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
+    """A server that nobody asks: not for what a scene names, nor for the scene itself."""
+    scene, _ = folders
+    monkeypatch.chdir(tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        address = f"http://127.0.0.1:{server.getsockname()[1]}"
+        for name in CASES:
+            with contextlib.suppress(wrt.InputError), warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)
+                wrt.load(written(name, scene, address))
+        for name in ("a.toml", "a.xml", "a.obj", "a.glb", "a.usda", "a.png"):
+            with pytest.raises(wrt.InputError):
+                wrt.load(f"{address}/{name}")
+            with pytest.raises(wrt.InputError):
+                wrt.load_image(f"{address}/{name}")
+        with pytest.raises(BlockingIOError):
+            server.accept()
 
 
 @pytest.mark.parametrize(

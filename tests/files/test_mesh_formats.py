@@ -274,7 +274,7 @@ def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
     Image.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "red_A.png")
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)]
     for order in ORDERS:
-        faces = [(0, 1, 2), (0, 2, 3), (3, 2, 4)] if order == "ascii" else [(0, 1, 2, 3), (3, 2, 4)]
+        faces = [(0, 1, 2, 3), (3, 2, 4)]
         rows = [(face, [x / 2 for k in face for x in points[k][:2]]) for face in faces]
         kinds = "list uchar int vertex_indices", "list ushort float texcoord"
         elements = ("edge", ["int vertex1"], [[3]]), ("vertex", XYZ, points), ("face", kinds, rows)

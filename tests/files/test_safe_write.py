@@ -174,6 +174,27 @@ def test_what_is_no_file_is_refused_in_every_place(kind, folder, capsys):
         assert modes() == before
 
 
+def test_a_file_is_flushed_beside_its_place_before_it_takes_its_name(folder, monkeypatch):
+    done, fsync, replace = [], os.fsync, Path.replace
+
+    def flush(handle):
+        fsync(handle)
+        done.append(os.readlink(f"/proc/self/fd/{handle}"))
+
+    def rename(self, target):
+        done.append((str(self), str(target)))
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", flush)
+    monkeypatch.setattr(Path, "replace", rename)
+    wrt.save_image("a.png", np.ones((2, 2, 3), np.float32))
+    flushed, (temporary, place) = done
+    assert flushed == temporary
+    assert place == str(folder / "a.png")
+    assert Path(temporary).parent == folder
+    assert sorted(path.name for path in folder.iterdir()) == ["a.png"]
+
+
 def test_links_are_followed(folder):
     (folder / "disk").mkdir()
     names = ("a.ckpt", "a.png", "a.toml")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import typing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.meshes import gltf_box
 from support.scene_files import COMPOSITES, FULL, MISTAKES, MOVING, QUAD, ROOF, scene_of, write_beside
 
 import wrt
@@ -154,6 +156,26 @@ deformation = { files = ["low.obj", "high.obj"], times = [0.0, 1.0] }
 """
 
 
+def test_the_shapes_of_a_mesh_file_that_have_places_of_their_own_are_placed_by_the_scene(folder) -> None:
+    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
+    tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
+    tree["scenes"] = [{"nodes": [0, 1]}]
+    (folder / "two.gltf").write_text(json.dumps(tree))
+    places = "{}, { rotate = { axis = [0, 1, 0], degrees = 90 }, translate = [0, 5, 0] }"
+    text = f'[[shapes]]\ntype = "mesh"\nfile = "two.gltf"\nscale = 2.0\ninstances = [{places}]\n'
+    shapes = scene_of(folder, text).shapes
+    found = sorted(tuple(np.round(shape.bounds.ravel(), 6) + 0.0) for shape in shapes)
+    # The triangle's corners lie at the origin, on x and on y. Twice as large, its two places are (2, 0, 0) and
+    # (0, 0, 6); a quarter turn about y takes x to -z and z to x.
+    expected = [
+        ((2, 0, 0), (4, 2, 0)),
+        ((0, 0, 6), (2, 2, 6)),
+        ((0, 5, -4), (0, 7, -2)),
+        ((6, 5, -2), (6, 7, 0)),
+    ]
+    assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
+
+
 def test_shapes_in_many_places_that_move_and_change_their_form(folder) -> None:
     matrices = np.tile(np.eye(4), (3, 1, 1))
     matrices[:, 0, 3] = 1.0, 2.0, 3.0
@@ -194,7 +216,7 @@ def test_syntax_errors_give_line_and_column_and_what_is_no_text_is_refused(folde
     with pytest.raises(wrt.InputError, match=r"scene\.toml: not TOML: .*line 3, column 10"):
         scene_of(folder, "[settings]\nwidth = 5\nheight = = 5\n")
     for number in (f"0x{'f' * 5000}", "9" * 5000, str(2**63)):  # Python does not print 5,000 digits
-        with pytest.raises(wrt.InputError, match="not TOML: "):
+        with pytest.raises(wrt.InputError, match=r"not TOML: .*an integer of more than 64 bits"):
             scene_of(folder, f"[settings]\nwidth = {number}\n")
     (folder / "scene.toml").write_bytes(b"a = '\xff'")
     with pytest.raises(wrt.InputError, match=r"scene\.toml: not UTF-8 text: byte 5 is 0xff"):

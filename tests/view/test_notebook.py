@@ -10,7 +10,6 @@ from unittest import mock
 import numpy as np
 import pytest
 from PIL import Image
-from support.small_scenes import finish
 
 import wrt
 from wrt.develop.tones import CURVES
@@ -34,38 +33,47 @@ def test_a_frame_has_the_codes_of_the_file_but_for_dither(tone):
     radiance = np.random.default_rng(1).exponential(0.6, (48, 64, 3)).astype(np.float32)
     radiance[:4] *= 1e3
     radiance[0, :4] = np.array([np.nan, np.inf, 3e38, 1e9])[:, None]
-    file = wrt.develop_image(radiance, tone=tone, exposure=-1.5).astype(int)
-    assert np.abs(develop(radiance, Look(-1.5, tone)).astype(int) - file).max() <= 1
+    for exposure in (-1.5, 0.0):
+        file = wrt.develop_image(radiance, tone=tone, exposure=exposure).astype(int)
+        assert np.abs(develop(radiance, Look(exposure, tone)).astype(int) - file).max() <= 1
 
 
 def test_reprs_are_one_line_and_scenes_show_their_pictures():
     scene = cornell_box()
     assert repr(scene) == f"<wrt.Scene: {len(scene.shapes)} shapes, 0 lights, 32x32>"
-    assert repr(wrt.box()).startswith("<wrt.Mesh box: 12 triangles, 8 vertices")
+    mesh = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    assert repr(mesh).startswith("<wrt.Mesh quad: 2 triangles, 4 vertices")
     renderer = wrt.Renderer(scene)
     assert repr(renderer) == "<wrt.Renderer 32x32 path on cpu, 0 spp>"
-    assert renderer._repr_png_() is wrt.Scene()._repr_png_() is None  # no sample yet; nothing to see
     shown = pixels(scene._repr_png_())
     assert shown.shape == (32, 32, 3)
     assert shown[16, 2, 0] > 2.0 * shown[16, 2, 1]  # the red wall
-    finish(renderer, 16)  # as many as a shown scene takes at most
+    assert renderer._repr_png_() is None  # no sample yet
+    for _ in renderer.passes(spp=16):  # as many as a shown scene takes at most
+        pass
     assert np.abs(pixels(renderer._repr_png_()) - shown).mean() < 12.0
+    assert wrt.Scene()._repr_png_() is None
 
 
-@pytest.mark.parametrize("bug", [False, True])
-def test_a_view_that_still_renders_ends_quietly_with_the_program(bug):
-    def opened():  # thread pools refuse work as soon as the interpreter begins to end
+def test_a_view_that_still_renders_ends_quietly_with_the_program():
+    def refused():  # thread pools refuse work as soon as the interpreter begins to end
         pool = ThreadPoolExecutor(1)
         pool.shutdown()
-        if bug:
-            raise RuntimeError("a bug")
         pool.submit(print)
 
-    with mock.patch("threading.excepthook") as heard:
-        session = Session(opened)
-        session.close()
-    assert not session._thread.is_alive()
-    assert heard.called == bug
+    def bug():
+        raise RuntimeError("a bug")
+
+    for opened, error in ((refused, ""), (bug, "RuntimeError: a bug")):
+        heard = []
+        with mock.patch("threading.excepthook", heard.append):
+            session = Session(opened)
+            while opened is bug and not session.error:
+                session._thread.join(0.01)
+            session.close()
+        assert not session._thread.is_alive()
+        assert session.error == error
+        assert not heard
 
 
 def test_a_view_converges_orbits_and_keeps_its_last_picture():
@@ -108,5 +116,8 @@ async def drive(renderer):
         assert np.abs(turned - kept).mean() > 5.0
         bundle = widget._repr_mimebundle_()[0]
         assert (pixels(base64.b64decode(bundle["image/png"])) == turned).all()
+        link._answer({"type": "save", "suffix": ".png"})
+        content = await until(lambda message, buffers: buffers[0] if message["type"] == "file" else None)
+        assert np.abs(pixels(content) - turned).mean() < 2.0  # the file is dithered
     finally:
         widget.close()

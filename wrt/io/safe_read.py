@@ -47,10 +47,10 @@ def identity_of(found: os.stat_result) -> Identity:
 
 def is_input(path: Path) -> bool:
     """Return whether this process has read the file at `path`, under this name or another."""
-    real = os.path.realpath(path)
     try:
+        real = os.path.realpath(path)
         return real in _inputs or identity_of(os.stat(real)) in _inputs.values()
-    except OSError:
+    except (OSError, ValueError):  # no file can have that name
         return False
 
 
