@@ -18,6 +18,8 @@ from support.meshes import gltf_box
 
 import wrt
 from wrt.errors import InputWarning
+from wrt.io import memory_limits
+from wrt.io.safe_read import read_file
 
 CHILD = """
 import resource, sys, warnings
@@ -63,6 +65,11 @@ def write_copies(folder: Path) -> str:
     return "".join(f'[[shapes]]\ntype = "mesh"\nfile = "ball.npz"\ntranslate = [{i}, 0, 0]\n' for i in range(3000))
 
 
+def write_part(folder: Path) -> str:
+    (folder / "part.xml").write_text(scene('<shape type="cube"/>' * 100))
+    return scene('<include filename="part.xml"/>' * 999)
+
+
 def write_image(folder: Path) -> bytes:
     Image.new("L", (16384, 8192)).save(folder / "black.png", optimize=True)
     return (folder / "black.png").read_bytes()
@@ -81,6 +88,7 @@ LONG_VALUE = f'<default name="a" value="{"a" * 60000}"/>'
 BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] = {
     "defaults": ("xml", doubled(), "longer than 65536 characters"),
     "values": ("xml", scene(LONG_VALUE + '<shape type="$a"/>' * 5000), "XML elements and texts would take"),
+    "includes": ("xml", write_part, "shapes would take"),
     "groups": ("xml", scene(GROUP + '<shape type="instance"><ref id="g"/></shape>' * 1800), "shapes would take"),
     "ellipsoids": ("xml", scene(ELLIPSOID * 2000), "round shapes would take"),
     "dotted": ("toml", "x = 1\na" + ".a" * 50000 + " = 1\n", "line 2: a dotted key has more than 64 parts"),
@@ -92,6 +100,18 @@ BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] =
     "meshes": ("gltf", gltf(1, 3000), "meshes would take"),
     "nodes": ("gltf", gltf(100, 1, 20000), "shapes would take"),
 }
+
+
+def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
+    """Many links to one file do not raise the limits, which are multiples of what a load has read."""
+    (tmp_path / "a").write_bytes(bytes(1000))
+    (tmp_path / "b").symlink_to("a")
+    with memory_limits.one_load():
+        for name in ("a", "b", "./a"):
+            read_file(tmp_path / name)
+        memory_limits.take(memory_limits.Limit("things", 10, 1), 1010)
+        with pytest.raises(wrt.InputError, match=r"its things would take 1.01 kB; for files of 1 kB"):
+            memory_limits.take(memory_limits.Limit("things", 10, 1), 1)
 
 
 @pytest.mark.slow

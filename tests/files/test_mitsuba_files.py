@@ -37,6 +37,7 @@ CASES = {
     "lens": Case(('"3"/>', '"3.2"/>'), 1024),
     "orthographic": Case(('x="1.1" y="1.1"', 'x="1.13" y="1.13"')),
     "shifted": Case(('value="0.1"', 'value="0.09"')),
+    "filter-tent": Case(('"tent"', '"box"'), 1024, alone=False),
     "filter-gaussian": Case(('"gaussian"', '"box"'), 1024, alone=False),
     "lights": Case(('"24"', '"26"')),
     "envmap": Case(('angle="37"', 'angle="35"')),

@@ -103,6 +103,31 @@ def test_solids_are_closed_and_face_outwards(tmp_path, kind, values, size, expec
     assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
+def test_materials_may_read_attributes_by_their_names(folder):
+    """The colours for display, or what stands for them where there are none; coordinates that are not called st."""
+    reader = """color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
+            token outputs:surface
+        }
+        def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float3"
+            string inputs:varname = "displayColor"
+            color3f inputs:fallback = (0.1, 0.2, 0.3)
+            float3 outputs:result
+        }
+        def Shader "Unused"
+        {"""
+    text = USD.replace("color3f inputs:diffuseColor.connect = </World/Red/Image.outputs:rgb>", reader)
+    assert square_of(load_file(write(folder, "a.usda", text))).material.base_color == pytest.approx((0.1, 0.2, 0.3))
+    text = text.replace(ST, f"        color3f[] primvars:displayColor = [(0, 0.5, 1)]\n{ST}")
+    colored = square_of(load_file(write(folder, "b.usda", text)))
+    assert colored.material.base_color == wrt.VertexColor()
+    np.testing.assert_allclose(colored.mesh.colors, [(0, 0.5, 1)] * len(colored.mesh.vertices))
+    laid = square_of(load_file(write(folder, "c.usda", USD.replace("primvars:st ", "primvars:map1 "))))
+    assert isinstance(laid.material.base_color, wrt.ImageTexture)
+    assert np.ptp(laid.mesh.uvs) == 1.0
+
+
 def test_what_a_scene_lacks_is_told_and_values_of_other_types_are_left_out(folder):
     text = USD.replace('def Xform "World"', 'def Xform "World" (references = @look.usda@</World>)')
     with pytest.warns(InputWarning, match=r"look\.usda', which it refers to, cannot be opened"):

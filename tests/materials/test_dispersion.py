@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from support.bsdfs import Case, hemisphere, sphere, viewer
 from support.fresnel import cook_torrance
 from support.kernels import uniforms
+from support.media import mean_and_error, render
 
 import wrt
 from wrt.io.measured.observer import OBSERVER, WAVELENGTHS
@@ -115,3 +116,15 @@ def test_each_channel_goes_where_snells_law_sends_it(front: bool, device: str, r
         assert (np.abs(mean - expected) < 4.0 * error + 1e-5).all()
         left &= ~there
     assert not left.any()
+
+
+@pytest.mark.slow
+def test_a_block_that_disperses_cannot_be_seen_in_a_furnace(device: str, report: Report) -> None:
+    """Paths that follow one channel lose none of its light, however often they are reflected inside."""
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.camera = wrt.PerspectiveCamera(origin=(1.8, 1.3, 3.0), fov_degrees=30)
+    scene.add(wrt.box((-0.7, -0.5, -0.6), (0.7, 0.5, 0.6)), material=wrt.Dielectric(1.5, dispersion=4.0))
+    mean, error = mean_and_error(render(scene, device, size=(32, 32), max_depth=1000, spp=256))
+    report("red, green and blue through a block", str(mean), 1.0)
+    assert (np.abs(mean - 1.0) < 3.5 * error).all()
+    assert (error < 0.01).all()

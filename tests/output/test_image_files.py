@@ -46,8 +46,9 @@ def test_srgb_curve_has_its_published_values_and_inverse():
 def test_float_formats_keep_every_bit(tmp_path, name):
     image = NOISE * 1e3 - 100.0
     image[0, 0] = (np.inf, 1e-30, 6e4)
-    save_image(tmp_path / name, image, exposure=3.0)
+    save_image(tmp_path / name, image, exposure=3.0, metadata={"spp": 12})
     np.testing.assert_array_equal(load_image(tmp_path / name), image)
+    assert name != "A.EXR" or OpenEXR.File(str(tmp_path / name)).header()["spp"] == "12"
 
 
 def test_png_keeps_every_code_and_clips(tmp_path):
@@ -214,3 +215,11 @@ def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, 
     # Twice the rows, of which Pillow would take half to be black.
     path.write_bytes(whole[:8] + chunk(b"IHDR", whole[16:20] + struct.pack(">I", 2000) + whole[24:29]) + whole[33:])
     refused(r"even\.png: the file is too short for 1500x2000 pixels", load_image, path)
+
+
+@pytest.mark.parametrize("side", [12_000, 100_000])  # Pillow itself refuses the larger one
+def test_small_files_that_claim_huge_pictures_are_refused(tmp_path, side):
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
+    body = chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b"")
+    (tmp_path / "bomb.png").write_bytes(b"\x89PNG\r\n\x1a\n" + header + body)
+    refused(r"bomb\.png: the image is too large", load_image, tmp_path / "bomb.png")

@@ -91,12 +91,24 @@ def test_the_contrast_of_agx_is_the_published_table():
     np.testing.assert_allclose(sigmoid(np.arange(0, 4096, 273) / 4095.0), table, atol=1e-7)
 
 
+def test_aces_is_close_to_the_transform_that_it_fits():
+    """OpenColorIO has the output transform of ACES 1.x itself; Hill's fit is within 4 % for greys."""
+    config = "ocio:ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3,sRGB - Display,ACES 1.0 - SDR Video"
+    grey = greys(-4.0, 3.0, 30)[None].astype(np.float32)
+    ocio, ours = (wrt.develop_image(grey, tone=tone, exposure=0.0).astype(float) for tone in (config, "aces"))
+    assert np.abs(ours - ocio).max() < 0.04 * 255.0
+
+
 def test_ocio_is_what_its_processor_gives(tmp_path):
     """The un-tone-mapped view of the built-in configuration is the sRGB curve, so our own curve is its reference."""
     image = COLORS[None].clip(0.0, 1.0).astype(np.float32)
     view = wrt.develop_image(image, tone="ocio:ocio://default,sRGB - Display,Un-tone-mapped", exposure=0.0)
     plain = wrt.develop_image(image, tone="none", exposure=0.0)
     assert np.abs(view.astype(int) - plain.astype(int)).max() <= 1
+    # Middle grey and white in ACES 2.0, as OpenColorIO 2.4 gives them for its configurations.
+    grey = np.repeat(np.array([0.18, 1.0], np.float32), 3).reshape(1, 2, 3)
+    aces = wrt.develop_image(grey, tone="ocio", exposure=0.0)[0, :, 0]
+    np.testing.assert_allclose(aces / 255.0, [0.34919, 0.70668], atol=1.01 * CODE)
     config = tmp_path / "half.ocio"
     config.write_text(
         "ocio_profile_version: 2\nroles: {default: Linear Rec.709, scene_linear: Linear Rec.709}\n"
