@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from support.ray_trees import affine, assert_same, inner_rays, random_rays, rotation, unit
@@ -108,8 +107,7 @@ def test_of_instances_in_one_place_the_lowest_is_hit(copies: int, kind: str, dis
     assert (instance != lowest[which[instance]]).mean() <= 1e-4
 
 
-@pytest.mark.parametrize("distance", [1.0, 1e2])
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("axis", "distance"), [(0, 1.0), (1, 1e2), (2, 1.0)])
 def test_flat_meshes_in_one_place(axis: int, distance: float, device: str) -> None:
     """A box without depth begins where the triangles are: rounding must not hide the lower number behind it."""
     square = wrt.quad((-0.5, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -141,58 +139,6 @@ def test_nothing_escapes_a_closed_mesh(kind: str, scale: float, device: str) -> 
         hits = tracer.closest_hit(*rays)
         assert (hits.triangle >= 0).all()
         assert tracer.any_hit(*rays).all()
-
-
-def test_limits(device: str) -> None:
-    """t counts in units of the direction in the world, whatever the instance's scale."""
-    scene = scene_of("scaled", 9)
-    tracer = tracer_of(scene, device)
-    origins, directions = random_rays(scene.flattened().bounds, 3000, seed=12)
-    near = tracer.closest_hit(origins, directions)
-    hit, even = near.triangle >= 0, np.arange(3000) % 2 == 0
-    own = np.where(hit, np.where(even, near.t * 1.0001, near.t * 0.9999), 1.0).astype(np.float32)
-    limited = tracer.closest_hit(origins, directions, t_max=own)
-    np.testing.assert_array_equal(limited.triangle[hit & even], near.triangle[hit & even])
-    assert (limited.triangle[hit & ~even] == -1).all()
-    np.testing.assert_array_equal(tracer.any_hit(origins, directions, t_max=own)[hit], even[hit])
-    # Through the nearest hit, the next one; limits are part of the range.
-    least = float(np.quantile(near.t[hit], 0.5))
-    far = tracer.closest_hit(origins, directions, t_min=least)
-    assert (far.t >= least).all()
-    beyond = hit & (near.t >= least)
-    np.testing.assert_array_equal(far.triangle[beyond], near.triangle[beyond])
-    assert (far.triangle[hit & ~beyond] >= 0).any()
-    exact = tracer.closest_hit(origins, directions, t_max=np.where(hit, near.t, 1.0).astype(np.float32))
-    np.testing.assert_array_equal(exact.triangle[hit], near.triangle[hit])
-    assert_same(tracer.closest_hit(origins, 4.0 * directions), near._replace(t=near.t / np.float32(4.0)))
-
-
-@pytest.mark.not_emulated
-def test_warp_arrays(device: str) -> None:
-    scene = scene_of("mirrored", 9)
-    tracer = tracer_of(scene, device)
-    rays = random_rays(scene.flattened().bounds, 3000, seed=13)
-    expected = tracer.closest_hit(*rays)
-    arrays = [wp.array(a, dtype=wp.vec3, device=device) for a in rays]
-    limits = wp.array(np.where(np.isfinite(expected.t), expected.t, 1.0), dtype=float, device=device)
-    for hits in (tracer.closest_hit(*arrays), tracer.closest_hit(*arrays, t_max=limits)):
-        assert {str(array.device) for array in hits} == {device}
-        assert_same(wrt.Hits(*(array.numpy() for array in hits)), expected)
-    np.testing.assert_array_equal(tracer.any_hit(*arrays).numpy(), expected.triangle >= 0)
-
-
-def test_a_mesh_takes_memory_once(report: Report) -> None:
-    mesh, count = wrt.sphere(subdivisions=5), 4000
-    once = wrt.Intersector(mesh)
-    rng = np.random.default_rng(14)
-    transforms = np.stack([affine(rotation(rng), rng.uniform(-50.0, 50.0, 3)) for _ in range(count)])
-    many = wrt.Intersector.of_instances([mesh], np.zeros(count, int), transforms)
-    assert many.triangles == count * len(mesh.faces)
-    alone, together = (t.bytes_per_triangle * t.triangles for t in (once, many))
-    each = (together - alone) / count
-    report("bytes of one mesh, of each instance", f"{alone:.0f}, {each:.0f}", "< 256")
-    # A record of 56 bytes, and its share of nodes of 224 bytes for eight.
-    assert 56 <= each < 256
 
 
 def test_hits_do_not_depend_on_threads() -> None:
@@ -229,7 +175,6 @@ def changed(row: int, column: int, value: float) -> NDArray[np.float64]:
     [
         (changed(2, 2, 0.0), "the transform of instance 1 is not invertible"),
         (changed(0, 0, np.nan), "transforms must be .* finite"),
-        (EYES * [[1e-39], [1e-39], [1e-39], [1.0]], "the transform of instance 0 scales by over"),
         (changed(3, 2, 1.0), "the transform of instance 1 must be affine: its last row must be 0 0 0 1"),
         ([np.eye(4).tolist(), [[1.0]]], "transforms must be an array of numbers with rows of equal length"),
         (EYES[:1], r"transforms must be \(2, 4, 4\)"),
@@ -237,27 +182,23 @@ def changed(row: int, column: int, value: float) -> NDArray[np.float64]:
 )
 def test_transforms_that_are_refused(transforms: object, message: str) -> None:
     """By the constructor and by `move`, which then leaves everything where it was."""
-    with pytest.raises(wrt.InputError, match=message) as error:
-        wrt.Intersector.of_instances(MESHES, [0, 1], transforms)
-    assert "\n" not in str(error.value)
-    tracer = wrt.Intersector.of_instances(MESHES, [0, 1], EYES)
-    rays = random_rays(np.array([[-1.0] * 3, [1.0] * 3]), 500, seed=19)
+    tracer, rays = wrt.Intersector.of_instances(MESHES, [0, 1], EYES), random_rays(2.0 * MESHES[0].bounds, 500, seed=19)
     before = tracer.closest_hit(*rays)
-    with pytest.raises(wrt.InputError, match=message):
-        tracer.move(transforms)
+    for refuse in (tracer.move, lambda given: wrt.Intersector.of_instances(MESHES, [0, 1], given)):
+        with pytest.raises(wrt.InputError, match=rf"^[^\n]*{message}[^\n]*$"):
+            refuse(transforms)
     assert_same(tracer.closest_hit(*rays), before)
 
 
-def test_mesh_numbers_that_are_refused() -> None:
-    for numbers, message in (
-        ([], "at least one"),
-        ([0, [1]], "numbers must be an array of numbers with rows of equal length"),
-        ([0.0, 1.0], "mesh numbers"),
-        ([0, 3], "must be 0 to 2"),
-    ):
-        with pytest.raises(wrt.InputError, match=message) as error:
-            wrt.Intersector.of_instances(MESHES, numbers, EYES)
-        assert "\n" not in str(error.value)
+@pytest.mark.parametrize(
+    ("numbers", "message"), [([], "at least one"), ([0.0, 1.0], "mesh numbers"), ([0, 3], "must be 0 to 2")]
+)
+def test_mesh_numbers_that_are_refused(numbers: list[float], message: str) -> None:
+    with pytest.raises(wrt.InputError, match=message):
+        wrt.Intersector.of_instances(MESHES, numbers, EYES)
+
+
+def test_more_triangles_than_have_numbers_are_refused() -> None:
     many, places = wrt.Mesh(np.eye(3), np.tile(np.arange(3), (1 << 20, 1))), np.broadcast_to(np.eye(4), (2048, 4, 4))
     with pytest.raises(wrt.InputError, match="2147483648 triangles in all instances"):
         wrt.Intersector.of_instances([many], np.zeros(2048, int), places)
