@@ -62,20 +62,21 @@ def with_normal(normal: Any) -> dict[str, Any]:
 
 TUBE = arrays_of_exact(wrt.cylinder((1, 2, 3), (2, 2, 5), 0.5))
 BALL = arrays_of_exact(wrt.sphere(exact=True))
-IS_NO_CUBE = r"boxes\[0\]: must be the lowest and the highest corner of a cube"
 
 
 @pytest.mark.parametrize(
     ("kind", "arrays", "cause"),
     [
         ("quadrics", with_normal((0, 0, np.nan)), r"axes\[1\]: must be finite, not"),
-        ("quadrics", with_normal((0, 0, 2)), r"axes\[1\]: a disk's normal, its third row, must have length 1, not"),
         ("quadrics", with_normal((0, 0.6, 0.8)), r"axes\[1\]: a disk's normal, its third row, must be perpendicular"),
         ("quadrics", TUBE | {"axes": np.ones((1, 3, 3))}, r"axes\[0\]: a cylinder's rows must be perpendicular"),
         ("quadrics", TUBE | {"axes": 2.0 * TUBE["axes"]}, r"boxes\[0\]: must be opposite corners of the box around"),
         ("spheres", BALL | {"axes": 2.0 * np.eye(3)[None]}, r"axes\[0\]: rows must be perpendicular and of length 1"),
-        ("spheres", BALL | {"boxes": [[(0, 0, 0), (1, 1, 2)]]}, IS_NO_CUBE),
-        ("spheres", BALL | {"boxes": [[(0, 0, 0), (0, 0, 0)]]}, r"boxes\[0\]: must have a size"),
+        (
+            "spheres",
+            BALL | {"boxes": [[(0, 0, 0), (1, 1, 2)]]},
+            r"boxes\[0\]: must be the lowest and the highest corner",
+        ),
     ],
 )
 def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str, tmp_path: Path) -> None:
@@ -138,14 +139,10 @@ def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
         (lambda: wrt.disk(radius=0.0), "radius"),
         (lambda: wrt.disk(normal=(0, 0, 0)), "normal must have a length"),
         (lambda: wrt.cylinder((1, 1, 1), (1, 1, 1)), "start and end must differ"),
-        (lambda: wrt.cylinder((1e6, 0, 0), (1e6, 5, 0), radius=1e-3), "float32 does not resolve"),
         (lambda: wrt.cylinder((0, -500, 0), (0, 500, 0), 1e-4), "float32 does not resolve"),
-        (lambda: wrt.spheres([(0, 0)], 1.0), "centers must be"),
         (lambda: wrt.spheres([(0, 0, 0)], [1.0, 2.0]), "radii must be one number or 1"),
         (lambda: wrt.spheres([(0, 0, 0), (1, 0, 0)], [1.0, 0.0]), "sphere 1 is at .* radius 0"),
-        (lambda: wrt.spheres([(0, 0, 0)], 1.0, colors=[(1, np.nan, 1)]), "colors must be finite; number 0 is"),
         (lambda: wrt.spheres([(0, 0, 0)], 1.0, colors=np.uint8([(255, 0, 0)])), "linear numbers, not codes up to 255"),
-        (lambda: wrt.spheres([(1e6, 0, 0)], 1e-3), "less than float32 resolves"),
         (lambda: wrt.spheres([(1e38, 0, 0)], 3e38), "finite"),
     ],
 )
