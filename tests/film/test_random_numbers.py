@@ -57,11 +57,8 @@ def square_p(a, b):
 NEIGHBOURS = [
     ("pixel", "block", (0, 6, 8)),
     ("index", "block", (0, 6, 8)),
-    *(
-        pytest.param(*each, marks=pytest.mark.slow)
-        for each in (("seed", "block", (0, 6, 8)), ("index", "seed", (7, 8)))
-    ),
-    *(pytest.param("pixel", "index", each, marks=pytest.mark.slow) for each in ((11, 12), (11, 11 + 2**16))),
+    pytest.param("index", "seed", (7, 8), marks=pytest.mark.slow),
+    pytest.param("pixel", "index", (11, 12), marks=pytest.mark.slow),
     pytest.param("index", "pixel", (4321, 4322, 4321 + 768), marks=pytest.mark.slow),
 ]
 
@@ -74,12 +71,6 @@ def test_pairs_of_numbers_fill_the_square(axis, other, places, device, report):
     worst = min(p, key=p.__getitem__)
     report(f"least uniform of {len(p)} pairs: {worst}", p[worst], p=p[worst])
     assert p[worst] > sidak(0.01, len(p)), worst
-
-
-def test_a_defect_does_not_pass_for_chance():
-    """Numbers that lean together by one percent fail."""
-    a, b, c = np.random.default_rng(0).random((3, N))
-    assert square_p(a, np.where(c < 0.01, a, b)) < sidak(0.01, 66) < square_p(a, b)
 
 
 def test_no_two_vertices_share_a_block(device):

@@ -4,8 +4,8 @@ import functools
 
 import numpy as np
 import pytest
-from support.small_scenes import finish, image_of
-from support.statistics import image_z_test, sidak, t_test_mean
+from support.small_scenes import image_of
+from support.statistics import image_z_test, sidak
 
 import wrt
 from wrt.scene.scene import SAMPLERS, RenderSettings
@@ -33,13 +33,9 @@ def test_every_sampler_has_the_expectation_of_independent_samples(device, report
     """By the spread between seeds, as the samples of a pixel say nothing of it."""
 
     def of_seeds(sampler):
-        pictures = np.stack(
-            [
-                image_of(wrt.Renderer(scene(), **SIZE, sampler=sampler, seed=seed, device=device), 12)
-                for seed in range(SEEDS)
-            ]
-        ).astype(np.float64)
-        return pictures.mean(axis=0), pictures.var(axis=0, ddof=1) / SEEDS
+        how = {**SIZE, "sampler": sampler, "device": device}
+        images = [image_of(wrt.Renderer(scene(), seed=seed, **how), 12).astype(np.float64) for seed in range(SEEDS)]
+        return np.mean(images, axis=0), np.var(images, axis=0, ddof=1) / SEEDS
 
     expected, expected_variance = of_seeds("independent")
     for sampler in SAMPLERS[1:]:
@@ -49,18 +45,6 @@ def test_every_sampler_has_the_expectation_of_independent_samples(device, report
         assert result.agrees(significance=sidak(0.01, 3)), result.message
         wrong = image_z_test(1.02 * mean, 1.02**2 * variance, expected, expected_variance, n_a=SEEDS, n_b=SEEDS)
         assert not wrong.agrees(significance=sidak(0.01, 3)), "2 % too bright is not noticed"
-
-
-@pytest.mark.slow
-def test_the_films_variance_is_too_high_for_the_default(device, report):
-    """As `Renderer.variance` says."""
-    renderers = [finish(wrt.Renderer(scene(), **SIZE, seed=seed, device=device), 16) for seed in range(SEEDS)]
-    stated = np.mean([renderer.variance() for renderer in renderers], axis=0)
-    between = np.var([renderer.image().astype(np.float64) for renderer in renderers], axis=0, ddof=1)
-    excess = (stated - between)[..., 1].ravel()
-    report("stated variance over that between seeds", float(stated.mean() / between.mean()))
-    assert excess.mean() > 0.0
-    assert t_test_mean(excess.mean(), excess.var(ddof=1) / excess.size, excess.size, 0.0) < 0.01
 
 
 # --- Stratification --------------------------------------------------------------------------------
@@ -103,7 +87,7 @@ def exact_picture(name, device):
     return stratification(name, "sobol", EXACT, device, seed=99)
 
 
-@pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.parametrize("name", ["soft shadow", pytest.param("depth of field", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "sampler",
     ["sobol", *(pytest.param(s, marks=pytest.mark.slow) for s in ("independent", "stratified", "blue-noise"))],
@@ -121,16 +105,12 @@ def test_errors_fall_faster_for_stratified_samples(name, sampler, device, report
         falls.append(np.log((few**2).mean() / (many**2).mean()))
     margin = 4.0 * np.std(falls, ddof=1) / np.sqrt(len(falls))
     report(f"{sampler}, {name}: the squared error falls by", float(np.exp(np.mean(falls))), "16 or 64")
-    if sampler == "independent":
-        assert np.mean(falls) + margin < np.log(24.0)
-    else:
-        assert np.mean(falls) - margin > np.log(24.0)
+    side = -1.0 if sampler == "independent" else 1.0
+    assert side * (np.mean(falls) - np.log(24.0)) > margin
 
 
-@pytest.mark.parametrize("name", ["halton", "", 3])
-def test_an_unknown_sampler_is_refused(name):
+def test_an_unknown_sampler_is_refused():
+    message = "sampler must be one of independent, stratified, sobol, blue-noise, no"
     for make in (RenderSettings, functools.partial(wrt.Renderer, scene())):
-        with pytest.raises(
-            wrt.InputError, match="sampler must be one of independent, stratified, sobol, blue-noise, no"
-        ):
-            make(sampler=name)
+        with pytest.raises(wrt.InputError, match=message):
+            make(sampler="halton")

@@ -128,11 +128,3 @@ def test_samples_have_their_density(name: str, shines: str, device: str, report:
     np.testing.assert_allclose(pdf[clear], own[clear], rtol=2e-2 if rounded else 2e-3)
     # A path that meets the light there is weighed by the same density.
     np.testing.assert_allclose(pdf_of_hit[sampled], pdf[sampled], rtol=1e-6)
-
-
-def test_the_first_place_is_the_nearest(device: str) -> None:
-    """Of the numbers 0, which ray trees take: half way along, towards the point."""
-    place = np.array(PLACES["beside"])
-    u, v = drawn(CENTER + place @ AXES, 1.0, 0, np.zeros((1, 2)), device)[0][0]
-    assert u == pytest.approx(math.atan2(place[1], place[0]) / (2.0 * math.pi), abs=1e-6)
-    assert v == pytest.approx(0.5)

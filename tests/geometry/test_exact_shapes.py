@@ -82,19 +82,17 @@ class Place(NamedTuple):
         rng = np.random.default_rng(7)
         out = unit(rng.standard_normal((n, 3)))
         origins = (self.center + distance * self.reach * out).astype(np.float32)
-        place, turn, kind = rng.uniform(-1.1, 1.1, (n, 3)), rng.uniform(0.0, 2.0 * np.pi, n), np.arange(n) % 4
-        near = 1.0 + 0.02 * rng.standard_normal(n)
+        kind, near = np.arange(n) % 4, 1.0 + 0.02 * rng.standard_normal(n)
         if self.kind == "sphere":
             across = unit(np.cross(out, rng.standard_normal((n, 3))))
             place = across * np.where(kind % 2, np.sqrt(rng.random(n)), near)[:, None]
         else:
-            o = self.local(origins - self.center)
-            place[:, 2] *= 0.0 if self.kind == "disk" else 0.5
+            r, turn = np.where(kind % 2, near, 1.1 * np.sqrt(rng.random(n))), rng.uniform(0.0, 2.0 * np.pi, n)
+            z = np.where(kind == 3, 0.5 * near * rng.choice([-1.0, 1.0], n), rng.uniform(-0.55, 0.55, n))
             if self.kind == "cylinder":
-                turn[kind == 1] = np.arctan2(o[:, 0], -o[:, 1])[kind == 1]
-                place[kind == 3, 2] = (0.5 * near * rng.choice([-1.0, 1.0], n))[kind == 3]
-            rim = np.stack([near * np.cos(turn), near * np.sin(turn)], axis=1)
-            place[kind % 2 == 1, :2] = rim[kind % 2 == 1]
+                o = self.local(origins - self.center)
+                turn = np.where(kind == 1, np.arctan2(o[:, 0], -o[:, 1]), turn)
+            place = np.stack([r * np.cos(turn), r * np.sin(turn), z * (self.kind == "cylinder")], axis=1)
         return origins, unit(self.center + place @ self.axes - origins).astype(np.float32)
 
 
@@ -133,46 +131,44 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
         report(f"error of distance {k} in what it may be", float(off.max(initial=0.0)), "< 1")
         assert (off <= 1.0).all()
     # Points lie on the shape, and normals are perpendicular to it.
-    out = normal.astype(np.float64)
-    assert np.abs(np.linalg.norm(out[hit], axis=1) - 1.0).max() < 1e-6
-    if place.kind == "sphere":
-        assert np.abs(position[hit, 0] - (c + reach * out[hit])).max() <= 4.0 * EPS * size
-        for k in range(2):
-            points = origins[seen] + directions[seen].astype(np.float64) * expected[seen, k : k + 1]
-            assert (np.linalg.norm(points - position[seen, k], axis=1) <= error[seen, k] + aside + 1e-6 * reach).all()
-    elif place.kind == "disk":
-        assert np.abs((position[hit, 0] - c) @ unit(np.cross(*axes[:2]))).max() < 8.0 * EPS * size
-        assert np.abs(out[hit] - mesh.fronts[0]).max() < 1e-6
+    out, at = normal[hit].astype(np.float64), place.local(position[hit, 0] - c)
+    roundings = 8.0 * EPS * size / np.linalg.norm(axes[:2], axis=1).min()
+    assert np.abs(np.linalg.norm(out, axis=1) - 1.0).max() < 1e-6
+    if place.kind == "disk":
+        assert np.abs(at[:, 2]).max() < 8.0 * EPS * size
+        assert np.abs(out - mesh.fronts[0]).max() < 1e-6
         # What leaves it does not meet it again. (A direction along it is rounded, and may rightly meet it far away.)
         assert (left[hit][:, :3] == -1).all()
         return
-    else:
-        radius = np.linalg.norm(axes[:2], axis=1).min()
-        at, tolerance = place.local(position[hit, 0] - c)[:, :2], 8.0 * EPS * size / radius
-        assert np.abs(np.linalg.norm(at, axis=1) - 1.0).max() < tolerance
-        assert np.abs(out[hit] - unit(at @ axes[:2])).max() < 1e-5 + tolerance
+    n = 3 if place.kind == "sphere" else 2
+    assert np.abs(np.linalg.norm(at[:, :n], axis=1) - 1.0).max() < roundings
+    assert np.abs(out - unit(at[:, :n] @ axes[:n])).max() < 1e-5 + roundings
     # What leaves it does not meet it again but on its other side; what goes in comes out there, or at an end.
-    seen_front = (directions * out).sum(axis=1) < 0.0
-    outside, inside = hit & seen_front, hit & ~seen_front
+    seen_front = (directions * normal).sum(axis=1) < 0.0
+    outside, inside, sure = hit & seen_front, hit & ~seen_front, hit & seen_front & certain
     assert (left[outside, 2] == -1).all()
     assert (left[outside, 3] == 0).all()
+    assert (left[inside, :2] == -1).all()
+    assert ((left[sure, 0] >= 0) == np.isfinite(expected[sure, 1])).all()
     if place.kind == "sphere":
         assert outside[hit].all()
         assert (left[outside, :2] == 0).all()
-    else:
-        assert (left[inside, :2] == -1).all()
-        sure = outside & certain
-        assert ((left[sure, 0] >= 0) == np.isfinite(expected[sure, 1])).all()
+        assert np.abs(position[hit, 0] - (c + reach * out)).max() <= 4.0 * EPS * size
+        for k in range(2):
+            points = origins[seen] + directions[seen].astype(np.float64) * expected[seen, k : k + 1]
+            assert (np.linalg.norm(points - position[seen, k], axis=1) <= error[seen, k] + aside + 1e-6 * reach).all()
 
 
 def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
     """Among triangles, spheres, disks and cylinders the nearest that a ray meets is found, and the next after it."""
     rng = np.random.default_rng(3)
     n = 300
-    disks = zip(rng.uniform(-1, 1, (n, 3)), rng.standard_normal((n, 3)), rng.uniform(0.02, 0.2, n), strict=True)
-    made = [wrt.disk(tuple(c), tuple(m), r) for c, m, r in disks]
-    ends = zip(rng.uniform(-1, 1, (n, 3)), 0.2 * rng.standard_normal((n, 3)), rng.uniform(0.01, 0.1, n), strict=True)
-    made += [wrt.cylinder(tuple(a), tuple(a + b), r) for a, b, r in ends]
+    places, ways = rng.uniform(-1, 1, (2 * n, 3)), rng.standard_normal((2 * n, 3))
+    made = [
+        wrt.disk(tuple(a), tuple(b), r) for a, b, r in zip(places[:n], ways, rng.uniform(0.02, 0.2, n), strict=False)
+    ]
+    ends = zip(places[n:], places[n:] + 0.2 * ways[n:], rng.uniform(0.01, 0.1, n), strict=True)
+    made += [wrt.cylinder(tuple(a), tuple(b), r) for a, b, r in ends]
     made = [made[k] for k in rng.permutation(2 * n)]
     many = quadrics_of(
         *(np.concatenate([getattr(m, k) for m in made]) for k in ("are_disks", "centers", "axes")), "many"
@@ -183,8 +179,8 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
     directions = unit(rng.uniform(-1.0, 1.0, (3000, 3)) - origins).astype(np.float32)
     t = (-0.5 - origins[:, 1].astype(np.float64)) / directions[:, 1]
     on_floor = (np.abs((origins + directions * t[:, None])[:, [0, 2]]) < 2.0).all(axis=1) & (t > 0.0)
-    places = [Place("sphere", c, r * np.eye(3)) for c, r in zip(balls.centers, balls.radii, strict=True)]
-    hits = [place.hits(origins, directions) for place in (*places, *map(Place.of, made))]
+    exact = [Place("sphere", c, r * np.eye(3)) for c, r in zip(balls.centers, balls.radii, strict=True)]
+    hits = [place.hits(origins, directions) for place in (*exact, *map(Place.of, made))]
     table = np.concatenate([np.where(on_floor, t, np.nan)[:, None], *hits], axis=1)
     table[~(table > 0.0)] = np.inf
     columns = np.array([0, *np.repeat(np.arange(3 * n), 2) + 2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -161,8 +162,7 @@ def trace(origins: Any, directions: Any, **limits: float) -> Any:
     return wrt.Intersector(wrt.box()).closest_hit(origins, directions, **limits)
 
 
-def mesh_named_blob(vertices: Any, faces: Any) -> wrt.Mesh:
-    return wrt.Mesh(vertices, faces, name="blob")
+mesh_named_blob = functools.partial(wrt.Mesh, name="blob")
 
 
 @pytest.mark.parametrize(
@@ -170,6 +170,8 @@ def mesh_named_blob(vertices: Any, faces: Any) -> wrt.Mesh:
     [
         (trace, (np.zeros((2, 2)), TWO), "origins must be"),
         (trace, (TWO, np.zeros((3, 3))), "2 origins but 3 directions"),
+        (functools.partial(trace, t_min=-1.0), (TWO, TWO), "t_min must be at least 0"),
+        (functools.partial(trace, t_max=np.nan), (TWO, TWO), "t_max must be"),
         (
             mesh_named_blob,
             ([*TRIANGLE, [0, np.nan, 0]], FACE),
@@ -177,9 +179,7 @@ def mesh_named_blob(vertices: Any, faces: Any) -> wrt.Mesh:
         ),
         (mesh_named_blob, (TRIANGLE, [[0, -1, 2]]), "blob: a face names vertex -1, but there are 3 vertices"),
         (mesh_named_blob, (TRIANGLE, np.uint64([[0, 1, 2**63]])), f"blob: a face names vertex {2**63}, but"),
-        (mesh_named_blob, (TRIANGLE, np.int64([[0, 1, 2**32]])), f"blob: a face names vertex {2**32}, but"),
         (mesh_named_blob, (TRIANGLE, np.zeros((0, 3), int)), "blob: the mesh has no triangles"),
-        (mesh_named_blob, (TRIANGLE, [[0, 1]]), r"blob: faces must be \(M, 3\), not \(1, 2\)"),
         (mesh_named_blob, (TRIANGLE, [[0.0, 1.0, 2.0]]), "blob: faces must be integers, not float64"),
         (wrt.Intersector, (wrt.Scene(),), "no shapes"),
         (wrt.Intersector, (TRIANGLE,), r"not list; wrt\.Mesh takes arrays"),
@@ -191,9 +191,3 @@ def test_what_cannot_be_traced_is_refused_by_name(function: Any, given: tuple[An
     with pytest.raises(wrt.InputError, match=message) as error:
         function(*given)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("limits", [{"t_min": -1.0}, {"t_max": np.nan}], ids=str)
-def test_limits_that_are_none(limits: dict[str, float]) -> None:
-    with pytest.raises(wrt.InputError, match=f"{next(iter(limits))} must be"):
-        trace(TWO, TWO + 1.0, **limits)

@@ -143,7 +143,7 @@ import hashlib
 import numpy as np
 import wrt
 from wrt.backend.device import Device
-from wrt.scene.motion import Motion, rotation_matrix
+from wrt.scene.motion import rotation_matrix
 from wrt.upload.scene_data import build_scene
 
 random = np.random.default_rng(3)
@@ -151,17 +151,17 @@ turns = np.tile(np.eye(4), (9, 1, 1))
 for k, turn in enumerate(turns):
     turn[:3, :3] = rotation_matrix((1.0, 2.0, 3.0), 40.0 * k) @ np.diag([1.0, 1.0 + k, 0.3])
     turn[:3, 3] = random.normal(size=3)
-motion = Motion(np.arange(9.0), turns, (0.1, 0.2, 0.3)).after(turns[4])
-u, v = 0.7 * rotation_matrix((0.3, 0.1, 0.9), 33.0)[:2]
+motion = wrt.Motion(np.arange(9.0), turns, (0.1, 0.2, 0.3)).after(turns[4])
+turned = np.diag([1.7, 1.7, 1.7, 1.0])
+turned[:3, :3] = 1.7 * rotation_matrix((3.0, 1.0, 2.0), 77.0)
 camera = wrt.PerspectiveCamera((0.1, 0.7, 3.3), (0.31, -0.2, 0.17), (0.1, 1.0, 0.2), shutter_close=8.0)
 scene = wrt.Scene(camera=camera, environment=wrt.SunSkyEnvironment())
 soup = wrt.Mesh(random.random((300, 3)), np.arange(300).reshape(-1, 3), normals=random.normal(size=(300, 3)))
-turned = np.eye(4)
-turned[:3, :3] = 1.7 * rotation_matrix((3.0, 1.0, 2.0), 77.0)
 for mesh in (soup, wrt.disk(), wrt.cylinder(), wrt.spheres([[0.1, 0.2, 0.3]], [0.7])):
     scene.add(mesh.transformed(turned), emission=1.0)
 scene.add_instances(wrt.sphere(subdivisions=5), turns)
 scene.add(wrt.box(), transform=motion)
+u, v = 0.7 * rotation_matrix((0.3, 0.1, 0.9), 33.0)[:2]
 scene.add_light(wrt.RectangleLight((0.1, 0.2, 0.3), tuple(u), tuple(v), (1.0, 1.0, 1.0)))
 
 def show(name, value):

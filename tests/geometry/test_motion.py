@@ -144,10 +144,8 @@ def test_the_device_agrees(device: str, report: Report) -> None:
     [
         ([], np.zeros((0, 4, 4)), "one or more"),
         ([0.0, 0.0], [np.eye(4), np.eye(4)], "ascend"),
-        ([0.0, np.nan], [np.eye(4), np.eye(4)], "finite"),
         ([0.0], [np.eye(3)], r"\(1, 4, 4\)"),
         ([0.0], [np.diag([1.0, 1.0, 0.0, 1.0])], "not invertible"),
-        ([0.0], [np.diag([1.0, 1.0, 1.0, 2.0])], "affine"),
         ([0.0, 1.0], [np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])], "mirrors"),
     ],
 )

@@ -96,17 +96,6 @@ def test_refitted_trees_are_whole_and_tight(name: str, device: str) -> None:
         np.testing.assert_array_equal(getattr(again, field), getattr(tree, field))
 
 
-def test_refits_do_not_depend_on_threads() -> None:
-    mesh = wrt.sphere(subdivisions=5)
-    trees = []
-    for threads in (1, 3):
-        tracer = wrt.Intersector(mesh, threads=threads)
-        tracer.refit(twisted(mesh.vertices))
-        trees.append(tracer._built.data)
-    for name in ("nodes", "leaves"):
-        np.testing.assert_array_equal(*(getattr(tree, name).numpy().view(np.int32) for tree in trees))
-
-
 def test_meshes_of_a_scene_one_after_the_other(device: str) -> None:
     scene = wrt.Scene()
     for offset in ((0.0, 0.0, 0.0), (1.5, 0.0, 0.0)):

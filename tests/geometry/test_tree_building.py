@@ -174,9 +174,8 @@ def test_trees_over_pieces_do_not_depend_on_threads_and_can_be_refitted(device: 
     if device == "cpu":
         for threads in (1, 3):
             assert_same_trees(wrt.Intersector(mesh, threads=threads)._built.data, tracer._built.data)
-    for angle in (40.0, 80.0):
-        moved = mesh.rotated((1.0, 1.0, 0.0), angle)
-        tracer.refit(moved.vertices)
-        fresh = wrt.Intersector(moved, device=device)
-        for rays in batches(moved).values():
-            assert_same(tracer.closest_hit(*rays), fresh.closest_hit(*rays))
+    moved = mesh.rotated((1.0, 1.0, 0.0), 40.0)
+    tracer.refit(moved.vertices)
+    fresh = wrt.Intersector(moved, device=device)
+    for rays in batches(moved).values():
+        assert_same(tracer.closest_hit(*rays), fresh.closest_hit(*rays))
