@@ -22,8 +22,6 @@ def test_sidak_agrees_with_its_formula_and_inverse():
     assert sidak(0.01, 1) == pytest.approx(0.01, rel=1e-12)
     assert sidak(0.05, 10) == pytest.approx(1.0 - 0.95**0.1, rel=1e-12)
     assert float(sidak_combined(sidak(0.01, 10**6), 10**6)) == pytest.approx(0.01, rel=1e-9)
-    with pytest.raises(ValueError, match="significance"):
-        sidak(1.0, 3)
 
 
 def test_p_of_chi_square_is_uniform_under_the_null(report):
@@ -61,20 +59,6 @@ def test_chi_square_decides(observed, expected, options, passes, message):
     result = chi_square_test(observed, np.broadcast_to(expected, np.shape(observed)), **options)
     assert result.passed is passes
     assert message in result.message
-
-
-def test_cells_integrate_densities_smooth_and_with_steps():
-    for n in (0, 1, 20):  # lobes with a step at the horizon
-        edges = np.maximum(np.linspace(-1.0, 1.0, 10), 0.0) ** (n + 1)
-        exact = np.repeat(np.diff(edges)[:, None] / 5, 5, axis=1)
-
-        def lobe(d, n=n):
-            return np.where(d[:, 2] > 0.0, (n + 1) / (2.0 * np.pi) * np.abs(d[:, 2]) ** n, 0.0)
-
-        np.testing.assert_allclose(integrate_pdf_over_bins(lobe, (9, 5)), exact, atol=1e-7)
-    # A tilted cap: a hundredth of the noise of a million samples, which is what the cells are compared with.
-    cap = integrate_pdf_over_bins(lambda d: np.where(d @ [0.48, 0.6, 0.64] > 0.5, 1.0 / np.pi, 0.0), (9, 15))
-    assert cap.sum() == pytest.approx(1.0, abs=1e-5)
 
 
 def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
@@ -173,7 +157,3 @@ def test_pixels_without_noise_must_agree_to_rounding():
     result = image_z_test(ones, zeros, ones * 1.001, zeros)
     assert result.pass_fraction == 0.0
     assert not result.agrees()
-    with pytest.raises(ValueError, match="alike"):
-        image_z_test(ones, ones, ones[:2], ones)
-    with pytest.raises(ValueError, match="finite"):
-        image_z_test(ones, ones * np.nan, ones, ones)

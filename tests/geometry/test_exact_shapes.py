@@ -96,15 +96,25 @@ class Place(NamedTuple):
         return origins, unit(self.center + place @ self.axes - origins).astype(np.float32)
 
 
+def turned_ball() -> tuple[wrt.Mesh, Place]:
+    """Return a turned and mirrored sphere."""
+    matrix = np.eye(4)
+    turn = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))[0]
+    turn *= -np.sign(np.linalg.det(turn))
+    matrix[:3, :3], matrix[:3, 3] = 0.7 * turn, (0.3, -0.4, 2.0)
+    ball = wrt.sphere((0.5, 0.25, 0.0), 0.5, exact=True).transformed(matrix)
+    assert isinstance(ball, Spheres)
+    return ball, Place("sphere", ball.centers[0], ball.radii[0] * turn.T)
+
+
 BALLS = {
     f"spheres of radius {radius:g}": wrt.sphere(center, radius, exact=True)
     for center, radius in (((0, 0, 0), 1.0), ((3, -2, 5), 1e-3), ((100, 2e5, -7), 1e6))
 }
-SHAPES = {**BALLS, **{f"quadrics: {name}": mesh for name, mesh in QUADRICS.items()}}
-CASES = [(name, distance) for distance in (0.6, 3.0) for name in SHAPES if distance > 1.0 or name not in BALLS]
-FAR = [
-    (name, 1e4) for name in SHAPES if name in BALLS or name.split()[1] in ("disk", "ellipse", "cylinder", "greatest")
-]
+SHAPES = {name: (mesh, Place.of(mesh)) for name, mesh in BALLS.items()} | {"spheres, turned": turned_ball()}
+SHAPES |= {f"quadrics: {name}": (mesh, Place.of(mesh)) for name, mesh in QUADRICS.items()}
+CASES = [(name, distance) for distance in (0.6, 3.0) for name in SHAPES if distance > 1.0 or "quadrics" in name]
+FAR = [(name, 1e4) for name in SHAPES if name.split()[1] in ("of", "disk", "ellipse", "cylinder", "greatest")]
 
 
 @pytest.mark.parametrize(("name", "distance"), [*CASES, *(pytest.param(*each, marks=pytest.mark.slow) for each in FAR)])
@@ -113,11 +123,11 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
 
     From 0.6 many rays begin inside a cylinder.
     """
-    mesh, place = SHAPES[name], Place.of(SHAPES[name])
+    mesh, place = SHAPES[name]
     c, reach, axes = place.center, place.reach, place.axes
     size = np.abs(c).max() + reach
     origins, directions = place.rays(20_000, distance)
-    number, ts, position, normal, _, left = cast_rays([mesh], origins, directions, device)
+    number, ts, position, normal, uv, left = cast_rays([mesh], origins, directions, device)
     expected = place.hits(origins, directions)
     aside = 8.0 * EPS * (distance * reach + size)
     error, certain = place.hits_of_moved(origins, directions, aside)
@@ -132,10 +142,20 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
         assert (off <= 1.0).all()
     # Points lie on the shape, and normals are perpendicular to it.
     out, at = normal[hit].astype(np.float64), place.local(position[hit, 0] - c)
-    roundings = 8.0 * EPS * size / np.linalg.norm(axes[:2], axis=1).min()
+    roundings, along = 8.0 * EPS * size / np.linalg.norm(axes[:2], axis=1).min(), 8.0 * EPS * size
     assert np.abs(np.linalg.norm(out, axis=1) - 1.0).max() < 1e-6
+    inverted = cast_rays([mesh.turned_inside_out()], origins, directions, device)[3]
+    assert np.abs(normal[hit] + inverted[hit]).max() < 1e-6
+    # Texture coordinates are those of Mitsuba, in the shape's own space.
+    turn, r, z = np.arctan2(at[:, 1], at[:, 0]) / (2.0 * np.pi) % 1.0, np.hypot(at[:, 0], at[:, 1]), at[:, 2]
+    turn_found, other_found = uv[hit].T[:: -1 if place.kind == "disk" else 1]
+    other = {"sphere": np.arctan2(r, z) / np.pi, "disk": r, "cylinder": z + 0.5}[place.kind]
+    tolerance, off = 2e-6 if place.kind == "sphere" else 1e-5, np.abs(turn_found - turn)
+    assert (np.minimum(off, 1.0 - off) * r).max() < tolerance + roundings
+    in_length = along / np.linalg.norm(axes[2]) if place.kind == "cylinder" else roundings
+    assert np.abs(other_found - other).max() < tolerance + in_length
     if place.kind == "disk":
-        assert np.abs(at[:, 2]).max() < 8.0 * EPS * size
+        assert np.abs(at[:, 2]).max() < along
         assert np.abs(out - mesh.fronts[0]).max() < 1e-6
         # What leaves it does not meet it again. (A direction along it is rounded, and may rightly meet it far away.)
         assert (left[hit][:, :3] == -1).all()
@@ -197,45 +217,6 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
         report("rays that meet another shape than in float64", int(different.sum()), f"of {len(origins)}")
         assert different.mean() < 0.002
         assert (~same & ~different).mean() < 0.002
-
-
-def turned_ball() -> tuple[Spheres, NDArray]:
-    """Return a turned and mirrored sphere, and the matrix from the space of a unit sphere."""
-    rng = np.random.default_rng(5)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.linalg.qr(rng.standard_normal((3, 3)))[0] * 0.7
-    matrix[:3, :3] *= -np.sign(np.linalg.det(matrix[:3, :3]))
-    matrix[:3, 3] = 0.3, -0.4, 2.0
-    ball = wrt.sphere((0.5, 0.25, 0.0), 0.5, exact=True).transformed(matrix)
-    assert isinstance(ball, Spheres)
-    own = np.eye(4)
-    own[:3, :3], own[:3, 3] = 0.5 * np.eye(3), (0.5, 0.25, 0.0)
-    return ball, matrix @ own
-
-
-@pytest.mark.parametrize("name", ["sphere", "ellipse", "cylinder"])
-def test_texture_coordinates_and_front(name: str, device: str) -> None:
-    """Those of Mitsuba, in the shape's own space; the front of the turned shape is the other side."""
-    if name == "sphere":
-        mesh, matrix = turned_ball()
-    else:
-        mesh, matrix = QUADRICS[name], np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = QUADRICS[name].axes[0].T, QUADRICS[name].centers[0]
-    origins, directions = Place.of(mesh).rays(5000, 4.0)
-    number, _, position, normal, uv, _ = cast_rays([mesh], origins, directions, device)
-    hit = number == 0
-    at = position[hit, 0].astype(np.float64)
-    x, y, z = ((at - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T).T
-    turn, r = np.arctan2(y, x) / (2.0 * np.pi) % 1.0, np.hypot(x, y)
-    other = np.arctan2(r, z) / np.pi if name == "sphere" else r if name == "ellipse" else z + 0.5
-    first = 1 if name == "ellipse" else 0
-    off = np.abs(uv[hit, first] - turn)
-    assert (np.minimum(off, 1.0 - off) * r).max() < (2e-6 if name == "sphere" else 1e-5)
-    assert np.abs(uv[hit, 1 - first] - other).max() < (2e-6 if name == "sphere" else 1e-5)
-    if name == "sphere":
-        assert ((normal[hit] * (at - mesh.centers[0])).sum(axis=1) > 0.0).all()
-    inverted = cast_rays([mesh.turned_inside_out()], origins, directions, device)[3]
-    assert np.abs(normal[hit] + inverted[hit]).max() < 1e-6
 
 
 @wp.kernel(enable_backward=False)
