@@ -43,18 +43,17 @@ def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
     uvs = ball.vertices[:, :2] * np.float32(0.7) + ball.vertices[:, 2:] * np.float32([0.3, 0.1])
     ball = wrt.Mesh(ball.vertices, ball.faces, ball.normals, uvs)
     box = wrt.box((-0.5, -0.2, -0.3), (0.5, 0.2, 0.3))
-    places = []
-    for i, material in enumerate(materials() * 2):
-        linear = rotation(rng) @ np.diag(rng.uniform(0.2, 0.6, 3)) @ rotation(rng)
-        linear = linear @ np.diag([1.0, 1.0, -1.0 if mirrored and i % 2 else 1.0])
-        places.append((ball, {"material": material}, affine(linear, rng.uniform((-2, 0.3, -2), (2, 1.4, 1)))))
-    for i in range(3):
-        linear = rotation(rng) @ np.diag(rng.uniform(0.4, 0.8, 3) * [1, 1, -1 if mirrored and i % 2 else 1])
-        glow = {"emission": tuple(rng.uniform(1, 6, 3))}
-        places.append((box, glow, affine(linear, rng.uniform((-2, 1.5, -2), (2, 2.5, 1)))))
-    for mesh, look, transform in places:
-        placed = {"transform": transform} if instanced else {}
-        scene.add(mesh if instanced else mesh.transformed(transform), **look, **placed)  # type: ignore[arg-type]
+    looks = [{"material": material} for material in materials() * 2]
+    looks += [{"emission": tuple(rng.uniform(1, 6, 3))} for _ in range(3)]
+    for i, look in enumerate(looks):
+        mesh, least, lift = (ball, 0.2, 0.0) if "material" in look else (box, 0.4, 1.1)
+        mirror = np.diag([1.0, 1.0, -1.0 if mirrored and i % 2 else 1.0])
+        linear = rotation(rng) @ np.diag(rng.uniform(least, 0.7, 3)) @ rotation(rng) @ mirror
+        transform = affine(linear, rng.uniform((-2, 0.3 + lift, -2), (2, 1.4 + lift, 1)))
+        if instanced:
+            scene.add(mesh, transform=transform, **look)
+        else:
+            scene.add(mesh.transformed(transform), **look)
     return scene
 
 

@@ -224,14 +224,13 @@ def test_nothing_is_infinite_or_no_number(kind: int, device: str) -> None:
     rng = np.random.default_rng(4)
     corner = 1.0 - 2.0**-24
     u = np.float32([(a, b) for a in (0.0, 0.25, 0.5, corner) for b in (0.0, 0.5, corner)])
-    places = [(0, 0, 0), (0.1, 0.1, 0), (5, 1, 0), (RADIUS, 0, 0), (0.1, 0.2, 0.3), (0, 0, 1e-30), (0.3, 0.3, -1e-9)]
-    places += [tuple(10.0 ** rng.uniform(-9, 9) * v) for v in rng.normal(size=(50, 3))]
-    places += [(x, y, z) for x in (0.1, 2.0) for y in (0.1, -3.0) for z in 10.0 ** np.arange(-20.0, 0.0, 4.0)]
-    places += [
-        tuple(v / np.linalg.norm(v) * RADIUS * (1.0 + e)) for v in rng.normal(size=(9, 3)) for e in (-1e-7, 1e-7)
-    ]
+    signs = rng.choice([-1.0, 0.0, 1.0], (200, 3))
+    near_the_sphere = rng.normal(size=(18, 3))
+    near_the_sphere *= (
+        RADIUS * rng.uniform(1.0 - 1e-7, 1.0 + 1e-7, (18, 1)) / np.linalg.norm(near_the_sphere, axis=1)[:, None]
+    )
     for size in ((WIDTH, HEIGHT), (1e-4, 1e-6), (1e5, 1e-3)):
-        for p in places:
+        for p in np.concatenate([signs * 10.0 ** rng.uniform(-20.0, 9.0, (200, 3)), signs[:50], near_the_sphere]):
             wi, pdf, distance = draw(kind, p, size, u, device)
             assert all(np.isfinite(array).all() for array in (wi, pdf, distance)), (p, size)
             assert (pdf >= 0.0).all(), p

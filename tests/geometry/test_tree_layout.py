@@ -92,32 +92,25 @@ def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
     A node's first child for such rays is the next node, its others are leaves of one triangle. All boxes
     hold the ray's origin, so none is left out; leaf after leaf, as they are come to, is nearer.
     """
-    nodes = np.zeros((MAX_DEPTH, NODE_FLOATS), np.float32)
-    children = nodes.view(np.int32)[:, 48:]
+    nodes, order = np.zeros((MAX_DEPTH, NODE_FLOATS), np.float32), octant ^ np.arange(WIDTH)
+    children, below = nodes.view(np.int32)[:, 48:], np.arange(MAX_DEPTH)[::-1]
     nodes[:, :24], nodes[:, 24:48] = -2.0, 2.0
-    count = 0
-    last_node = MAX_DEPTH - 1
-    # From the deepest node up, each in the order of the octant: first the place towards the ray's origin.
-    for node in range(last_node, -1, -1):
-        for k in range(WIDTH):
-            place = octant ^ k
-            if k == 0 and node < last_node:
-                children[node, place] = node + 1
-                # For those who sort by distance: it begins a little earlier than the leaves.
-                for axis in range(3):
-                    nodes[node, (0 if OCTANTS[octant, axis] > 0 else 24) + 8 * axis + place] *= 1.5
-            else:
-                children[node, place] = -1 - count
-                count += 1
+    # Leaves are numbered from the deepest node up, in each in the order of the octant.
+    children[:, order] = -1 - ((WIDTH - 1) * below[:, None] + np.arange(WIDTH))
+    children[:-1, octant] = np.arange(1, MAX_DEPTH)
+    # For those who sort by distance: the next node begins a little earlier than the leaves.
+    for axis in range(3):
+        nodes[:-1, (0 if OCTANTS[octant, axis] > 0 else 24) + 8 * axis + octant] *= 1.5
+    count, s = (WIDTH - 1) * MAX_DEPTH + 1, OCTANTS[octant]
     leaves = np.zeros((count, LEAF_FLOATS), np.float32)
-    s = OCTANTS[octant]
-    for leaf in range(count):
-        # Farthest the one that is come to first, all in front of the boxes' middle.
-        corners = s * (1.0 - 0.9 * leaf / count) + 4.0 * np.array([(1, -1, 0), (0, 1, -1), (-1, 0, 1)]) * s
-        places = leaves[leaf, : 9 * LEAF_SIZE].reshape(3, 3, LEAF_SIZE)
-        places[:] = corners[0, :, None]
-        places[:, :, 0] = corners
-        leaves[leaf, 9 * LEAF_SIZE :].view(np.int32)[:] = leaf
+    # Farthest the one that is come to first, all in front of the boxes' middle.
+    away = 1.0 - 0.9 * np.arange(count) / count
+    corners = away[:, None, None] * s + 4.0 * np.array([(1, -1, 0), (0, 1, -1), (-1, 0, 1)]) * s
+    places = leaves[:, : 9 * LEAF_SIZE].reshape(count, 3, 3, LEAF_SIZE)
+    places[:] = corners[:, :1, :, None]
+    places[..., 0] = corners
+    leaves[:, : 9 * LEAF_SIZE] = places.reshape(count, -1)
+    leaves.view(np.int32)[:, 9 * LEAF_SIZE :] = np.arange(count)[:, None]
     data = Bvh()
     data.nodes = upload(nodes.ravel(), float, device)
     data.leaves = upload(leaves.ravel(), float, device)
