@@ -26,10 +26,19 @@ def gpu():
 
 @pytest.fixture
 def fetched(gpu, monkeypatch):
-    """Return the bytes of every array whose numbers the host reads, as they are read."""
-    sizes, numpy = [], wp.array.numpy
-    monkeypatch.setattr(wp.array, "numpy", lambda array: sizes.append(array.capacity) or numpy(array))
-    return sizes
+    """Return of every array whose numbers the host reads, as they are read: its bytes, and whether `fetch` reads it."""
+    reads, numpy, fetch, inside = [], wp.array.numpy, type(gpu).fetch, []
+
+    def by_fetch(self, array, **how):
+        inside.append(True)
+        try:
+            return fetch(self, array, **how)
+        finally:
+            inside.pop()
+
+    monkeypatch.setattr(type(gpu), "fetch", by_fetch)
+    monkeypatch.setattr(wp.array, "numpy", lambda array: reads.append((array.capacity, bool(inside))) or numpy(array))
+    return reads
 
 
 def renderer_of(width=WIDTH, height=HEIGHT):
@@ -42,18 +51,24 @@ def renderer_of(width=WIDTH, height=HEIGHT):
 
 
 @pytest.mark.machinery
-def test_passes_fetch_no_film(fetched):
+def test_passes_fetch_no_film_and_wait_for_no_other_stream(fetched):
+    """`wp.array.numpy` waits for all streams of a GPU; a frame reads numbers only by `fetch`, which waits for one."""
     renderer = renderer_of()
+    vertices = renderer.scene.shapes[1].mesh.vertices
     fetched.clear()
+    renderer.update_vertices(1, vertices)
     done = list(renderer.passes(spp=6))
+    renderer.film.snapshot()
+    renderer.device_image()
     assert done[-1].spp == renderer.spp == 6
     assert done[-1].noise is not None
     assert done[-1].rays_per_second > 0.0
+    assert all(by_fetch for _, by_fetch in fetched)
     # A number for each row, and four for every 256 pixels.
-    assert max(fetched) <= 8 * 4 * (WIDTH * HEIGHT // 256) + 8 * HEIGHT < 4 * WIDTH * HEIGHT
+    assert max(fetched)[0] <= 8 * 4 * (WIDTH * HEIGHT // 256) + 8 * HEIGHT < 4 * WIDTH * HEIGHT
     fetched.clear()
     renderer.image()
-    assert sorted(fetched) == [4 * WIDTH * HEIGHT, 24 * WIDTH * HEIGHT]
+    assert sorted(size for size, _ in fetched) == [4 * WIDTH * HEIGHT, 24 * WIDTH * HEIGHT]
 
 
 @pytest.mark.machinery
