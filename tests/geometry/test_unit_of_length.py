@@ -98,16 +98,11 @@ def test_a_furnace_of_any_size(
     eye = tuple(center + scale * np.array([0.1, -0.05, 0.2]))
     camera = wrt.PerspectiveCamera(eye, tuple(center), fov_degrees=90.0, shutter_close=1.0)
     scene = wrt.Scene(camera=camera)
-    glow = {"material": wrt.Diffuse(0.5), "emission": 1.0}
-    if kind == "walls":
-        scene.add(inward.transformed(place), **glow)  # type: ignore[arg-type]
-    elif kind == "instance":
-        far = place.copy()
-        far[:3, 3] += scale * np.array([50.0, 0.0, 0.0])
-        scene.add_instances(inward, [place, far], **glow)  # type: ignore[arg-type]
-    else:
-        spin = wrt.Motion.rotation((1, 2, 0), 150.0, center=center).after(place)
-        scene.add(inward, transform=spin, **glow)  # type: ignore[arg-type]
+    spin = wrt.Motion.rotation((1, 2, 0), 150.0, center=center).after(place)
+    meshes = {"walls": [(inward.transformed(place), None)], "moving": [(inward, spin)]}
+    far = affine(np.eye(3), scale * np.array([50.0, 0.0, 0.0])) @ place
+    for mesh, transform in meshes.get(kind, [(inward, place), (inward, far)]):
+        scene.add(mesh, transform=transform, material=wrt.Diffuse(0.5), emission=1.0)
     renderer = rendered(scene, 512, width=16, height=16, max_depth=1000, strategy=strategy, device=device)
     assert renderer._built.features.instances == {"walls": "none", "instance": "still", "moving": "moving"}[kind]
     mean = float(renderer.image()[..., 0].astype(np.float64).mean())
