@@ -13,7 +13,6 @@ from support.exact_pictures import rendered
 from support.statistics import image_z_test
 
 import wrt
-from wrt.upload.accel import instancing
 
 FloatArray = NDArray[np.float64]
 
@@ -183,11 +182,3 @@ def test_shapes_know_where_they_are() -> None:
         boxes = np.stack([shape.mesh_at(time).bounds for time in (0.0, 0.3, 0.7, 1.0)])
         assert (boxes[:, 0] >= shape.bounds[0] - 0.01).all()
         assert (boxes[:, 1] <= shape.bounds[1] + 0.01).all()
-
-
-def test_what_stands_still_while_the_shutter_is_open_is_in_one_tree() -> None:
-    for shutter, kind in (((0.0, 1.0), "deforming"), ((0.3, 0.3), "none"), ((2.0, 3.0), "none")):
-        assert instancing.lay_out(moving_scene(shutter)).kind == kind
-    scene = moving_scene((0.0, 1.0))
-    scene.shapes = [shape for shape in scene.shapes if shape.deformation is None]
-    assert instancing.lay_out(scene).kind == "moving"
