@@ -192,10 +192,7 @@ class Reason(enum.Enum):
     """Why an answer is not the exact one."""
 
     SAME = "same triangle"
-    TIE = "equally far within 4 ulp"
-    SLANTED_TIE = "equally far within the rounding of t"
-    EDGE = "an edge within rounding"
-    OWN_ERROR = "nearer than the error of its own distance"
+    ROUNDING = "another within rounding"
     NONE = "not explained"
 
 
@@ -270,21 +267,7 @@ def _explain(tested: Tested, answer: NDArray[np.integer]) -> Explained:
     possible = np.where(given, perhaps[rows, answer] & ~(t_given - error_given > reach), ~np.isfinite(reach))
 
     same = np.where(given, exact & (nearest == answer), ~exact)
-    both = given & exact & inside[rows, answer]
-    apart = np.where(both, np.abs(t_given - t[rows, nearest]), np.inf)
-    tie = both & (ulps(apart, t[rows, nearest]) <= 4.0)
-    at_edge = (given & ~inside[rows, answer]) | (exact & ~tested.edges_clear[rows, nearest])
-    own_error = exact & ~surely[rows, nearest]
-
-    reason = np.full(len(answer), Reason.SLANTED_TIE, dtype=object)
-    for mask, name in (
-        (own_error, Reason.OWN_ERROR),
-        (at_edge, Reason.EDGE),
-        (tie, Reason.TIE),
-        (~possible, Reason.NONE),
-        (same & possible, Reason.SAME),
-    ):
-        reason[mask] = name
+    reason = np.where(same & possible, Reason.SAME, np.where(possible, Reason.ROUNDING, Reason.NONE))
     others = (perhaps & ~((t - t_error) > reach[:, None])).sum(axis=1)
     unsure = (others > 1) | ((others == 1) & ~np.isfinite(reach))
     return Explained(reason, np.where(exact, nearest, -1), unsure)
