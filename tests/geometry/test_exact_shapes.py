@@ -1,4 +1,4 @@
-"""Exact spheres, disks and cylinders: hits, normals and texture coordinates against closed forms in float64."""
+"""Exact spheres, disks and cylinders: hits, normals, texture coordinates and tangents against closed forms."""
 
 from __future__ import annotations
 
@@ -6,16 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from support.exact_shapes import QUADRICS, cast_rays
 from support.ray_trees import unit
 
 import wrt
-from wrt.kernels.geometry.quadrics import CYLINDER, DISK, Quadric, by_coordinate, point_of
-from wrt.kernels.geometry.rays import Frame
-from wrt.kernels.geometry.spheres import along_meridian, along_turn
 from wrt.scene.exact.quadrics import Quadrics, quadrics_of
 from wrt.scene.exact.spheres import Spheres
 
@@ -77,6 +73,13 @@ class Place(NamedTuple):
             certain &= slant > 4.0 * step / np.linalg.norm(self.axes[:2], axis=1).min()
         return np.abs(moved - expected).max(axis=0), certain
 
+    def point(self, turn: NDArray, other: NDArray) -> NDArray:
+        """Return the points, from the centre, of texture coordinates: turns, and the others."""
+        r = {"sphere": np.sin(np.pi * other), "disk": other, "cylinder": np.ones_like(other)}[self.kind]
+        z = {"sphere": np.cos(np.pi * other), "disk": np.zeros_like(other), "cylinder": other - 0.5}[self.kind]
+        angle = 2.0 * np.pi * turn
+        return np.asarray(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1) @ self.axes)
+
     def rays(self, n: int, distance: float) -> tuple[NDArray, NDArray]:
         """Return rays from all around to places in and near the shape, half of them to its outline or its ends."""
         rng = np.random.default_rng(7)
@@ -131,7 +134,7 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
     c, reach, axes = place.center, place.reach, place.axes
     size = np.abs(c).max() + reach
     origins, directions = place.rays(20_000, distance)
-    number, ts, position, normal, uv, left = cast_rays([mesh], origins, directions, device)
+    number, ts, position, normal, uv, left, edges = cast_rays([mesh], origins, directions, device)
     expected = place.hits(origins, directions)
     aside = 8.0 * EPS * (distance * reach + size)
     error, certain = place.hits_of_moved(origins, directions, aside)
@@ -152,12 +155,19 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
     assert np.abs(normal[hit] + inverted[hit]).max() < 1e-6
     # Texture coordinates are those of Mitsuba, in the shape's own space.
     turn, r, z = np.arctan2(at[:, 1], at[:, 0]) / (2.0 * np.pi) % 1.0, np.hypot(at[:, 0], at[:, 1]), at[:, 2]
-    turn_found, other_found = uv[hit].T[:: -1 if place.kind == "disk" else 1]
+    order = [1, 0] if place.kind == "disk" else [0, 1]
+    turn_found, other_found = uv[hit][:, order].T
     other = {"sphere": np.arctan2(r, z) / np.pi, "disk": r, "cylinder": z + 0.5}[place.kind]
     tolerance, off = 2e-6 if place.kind == "sphere" else 1e-5, np.abs(turn_found - turn)
     assert (np.minimum(off, 1.0 - off) * r).max() < tolerance + roundings
     in_length = along / np.linalg.norm(axes[2]) if place.kind == "cylinder" else roundings
     assert np.abs(other_found - other).max() < tolerance + in_length
+    # Tangents are the derivatives by them.
+    clear, step = r > 0.05, 1e-4
+    for k, (by_turn, by_other) in zip(order, ((step, 0.0), (0.0, step)), strict=True):
+        change = place.point(turn + by_turn, other + by_other) - place.point(turn - by_turn, other - by_other)
+        off = np.linalg.norm(edges[hit, k] - change / (2.0 * step), axis=1)[clear]
+        assert off.max() < (1e-4 + 20.0 * roundings) * reach
     if place.kind == "disk":
         assert np.abs(at[:, 2]).max() < along
         assert np.abs(out - mesh.fronts[0]).max() < 1e-6
@@ -221,52 +231,6 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
         report("rays that meet another shape than in float64", int(different.sum()), f"of {len(origins)}")
         assert different.mean() < 0.002
         assert (~same & ~different).mean() < 0.002
-
-
-@wp.kernel(enable_backward=False)
-def differentiate(kind: int, quadric: Quadric, places: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=wp.vec3)):
-    """Write points and their derivatives; of spheres, 0.7 in radius, at places in the world."""
-    i = wp.tid()
-    if kind == 0:
-        axes = Frame()
-        axes.s = quadric.x
-        axes.t = quadric.y
-        axes.n = quadric.z
-        out[i, 0] = places[i] * 0.7
-        out[i, 1] = along_turn(axes, places[i], 0.7)
-        out[i, 2] = along_meridian(axes, places[i], 0.7)
-    else:
-        out[i, 0] = point_of(quadric, places[i])
-        out[i, 1] = by_coordinate(quadric, places[i], 0)
-        out[i, 2] = by_coordinate(quadric, places[i], 1)
-
-
-@pytest.mark.parametrize("name", ["sphere", "disk", "cylinder"])
-def test_derivatives_by_texture_coordinates_are_differences_of_points(name: str, device: str) -> None:
-    rng = np.random.default_rng(8)
-    axes = rng.standard_normal((3, 3)) if name != "sphere" else np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    step = 1e-4
-    u, v = (rng.random((1000, 2)) * 0.96 + 0.02).T
-
-    def places(u: NDArray, v: NDArray) -> NDArray:
-        turn = 2.0 * np.pi * (v if name == "disk" else u)
-        r = {"sphere": np.sin(np.pi * v), "disk": u, "cylinder": 1.0}[name]
-        z = {"sphere": np.cos(np.pi * v), "disk": 0.0 * u, "cylinder": v - 0.5}[name]
-        return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
-
-    def points(u: NDArray, v: NDArray) -> NDArray:
-        return places(u, v) @ axes * (0.7 if name == "sphere" else 1.0)
-
-    quadric = Quadric()
-    quadric.kind = int(DISK if name == "disk" else CYLINDER)
-    quadric.x, quadric.y, quadric.z = (wp.vec3(*axis) for axis in axes)
-    found = wp.zeros((1000, 3), dtype=wp.vec3, device=device)
-    given = wp.array(places(u, v) @ axes if name == "sphere" else places(u, v), dtype=wp.vec3, device=device)
-    wp.launch(differentiate, 1000, [int(name != "sphere"), quadric, given], [found], device=device)
-    by_u = (points(u + step, v) - points(u - step, v)) / (2.0 * step)
-    by_v = (points(u, v + step) - points(u, v - step)) / (2.0 * step)
-    for k, expected in enumerate((points(u, v), by_u, by_v)):
-        assert np.abs(found.numpy()[:, k] - expected).max() < (1e-4 if k else 1e-5)
 
 
 def test_no_triangle_is_taken_for_a_sphere(device: str) -> None:

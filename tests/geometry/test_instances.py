@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.ray_trees import affine, assert_same, inner_rays, random_rays, rotation, unit
+from support.ray_trees import affine, assert_same, inner_rays, mesh_of, random_rays, rotation, unit
 
 import wrt
 
@@ -21,20 +21,11 @@ class Placed(NamedTuple):
     numbers: NDArray[np.integer]
     transforms: NDArray[np.float64]
 
-    def instance_of(self, triangle: NDArray) -> NDArray[np.int64]:
-        """Return which instance triangles numbered through belong to."""
-        counts = np.array([len(mesh.faces) for mesh in self.meshes], np.int64)[self.numbers]
-        return np.searchsorted(np.cumsum(counts) - counts, triangle, side="right") - 1
-
     def flattened(self) -> wrt.Mesh:
         """Return all instances as one mesh in the world, its vertices rounded to float32."""
-        vertices, faces, count = [], [], 0
-        for number, m in zip(self.numbers, self.transforms, strict=True):
-            mesh = self.meshes[number]
-            vertices.append(mesh.vertices.astype(np.float64) @ m[:3, :3].T + m[:3, 3])
-            faces.append(mesh.faces + count)
-            count += len(mesh.vertices)
-        return wrt.Mesh(np.concatenate(vertices).astype(np.float32), np.concatenate(faces))
+        placed = zip((self.meshes[number] for number in self.numbers), self.transforms, strict=True)
+        corners = [(mesh.vertices.astype(np.float64) @ m[:3, :3].T + m[:3, 3])[mesh.faces] for mesh, m in placed]
+        return mesh_of(np.concatenate(corners).astype(np.float32))
 
 
 MESHES = (wrt.sphere(subdivisions=1), wrt.box(), wrt.sphere(subdivisions=0))
@@ -102,7 +93,8 @@ def test_of_instances_in_one_place_the_lowest_is_hit(copies: int, kind: str, dis
     origins, directions = random_rays(scene.flattened().bounds, 20_000, seed=8)
     origins = (origins - distance * directions).astype(np.float32)
     hits = tracer_of(scene, device).closest_hit(origins, directions)
-    instance = scene.instance_of(hits.triangle[hits.triangle >= 0])
+    ends = np.cumsum([len(scene.meshes[number].faces) for number in scene.numbers])
+    instance = np.searchsorted(ends, hits.triangle[hits.triangle >= 0], side="right")
     assert len(instance) > 1000
     assert (instance != lowest[which[instance]]).mean() <= 1e-4
 

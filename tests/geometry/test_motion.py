@@ -11,11 +11,10 @@ from conftest import Report
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from support.kernels import upload
-from support.ray_trees import affine
+from support.ray_trees import affine, rotation
 
 import wrt
 from wrt.kernels.geometry.motion import MotionKey, MotionRecord, transform_at
-from wrt.scene.motion import Motion
 from wrt.upload.accel.swept_boxes import swept_boxes
 from wrt.upload.motion import motion_records
 
@@ -33,9 +32,8 @@ def about(axis: tuple[float, ...], degrees: float, center: tuple[float, ...], of
 
 def random_affine(rng: np.random.Generator, *, mirrored: bool = False) -> FloatArray:
     """Return a random map of which no direction is squeezed by more than 5."""
-    q, p = (Rotation.random(random_state=rng.integers(2**31)).as_matrix() for _ in range(2))
     sizes = rng.uniform(0.4, 2.0, 3) * (-1.0 if mirrored else 1.0)
-    return affine(q @ np.diag(sizes) @ p, rng.uniform(-3.0, 3.0, 3))
+    return affine(rotation(rng) @ np.diag(sizes) @ rotation(rng), rng.uniform(-3.0, 3.0, 3))
 
 
 AXIS, CENTER, RISE = (1.0, 2.0, -0.5), (3.0, 1.0, -2.0), np.array([0.0, 3.0, 1.0])
@@ -162,7 +160,7 @@ def test_boxes_hold_what_moves(report: Report) -> None:
     for case in range(24):
         keys = 1 + case % 4
         matrices = [random_affine(rng) for _ in range(keys)]
-        motion = Motion(np.sort(rng.uniform(-0.2, 1.2, keys)), matrices, tuple(rng.uniform(-1, 1, 3)))
+        motion = wrt.Motion(np.sort(rng.uniform(-0.2, 1.2, keys)), matrices, tuple(rng.uniform(-1, 1, 3)))
         times = np.array([0.0]) if case % 3 else np.array([-0.1, 0.4, 0.9])
         centers, halves = rng.uniform(-1, 1, (len(times), 3)), rng.uniform(0.05, 1.0, (len(times), 3))
         boxes = np.stack([centers - halves, centers + halves], axis=1)
@@ -185,7 +183,7 @@ def test_boxes_hold_what_moves(report: Report) -> None:
 
 def test_boxes_of_balls_are_those_of_balls() -> None:
     """However they turn; stretched ones are held by the ball around them."""
-    motion = Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
+    motion = wrt.Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
     box = np.array([[[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]])
     found = swept_boxes(motion, np.zeros(1), box, 0.5, (0.0, 1.0), 4)
     np.testing.assert_allclose(found, np.broadcast_to(box, (4, 2, 3)), atol=1e-4)

@@ -18,16 +18,7 @@ from wrt.kernels.accel.interleaved import trace_interleaved
 from wrt.kernels.accel.packets import trace_packets
 from wrt.kernels.accel.ray_batch import RayBatch, trace_rays
 from wrt.kernels.native import at_file_level, text_of
-from wrt.kernels.native.constants import (
-    LEAF_FLOATS,
-    LEAF_SIZE,
-    MAX_DEPTH,
-    NODE_FLOATS,
-    PACKET,
-    RAYS_PER_THREAD,
-    STACK_SIZE,
-    WIDTH,
-)
+from wrt.kernels.native import constants as sizes
 
 # --- Another order of children -----------------------------------------------------------------------
 
@@ -92,25 +83,25 @@ def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
     A node's first child for such rays is the next node, its others are leaves of one triangle. All boxes
     hold the ray's origin, so none is left out; leaf after leaf, as they are come to, is nearer.
     """
-    nodes, order = np.zeros((MAX_DEPTH, NODE_FLOATS), np.float32), octant ^ np.arange(WIDTH)
-    children, below = nodes.view(np.int32)[:, 48:], np.arange(MAX_DEPTH)[::-1]
+    nodes, order = np.zeros((sizes.MAX_DEPTH, sizes.NODE_FLOATS), np.float32), octant ^ np.arange(sizes.WIDTH)
+    children, below = nodes.view(np.int32)[:, 48:], np.arange(sizes.MAX_DEPTH)[::-1]
     nodes[:, :24], nodes[:, 24:48] = -2.0, 2.0
     # Leaves are numbered from the deepest node up, in each in the order of the octant.
-    children[:, order] = -1 - ((WIDTH - 1) * below[:, None] + np.arange(WIDTH))
-    children[:-1, octant] = np.arange(1, MAX_DEPTH)
+    children[:, order] = -1 - ((sizes.WIDTH - 1) * below[:, None] + np.arange(sizes.WIDTH))
+    children[:-1, octant] = np.arange(1, sizes.MAX_DEPTH)
     # For those who sort by distance: the next node begins a little earlier than the leaves.
     for axis in range(3):
         nodes[:-1, (0 if OCTANTS[octant, axis] > 0 else 24) + 8 * axis + octant] *= 1.5
-    count, s = (WIDTH - 1) * MAX_DEPTH + 1, OCTANTS[octant]
-    leaves = np.zeros((count, LEAF_FLOATS), np.float32)
+    count, s = (sizes.WIDTH - 1) * sizes.MAX_DEPTH + 1, OCTANTS[octant]
+    leaves = np.zeros((count, sizes.LEAF_FLOATS), np.float32)
     # Farthest the one that is come to first, all in front of the boxes' middle.
     away = 1.0 - 0.9 * np.arange(count) / count
     corners = away[:, None, None] * s + 4.0 * np.array([(1, -1, 0), (0, 1, -1), (-1, 0, 1)]) * s
-    places = leaves[:, : 9 * LEAF_SIZE].reshape(count, 3, 3, LEAF_SIZE)
+    places = leaves[:, : 9 * sizes.LEAF_SIZE].reshape(count, 3, 3, sizes.LEAF_SIZE)
     places[:] = corners[:, :1, :, None]
     places[..., 0] = corners
-    leaves[:, : 9 * LEAF_SIZE] = places.reshape(count, -1)
-    leaves.view(np.int32)[:, 9 * LEAF_SIZE :] = np.arange(count)[:, None]
+    leaves[:, : 9 * sizes.LEAF_SIZE] = places.reshape(count, -1)
+    leaves.view(np.int32)[:, 9 * sizes.LEAF_SIZE :] = np.arange(count)[:, None]
     data = Bvh()
     data.nodes = upload(nodes.ravel(), float, device)
     data.leaves = upload(leaves.ravel(), float, device)
@@ -119,8 +110,8 @@ def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
 
 KERNELS = {
     "single": (trace_rays, 1),
-    "in turn": (trace_interleaved, RAYS_PER_THREAD),
-    "packets": (trace_packets, PACKET),
+    "in turn": (trace_interleaved, sizes.RAYS_PER_THREAD),
+    "packets": (trace_packets, sizes.PACKET),
 }
 
 
@@ -128,7 +119,7 @@ KERNELS = {
 @pytest.mark.parametrize("kind", KERNELS)
 def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str) -> None:
     """Of a node's children all but the one entered wait, on every level; eight are written beyond the top."""
-    assert STACK_SIZE >= (WIDTH - 1) * MAX_DEPTH + 1
+    assert sizes.STACK_SIZE >= (sizes.WIDTH - 1) * sizes.MAX_DEPTH + 1
     assert re.findall(r"\b(begins|waiting)\[STACK_SIZE \+ 8\]", text_of("traversal.h")) == ["begins", "waiting"]
     tree, count = deepest_tree(octant, device)
     kernel, rays_per_thread = KERNELS[kind]
