@@ -1,4 +1,4 @@
-"""What moves while the shutter is open is smeared as closed forms say, and as many still pictures together."""
+"""What moves while the shutter is open: times, cameras, and streaks as closed forms and many still pictures say."""
 
 from __future__ import annotations
 
@@ -9,12 +9,59 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.spatial.transform import Rotation
+from support.cameras import camera_rays
 from support.exact_pictures import rendered
+from support.kernels import uniforms
 from support.statistics import image_z_test
 
 import wrt
 
 FloatArray = NDArray[np.float64]
+
+# --- Shutters and cameras ----------------------------------------------------------------------------
+
+OPEN, CLOSE = 0.5, 2.5
+
+
+def trapezoid_quantile(u: FloatArray, ramp: float) -> FloatArray:
+    """Return where u of the area lies under a density that rises over ramp / 2 of [0, 1], and falls over the last."""
+    area = 1.0 - ramp / 2.0
+    rise, fall = np.sqrt(u * area * ramp), 1.0 - np.sqrt((1.0 - u) * area * ramp)
+    return np.where(u * area < ramp / 4.0, rise, np.where((1.0 - u) * area < ramp / 4.0, fall, u * area + ramp / 4.0))
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.3, 1.0])
+def test_times_have_the_shutters_distribution(ramp: float, device: str) -> None:
+    camera = wrt.PerspectiveCamera(shutter_open=OPEN, shutter_close=CLOSE, shutter_ramp=ramp)
+    u = uniforms(2**18, 1, seed=3)[:, 0]
+    times = camera_rays(camera, 4, 4, np.full((len(u), 2), 2.0), shutters=u, device=device).times
+    assert OPEN <= times.min() <= times.max() <= CLOSE
+    x = (times - OPEN) / (CLOSE - OPEN)
+    np.testing.assert_allclose(x, trapezoid_quantile(u.astype(np.float64), ramp), atol=2e-5)
+
+
+AXIS, CENTER, OFFSET = np.array((0.2, 1.0, 0.3)), np.array((0.5, 0.2, -0.3)), np.array([1.0, -2.0, 3.0])
+MOTION = wrt.Motion.rotation(AXIS, 300.0, center=CENTER, times=(OPEN, CLOSE), offset=OFFSET)
+
+
+@pytest.mark.parametrize("make", [wrt.PerspectiveCamera, wrt.OrthographicCamera, wrt.PanoramaCamera, wrt.FisheyeCamera])
+def test_rays_start_where_the_camera_is(make: type[wrt.Camera], device: str) -> None:
+    rng = np.random.default_rng(4)
+    where = {"films": rng.random((400, 2)) * 8.0, "lenses": rng.random((400, 2)), "shutters": rng.random(400)}
+    lens = {"aperture_radius": 0.3} if make is wrt.PerspectiveCamera else {}
+    camera = make((1, 2, 3), (0, 0, 0), shutter_open=OPEN - 0.5, shutter_close=CLOSE + 0.5, **lens)
+    rest = camera_rays(camera, 8, 8, **where, device=device)
+    rays = camera_rays(dataclasses.replace(camera, motion=MOTION), 8, 8, **where, device=device)
+    np.testing.assert_array_equal(rays.times, rest.times)
+    np.testing.assert_array_equal(rays.footprints, rest.footprints)
+    share = np.clip((rays.times - OPEN) / (CLOSE - OPEN), 0.0, 1.0)[:, None]
+    turns = Rotation.from_rotvec(np.radians(300.0) * share * AXIS / np.linalg.norm(AXIS))
+    np.testing.assert_allclose(rays.origins, CENTER + turns.apply(rest.origins - CENTER) + share * OFFSET, atol=1e-5)
+    np.testing.assert_allclose(rays.directions, turns.apply(rest.directions), atol=3e-6)
+
+
+# --- Streaks -----------------------------------------------------------------------------------------
 
 WIDTH, HEIGHT, SPP = 64, 8, 4096
 """Pixels of the streaks; the picture shows 8 x 1 metres, as high as the square that moves."""
@@ -119,13 +166,6 @@ def test_a_deformation_may_bring_normals_to_a_flat_mesh(device: str) -> None:
 RAMP = 0.8
 
 
-def trapezoid_quantile(u: FloatArray) -> FloatArray:
-    """Return where u of the area lies under a density that rises over RAMP / 2 of [0, 1], and falls over the last."""
-    fine = np.linspace(0.0, 1.0, 200_001)
-    area = np.cumsum(np.minimum(1.0, np.minimum(fine, 1.0 - fine) / (RAMP / 2.0)))
-    return np.interp(u, area / area[-1], fine)
-
-
 def moving_scene(shutter: tuple[float, float], ramp: float = RAMP) -> wrt.Scene:
     """A box that tumbles, a ball that changes its shape, a lamp that moves, things that stand; a camera that turns."""
     times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
@@ -160,7 +200,7 @@ def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> No
     # One time in each of 128 equal parts of the whole: so few pixels tell that there are not more of them.
     count, rng = 128, np.random.default_rng(4)
     mean, variance = np.zeros((30, 40, 3)), np.zeros((30, 40, 3))
-    for i, time in enumerate(trapezoid_quantile((np.arange(count) + rng.random(count)) / count)):
+    for i, time in enumerate(trapezoid_quantile((np.arange(count) + rng.random(count)) / count, RAMP)):
         still = rendered(moving_scene((time, time)), 8, seed=100 + i, **options)
         assert still._built.features.instances == "none"
         mean += still.image() / count
