@@ -21,41 +21,42 @@ RIGHT = np.cross(FORWARD, POSE["up"]) / np.linalg.norm(np.cross(FORWARD, POSE["u
 UP = np.cross(RIGHT, FORWARD)
 X, Y = FILM[:, :1] - WIDTH / 2, HEIGHT / 2 - FILM[:, 1:]
 """Pixels to the right of the middle, and above it."""
-
-
 S = 2.0 * math.tan(math.radians(25.0))
 PLANE = FORWARD + S * (X / HEIGHT + 0.25) * RIGHT + S * (Y / HEIGHT - 0.5) * UP
 LONGITUDE, LATITUDE = np.radians(280.0) * X / WIDTH, np.radians(150.0) * Y / HEIGHT
+LEVEL = np.cos(LONGITUDE) * FORWARD + np.sin(LONGITUDE) * RIGHT
 RHO = np.hypot(X, Y)
 THETA = np.radians(220.0) * RHO / HEIGHT
-FORMULAS = {
-    # A field of 50 degrees, shifted by a quarter of a picture height to the right and half of one down.
-    "perspective": (ORIGIN, PLANE / np.linalg.norm(PLANE, axis=1, keepdims=True)),
-    "orthographic": (ORIGIN + 3.0 / HEIGHT * (X * RIGHT + Y * UP), FORWARD),
-    "panorama": (
-        ORIGIN,
-        np.cos(LATITUDE) * (np.cos(LONGITUDE) * FORWARD + np.sin(LONGITUDE) * RIGHT) + np.sin(LATITUDE) * UP,
-    ),
-    # 220 degrees across the circle, which is as high as the picture.
-    "fisheye": (ORIGIN, np.cos(THETA) * FORWARD + np.sin(THETA) * (X * RIGHT + Y * UP) / np.maximum(RHO, 1e-30)),
-}
-"""Origins and directions."""
-
-# The camera, and a change that must be noticed.
+# The camera, a change that must be noticed, and the origins and directions of its formula.
 CAMERAS = {
-    "perspective": (wrt.PerspectiveCamera(**POSE, fov_degrees=50.0, shift_x=0.25, shift_y=-0.5), {"shift_x": 0.251}),
-    "orthographic": (wrt.OrthographicCamera(**POSE, view_height=3.0), {"view_height": 3.01}),
+    # Shifted by a quarter of a picture height to the right and half of one down.
+    "perspective": (
+        wrt.PerspectiveCamera(**POSE, fov_degrees=50.0, shift_x=0.25, shift_y=-0.5),
+        {"shift_x": 0.251},
+        (ORIGIN, PLANE / np.linalg.norm(PLANE, axis=1, keepdims=True)),
+    ),
+    "orthographic": (
+        wrt.OrthographicCamera(**POSE, view_height=3.0),
+        {"view_height": 3.01},
+        (ORIGIN + 3.0 / HEIGHT * (X * RIGHT + Y * UP), FORWARD),
+    ),
     "panorama": (
         wrt.PanoramaCamera(**POSE, horizontal_degrees=280.0, vertical_degrees=150.0),
         {"vertical_degrees": 150.5},
+        (ORIGIN, np.cos(LATITUDE) * LEVEL + np.sin(LATITUDE) * UP),
     ),
-    "fisheye": (wrt.FisheyeCamera(**POSE, fov_degrees=220.0), {"fov_degrees": 220.5}),
+    # 220 degrees across the circle, which is as high as the picture.
+    "fisheye": (
+        wrt.FisheyeCamera(**POSE, fov_degrees=220.0),
+        {"fov_degrees": 220.5},
+        (ORIGIN, np.cos(THETA) * FORWARD + np.sin(THETA) * (X * RIGHT + Y * UP) / np.maximum(RHO, 1e-30)),
+    ),
 }
 
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_rays_are_those_of_the_formula(name, device):
-    (camera, change), (origins, directions) = CAMERAS[name], FORMULAS[name]
+    camera, change, (origins, directions) = CAMERAS[name]
 
     def error(camera):
         rays = camera_rays(camera, WIDTH, HEIGHT, FILM, device=device)
