@@ -91,6 +91,11 @@ def test_samples_have_their_density(name: str, shines: str, device: str, report:
     area = np.zeros(N)
     area[sampled] = (distance**2 / np.abs((wi * normal).sum(axis=1)))[sampled] / pdf[sampled]
     turn = (turn - math.atan2(place[1], place[0]) + np.pi) % (2.0 * np.pi) - np.pi
+    # Ways are uniform in the angle about the axis under which the cylinder is seen.
+    x, y = (wi @ np.linalg.inv(AXES))[:, :2].T
+    angle = (np.arctan2(y, x) - math.atan2(-place[1], -place[0]) + np.pi) % (2.0 * np.pi) - np.pi
+    half = math.asin(1.0 / d) if d > 1.0 else np.pi
+    assert stats.kstest(angle[sampled] / half, "uniform", args=(-1.0, 2.0)).pvalue > sidak(0.01, 18)
     edges = np.linspace(-np.pi, np.pi, 61), np.linspace(0.0, 1.0, 12)
     sums, squares, counts = (np.histogram2d(turn, found[:, 1], edges, weights=area**k)[0] for k in (1, 2, 0))
     # Of cells across the limb only a part is seen, and from near it hardly any.
