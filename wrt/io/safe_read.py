@@ -90,6 +90,12 @@ def confined_to(folder: Path | None) -> Iterator[None]:
         raise InputError(f"{confinement.refused}: is outside the scene's folder, and reading is confined to that")
 
 
+def confinement_folder() -> Path | None:
+    """Return the folder of `confined_to`, for another process that reads on behalf of this one."""
+    confinement = _confinement.get()
+    return None if confinement is None else confinement.folder
+
+
 def is_inside(path: Path) -> bool:
     """Return whether `path` is inside the folder of `confined_to`, for files that are guessed and not named."""
     confinement = _confinement.get()
