@@ -113,6 +113,8 @@ class _Reader:
             reason = "at rest the numbers of its indices, positions, orientations and scales do not agree"
             warn(f"{self._path}: {prim['path']}: {reason}; left out")
             return
+        if beyond := int(((which < 0) | (which >= len(prim["prototypes"]))).sum()):
+            warn(f"{self._path}: {prim['path']}: {beyond} of its instances are of no prototype; left out")
         for number, prototype in enumerate(prim["prototypes"]):
             for key, own in prototype["shapes"]:
                 try:
