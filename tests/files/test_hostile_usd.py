@@ -60,12 +60,31 @@ def test_no_pipe_and_nothing_outside_a_confinement_is_opened(way, tmp_path):
     inside.mkdir()
     os.mkfifo(tmp_path / "pipe.usda")
     path = write(inside, f"{way}.usda", naming("../pipe.usda")[way])
-    for name in ("../pipe.usda", "../none.usda", str(tmp_path / "pipe.usda")):  # whether or not it is there
-        path.write_text(naming(name)[way])
-        with pytest.raises(wrt.InputError, match=OUTSIDE):
-            wrt.load(path, confined=True)
+    names = ("../{}.usda", "a/../../{}.usda", f"{tmp_path}/{{}}.usda")
+    for name in names if way == "reference" else names[:1]:
+        told = []
+        for target in ("pipe", "none"):  # the message does not say which of them is there
+            path.write_text(naming(name.format(target))[way])
+            with pytest.raises(wrt.InputError, match=OUTSIDE) as caught:
+                wrt.load(path, confined=True)
+            told.append(str(caught.value).replace(f"{target}.usda", ""))
+        assert told[0] == told[1]
     path.write_text(naming("../pipe.usda")[way])
     check_refused(r"pipe\.usda: is a pipe or a device, not a file", load_file, path)
+
+
+def test_images_outside_a_confinement_are_refused_whether_or_not_they_are_there(tmp_path):
+    (tmp_path / "inside").mkdir()
+    wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), 0.5))
+    told = []
+    for image in ("red", "none"):
+        light = f'def DomeLight "d" {{\nasset inputs:texture:file = @../{image}.png@\n}}'
+        write(tmp_path / "inside", "light.usda", usd(prims=MESH + light))
+        path = write(tmp_path / "inside", "a.usda", usd("subLayers = [@light.usda@]"))
+        with pytest.raises(wrt.InputError, match=OUTSIDE) as caught:
+            wrt.load(path, confined=True)
+        told.append(str(caught.value).replace(f"{image}.png", ""))
+    assert told[0] == told[1]
 
 
 @pytest.mark.parametrize(

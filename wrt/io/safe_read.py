@@ -104,7 +104,11 @@ def is_inside(path: Path) -> bool:
 
 def require_inside(path: Path) -> None:
     """Raise unless `path` is inside the folder of `confined_to`, whether or not the file exists."""
-    _require_inside(path, os.path.realpath(path))
+    try:
+        real = os.path.realpath(path)
+    except ValueError as error:  # a zero byte, which no path has
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    _require_inside(path, real)
 
 
 def _require_inside(path: Path, real: str) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.images import FLOAT_SUFFIXES, read_image
-from wrt.io.safe_read import first_line, read_file
+from wrt.io.safe_read import first_line, read_file, require_inside
 from wrt.io.texture_images import Source, TextureImages
 from wrt.io.usd.lights import Matrix, Values, path_of, radiance_of
 from wrt.linalg import product
@@ -67,6 +67,7 @@ class UsdMaterials:
         if "[" in name:
             warn(f"{self._path}: {name}: the image of a dome within an archive is left out; unpack it")
             return ConstantEnvironment(vec3(radiance))
+        require_inside(file)  # before it is told whether it is there
         if not file.is_file():
             warn(f"{self._path}: {str(file)!r}, which it refers to: no such file; the dome has one colour")
             return ConstantEnvironment(vec3(radiance))

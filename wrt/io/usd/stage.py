@@ -156,13 +156,17 @@ def _checked(layer: Any, asset: str) -> tuple[str, str] | None:
         return None
     identifier = str(Sdf.ComputeAssetPathRelativeToLayer(layer, asset))
     name = str(Sdf.Layer.SplitIdentifier(identifier)[0])
-    beside = Path(_outer(layer.realPath)).parent
-    require_inside(beside / _outer(name))
+    require_inside(Path(_beside(layer, _outer(name))))  # before whether it is there makes any difference
     found = str(Ar.GetResolver().Resolve(name))
     if not found or Sdf.FileFormat.GetFileExtension(found).lower() not in _SUFFIXES:
         return None
     require_file(Path(_outer(found)))
     return identifier, _outer(found)
+
+
+def _beside(layer: Any, name: str) -> str:
+    """Return the path of a file that a layer names, whether or not it is there."""
+    return os.path.normpath(Path(_outer(layer.realPath)).parent / name)
 
 
 def _outer(path: str) -> str:
@@ -233,9 +237,18 @@ class _Description:
             return self._array(memoryview(value))
         return None
 
+    def _value(self, attribute: Any) -> Any:
+        """Return the value of an attribute; a path of a file is that of the layer which says it."""
+        value = attribute.Get()
+        if isinstance(value, Sdf.AssetPath) and value.path and not value.resolvedPath:
+            layers = [spec.layer for spec in attribute.GetPropertyStack(_NOW) if spec.layer.realPath]
+            if layers and not Ar.IsPackageRelativePath(layers[0].identifier):
+                return {"asset": _beside(layers[0], value.path)}
+        return self._plain(value)
+
     def _values(self, prim: Any, kind: str) -> dict[str, Any]:
         attributes = {name: prim.GetAttribute(name) for name in ATTRIBUTES[kind]}
-        return {name: self._plain(attribute.Get()) for name, attribute in attributes.items() if attribute}
+        return {name: self._value(attribute) for name, attribute in attributes.items() if attribute}
 
     def _shape(self, prim: Any, kind: str) -> str:
         """Describe a mesh or a solid, unless it has been, and return its key, which instances of it have too."""
@@ -328,7 +341,7 @@ class _Description:
         """Return an input's value, that of the material where it is connected to one, or None."""
         for attribute in UsdShade.Utils.GetValueProducingAttributes(given):
             if UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Input:
-                value = self._plain(attribute.Get())
+                value = self._value(attribute)
                 if value is not None:
                     return value
         return None
