@@ -15,7 +15,7 @@ from support.meshes import SQUARE, check_message, gltf_box, write
 import wrt
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_mesh, load_shapes
-from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, Part, moved
 
 BOXES = box_files()
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
@@ -142,3 +142,10 @@ def test_what_trimesh_logs_about_damaged_files_is_not_passed_on(tmp_path, caplog
         assert not caplog.records
         trimesh.load_scene(tmp_path / "mesh.obj")
         assert caplog.records  # it is heard again, and there was something to hear
+
+
+@pytest.mark.filterwarnings("error")
+def test_normals_of_any_bits_are_moved_without_a_warning_of_numpy():
+    """Decoders such as Draco's give signalling NaN, which NumPy warns of when it makes float64 of them."""
+    normals = np.full((3, 3), 0x7F800001, np.uint32).view(np.float32)
+    assert np.isnan(moved(Part("part", np.eye(3), np.array([[0, 1, 2]]), normals=normals), np.eye(4)).normals).all()
