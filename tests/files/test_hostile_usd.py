@@ -181,6 +181,8 @@ def test_the_end_of_the_reading_process_is_told(tmp_path, monkeypatch):
     path = write(tmp_path, "box.usda", usd(prims=MESH))
     monkeypatch.setattr(process, "_CODE", "import os; os.abort()")
     check_refused("Pixar's library ended with SIGABRT", load_file, path)
+    monkeypatch.setattr(process, "_CODE", "raise ImportError('too little of something')")
+    check_refused("Pixar's library cannot be loaded: ImportError: too little of something", load_file, path)
     monkeypatch.setattr(process, "_CODE", "raise KeyError('no such thing')")
     with pytest.raises(RuntimeError, match="no such thing"):  # a fault of wrt
         load_file(path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -31,22 +30,10 @@ def description(path: Path) -> dict[str, Any]:
     """
     folder = confinement_folder()
     command = child.command(_CODE, str(path), "" if folder is None else str(folder))
-    with (
-        tempfile.TemporaryFile() as notes,
-        subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=notes) as process,
-    ):
-        assert process.stdout is not None
-        try:
-            data = process.stdout.read()
-        except BaseException:
-            process.kill()
-            raise
-        status = process.wait()
-        notes.seek(0)
-        told = notes.read().decode(errors="replace")
-    if status:
-        raise _failure(path, status, told)
-    content: dict[str, Any] = message.read(data)
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode:
+        raise _failure(path, done.returncode, done.stderr.decode(errors="replace"))
+    content: dict[str, Any] = message.read(done.stdout)
     if "error" in content:
         raise InputError(content["error"])
     for file in content["files"]:
@@ -61,8 +48,10 @@ def _failure(path: Path, status: int, told: str) -> Exception:
         most = f"{limit.free >> 20} MB plus {limit.per_byte} times the size of its files"
         return InputError(f"{path}: its layers and prims would take more than the limit ({most})")
     if status == -signal.SIGXCPU:
-        return InputError(f"{path}: reading it takes more than {SECONDS} s, the limit for a file of its size")
+        return InputError(f"{path}: reading it takes more than {SECONDS} s, plus {SECONDS_PER_MEGABYTE} for each MB")
     if status < 0:
         name = signal.Signals(-status).name
         return InputError(f"{path}: damaged, or nested too deeply: Pixar's library ended with {name}")
+    if "ImportError" in told:
+        return InputError(f"{path}: Pixar's library cannot be loaded: {told.strip().splitlines()[-1]}")
     return RuntimeError(f"the process that reads {path} failed: {told}")

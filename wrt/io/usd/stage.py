@@ -31,9 +31,6 @@ _BYTES_PER_PRIM = 1024
 _THREADS = 4
 """Threads of Pixar's library at most. The stacks of more, 6 MB each, would count as memory of prims."""
 
-_NOTES = 2**20
-"""Bytes that the process may write to a file: what it and the library print."""
-
 _NOW = Usd.TimeCode.Default()
 
 
@@ -43,7 +40,7 @@ def main() -> None:
     result = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what the library prints
     _limit(resource.RLIMIT_CORE, 0)
-    _limit(resource.RLIMIT_FSIZE, _NOTES)
+    _limit(resource.RLIMIT_FSIZE, 0)
     arrays: list[memoryview[Any]] = []
     content: dict[str, Any]
     try:
