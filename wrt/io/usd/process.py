@@ -44,14 +44,16 @@ def description(path: Path) -> dict[str, Any]:
 def _failure(path: Path, status: int, told: str) -> Exception:
     """Return the error of a process that ended before it sent anything."""
     limit = memory_limits.COMPOSED
+    much = (
+        f"its layers and prims would take more than {limit.free >> 20} MB plus {limit.per_byte} times its files' size"
+    )
     if "bad_alloc" in told or "MemoryError" in told:
-        most = f"{limit.free >> 20} MB plus {limit.per_byte} times the size of its files"
-        return InputError(f"{path}: its layers and prims would take more than the limit ({most})")
+        return InputError(f"{path}: {much}")
     if status == -signal.SIGXCPU:
         return InputError(f"{path}: reading it takes more than {SECONDS} s, plus {SECONDS_PER_MEGABYTE} for each MB")
     if status < 0:
-        name = signal.Signals(-status).name
-        return InputError(f"{path}: damaged, or nested too deeply: Pixar's library ended with {name}")
+        name = signal.Signals(-status).name  # also SIGSEGV for lack of memory
+        return InputError(f"{path}: damaged, nested too deeply, or {much}: Pixar's library ended with {name}")
     if "ImportError" in told:
         return InputError(f"{path}: Pixar's library cannot be loaded: {told.strip().splitlines()[-1]}")
     return RuntimeError(f"the process that reads {path} failed: {told}")
