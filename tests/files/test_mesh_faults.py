@@ -145,7 +145,9 @@ def test_what_trimesh_logs_about_damaged_files_is_not_passed_on(tmp_path, caplog
 
 
 @pytest.mark.filterwarnings("error")
-def test_normals_of_any_bits_are_moved_without_a_warning_of_numpy():
-    """Decoders such as Draco's give signalling NaN, which NumPy warns of when it makes float64 of them."""
+def test_normals_of_any_bits_are_taken_without_a_warning_of_numpy(tmp_path):
+    """Damaged files and decoders such as Draco's give signalling NaN, which NumPy warns of."""
     normals = np.full((3, 3), 0x7F800001, np.uint32).view(np.float32)
     assert np.isnan(moved(Part("part", np.eye(3), np.array([[0, 1, 2]]), normals=normals), np.eye(4)).normals).all()
+    facet = normals[0].tobytes() + struct.pack("<9fH", *np.ravel(POINTS), 0)
+    load_mesh(write(tmp_path, "a.stl", struct.pack("<80sI", b"", 1) + facet))
