@@ -24,6 +24,7 @@ from wrt.errors import LONGEST_MESSAGE, InputWarning, one_line
 from wrt.io import npy
 from wrt.io.images import load_image
 from wrt.io.load_mesh import load_file, load_mesh, load_shapes
+from wrt.io.mesh.parts import Part, moved
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.npy import read_array
 
@@ -245,3 +246,12 @@ def test_colors_and_normals_of_no_use_are_told(tmp_path):
     text = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
     with pytest.warns(InputWarning, match=r"a\.stl: the STL file has no normals; .* the order of corners"):
         load_mesh(write(tmp_path, "a.stl", text))
+
+
+@pytest.mark.filterwarnings("error")
+def test_normals_of_any_bits_are_taken_without_a_warning_of_numpy(tmp_path):
+    """Damaged files and decoders such as Draco's give signalling NaN, which NumPy warns of."""
+    normals = np.full((3, 3), 0x7F800001, np.uint32).view(np.float32)
+    assert np.isnan(moved(Part("part", np.eye(3), np.array([[0, 1, 2]]), normals=normals), np.eye(4)).normals).all()
+    facet = normals[0].tobytes() + struct.pack("<9fH", *np.eye(3).ravel(), 0)
+    load_mesh(write(tmp_path, "a.stl", struct.pack("<80sI", b"", 1) + facet))
