@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
-from support.gltf_rays import joined
-from support.mesh_files import XYZ, box_files, check_refused, ply
+from support.mesh_files import XYZ, box_files, check_refused, joined, ply
 from support.meshes import SQUARE, check_message, gltf_box, write
 
 import wrt
