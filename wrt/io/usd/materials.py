@@ -129,7 +129,9 @@ class UsdMaterials:
                 if opened.getinfo(inner).compress_type != zipfile.ZIP_STORED:
                     raise InputError(f"{self._path}: {name}: it is compressed, which USDZ forbids")
                 return opened.read(inner)
-        except (KeyError, zipfile.BadZipFile) as error:
+        except InputError:
+            raise
+        except (KeyError, ValueError, NotImplementedError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
             raise InputError(f"{self._path}: {name}: {first_line(error)}") from None
 
 
